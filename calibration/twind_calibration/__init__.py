@@ -1,0 +1,1 @@
+"""Calibration procedures, clients of the running daemon."""

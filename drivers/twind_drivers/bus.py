@@ -1,0 +1,297 @@
+"""The contract between the loop and every actuator driver: a reader, a writer, scripts, samples, errors.
+
+A driver speaks ticks and registers; it knows no radians, no joint names, no files. Its time is an argument.
+
+A bus carries **one transaction at a time**. The loop begins one (`request` for the cyclic reading, `begin`
+for the rare path), lets `feed` take bytes until it says done or `deadline` passes, and ends it (`finish`,
+`answer`). What takes several transactions (identify, prepare, torque) is a **script**: a generator that
+yields one request and is sent its reply, so that the loop steps it, one transaction a tick.
+
+The `Reader` exists in mirror and live. The `Writer` exists in live only: a mirror has no object that could
+write.
+
+    BusError
+    ├── PortError          the port could not be opened, or was lost (`lost` is True)
+    ├── NoReply            nobody answered where somebody must
+    ├── DeviceRefused      a device answered with an error, or reads back other than written
+    └── WireClamp          a packet of ours failed its own last check and was not sent
+"""
+
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.clock import Arrivals, Clock
+
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+
+# --------------------------------------------------------------------------------------------- errors
+
+
+class BusError(Exception):
+    """The bus did not do what was asked."""
+
+
+class PortError(BusError):
+    """A port that cannot be opened, or that went away."""
+
+    def __init__(self, port: str, reason: str, *, lost: bool = False) -> None:
+        super().__init__(f"{port}: {reason}")
+        self.port, self.reason, self.lost = port, reason, lost
+
+
+class NoReply(BusError):
+    """Devices that must answer did not."""
+
+    def __init__(self, port: str, ids: Sequence[int], waited: float, what: str = "request") -> None:
+        super().__init__(f"{port}: no reply to {what} from {list(ids)} within {waited * 1e3:.1f} ms")
+        self.port, self.ids, self.waited, self.what = port, tuple(ids), waited, what
+
+
+class DeviceRefused(BusError):
+    """A device said no, or holds another value than was written."""
+
+    def __init__(self, port: str, id: int, what: str, reason: str) -> None:
+        super().__init__(f"{port}: id {id}: {what}: {reason}")
+        self.port, self.id, self.what, self.reason = port, id, what, reason
+
+
+class WireClamp(BusError):
+    """An encoded packet is outside what may ever be sent (R22). It was not sent: this is a bug of ours."""
+
+    def __init__(self, port: str, id: int, value: int, lower: int, upper: int) -> None:
+        super().__init__(f"{port}: id {id}: goal {value} outside {lower}..{upper}; packet not sent")
+        self.port, self.id, self.value, self.lower, self.upper = port, id, value, lower, upper
+
+
+# --------------------------------------------------------------------------------------------- data
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One cyclic reading of one bus, in the order of the bus's ids. Raw units; arrays are (m,).
+
+    Where `heard` is False the numbers are meaningless (zero) and must not be read as values.
+    """
+
+    sent: float  # s, when the request went out
+    received: float  # s, when the last byte of the reading arrived
+    position: Ints  # ticks
+    velocity: Ints  # raw
+    effort: Ints  # raw (current or load)
+    error: NDArray[np.uint8]  # error byte of each status; bit 7 (0x80) = alert
+    heard: Bools  # this device answered in this exchange
+    discarded: int  # bytes that were not the outstanding reply and were dropped (R07)
+
+
+@dataclass(slots=True)
+class Registers:
+    """The slowly read state of each device of a bus, in the order of its ids; `nan`/-1 until first read."""
+
+    torque: NDArray[np.int8]  # 1 on, 0 off, -1 unknown
+    fault: NDArray[np.int16]  # hardware error bits, -1 unknown
+    watchdog: NDArray[np.int16]  # raw; 255 = tripped, 0 = off, -1 unknown
+    voltage: Floats  # V
+    temperature: Floats  # °C
+    status_time: Floats  # s, when torque, fault and watchdog were read; -inf never
+    health_time: Floats  # s, when voltage and temperature were read; -inf never
+
+    @classmethod
+    def unknown(cls, count: int) -> "Registers":
+        """Nothing read yet of `count` devices."""
+        return cls(
+            torque=np.full(count, -1, np.int8),
+            fault=np.full(count, -1, np.int16),
+            watchdog=np.full(count, -1, np.int16),
+            voltage=np.full(count, np.nan),
+            temperature=np.full(count, np.nan),
+            status_time=np.full(count, -np.inf),
+            health_time=np.full(count, -np.inf),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """What identification found of one device: who it is and the settings that a calibration depends on."""
+
+    id: int
+    model_number: int
+    model_name: str | None  # None: not in the vendor's tables
+    firmware: int
+    # register name in snake case -> value, signed where the register is: homing_offset, drive_mode,
+    # operating_mode, min_position_limit, max_position_limit, return_delay_time, status_return_level, ...
+    settings: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One register of one device. `name` as the vendor's control table spells it."""
+
+    name: str
+    address: int
+    size: int  # bytes
+    value: int  # signed where the register is
+
+
+@dataclass(frozen=True, slots=True)
+class Ping:
+    """Who is there? Read-only."""
+
+    id: int
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """`size` bytes from `address` of each of `ids`, in one transaction. Read-only."""
+
+    ids: tuple[int, ...]
+    address: int
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """Raw bytes to `address` of each id. One id: acknowledged. Several: one group packet, never answered."""
+
+    data: Mapping[int, bytes]
+    address: int
+
+
+@dataclass(frozen=True, slots=True)
+class Reboot:
+    """Restart one device: RAM back to defaults, torque lost."""
+
+    id: int
+
+
+Query = Ping | Read
+Order = Write | Reboot
+Request = Query | Order
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What came back for one rare-path request. An id that is missing here did not answer."""
+
+    data: Mapping[int, bytes]  # id -> payload (empty for a write or reboot)
+    error: Mapping[int, int]  # id -> error byte, for every id that answered
+    waited: float  # s from the request to the end of the transaction
+
+
+T = TypeVar("T")
+Script = Generator[Request, Reply, T]
+
+
+# --------------------------------------------------------------------------------------------- the two halves
+
+
+class Transport(Arrivals, Protocol):
+    """A byte stream to a bus: a serial port, or the in-process loopback of the virtual servos."""
+
+    name: str  # what an error message calls it
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """Send all of `data` in one system call. Raises PortError(lost=True)."""
+
+    def read_into(self, buffer: memoryview) -> int:
+        """Bytes taken without blocking; 0 if none are there. Raises PortError(lost=True)."""
+
+    def drain(self) -> int:
+        """Throw away what has arrived; bytes thrown. Called before each request."""
+
+    def close(self) -> None:
+        """Let go of the port. May be called twice."""
+
+
+class Reader(Protocol):
+    """The half that only reads: what a mirror has. `ids` fixes the order of every array."""
+
+    name: str
+    ids: tuple[int, ...]
+    transport: Transport
+    registers: Registers
+    deadline: float  # s, of the outstanding transaction
+
+    def request(self, now: float) -> None:
+        """Begin the cyclic reading: pending goals and the read request leave in one write."""
+
+    def feed(self, now: float) -> bool:
+        """Take what has arrived; True when the outstanding transaction is complete."""
+
+    def finish(self, now: float) -> Sample:
+        """End the cyclic reading with what was heard. Never raises for a silent device."""
+
+    def begin(self, query: Query, now: float) -> None:
+        """Begin one rare-path transaction. Only queries: a reader cannot write."""
+
+    def answer(self, now: float) -> Reply:
+        """End it. Never raises for a silent device. Status registers seen are kept in `registers`."""
+
+    def upkeep(self) -> Query:
+        """The next slice of the slow registers, round robin."""
+
+    def span(self, query: Request) -> float:
+        """Upper bound of the bus time (s) that a transaction takes, its timeout excluded."""
+
+    def identify(self) -> Script[tuple[Device, ...]]:
+        """Ping every id and read its settings; devices that answer, in order of `ids`."""
+
+    def read(self, id: int, name: str) -> Script[Register]:
+        """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""
+
+
+class Writer(Protocol):
+    """The half that exists in live only."""
+
+    def goals(self, ticks: Ints) -> None:
+        """Goals (m,) for the next `request`. Raises WireClamp; then nothing is pending."""
+
+    def cut(self) -> None:
+        """Torque off for all, in the next `request`, before anything else; pending goals are dropped."""
+
+    def clear(self) -> None:
+        """Drop what is pending: after a fault nothing stale may leave."""
+
+    def begin(self, order: Order, now: float) -> None:
+        """Begin one rare-path transaction that writes; ended by the reader's `answer`."""
+
+    def prepare(self) -> Script[None]:
+        """Before torque: device watchdogs cleared, armed and read back; gains written and read back."""
+
+    def aim(self, ticks: Ints) -> Script[None]:
+        """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs."""
+
+    def torque(self, on: bool) -> Script[None]:
+        """Torque of all devices, read back. Off is written twice. Raises DeviceRefused, NoReply."""
+
+    def write(self, id: int, name: str, value: int) -> Script[Register]:
+        """One register by name, read back. Raises NoReply, DeviceRefused, KeyError, ValueError (range)."""
+
+    def reboot(self, id: int) -> Script[None]:
+        """Restart one device and wait until it answers again."""
+
+
+def perform(reader: Reader, script: Script[T], clock: Clock, writer: Writer | None = None) -> T:
+    """Run a script to its end, blocking: for tools that own the port alone (scan, failsafe, tests)."""
+    try:
+        request = next(script)
+        while True:
+            now = clock.now()
+            if isinstance(request, Ping | Read):
+                reader.begin(request, now)
+            elif writer is not None:
+                writer.begin(request, now)
+            else:
+                raise TypeError(f"{reader.name}: {request} writes, and this bus was opened read-only")
+            while not reader.feed(clock.now()) and clock.now() < reader.deadline:
+                clock.wait([reader.transport], reader.deadline)
+            request = script.send(reader.answer(clock.now()))
+    except StopIteration as stop:
+        result: Any = stop.value
+        return result  # type: ignore[no-any-return]

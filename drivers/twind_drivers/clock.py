@@ -1,0 +1,83 @@
+"""Time, given and never taken: the one module below the edges that names `time.*`.
+
+`MonotonicClock` is the kernel's; `FakeClock` moves only when someone waits, so that an hour of robot is
+minutes of test. Both wait for bytes through one method, `wait`, so the loop has a single code path.
+"""
+
+import select
+import time
+from collections.abc import Sequence
+from math import ceil, inf
+from typing import Protocol
+
+
+class Arrivals(Protocol):
+    """Something bytes arrive from: a port with a descriptor, or an in-process bus that knows when."""
+
+    def fileno(self) -> int:
+        """Descriptor to poll, -1 where there is none (then `arrival` tells)."""
+
+    def arrival(self) -> float:
+        """Time (s) at which the next bytes can be read; `inf`: none are under way. In-process only."""
+
+
+class Clock(Protocol):
+    """Monotonic time in seconds, and the two ways of letting it pass."""
+
+    def now(self) -> float:
+        """Monotonic time, s."""
+
+    def sleep_until(self, deadline: float) -> None:
+        """Return at `deadline` (s) or later; at once if it has passed."""
+
+    def wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
+        """Return when a source has bytes (or has failed), at `deadline` at the latest, +1 ms of rounding."""
+
+
+class MonotonicClock:
+    """CLOCK_MONOTONIC. `time.sleep` is clock_nanosleep on an absolute deadline since CPython 3.11."""
+
+    def __init__(self) -> None:
+        self._polls: dict[tuple[int, ...], select.poll] = {}
+
+    def now(self) -> float:
+        """Monotonic time, s."""
+        return time.monotonic()
+
+    def sleep_until(self, deadline: float) -> None:
+        """Sleep until the absolute `deadline`."""
+        remaining = deadline - time.monotonic()
+        if remaining > 0.0:
+            time.sleep(remaining)
+
+    def wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
+        """One `poll` over all descriptors. Errors and hang-ups wake it too: the read then says what it is."""
+        key = tuple(source.fileno() for source in sources)
+        poll = self._polls.get(key)
+        if poll is None:
+            if len(self._polls) > 64:  # descriptors of replugged ports: do not grow for ever
+                self._polls.clear()
+            poll = self._polls[key] = select.poll()
+            for fd in key:
+                poll.register(fd, select.POLLIN)
+        poll.poll(max(0, ceil((deadline - time.monotonic()) * 1e3)))
+
+
+class FakeClock:
+    """Time that moves only when someone waits. Deterministic: the same run gives the same times."""
+
+    def __init__(self, time: float = 0.0) -> None:
+        self.time = time
+
+    def now(self) -> float:
+        """The time set by the last wait, s."""
+        return self.time
+
+    def sleep_until(self, deadline: float) -> None:
+        """Jump to `deadline`, never back."""
+        self.time = max(self.time, deadline)
+
+    def wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
+        """Jump to the next arrival or to `deadline`, whichever is first, never back."""
+        first = min((source.arrival() for source in sources), default=inf)
+        self.time = max(self.time, min(first, deadline))

@@ -1,0 +1,1 @@
+"""Dynamixel Protocol 2.0: packet codec, control tables, bus, cycle budget."""

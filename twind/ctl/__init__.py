@@ -1,0 +1,1 @@
+"""`twindctl`: everything a person or a script asks of the daemon."""

@@ -1,0 +1,411 @@
+"""The messages between the loop and its front, and how they travel: msgpack datagrams on SOCK_SEQPACKET.
+
+Outwards (loop → front): `Tick` every tick and `Overview` ten times a second (dropped and counted when the
+pipe is full), `Reply` and `Event` (bounded queue, never dropped). Inwards: one `Command` a datagram; the
+arrays of a trajectory travel as a sealed memfd beside it (SCM_RIGHTS), never through the pipe.
+
+Joints are indices here; the front names them. Times are the loop's monotonic seconds.
+"""
+
+import fcntl
+import mmap
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twind.robot.arrays import Floats
+from twind.robot.finding import Finding
+from twind.robot.trajectory import Trajectory
+
+DATAGRAM = 1 << 17  # bytes: largest datagram of the link
+SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE | fcntl.F_SEAL_SEAL
+
+
+class Base(msgspec.Struct, frozen=True, kw_only=True, tag=True, tag_field="kind"):
+    """What every message has: a `kind` that names its type."""
+
+
+# ------------------------------------------------------------------------------------- front → loop
+
+
+class Command(Base, frozen=True, kw_only=True, tag=True, tag_field="kind"):
+    """A call of one client. Replies carry its ticket; the lease is bound to its connection."""
+
+    ticket: int
+    client: int  # number of the connection, > 0, never used again
+    uid: int = -1
+    holder: str = ""  # how the client is named to others: "uid 1000, pid 4711"
+
+
+class SetMode(Command, frozen=True, kw_only=True):
+    """Change where commands go. Reply: {mode}."""
+
+    mode: str
+
+
+class AcquireLease(Command, frozen=True, kw_only=True):
+    """Take the lease; `take` wrests it from another (motion holds first). Reply: {lease}."""
+
+    take: bool = False
+
+
+class RenewLease(Command, frozen=True, kw_only=True):
+    """Keep the lease. Reply: {lease}."""
+
+
+class ReleaseLease(Command, frozen=True, kw_only=True):
+    """Give the lease back. Reply: {}."""
+
+
+class Arm(Command, frozen=True, kw_only=True):
+    """Goal := present, read back, then torque. Reply when armed: {joints: [index]}."""
+
+    joints: Sequence[int] | None = None
+
+
+class Disarm(Command, frozen=True, kw_only=True):
+    """Settle, then torque off. Reply when done: {state}."""
+
+
+class EStop(Command, frozen=True, kw_only=True):
+    """Stop now. First reply when its first effect is confirmed on the bus: {state, torque_off, done}."""
+
+    level: str = "settle"
+    reason: str = ""
+    more: bool = False
+
+
+class Reset(Command, frozen=True, kw_only=True):
+    """Acknowledge latched faults. Reply: {state}."""
+
+    codes: Sequence[str] | None = None
+
+
+class Submit(Command, frozen=True, kw_only=True):
+    """A trajectory; its arrays in the memfd beside this datagram (`pack_path`).
+
+    `check_only`: reply {verdict}, nothing moves. Else with `more`: {phase, progress, verdict?, findings?}
+    from `accepted` to one of succeeded, cancelled, replaced, aborted; without: one reply at `accepted`.
+    """
+
+    id: str
+    points: int
+    commanded: Sequence[int]
+    velocity: bool = False
+    acceleration: bool = False
+    start_in: float = 0.0
+    goal_time: float | None = None
+    tolerances: Sequence[tuple[int, float | None, float | None]] = ()  # (joint, path, goal), rad
+    policy: str = "reject"
+    append_stop: bool = False
+    check_only: bool = False
+    more: bool = False
+    front_checked: float = 0.0  # s, when the front judged its share
+
+
+class Cancel(Command, frozen=True, kw_only=True):
+    """Decelerate and hold. Needs no lease. Reply: {state}."""
+
+
+class Setpoint(Command, frozen=True, kw_only=True):
+    """One streamed goal. Reply: {sequence, changes}."""
+
+    joints: Sequence[int]
+    positions: Sequence[float]
+    velocities: Sequence[float] | None = None
+    valid_for: float = 0.1
+    allow_clamp: bool = False
+
+
+class ReadRegister(Command, frozen=True, kw_only=True):
+    """One register of one device. Reply: {register}."""
+
+    bus: str
+    id: int
+    name: str
+
+
+class WriteRegister(Command, frozen=True, kw_only=True):
+    """Write and read back; only while disarmed. Reply: {register}."""
+
+    bus: str
+    id: int
+    name: str
+    value: int
+
+
+class Reboot(Command, frozen=True, kw_only=True):
+    """Restart one device; only while disarmed. Reply: {state}."""
+
+    bus: str
+    id: int
+
+
+class Scan(Command, frozen=True, kw_only=True):
+    """Ping every id of a bus. One reply (continues) per device found: {bus, id, model, ...}."""
+
+    bus: str | None = None
+
+
+class SetParameters(Command, frozen=True, kw_only=True):
+    """Hot settings. Reply: {parameters, needs_restart}."""
+
+    parameters: dict[str, Any]
+
+
+class Gone(Base, frozen=True, kw_only=True):
+    """A connection closed: its lease lapses, its unanswered tickets are void."""
+
+    client: int
+
+
+class Heartbeat(Base, frozen=True, kw_only=True):
+    """The front lives; at least twice a second."""
+
+
+Inward = (
+    SetMode
+    | AcquireLease
+    | RenewLease
+    | ReleaseLease
+    | Arm
+    | Disarm
+    | EStop
+    | Reset
+    | Submit
+    | Cancel
+    | Setpoint
+    | ReadRegister
+    | WriteRegister
+    | Reboot
+    | Scan
+    | SetParameters
+    | Gone
+    | Heartbeat
+)
+
+# ------------------------------------------------------------------------------------- loop → front
+
+
+class Tick(Base, frozen=True, kw_only=True):
+    """The state after one tick. Arrays are little-endian float64 bytes of n joints; NaN = unknown."""
+
+    time: float
+    sequence: int  # tick number
+    mode: str
+    state: str
+    motion: str
+    armed: bool
+    inherited: bool
+    position: bytes  # measured (in sim: simulated), rad
+    velocity: bytes  # rad/s
+    effort: bytes  # N·m
+    age: bytes  # s, inf never heard
+    heard: bytes  # n bytes, 0 or 1
+    goal: bytes  # rad, NaN: none
+    simulated: bytes  # rad
+    dropped: int = 0  # ticks and overviews lost before this one because the pipe was full
+
+
+class BusInfo(msgspec.Struct, frozen=True):
+    """One bus, as `Bus` of the interface."""
+
+    name: str
+    port: str
+    connected: bool
+    latency_ms: float | None
+    latency_p99_ms: float | None
+    utilisation: float
+    exchanges: int
+    errors: int
+
+
+class LoopInfo(msgspec.Struct, frozen=True):
+    """The loop's own figures, as `Loop` of the interface."""
+
+    rate_hz: float
+    ticks: int
+    missed: int
+    on_time: float
+    late_p50_us: float | None
+    late_p99_us: float | None
+    late_max_us: float | None
+    realtime: dict[str, str]
+
+
+class LatencyInfo(msgspec.Struct, frozen=True):
+    """One hop, as `Latency` of the interface. Window of 100; p50 and p99 of the run."""
+
+    hop: str
+    now_ms: float | None
+    mean_ms: float | None
+    std_ms: float | None
+    min_ms: float | None
+    max_ms: float | None
+    p50_ms: float | None
+    p99_ms: float | None
+    violations: int
+
+
+class LeaseInfo(msgspec.Struct, frozen=True):
+    """Who may command, as `LeaseInfo` of the interface."""
+
+    holder: str
+    uid: int
+    expires_in: float
+
+
+class Overview(Base, frozen=True, kw_only=True):
+    """What changes slowly; ten times a second and whenever mode, state or faults change."""
+
+    time: float
+    latency_ms: float | None
+    latency_avg_ms: float | None
+    latency_max_ms: float | None
+    violations: int
+    hw_connected: bool
+    sim_connected: bool
+    lease: LeaseInfo | None
+    lease_client: int  # 0: nobody
+    faults: Sequence[Finding]
+    buses: Sequence[BusInfo]
+    loop: LoopInfo
+    latencies: Sequence[LatencyInfo]
+    temperature: bytes  # °C, float64 of n joints
+    voltage: bytes  # V
+    torque: bytes  # int8 of n joints: 1 on, 0 off, -1 unknown
+    fault_bits: bytes  # int16 of n joints, -1 unknown
+
+
+class Reply(Base, frozen=True, kw_only=True):
+    """An answer to a ticket. `error` is the interface's error name without its prefix."""
+
+    ticket: int
+    parameters: dict[str, Any] = {}
+    continues: bool = False
+    error: str | None = None
+
+
+class Event(Base, frozen=True, kw_only=True):
+    """Something happened that a person may want to know. Also the loop's only way to a log."""
+
+    time: float
+    sequence: int
+    level: str  # debug, info, warning, error
+    code: str
+    message: str
+    findings: Sequence[Finding] = ()
+
+
+class Moment(Base, frozen=True, kw_only=True):
+    """A verdict was given: topic `verdicts`."""
+
+    time: float
+    sequence: int
+    id: str
+    verdict: dict[str, Any]
+
+
+Outward = Tick | Overview | Reply | Event | Moment
+
+
+class JointInfo(msgspec.Struct, frozen=True):
+    """Where a joint stands, for naming."""
+
+    name: str
+    bus: str
+    id: int
+    calibrated: bool
+    lower: float
+    upper: float
+
+
+class Briefing(msgspec.Struct, frozen=True, kw_only=True):
+    """All a front must know of the robot, handed over in a sealed memfd: both judge the same one."""
+
+    version: str
+    robot: str
+    joints: Sequence[JointInfo]
+    description: dict[str, Any]  # the robot file as checked
+    calibration: dict[str, Any] | None
+    mjcf: str
+    rate_hz: float
+    parameters: dict[str, Any]
+    log_level: str = "info"
+
+
+# ------------------------------------------------------------------------------------- how they travel
+
+_encoder = msgspec.msgpack.Encoder()
+_inward = msgspec.msgpack.Decoder(Inward)
+_outward = msgspec.msgpack.Decoder(Outward)
+
+
+def encode(message: Inward | Outward) -> bytes:
+    """One datagram."""
+    return _encoder.encode(message)
+
+
+def decode_command(data: bytes) -> Inward:
+    """A datagram from the front. Raises msgspec.DecodeError."""
+    command: Inward = _inward.decode(data)
+    return command
+
+
+def decode_news(data: bytes) -> Outward:
+    """A datagram from the loop. Raises msgspec.DecodeError."""
+    news: Outward = _outward.decode(data)
+    return news
+
+
+def seal(name: str, data: bytes) -> int:
+    """A memfd with `data` that nobody can change any more. The caller closes it."""
+    fd = os.memfd_create(name, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    try:
+        view = memoryview(data)
+        while view:
+            view = view[os.write(fd, view) :]
+        fcntl.fcntl(fd, fcntl.F_ADD_SEALS, SEALS)
+    except BaseException:
+        os.close(fd)
+        raise
+    return fd
+
+
+def unseal(fd: int) -> bytes:
+    """What `seal` put there. Raises ValueError when it could still be changed. Does not close `fd`."""
+    if fcntl.fcntl(fd, fcntl.F_GET_SEALS) & SEALS != SEALS:
+        raise ValueError(f"memfd {fd} is not sealed: its contents could change after they were checked")
+    size = os.fstat(fd).st_size
+    if size == 0:
+        return b""
+    with mmap.mmap(fd, size, prot=mmap.PROT_READ) as view:
+        return view[:]
+
+
+def pack_path(path: Trajectory) -> bytes:
+    """time (k,), position (k, n), velocity, acceleration where given: float64, one after the other."""
+    parts = [path.time, path.position, path.velocity, path.acceleration]
+    return b"".join(np.ascontiguousarray(part, np.float64).tobytes() for part in parts if part is not None)
+
+
+def unpack_path(data: bytes, submit: Submit, count: int) -> Trajectory:
+    """The trajectory of `submit` for `count` joints. Raises ValueError when the size is not exactly right."""
+    k = submit.points
+    blocks = 1 + int(submit.velocity) + int(submit.acceleration)
+    numbers: Floats = np.frombuffer(data, np.float64)
+    if k < 1 or numbers.size != k * (1 + blocks * count):
+        raise ValueError(f"trajectory of {k} points x {count} joints: got {numbers.size} numbers")
+    columns = [block.reshape(k, count) for block in np.split(numbers[k:], blocks)]
+    commanded = np.zeros(count, np.bool_)
+    commanded[list(submit.commanded)] = True
+    return Trajectory(
+        time=numbers[:k],
+        position=columns[0],
+        commanded=commanded,
+        velocity=columns[1] if submit.velocity else None,
+        acceleration=columns[2] if submit.acceleration else None,
+    )

@@ -1,0 +1,1 @@
+"""The loop process: tick, procedures, hardware, link, real-time set-up."""

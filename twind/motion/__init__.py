@@ -1,0 +1,1 @@
+"""How a goal moves in time: executor, stops, settling. Pure."""

@@ -1,0 +1,1 @@
+"""The control interface: IDL text and plain types. Standard library only."""

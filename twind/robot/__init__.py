@@ -1,0 +1,1 @@
+"""The ground: joints, limits, states, trajectories, splines, findings. Pure; numpy only."""

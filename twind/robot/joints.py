@@ -1,0 +1,49 @@
+"""The joints of a robot in one fixed order, and where each stands on its bus."""
+
+import difflib
+from dataclasses import dataclass
+from functools import cached_property
+
+from twind.robot.arrays import Floats, Ints
+
+
+@dataclass(frozen=True)
+class BusMap:
+    """The joints of one bus, in the order of its ids, and the factors from counts to SI. Arrays are (m,).
+
+    position = (ticks - zero) * scale; velocity = raw * velocity_scale; effort = raw * effort_scale.
+    """
+
+    name: str
+    joints: Ints  # place of each in JointMap order
+    ids: tuple[int, ...]
+    zero: Ints  # ticks at joint angle 0
+    scale: Floats  # rad per tick, signed: sign / ratio * 2π / ticks_per_turn
+    velocity_scale: Floats  # rad/s per count, signed
+    effort_scale: Floats  # N·m per count, signed; NaN where the actuator cannot tell
+    lower: Ints  # ticks: the smallest goal that may ever be sent (R22)
+    upper: Ints  # ticks: the largest
+
+
+@dataclass(frozen=True)
+class JointMap:
+    """Joints in one order, names at the edges only. Calibrated (n,) says which have a measured zero."""
+
+    names: tuple[str, ...]
+    buses: tuple[BusMap, ...]
+    calibrated: tuple[bool, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {name: place for place, name in enumerate(self.names)}
+
+    def place(self, name: str) -> int:
+        """Place of a joint. Raises KeyError whose text names the nearest spellings."""
+        try:
+            return self._places[name]
+        except KeyError:
+            near = difflib.get_close_matches(name, self.names, 3) or list(self.names)
+            raise KeyError(f"no joint {name!r}; nearest: {', '.join(near)}") from None

@@ -1,0 +1,32 @@
+"""One reading of the robot."""
+
+from dataclasses import dataclass
+
+from twind.robot.arrays import Bools, Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Imu:
+    """One reading of an inertial sensor, in the frame of its body."""
+
+    gyro: Floats  # rad/s, (3,)
+    acceleration: Floats  # m/s², (3,)
+    quaternion: Floats  # w x y z, (4,)
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """One reading of every joint, in `JointMap` order. Arrays are (n,) and read-only.
+
+    A joint that did not answer keeps its last numbers with a growing `age`; one that never answered is NaN
+    with infinite age. Never a zero, never an old number with a new stamp.
+    """
+
+    time: float  # s, monotonic, when the last byte of the reading arrived
+    position: Floats  # rad
+    velocity: Floats  # rad/s
+    effort: Floats  # N·m, NaN where the actuator cannot tell
+    age: Floats  # s, since this joint last answered, at `time`
+    heard: Bools  # False: this joint did not answer; its numbers are old
+    round_trip: float = 0.0  # s, request to last byte, the slowest bus; NaN unknown
+    imu: Imu | None = None

@@ -1,0 +1,1 @@
+"""The built-in robots: our own 24-joint humanoid `h24`."""

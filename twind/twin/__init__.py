@@ -1,0 +1,1 @@
+"""The MuJoCo twin: mirror of the measured robot, simulation of the commanded one, muscles."""

@@ -1,0 +1,1 @@
+"""`twind-virtual`: a robot file, muscles and virtual servos on pseudo-terminals."""
