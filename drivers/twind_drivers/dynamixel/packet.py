@@ -2,7 +2,7 @@
 
 `FF FF FD 00 | ID | LEN_L LEN_H | INST | params ... | CRC_L CRC_H`, little-endian; LEN = params + 3. Over INST
 and the params an FD is inserted after every `FF FF FD`; LEN and CRC are of the stuffed bytes (e-manual,
-"Protocol 2.0"). Fast replies are not stuffed: `Framer` does not look for them, whoever asked knows their layout.
+"Protocol 2.0"). Fast replies are not stuffed: `Framer` does not look for them, who asked knows their layout.
 """
 
 from collections.abc import Mapping, Sequence
