@@ -1,0 +1,321 @@
+"""The robot file `twind-robot/1`: what the robot is, reviewed and by hand. Read once, checked, frozen.
+
+Knows the file alone: not the compiled model (`twin/binding.py` maps joints to it), not the specimen (zero and
+identity stand in the calibration file). Refuses by name what this version cannot do.
+"""
+
+import hashlib
+import math
+import re
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+
+from twind.config.located import ConfigError, parse, read_text
+from twind.config.robot_spec import BusSpec, Gains, GateSettings, JointSpec, RobotFile, TypeSpec
+from twind.config.section import Section, file_error
+
+FORMAT = "twind-robot/1"
+SUPPORTS = ("fixed", "gantry", "free")
+BAUDS = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
+VELOCITY_LSB = 0.229 * 2.0 * math.pi / 60.0  # rad/s per count of an X series servo (e-manual: 0.229 rpm)
+CURRENT_LSB = 0.00269  # A per count, XM and XH series (e-manual)
+MAX_MJCF = 8 * 1024 * 1024  # bytes
+LATER = "is not supported by this version yet; remove it to use the rest of the file"
+
+_NAME = re.compile(r"[a-z0-9_-]{1,64}$")
+_JOINT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")
+_REGISTER = re.compile(r"[a-z][a-z0-9_]{1,40}$")
+
+
+def built_in_robots() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(path.stem for path in _built_in().glob("*.yaml")))
+
+
+def load_robot(name_or_path: str, folders: Sequence[Path] = ()) -> RobotFile:
+    """A robot by NAME (first found in `folders`, then built in) or by the path of its file.
+
+    Raises ConfigError: no such robot (the known ones are listed), or a file that is refused.
+    """
+    if not _NAME.match(name_or_path):
+        return read_robot(Path(name_or_path))
+    for folder in (*folders, _built_in()):
+        path = folder / f"{name_or_path}.yaml"
+        if path.is_file():
+            return read_robot(path)
+    known = ", ".join(built_in_robots())
+    raise file_error(name_or_path, f"no robot of that name; built in: {known}; else give the path of a file")
+
+
+def read_robot(path: Path) -> RobotFile:
+    """The robot file at `path`, and the MJCF it names. Raises ConfigError."""
+    text = read_text(path)
+    top = Section(str(path), parse(text, str(path)))
+    if top.text("format") != FORMAT:
+        raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
+    for key in ("transmissions", "actuators", "sensors"):
+        if top.has(key):
+            raise top.refuse(key, f"{key} {LATER}")
+    name = top.text("name")
+    if not _NAME.match(name):
+        raise top.refuse("name", f"{name!r}: use 1 to 64 of a-z, 0-9, _ and -")
+    mjcf_path, mjcf, base = _model(top.section("model"), path)
+    rate, timeout = _loop(top.section("loop"))
+    buses = _buses(top.section("buses"))
+    joints = _joints(top, buses)
+    robot = RobotFile(
+        name=name,
+        path=path,
+        text_sha256=hashlib.sha256(text.encode()).hexdigest(),
+        mjcf_path=mjcf_path,
+        mjcf=mjcf,
+        base=base,
+        support=top.text("support", "free", SUPPORTS),
+        rate_hz=rate,
+        command_timeout_ms=timeout,
+        buses=buses,
+        joints=joints,
+        passive=_passive(top, joints),
+        poses=_poses(top.section("poses"), joints),
+        gate=_gate(top),
+        motions=path.parent / top.text("motions", "motions"),
+    )
+    top.close()
+    return robot
+
+
+def _built_in() -> Path:
+    return Path(str(resources.files("twind.robots")))
+
+
+def _model(section: Section, path: Path) -> tuple[Path, str, str]:
+    mjcf = path.parent / section.text("mjcf")
+    base = section.text("base")
+    section.close()
+    try:
+        if mjcf.stat().st_size > MAX_MJCF:
+            raise section.refuse("mjcf", f"{mjcf} is larger than {MAX_MJCF // 2**20} MiB")
+        return mjcf, mjcf.read_text(encoding="utf-8"), base
+    except (OSError, UnicodeDecodeError) as error:
+        raise section.refuse("mjcf", f"{mjcf} cannot be read: {error}") from None
+
+
+def _loop(section: Section) -> tuple[float, float]:
+    rate = section.number("rate_hz", 100.0, least=10.0, most=1000.0)
+    timeout = section.number("command_timeout_ms", 100.0, least=20.0, most=5000.0)
+    section.close()
+    return rate, timeout
+
+
+def _buses(section: Section) -> tuple[BusSpec, ...]:
+    buses = [_bus(name, section) for name in section]
+    if not buses:
+        raise section.refuse("", "a robot needs at least one bus")
+    section.close()
+    return tuple(buses)
+
+
+def _bus(name: str, parent: Section) -> BusSpec:
+    if not _JOINT.match(name):
+        raise parent.refuse(name, "a bus is named by letters, digits, _ . and -")
+    section = parent.section(name)
+    kind = section.text("kind", None, ("dynamixel2", "can"))
+    if kind == "can":
+        raise section.refuse("kind", f"kind can {LATER}")
+    baud = section.integer("baud", 1_000_000)
+    if baud not in BAUDS:
+        raise section.refuse("baud", f"{baud} is not a rate of these servos: {', '.join(map(str, BAUDS))}")
+    bus = BusSpec(
+        name=name,
+        kind=kind,
+        port=section.text("port") if section.has("port") else None,
+        baud=baud,
+        latency_timer_ms=section.integer("latency_timer_ms", 1, least=1, most=255),
+    )
+    section.close()
+    return bus
+
+
+def _type(name: str, parent: Section) -> TypeSpec:
+    section = parent.section(name)
+    modes = ("position", "extended_position", "current_position")
+    mode = section.text("mode", "position", modes)
+    if mode != "position":
+        raise section.refuse("mode", f"mode {mode} {LATER}")
+    delay = section.integer("return_delay_us", 500, least=0, most=508)  # factory setting: 250 units of 2 µs
+    if delay % 2:
+        raise section.refuse("return_delay_us", f"{delay} is odd: the register counts in steps of 2 µs")
+    spec = TypeSpec(
+        name=name,
+        device=section.text("device"),
+        mode=mode,
+        return_delay_us=delay,
+        ticks_per_turn=section.integer("ticks_per_turn", 4096, least=256, most=2**24),
+        gains=_gains(section.section("gains")) if section.has("gains") else None,
+        torque_constant_nm_per_a=section.number("torque_constant_nm_per_a", math.nan, above=0.0, most=1e3),
+        current_lsb_a=section.number("current_lsb_a", CURRENT_LSB, above=0.0, most=1.0),
+        velocity_lsb_rad_s=section.number("velocity_lsb_rad_s", VELOCITY_LSB, above=0.0, most=1.0),
+        velocity_limit_rad_s=section.number("velocity_limit_rad_s", 2.0, above=0.0, most=100.0),
+        acceleration_limit_rad_s2=section.number("acceleration_limit_rad_s2", 10.0, above=0.0, most=1e4),
+        current_limit_a=section.number("current_limit_a", math.nan, above=0.0, most=1e3),
+        registers=_registers(section.section("registers")),
+    )
+    section.close()
+    return spec
+
+
+def _gains(section: Section) -> Gains:
+    gains = Gains(*(section.integer(key, least=0, most=16383) for key in ("p", "i", "d")))
+    section.close()
+    return gains
+
+
+def _registers(section: Section) -> dict[str, int]:
+    for key in section:
+        if not _REGISTER.match(key):
+            raise section.refuse(key, "a register is named in snake case, as homing_offset")
+    return {key: section.integer(key, least=-(2**31), most=2**32 - 1) for key in section}
+
+
+def _joints(top: Section, buses: tuple[BusSpec, ...]) -> tuple[JointSpec, ...]:
+    kinds = top.section("types")
+    types = {name: _type(name, kinds) for name in kinds}
+    kinds.close()
+    defaults, section = top.section("defaults"), top.section("joints")
+    if not list(section):
+        raise section.refuse("", "a robot needs at least one joint")
+    joints: list[JointSpec] = []
+    taken: dict[tuple[str, int], str] = {}
+    driven: dict[str, str] = {}
+    names = tuple(bus.name for bus in buses)
+    for name in section:
+        entry = section.section(name)
+        joint = _joint(name, entry, defaults, types, names)
+        if (other := taken.get((joint.bus, joint.id))) is not None:
+            raise entry.refuse("id", f"id {joint.id} on bus {joint.bus} is that of {other} already")
+        if (other := driven.get(joint.model_joint)) is not None:
+            raise entry.refuse("model_joint", f"model joint {joint.model_joint} is driven by {other} already")
+        taken[joint.bus, joint.id] = driven[joint.model_joint] = name
+        joints.append(joint)
+    section.close()
+    defaults.close()
+    return tuple(joints)
+
+
+def _joint(
+    name: str, entry: Section, defaults: Section, types: Mapping[str, TypeSpec], buses: Sequence[str]
+) -> JointSpec:
+    if not _JOINT.match(name):
+        raise entry.refuse("", f"joint {name!r}: use 1 to 64 letters, digits, _ . and -")
+    for key in ("homing", "stop_rad"):
+        if entry.has(key):
+            raise entry.refuse(key, f"{key} {LATER}")
+
+    def source(key: str) -> Section:
+        common = defaults.has(key)  # asked in any case, so that the key is known
+        return defaults if common and not entry.has(key) else entry
+
+    kind = types[source("type").text("type", None, tuple(types))]
+    sign = source("sign").integer("sign", 1)
+    if sign not in (1, -1):
+        raise source("sign").refuse("sign", f"{sign} is neither 1 nor -1")
+    lower, upper = _limits(entry)
+    ratio = source("ratio").number("ratio", 1.0, above=0.0, most=1000.0)
+    if (upper - lower) * ratio > 2.0 * math.pi:
+        turns = (upper - lower) * ratio / (2.0 * math.pi)
+        message = f"the travel is {turns:.2f} turns of the actuator: one turn at most without homing"
+        raise entry.refuse("limits_rad", message)
+    speed, pull = "velocity_limit_rad_s", "acceleration_limit_rad_s2"
+    joint = JointSpec(
+        name=name,
+        model_joint=entry.text("model_joint", name),
+        bus=source("bus").text("bus", None, tuple(buses)),
+        id=entry.integer("id", least=0, most=252),
+        type=kind,
+        sign=sign,
+        ratio=ratio,
+        lower=lower,
+        upper=upper,
+        velocity_limit=min(
+            kind.velocity_limit_rad_s / ratio, source(speed).number(speed, math.inf, above=0.0, most=100.0)
+        ),
+        acceleration_limit=min(
+            kind.acceleration_limit_rad_s2 / ratio, source(pull).number(pull, math.inf, above=0.0, most=1e4)
+        ),
+        registers={**kind.registers, **_registers(entry.section("registers"))},
+    )
+    entry.close()
+    return joint
+
+
+def _limits(entry: Section) -> tuple[float, float]:
+    lower, upper = entry.numbers("limits_rad", 2)
+    if not lower < upper:
+        raise entry.refuse("limits_rad", f"lower {lower:g} is not below upper {upper:g}")
+    if not -20.0 * math.pi <= lower <= upper <= 20.0 * math.pi:
+        raise entry.refuse(
+            "limits_rad", f"{lower:g}..{upper:g} rad: more than ten turns; degrees by mistake?"
+        )
+    return lower, upper
+
+
+def _passive(top: Section, joints: Sequence[JointSpec]) -> tuple[str, ...]:
+    passive = top.texts("passive")
+    for joint in joints:
+        if joint.model_joint in passive:
+            raise top.refuse("passive", f"{joint.model_joint} is driven by joint {joint.name}")
+    if len(set(passive)) != len(passive):
+        raise top.refuse("passive", "a name stands there twice")
+    return passive
+
+
+def _poses(section: Section, joints: Sequence[JointSpec]) -> dict[str, dict[str, float]]:
+    if not section.has("rest"):
+        raise section.refuse(
+            "rest", "is required and missing: the pose in which torque may go off; {} is all 0"
+        )
+    poses = {}
+    for name in section:
+        pose = section.section(name)
+        poses[name] = {joint.name: _angle(pose, joint) for joint in joints}
+        pose.close()
+    section.close()
+    return poses
+
+
+def _angle(pose: Section, joint: JointSpec) -> float:
+    angle = pose.number(joint.name, 0.0)
+    if not joint.lower <= angle <= joint.upper:
+        why = "" if pose.has(joint.name) else " (not given, so 0)"
+        bounds = f"{joint.lower:g}..{joint.upper:g}"
+        raise pose.refuse(joint.name, f"{angle:g} rad{why} is outside the limits {bounds} of {joint.name}")
+    return angle
+
+
+def _gate(top: Section) -> GateSettings:
+    section = top.section("gate")
+    policies = ("reject", "retime")
+    on_velocity = section.text("on_velocity", "reject", policies)
+    if section.text("on_position", "reject", policies) != "reject":
+        raise section.refuse("on_position", "a position outside the limits cannot be retimed: only reject")
+    section.close()
+    collision = top.section("collision")
+    for key in collision:
+        if key not in ("block_m", "warn_m", "allow", "pairs"):
+            raise collision.refuse(key, "unknown key; known: block_m, warn_m, allow, pairs")
+    return GateSettings(on_velocity, top.plain("collision"))
+
+
+__all__ = [
+    "BusSpec",
+    "ConfigError",
+    "Gains",
+    "GateSettings",
+    "JointSpec",
+    "RobotFile",
+    "TypeSpec",
+    "built_in_robots",
+    "load_robot",
+    "read_robot",
+]
