@@ -65,8 +65,8 @@ class DeviceRefused(BusError):
 class WireClamp(BusError):
     """An encoded packet is outside what may ever be sent (R22). It was not sent: this is a bug of ours."""
 
-    def __init__(self, port: str, id: int, value: int, lower: int, upper: int) -> None:
-        super().__init__(f"{port}: id {id}: goal {value} outside {lower}..{upper}; packet not sent")
+    def __init__(self, port: str, id: int, value: int, lower: int, upper: int, what: str = "goal") -> None:
+        super().__init__(f"{port}: id {id}: {what} {value} outside {lower}..{upper}; packet not sent")
         self.port, self.id, self.value, self.lower, self.upper = port, id, value, lower, upper
 
 
@@ -164,6 +164,13 @@ class Write:
 
 
 @dataclass(frozen=True, slots=True)
+class Burst:
+    """Group writes that leave in one system call, in this order. Never answered."""
+
+    writes: tuple[Write, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Reboot:
     """Restart one device: RAM back to defaults, torque lost."""
 
@@ -171,7 +178,7 @@ class Reboot:
 
 
 Query = Ping | Read
-Order = Write | Reboot
+Order = Write | Burst | Reboot
 Request = Query | Order
 
 
@@ -253,16 +260,23 @@ class Writer(Protocol):
         """Goals (m,) for the next `request`. Raises WireClamp; then nothing is pending."""
 
     def cut(self) -> None:
-        """Torque off for all, in the next `request`, before anything else; pending goals are dropped."""
+        """Torque off for all, in the next write of any kind, before anything else.
+
+        Pending goals are dropped, and goals given before that write are not sent.
+        """
 
     def clear(self) -> None:
-        """Drop what is pending: after a fault nothing stale may leave."""
+        """Drop pending goals: after a fault nothing stale may leave. A pending cut stays."""
 
     def begin(self, order: Order, now: float) -> None:
         """Begin one rare-path transaction that writes; ended by the reader's `answer`."""
 
-    def prepare(self) -> Script[None]:
-        """Before torque: device watchdogs cleared, armed and read back; gains written and read back."""
+    def prepare(self, ticks: Ints) -> Script[None]:
+        """Before torque: device watchdogs cleared, armed and read back; gains written and read back.
+
+        `ticks` (m,), the present position, becomes the goal in the system call that clears the watchdogs: a
+        tripped servo whose torque is still on must not resume its old goal.
+        """
 
     def aim(self, ticks: Ints) -> Script[None]:
         """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs."""

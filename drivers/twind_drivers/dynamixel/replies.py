@@ -1,0 +1,248 @@
+"""What is expected back from one request, and finding it in untrusted bytes (R07). Pure: no I/O, no clock.
+
+A reply owns one fixed buffer. Whoever does the I/O reads into `room()` and says `take(count)`; when done, or
+at the deadline, `end()`. Then `heard`, `error` and `data` hold what came, in the order of `ids`.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.dynamixel.crc import Crc, crc16
+from twind_drivers.dynamixel.packet import (
+    BROADCAST,
+    CAPACITY,
+    HEADER,
+    STATUS,
+    STATUS_OVERHEAD,
+    STUFFED,
+    Framer,
+    Packet,
+)
+
+Octets = NDArray[np.uint8]
+
+
+class Expected(Protocol):
+    """A reply under way."""
+
+    ids: tuple[int, ...]
+    size: int  # data bytes of each device
+    expected: int  # bytes of the whole reply, nothing stuffed
+    heard: NDArray[np.bool_]  # (m,) its data came whole
+    error: Octets  # (m,) error byte of each status; also of one that carried no data; 0: none came
+    data: Octets  # (m, size), zero where not heard; valid until the next `start`
+    answered: NDArray[np.bool_]  # (m,) a status came, with data or with an error alone
+    strays: int  # bytes that were no part of it
+
+    def start(self) -> None:
+        """Forget the last one."""
+
+    def room(self) -> memoryview:
+        """Where the next bytes go; never empty before it is done."""
+
+    def take(self, count: int) -> bool:
+        """`count` bytes were put into `room()`; True when nothing more can come."""
+
+    def end(self) -> None:
+        """No more bytes: settle what was heard."""
+
+
+def _fits(ids: Sequence[int], expected: int) -> None:
+    if expected > CAPACITY:
+        raise ValueError(
+            f"a reply of {len(ids)} devices would be {expected} bytes, more than {CAPACITY}: ask fewer"
+        )
+
+
+class PlainReply:
+    """One status per device, `size` data bytes each: of a sync read, or of anything sent to one device.
+
+    The usual case, all rows whole and none stuffed, is checked in a few numpy calls. Everything else (stuffed
+    rows, a missing device, noise) goes through the framer.
+    """
+
+    def __init__(self, ids: Sequence[int], size: int) -> None:
+        """Raises ValueError when the reply would not fit the buffer."""
+        stride = STATUS_OVERHEAD + size
+        self.ids, self.size, self.expected = tuple(ids), size, len(ids) * stride
+        _fits(ids, self.expected)
+        self._bytes = bytearray(CAPACITY)
+        self._view = memoryview(self._bytes)
+        self._rows = np.frombuffer(self._bytes, np.uint8, self.expected).reshape(len(ids), stride)
+        layout = {
+            "names": ["head", "error", "crc"],
+            "formats": ["<u8", "u1", "<u2"],
+            "offsets": [0, 8, stride - 2],
+        }
+        row: Any = np.dtype({**layout, "itemsize": stride})
+        self._records = np.frombuffer(self._bytes, row, len(ids))
+        self._head = np.frombuffer(b"".join(_status_head(id, size) for id in ids), "<u8")
+        self._crc = Crc(stride - 2)
+        self._index = {id: place for place, id in enumerate(ids)}
+        self._spare = np.zeros((len(ids), size), np.uint8)
+        self._framer = Framer(status=True)
+        self.heard, self.answered = np.zeros((2, len(ids)), np.bool_)
+        self.error = np.zeros(len(ids), np.uint8)
+        self.data = self._spare
+        self.start()
+
+    def start(self) -> None:
+        """Forget the last one."""
+        self._got = self.strays = 0
+        self._framing = self._settled = False
+        self.heard.fill(False)
+        self.answered.fill(False)
+
+    def room(self) -> memoryview:
+        """Where the next bytes go."""
+        return self._view if self._framing else self._view[self._got :]
+
+    def take(self, count: int) -> bool:
+        """Count them in; look only once there may be enough."""
+        if self._framing:
+            return self._frame(count)
+        self._got += count
+        if self._got < self.expected:
+            return False
+        return self._whole() or self._reframe()
+
+    def end(self) -> None:
+        """Settle what was heard."""
+        if not (self._settled or self._framing):
+            self._reframe()
+        if self._framing:
+            self._framer.clear()
+            self.strays += self._framer.discarded
+
+    def _whole(self) -> bool:
+        """All rows are there, in order, intact; what follows them is stray."""
+        records = self._records
+        if not (records["head"] == self._head).all() or self._bytes.find(STUFFED, 0, self.expected) >= 0:
+            return False
+        if not (records["crc"] == self._crc(self._rows[:, :-2])).all():
+            return False
+        self.heard.fill(True)
+        self.answered.fill(True)
+        self.error, self.data = records["error"].copy(), self._rows[:, 9:-2]
+        self.strays = self._got - self.expected
+        self._settled = True
+        return True
+
+    def _reframe(self) -> bool:
+        """From here on by the framer, beginning with what is in the buffer."""
+        self._framing = True
+        self._spare.fill(0)
+        self.error, self.data = np.zeros(len(self.ids), np.uint8), self._spare
+        self._framer.discarded = 0
+        return self._frame(self._got)
+
+    def _frame(self, count: int) -> bool:
+        for packet in self._framer.feed(self._view[:count]):
+            self._accept(packet)
+        return bool(self.answered.all())
+
+    def _accept(self, packet: Packet) -> None:
+        """The exact id and length of this request, once; an error may come without data. All else is stray."""
+        place = self._index.get(packet.id)
+        whole = len(packet.data) == self.size
+        refused = not packet.data and packet.error & 0x7F != 0
+        if place is None or self.answered[place] or not (whole or refused):
+            self.strays += len(packet.params) + STATUS_OVERHEAD - 1
+            return
+        self.answered[place] = True
+        self.error[place] = packet.error
+        if whole:
+            self.heard[place] = True
+            self._spare[place] = np.frombuffer(packet.data, np.uint8)
+
+
+class FastReply:
+    """The joint status of a fast sync read: not stuffed, every block's CRC over all bytes before it.
+
+    A missing device ends the reply, so an intact prefix is kept: its devices did answer.
+    """
+
+    def __init__(self, ids: Sequence[int], size: int) -> None:
+        """Raises ValueError when the reply would not fit the buffer."""
+        count, stride = len(ids), size + 4
+        self.ids, self.size, self.expected = tuple(ids), size, 8 + count * stride
+        _fits(ids, self.expected)
+        length = (count * stride + 1).to_bytes(2, "little")
+        self._head = HEADER + bytes((BROADCAST,)) + length + bytes((STATUS,))
+        self._bytes = bytearray(CAPACITY)
+        self._view = memoryview(self._bytes)
+        self._all = np.frombuffer(self._bytes, np.uint8, self.expected - 2)
+        self._rows = np.frombuffer(self._bytes, np.uint8, count * stride, 8).reshape(count, stride)
+        self._crc = Crc(self.expected - 2)
+        self._wanted = np.array(self.ids, np.uint8)
+        self.heard = self.answered = np.zeros(count, np.bool_)
+        self.error = np.zeros(count, np.uint8)
+        self.data = self._rows[:, 2:-2]
+        self.start()
+
+    def start(self) -> None:
+        """Forget the last one."""
+        self._got = self.strays = 0
+        self._settled = False
+        self.heard.fill(False)
+
+    def room(self) -> memoryview:
+        """Where the next bytes go."""
+        return self._view[self._got :]
+
+    def take(self, count: int) -> bool:
+        """Count them in; look only once there may be enough."""
+        self._got += count
+        return self._got >= self.expected and self._settle(final=False)
+
+    def end(self) -> None:
+        """Settle what was heard: the intact prefix."""
+        if not self._settled:
+            self._settle(final=True)
+
+    def _settle(self, *, final: bool) -> bool:
+        while True:
+            at = self._bytes.find(self._head, 0, self._got)
+            self._shift(at if at >= 0 else max(0, self._got - (0 if final else len(self._head) - 1)))
+            if at < 0 and final:
+                return self._keep(0)
+            if at < 0 or (self._got < self.expected and not final):
+                return False
+            count = self._intact()
+            if count:
+                return self._keep(count)
+            self._shift(1)  # a false head
+
+    def _shift(self, count: int) -> None:
+        """The first `count` bytes are no part of the reply."""
+        if count:
+            self._bytes[: self._got - count] = self._bytes[count : self._got]
+            self._got -= count
+            self.strays += count
+
+    def _intact(self) -> int:
+        """How many devices' blocks, from the first, are there and right."""
+        whole = self._got >= self.expected and (self._rows[:, 1] == self._wanted).all()
+        if whole and int(self._crc(self._all)) == int.from_bytes(
+            self._view[self.expected - 2 : self.expected], "little"
+        ):
+            return len(self.ids)
+        stride = self.size + 4
+        for place, id in enumerate(self.ids):
+            end = 8 + (place + 1) * stride
+            if end > self._got or self._bytes[end - stride + 1] != id:
+                return place
+            if crc16(self._view[: end - 2]) != int.from_bytes(self._view[end - 2 : end], "little"):
+                return place
+        return len(self.ids)
+
+    def _keep(self, count: int) -> bool:
+        self._settled = True
+        self.heard[:count] = True
+        self._rows[count:] = 0
+        self.error = self._rows[:, 0].copy()
+        self.strays += self._got - (8 + count * (self.size + 4) if count else 0)
+        return True
