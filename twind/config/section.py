@@ -7,7 +7,7 @@ Every getter raises ConfigError with file, line, column, path, value, bound. Wha
 import difflib
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeVar
 
 from twind.config.located import ConfigError, Leaf, Mark, Node, Row, Table
@@ -44,8 +44,9 @@ class Section:
         mark = node.mark if node is not None else self._table.mark
         return ConfigError(self.file, mark, self._join(given), message)
 
-    def close(self) -> None:
-        """Every key has been asked for. Raises ConfigError for the first that has not."""
+    def close(self, also: Iterable[str] = ()) -> None:
+        """Every key has been asked for, or is in `also`. Raises ConfigError for the first that is not."""
+        self._known.update(dict.fromkeys(also))
         for key in self._table.items:
             if key not in self._known:
                 raise self._unknown(key)

@@ -1,0 +1,345 @@
+"""The calibration file `twind-calibration/1`: what was measured of one specimen. State, hashed.
+
+Raw counts are integers, so that a round trip is exact. The hash is of the file's text (UTF-8, LF) without its
+`sha256:` line. `device_check.py` compares it with the servos, `saving.py` writes it.
+"""
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from twind.config.counts import ticks_of
+from twind.config.located import ConfigError, parse, read_text
+from twind.config.robot_spec import JointSpec, RobotFile
+from twind.config.saving import save_text
+from twind.config.section import Plain, Section
+from twind_drivers.bus import Device
+
+FORMAT = "twind-calibration/1"
+METHODS = ("jig", "endstop", "sweep", "gravity", "import")
+MAX_TICKS = 2**31 - 1
+HISTORY = 20  # earlier files kept beside the current one
+SWEEP_MARGIN = 0.08  # rad, travel of a fitting calibration beyond the described limits
+
+_STAMP = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$")
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceRecord:
+    """What was on the wire when the joint was calibrated."""
+
+    model_number: int
+    firmware: int
+    unique_id: str | None
+    homing_offset_ticks: int
+    drive_mode: int
+    operating_mode: int
+    min_ticks: int
+    max_ticks: int
+    tag: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JointCalibration:
+    """One joint. Counts are in the frame of Present Position as read with the recorded settings."""
+
+    name: str
+    bus: str
+    id: int
+    device: DeviceRecord
+    zero_ticks: int  # count at joint angle 0
+    zero_sigma_ticks: float
+    captures: int
+    sign: int
+    sweep_ticks: tuple[int, int]  # travel seen, unwrapped
+    seam_margin_ticks: int
+    turn_band_ticks: tuple[int, int]  # half-open, one turn wide
+    method: str
+    proof: Plain = None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """One specimen. Joints in the order of the file; one that is missing is not calibrated."""
+
+    robot: str
+    robot_description_sha256: str
+    created: str  # UTC, 2026-11-21T09:14:03Z
+    tool: str
+    method_default: str
+    joints: tuple[JointCalibration, ...]
+    sha256: str = ""  # of the text it was read from or dumped to
+
+    @cached_property
+    def by_name(self) -> Mapping[str, JointCalibration]:
+        """Joint name -> its calibration."""
+        return {joint.name: joint for joint in self.joints}
+
+
+def turn_band(sweep: tuple[int, int], ticks_per_turn: int) -> tuple[int, int]:
+    """One turn centred on the travel, half-open: exactly one of a count's turns lies in it."""
+    first = (sweep[0] + sweep[1]) // 2 - ticks_per_turn // 2
+    return first, first + ticks_per_turn
+
+
+def seam_margin(sweep: tuple[int, int], ticks_per_turn: int) -> int:
+    """Smallest distance (counts) from the travel to a multiple of a turn, 0 when it crosses one."""
+    before, after = sweep[0] % ticks_per_turn, -sweep[1] % ticks_per_turn
+    crosses = sweep[0] // ticks_per_turn != -(-sweep[1] // ticks_per_turn) - 1
+    return 0 if crosses else min(before, after)
+
+
+# ------------------------------------------------------------------------------------------- reading
+
+
+def load_calibration(path: Path, robot: RobotFile) -> Calibration:
+    """The calibration at `path`, made for `robot`.
+
+    Raises ConfigError: unreadable, wrong hash, another robot, another description, derived fields that do not
+    follow from the travel, a sign that differs from the robot file's.
+    """
+    return read_calibration(read_text(path), str(path), robot)
+
+
+def read_calibration(text: str, file: str, robot: RobotFile) -> Calibration:
+    """The calibration that `text` holds; `file` is what messages call it. Raises ConfigError."""
+    top = Section(file, parse(text, file))
+    if top.text("format") != FORMAT:
+        raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
+    stated, actual = top.text("sha256"), text_hash(text)
+    if stated != actual:
+        remedy = "it was changed after it was written: calibrate again, or put the earlier file back"
+        raise top.refuse("sha256", f"{stated} is not the hash of this file, {actual}; {remedy}")
+    if (name := top.text("robot")) != robot.name:
+        raise top.refuse("robot", f"made for robot {name!r}, not for {robot.name!r}")
+    if (made_for := top.text("robot_description_sha256")) != robot.description_sha256:
+        message = f"{made_for} is not that of {robot.path}, {robot.description_sha256}"
+        remedy = "joints, ids, signs or ratios changed since: calibrate again"
+        raise top.refuse("robot_description_sha256", f"{message}; {remedy}")
+    created = top.text("created")
+    if not _STAMP.match(created):
+        raise top.refuse("created", f"{created!r} is not a time as 2026-11-21T09:14:03Z")
+    method = top.text("method_default", None, METHODS)
+    section, specs = top.section("joints"), {joint.name: joint for joint in robot.joints}
+    section.close(also=specs)
+    calibration = Calibration(
+        robot=name,
+        robot_description_sha256=made_for,
+        created=created,
+        tool=top.text("tool"),
+        method_default=method,
+        joints=tuple(_joint(section.section(name), specs[name], method) for name in section),
+        sha256=stated,
+    )
+    top.close()
+    return calibration
+
+
+def text_hash(text: str) -> str:
+    """sha256 of a calibration's text (UTF-8, LF) without its `sha256:` line."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    kept = "\n".join(line for line in lines if not line.startswith("sha256:"))
+    return hashlib.sha256(kept.encode()).hexdigest()
+
+
+def _joint(section: Section, joint: JointSpec, method: str) -> JointCalibration:
+    turn = joint.type.ticks_per_turn
+    if (bus := section.text("bus")) != joint.bus:
+        raise section.refuse("bus", f"{bus} is not the bus of the robot file, {joint.bus}")
+    if (id := section.integer("id", least=0, most=252)) != joint.id:
+        raise section.refuse("id", f"{id} is not the id of the robot file, {joint.id}")
+    if (sign := section.integer("sign")) != joint.sign:
+        remedy = "neither wins: find out which is true, then correct the other"
+        raise section.refuse("sign", f"{sign} is not the sign of the robot file, {joint.sign}; {remedy}")
+    sweep = _pair(section, "sweep_ticks")
+    _derived(section, "turn_band_ticks", _pair(section, "turn_band_ticks"), turn_band(sweep, turn))
+    margin = section.integer("seam_margin_ticks")
+    _derived(section, "seam_margin_ticks", margin, seam_margin(sweep, turn))
+    calibration = JointCalibration(
+        name=joint.name,
+        bus=bus,
+        id=id,
+        device=_device(section.section("device")),
+        zero_ticks=section.integer("zero_ticks", least=-MAX_TICKS, most=MAX_TICKS),
+        zero_sigma_ticks=section.number("zero_sigma_ticks", least=0.0),
+        captures=section.integer("captures", least=1, most=100_000),
+        sign=sign,
+        sweep_ticks=sweep,
+        seam_margin_ticks=margin,
+        turn_band_ticks=turn_band(sweep, turn),
+        method=section.text("method", method, METHODS),
+        proof=section.plain("proof"),
+    )
+    section.close()
+    return calibration
+
+
+def _pair(section: Section, key: str) -> tuple[int, int]:
+    first, last = section.integers(key, 2)
+    if not -MAX_TICKS <= first < last <= MAX_TICKS:
+        raise section.refuse(key, f"{first} is not below {last}, or out of 32 bits")
+    return first, last
+
+
+def _derived(section: Section, key: str, given: object, computed: object) -> None:
+    if given != computed:
+        raise section.refuse(key, f"{given} does not follow from sweep_ticks, which give {computed}")
+
+
+def _device(section: Section) -> DeviceRecord:
+    eeprom = section.section("eeprom")
+    number, byte = {"least": -MAX_TICKS, "most": MAX_TICKS}, {"least": 0, "most": 255}
+    record = DeviceRecord(
+        model_number=section.integer("model_number", least=0, most=65535),
+        firmware=section.integer("firmware", **byte),
+        unique_id=None if section.plain("unique_id") is None else section.text("unique_id"),
+        homing_offset_ticks=eeprom.integer("homing_offset_ticks", **number),
+        drive_mode=eeprom.integer("drive_mode", **byte),
+        operating_mode=eeprom.integer("operating_mode", **byte),
+        min_ticks=eeprom.integer("min_ticks", **number),
+        max_ticks=eeprom.integer("max_ticks", **number),
+        tag=None if section.plain("tag") is None else section.integer("tag", least=0, most=1023),
+    )
+    eeprom.close()
+    section.close()
+    return record
+
+
+# ------------------------------------------------------------------------------------------- writing
+
+
+def fitting(
+    robot: RobotFile,
+    zeros: Mapping[str, int],
+    devices: Mapping[tuple[str, int], Device],
+    *,
+    created: str,
+    tool: str,
+) -> Calibration:
+    """The calibration of servos whose truth is known: `zeros` in counts by joint, `devices` by (bus, id).
+
+    The travel is the described limits and 0.08 rad more. Raises KeyError: a joint without zero or device.
+    """
+    joints = tuple(_fitted(joint, zeros[joint.name], devices[joint.bus, joint.id]) for joint in robot.joints)
+    calibration = Calibration(robot.name, robot.description_sha256, created, tool, "import", joints)
+    return replace(calibration, sha256=text_hash(dump_calibration(calibration)))
+
+
+def _fitted(joint: JointSpec, zero: int, device: Device) -> JointCalibration:
+    ends = sorted(
+        ticks_of(joint, zero, angle) for angle in (joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
+    )
+    sweep, turn, settings = (ends[0], ends[1]), joint.type.ticks_per_turn, device.settings
+    return JointCalibration(
+        name=joint.name,
+        bus=joint.bus,
+        id=joint.id,
+        device=DeviceRecord(
+            model_number=device.model_number,
+            firmware=device.firmware,
+            unique_id=None,
+            homing_offset_ticks=settings["homing_offset"],
+            drive_mode=settings["drive_mode"],
+            operating_mode=settings["operating_mode"],
+            min_ticks=settings["min_position_limit"],
+            max_ticks=settings["max_position_limit"],
+        ),
+        zero_ticks=zero,
+        zero_sigma_ticks=0.0,
+        captures=1,
+        sign=joint.sign,
+        sweep_ticks=sweep,
+        seam_margin_ticks=seam_margin(sweep, turn),
+        turn_band_ticks=turn_band(sweep, turn),
+        method="import",
+    )
+
+
+def dump_calibration(calibration: Calibration) -> str:
+    """The file's text in one fixed form, its hash last."""
+    head = {
+        "format": FORMAT,
+        "robot": calibration.robot,
+        "robot_description_sha256": calibration.robot_description_sha256,
+        "created": calibration.created,
+        "tool": calibration.tool,
+        "method_default": calibration.method_default,
+    }
+    lines = [f"{key}: {_flow(value)}" for key, value in head.items()]
+    lines.append("joints:" if calibration.joints else "joints: {}")
+    for joint in calibration.joints:
+        lines += [
+            f"  {_flow(joint.name)}:",
+            *(f"    {key}: {_flow(value)}" for key, value in _entries(joint)),
+        ]
+    text = "\n".join(lines) + "\n"
+    return f'{text}sha256: "{text_hash(text)}"\n'
+
+
+def save_calibration(calibration: Calibration, folder: Path, individual: str) -> Path:
+    """Write `folder/individual.yaml`, the earlier one kept as numbered history: old or new, never mixed.
+
+    Raises ConfigError (a name that is no file name, a file that does not read back), OSError (disk full).
+    """
+    return save_text(folder, individual, dump_calibration(calibration), HISTORY)
+
+
+def _entries(joint: JointCalibration) -> list[tuple[str, Plain]]:
+    device = joint.device
+    eeprom: Plain = {
+        "homing_offset_ticks": device.homing_offset_ticks,
+        "drive_mode": device.drive_mode,
+        "operating_mode": device.operating_mode,
+        "min_ticks": device.min_ticks,
+        "max_ticks": device.max_ticks,
+    }
+    found: dict[str, Plain] = {"model_number": device.model_number, "firmware": device.firmware}
+    found |= {"unique_id": device.unique_id, "eeprom": eeprom}
+    if device.tag is not None:
+        found["tag"] = device.tag
+    entries: list[tuple[str, Plain]] = [
+        ("bus", joint.bus),
+        ("id", joint.id),
+        ("device", found),
+        ("zero_ticks", joint.zero_ticks),
+        ("zero_sigma_ticks", joint.zero_sigma_ticks),
+        ("captures", joint.captures),
+        ("sign", joint.sign),
+        ("sweep_ticks", list(joint.sweep_ticks)),
+        ("seam_margin_ticks", joint.seam_margin_ticks),
+        ("turn_band_ticks", list(joint.turn_band_ticks)),
+        ("method", joint.method),
+    ]
+    return entries if joint.proof is None else [*entries, ("proof", joint.proof)]
+
+
+def _flow(value: Plain) -> str:
+    """A value on one line that reads back as itself."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_flow(key)}: {_flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise ValueError(f"{value} cannot stand in a file")
+        return f"{value:.6f}"  # never 1e-05, which YAML reads as text
+    return json.dumps(value, ensure_ascii=False)
+
+
+__all__ = [
+    "Calibration",
+    "ConfigError",
+    "DeviceRecord",
+    "JointCalibration",
+    "dump_calibration",
+    "fitting",
+    "load_calibration",
+    "read_calibration",
+    "save_calibration",
+    "text_hash",
+]

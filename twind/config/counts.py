@@ -1,0 +1,31 @@
+"""Counts of an encoder and angles of a joint: the arithmetic of the robot file, written once.
+
+count → minus zero → x 2π / ticks_per_turn → x sign / ratio → joint rad. `ratio` is actuator turns per joint
+turn; direction is in `sign` alone.
+"""
+
+import math
+
+from twind.config.robot_spec import JointSpec
+
+
+def rad_per_tick(joint: JointSpec) -> float:
+    """Joint angle of one count, signed: sign / ratio * 2π / ticks_per_turn."""
+    return joint.sign / joint.ratio * 2.0 * math.pi / joint.type.ticks_per_turn
+
+
+def angle_of(joint: JointSpec, zero: int, ticks: int) -> float:
+    """Joint angle (rad) at `ticks`."""
+    return (ticks - zero) * rad_per_tick(joint)
+
+
+def ticks_of(joint: JointSpec, zero: int, angle: float) -> int:
+    """The count nearest to `angle` (rad)."""
+    return zero + round(angle / rad_per_tick(joint))
+
+
+def tick_range(joint: JointSpec, zero: int, lower: float, upper: float) -> tuple[int, int]:
+    """The smallest and the largest count whose angle lies in lower..upper (rad), inclusive."""
+    ends = sorted((lower / rad_per_tick(joint), upper / rad_per_tick(joint)))
+    slack = 1e-9  # counts: an angle that is a count's own lies inside, however it was rounded
+    return zero + math.ceil(ends[0] - slack), zero + math.floor(ends[1] + slack)
