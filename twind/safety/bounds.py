@@ -1,0 +1,122 @@
+"""Where polynomials stay under a bound, decided without sampling: Bernstein form and halving.
+
+A polynomial on 0 <= u <= 1 lies within the hull of its Bernstein coefficients, and the first and the last
+of them are its values at the ends. So the hull under the bound proves that all is under it, an end above it
+proves the opposite, and what is open is halved: the hull closes in by a factor of four each time.
+Coefficients stand on axis 0, (degree + 1, ...). NaN counts as above every bound.
+"""
+
+from collections.abc import Callable, Sequence
+from math import comb
+
+import numpy as np
+
+from twind.robot.arrays import Floats, Ints
+
+DEPTH = 26  # halvings: the hull is then within 4**-26 of its first width, below rounding
+
+
+def derivative(curve: Floats, duration: Floats) -> Floats:
+    """By time, of segments that last `duration` s (broadcast against `curve[0]`)."""
+    return (len(curve) - 1) * (curve[1:] - curve[:-1]) / duration
+
+
+def square(curve: Floats) -> Floats:
+    """The polynomial times itself, of twice the degree."""
+    d = len(curve) - 1
+    product = np.zeros((2 * d + 1, *curve.shape[1:]))
+    for i in range(d + 1):
+        for j in range(d + 1):
+            product[i + j] += comb(d, i) * comb(d, j) / comb(2 * d, i + j) * curve[i] * curve[j]
+    return product
+
+
+def elevate(curve: Floats, degree: int) -> Floats:
+    """The same polynomial, written in a higher degree."""
+    while len(curve) - 1 < degree:
+        share = (np.arange(1, len(curve)) / len(curve)).reshape(-1, *[1] * (curve.ndim - 1))
+        inner = share * curve[:-1] + (1.0 - share) * curve[1:]
+        curve = np.concatenate([curve[:1], inner, curve[-1:]])
+    return curve
+
+
+def evaluate(curve: Floats, u: Floats) -> Floats:
+    """Values at `u` (broadcast against `curve[0]`), by de Casteljau."""
+    while len(curve) > 1:
+        curve = curve[:-1] + u * (curve[1:] - curve[:-1])
+    values: Floats = curve[0] + 0.0 * u
+    return values
+
+
+def halves(curve: Floats) -> tuple[Floats, Floats]:
+    """The polynomial over the first and over the second half of its interval."""
+    left, right = [curve[0]], [curve[-1]]
+    while len(curve) > 1:
+        curve = 0.5 * (curve[:-1] + curve[1:])
+        left.append(curve[0])
+        right.append(curve[-1])
+    return np.stack(left), np.stack(right[::-1])
+
+
+def exceeds(alternatives: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """For each of m columns a u in 0..1 where every alternative is above its bound; NaN: there is none.
+
+    An alternative is a polynomial (degree + 1, m) and its bound (m,). What `DEPTH` halvings cannot decide
+    (a touch within rounding) counts as above.
+    """
+    curves = [curve for curve, _ in alternatives]
+    bounds = [bound for _, bound in alternatives]
+    found = np.full(curves[0].shape[1], np.nan)
+    column, start, width = np.arange(len(found)), np.zeros(len(found)), 1.0
+    for _ in range(DEPTH):
+        under = np.zeros(len(column), np.bool_)
+        first, last = ~under, ~under
+        for curve, bound in zip(curves, bounds, strict=True):
+            inside = curve <= bound
+            under |= inside.all(axis=0)
+            first &= ~inside[0]
+            last &= ~inside[-1]
+        found[column[last]] = start[last] + width
+        found[column[first]] = start[first]
+        left = ~under & np.isnan(found[column])
+        if not left.any():
+            return found
+        width *= 0.5
+        column, start = np.tile(column[left], 2), np.concatenate([start[left], start[left] + width])
+        curves = [np.concatenate(halves(curve[:, left]), axis=1) for curve in curves]
+        bounds = [np.tile(bound[left], 2) for bound in bounds]
+    found[column] = start
+    return found
+
+
+def summit(score: Callable[[Ints, Floats], Floats], found: Floats, group: Ints) -> tuple[Ints, Floats]:
+    """In each group of columns the column and the u where `score(columns, u)` is highest.
+
+    `found` (m,) is a first u of each column. Looks at the most promising columns of each group and closes in
+    by zooming; what comes back is a point of the curve, at least as high as every u it looked at.
+    """
+    columns = np.arange(len(found))
+    coarse = np.stack([found, np.zeros_like(found), np.full_like(found, 0.5), np.ones_like(found)], axis=1)
+    heights = _high(score(columns, coarse))
+    best = heights.max(axis=1)
+    order = np.lexsort((-best, group))
+    rank = np.arange(len(order)) - np.searchsorted(group[order], group[order], side="left")
+    columns = order[rank < 4]
+    u, height = coarse[columns, heights[columns].argmax(axis=1)], best[columns]
+    center, reach = np.full(len(columns), 0.5), 0.5
+    for _ in range(7):
+        grid = np.clip(center[:, None] + reach * np.linspace(-1.0, 1.0, 17), 0.0, 1.0)
+        values = _high(score(columns, grid))
+        place = values.argmax(axis=1)
+        rows = np.arange(len(columns))
+        better = values[rows, place] > height
+        u, height = np.where(better, grid[rows, place], u), np.where(better, values[rows, place], height)
+        center, reach = u, reach / 7.0
+    order = np.lexsort((-height, group[columns]))
+    first = np.unique(group[columns][order], return_index=True)[1]
+    return columns[order][first], u[order][first]
+
+
+def _high(score: Floats) -> Floats:
+    """NaN is the highest score of all."""
+    return np.where(np.isnan(score), np.inf, score)

@@ -1,0 +1,352 @@
+"""The gate at submit time: may this trajectory move this robot, now (S05–S22, S28 of docs/safety.md)?
+
+Pure: no clock, no device, no globals. A refusal is a value; nothing here raises on any numbers, and whatever
+is NaN, missing or unknown refuses. All failing codes are returned, in the order of the rules. Runs in the
+loop, a slice per tick (`checking`).
+"""
+
+from collections.abc import Generator, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twind.robot import splines
+from twind.robot.arrays import Bools, Floats
+from twind.robot.finding import Code, Finding, Verdict
+from twind.robot.limits import Limits
+from twind.robot.modes import Mode, Motion, State
+from twind.robot.splines import Spline
+from twind.robot.trajectory import Reference, Trajectory
+from twind.safety import retime
+from twind.safety.form import wellformed
+from twind.safety.rules import Spot, Subject, Thresholds, judge, relaxed, some, start
+
+__all__ = ["Demand", "Judged", "Snapshot", "Thresholds", "admit", "arming", "check", "checking"]
+
+CURVE = (Code.VEL_LIMIT, Code.ACC_LIMIT, Code.BRAKE_DISTANCE)  # what a slower path can heal, in rule order
+MOST = 64  # findings of one code
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """What the gate must know, at one instant. Arrays are (n,), in joint order."""
+
+    now: float  # s
+    mode: Mode
+    state: State
+    motion: Motion
+    latched: tuple[Code, ...]  # what has latched a fault or an e-stop
+    lease_held: bool  # by the connection that asks
+    mismatches: tuple[Finding, ...]  # calibration against read-back (S09)
+    calibrated: Bools
+    age: Floats  # s since each joint of the target was heard, inf never
+    latency: float  # s, state age + bus round trip, now; NaN unknown
+    latency_p95: float  # s, of the last 0.5 s; NaN unknown
+    reference: Reference  # last commanded while holding or moving, measured otherwise
+    busy: bool = False  # one trajectory runs and one waits
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """How the trajectory is asked for."""
+
+    policy: str = "reject"  # or "retime": one uniform stretch in time, reported
+    append_stop: bool = False
+    start_in: float = 0.0  # s from now
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The verdict, and what would run: the path as asked, or as the verdict's changes say.
+
+    Where the path's form allows no curve, `spline` stays at the reference.
+    """
+
+    verdict: Verdict
+    path: Trajectory
+    spline: Spline
+
+
+# ------------------------------------------------------------------------------------------ admission
+
+
+def admit(snapshot: Snapshot, commanded: Bools, thresholds: Thresholds) -> Verdict:
+    """May these joints be moved at all, now (S05, S06, S08–S11)? The hardware counts in live only."""
+    refusals = [*_lease(snapshot), *_latches(snapshot)]
+    warnings: list[Finding] = []
+    if snapshot.mode is Mode.LIVE:
+        if snapshot.state is not State.ARMED:
+            reason = f"state is {snapshot.state}; arm first"
+            refusals.append(Finding(Code.NOT_ARMED, message=reason))
+        refusals += _calibration(snapshot, commanded) + _hearing(snapshot, commanded, thresholds)
+        late, warnings = _latency(snapshot, thresholds)
+        refusals += late
+    return Verdict(tuple(refusals), tuple(warnings))
+
+
+def arming(snapshot: Snapshot, thresholds: Thresholds, joints: Bools | None = None) -> Verdict:
+    """May torque be switched on (S05–S07, S09–S11)? Only in live, from `connected`."""
+    chosen = np.ones_like(snapshot.calibrated) if joints is None else joints
+    refusals = [*_lease(snapshot), *_latches(snapshot)]
+    if snapshot.mode is not Mode.LIVE:
+        reason = f"mode {snapshot.mode} has no torque to switch on; arm in mode live"
+        return Verdict((*refusals, Finding(Code.MODE_DENIES, message=reason)))
+    if snapshot.state is not State.CONNECTED:
+        reason = f"state is {snapshot.state}; arming starts from connected"
+        refusals.append(Finding(Code.ARM_FAILED, message=reason))
+    if not chosen.any():
+        refusals.append(Finding(Code.NO_JOINTS, message="no joint to arm"))
+    refusals += _calibration(snapshot, chosen) + _hearing(snapshot, chosen, thresholds)
+    late, warnings = _latency(snapshot, thresholds)
+    return Verdict((*refusals, *late), tuple(warnings))
+
+
+def _lease(snapshot: Snapshot) -> list[Finding]:
+    """S05."""
+    reason = "this connection does not hold the lease; take it first"
+    return [] if snapshot.lease_held else [Finding(Code.LEASE_MISSING, message=reason)]
+
+
+def _latches(snapshot: Snapshot) -> list[Finding]:
+    """S06. The states themselves count as latches, whatever the list says."""
+    stops = {Code.ESTOP, Code.ESTOP_LATCHED}
+    faults = [code for code in snapshot.latched if code not in stops]
+    findings = []
+    if snapshot.state is State.ESTOP or stops & set(snapshot.latched):
+        findings.append(Finding(Code.ESTOP_LATCHED, message="e-stop is latched; reset it first"))
+    if faults or snapshot.state in (State.FAULT, State.INHIBITED):
+        named = ", ".join(dict.fromkeys(faults)) or f"state is {snapshot.state}"
+        findings.append(Finding(Code.FAULT_LATCHED, message=f"latched: {named}; reset it first"))
+    return findings
+
+
+def _calibration(snapshot: Snapshot, chosen: Bools) -> list[Finding]:
+    """S09."""
+    reason = "no measured zero; calibrate this joint"
+    missing = [
+        Finding(Code.CALIB_MISSING, joint=int(joint), message=reason)
+        for joint in np.flatnonzero(chosen & ~snapshot.calibrated)
+    ]
+    return missing + list(snapshot.mismatches)
+
+
+def _hearing(snapshot: Snapshot, chosen: Bools, thresholds: Thresholds) -> list[Finding]:
+    """S10. An age that is negative or NaN is too old."""
+    fresh = (snapshot.age >= 0.0) & (snapshot.age <= thresholds.stale)
+    reason = "not heard lately (s); check its cable and power"
+    return [
+        Finding(
+            Code.HW_DISCONNECTED, int(joint), None, None, float(snapshot.age[joint]), thresholds.stale, reason
+        )
+        for joint in np.flatnonzero(chosen & ~fresh)
+    ]
+
+
+def _latency(snapshot: Snapshot, thresholds: Thresholds) -> tuple[list[Finding], list[Finding]]:
+    """S11: refusals and warnings. Unknown or negative refuses."""
+    block, warn = thresholds.latency_block, thresholds.latency_warn
+    refusals, warnings = [], []
+    for value, what in ((snapshot.latency, "now"), (snapshot.latency_p95, "95 % of the last 0.5 s")):
+        reason = f"state age + bus round trip, {what} (s)"
+        if not 0.0 <= value <= block:
+            refusals.append(Finding(Code.LATENCY_BLOCK, value=value, bound=block, message=reason))
+        elif not value <= warn:
+            warnings.append(Finding(Code.LATENCY_WARN, value=value, bound=warn, message=reason))
+    return refusals, warnings
+
+
+def _asked(demand: Demand, thresholds: Thresholds) -> list[Finding]:
+    """S03, S12: the demand itself."""
+    findings = []
+    if demand.policy not in ("reject", "retime"):
+        reason = f"policy {demand.policy!r} is neither reject nor retime"
+        findings.append(Finding(Code.BAD_SCHEMA, message=reason))
+    if not demand.start_in >= 0.0:
+        findings.append(
+            Finding(Code.CMD_EXPIRED, value=demand.start_in, bound=0.0, message="starts in the past")
+        )
+    elif not demand.start_in <= thresholds.max_duration:
+        most = thresholds.max_duration
+        findings.append(
+            Finding(Code.TOO_DISTANT, value=demand.start_in, bound=most, message="starts too late (s)")
+        )
+    return findings
+
+
+# ------------------------------------------------------------------------------------------ the whole
+
+
+def check(
+    path: Trajectory,
+    snapshot: Snapshot,
+    limits: Limits,
+    demand: Demand,
+    thresholds: Thresholds,
+    points_per_step: int = 500,
+) -> Judged:
+    """`checking`, run to its end at once."""
+    steps = checking(path, snapshot, limits, demand, thresholds, points_per_step)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stop:
+            judged: Judged = stop.value
+            return judged
+
+
+def checking(
+    path: Trajectory,
+    snapshot: Snapshot,
+    limits: Limits,
+    demand: Demand,
+    thresholds: Thresholds,
+    points_per_step: int = 500,
+) -> Generator[None, None, Judged]:
+    """Judge `path` by every rule of submit time; yields after each slice of at most `points_per_step` points.
+
+    With a start in the future `snapshot.reference` must be the one expected then.
+    """
+    count = len(limits.lower)
+    shape = wellformed(path, count, thresholds.max_points, thresholds.max_duration, thresholds.min_dt)
+    chosen = np.ones(count, np.bool_) if shape else path.commanded
+    admission = admit(snapshot, chosen, thresholds)
+    refusals = [*admission.refusals, *_asked(demand, thresholds), *shape]
+    busy = [Finding(Code.BUSY, message="one trajectory runs and one waits; cancel or wait")] * snapshot.busy
+    if shape:
+        verdict = Verdict((*refusals, *busy), admission.warnings)
+        return Judged(verdict, path, splines.hold(snapshot.reference.position))
+    before = _known(path, snapshot.reference)
+    changes: list[Finding] = []
+    if demand.append_stop:
+        path, changes = retime.with_stop(path, limits, thresholds)
+    spots = yield from _judging(path, before, limits, thresholds, points_per_step)
+    if demand.policy == "retime" and _slower_heals(spots):
+        slower = yield from _stretching(path, spots, before, limits, thresholds, points_per_step)
+        if slower is not None:
+            path, spots, factor = slower
+            reason = "the whole path slowed down by this factor"
+            changes.append(Finding(Code.RETIMED, value=factor, bound=1.0, message=reason))
+    refusals += _worst(spots, Code.POS_LIMIT)
+    refusals += _start_jump(path, snapshot.reference, limits, thresholds)
+    refusals += [finding for code in CURVE for finding in _worst(spots, code)]
+    refusals += [*_end(path, thresholds), *busy]
+    warnings = (*admission.warnings, *_worst(spots, Code.JERK_LIMIT))
+    with np.errstate(all="ignore"):
+        curve = splines.interpolate(path, before)
+    return Judged(Verdict(tuple(refusals), warnings, tuple(changes)), path, curve)
+
+
+Spots = dict[tuple[Code, int], Spot]  # the worst place of each joint by each rule
+
+
+def _judging(
+    path: Trajectory, before: Reference, limits: Limits, thresholds: Thresholds, step: int
+) -> Generator[None, None, Spots]:
+    """The rules on the curve, a slice at a time. `before` is finite in the commanded joints."""
+    subject = _subject(path, before, limits)
+    found = start(subject, thresholds)
+    segments = len(subject.knots.time) - 1
+    if segments == 0:  # a single point at t = 0 is a place to hold
+        still = replace(subject.knots, time=np.array([0.0, 1.0]), velocity=None, acceleration=None)
+        still = replace(still, position=np.repeat(still.position, 2, axis=0))
+        found += judge(replace(subject, knots=still), 0, 1, subject.limits, thresholds)
+    i, outside = 0, relaxed(subject)
+    while i < segments:
+        j = min(i + step, segments) if outside is None else i + 1
+        found += judge(subject, i, j, outside or subject.limits, thresholds)
+        i, outside = j, None
+        yield
+    worst: Spots = {}
+    for spot in found:
+        key = (spot.finding.code, spot.finding.joint or 0)
+        if key not in worst or spot.score > worst[key].score:
+            worst[key] = spot
+    return worst
+
+
+def _stretching(
+    path: Trajectory, spots: Spots, before: Reference, limits: Limits, thresholds: Thresholds, step: int
+) -> Generator[None, None, tuple[Trajectory, Spots, float] | None]:
+    """The smallest uniform stretch after which nothing is too fast; None where there is none.
+
+    From rest the first guess is the answer. A moving reference does not slow down with the path, so the guess
+    is corrected by judging again.
+    """
+    factor = 1.0
+    for _ in range(retime.ROUNDS):
+        factor *= retime.needed(spot.finding for spot in spots.values())
+        if not path.time[-1] * factor <= thresholds.max_duration:
+            return None
+        slower = path.stretched(factor)
+        spots = yield from _judging(slower, before, limits, thresholds, step)
+        if not any(code is not Code.JERK_LIMIT for code, _ in spots):
+            return slower, spots, factor
+        if not _slower_heals(spots):
+            return None
+    return None
+
+
+def _slower_heals(spots: Spots) -> bool:
+    """Something is too fast, and nothing is out of place: a place is never healed by time."""
+    codes = {code for code, _ in spots}
+    return bool(codes & set(CURVE)) and Code.POS_LIMIT not in codes
+
+
+def _subject(path: Trajectory, before: Reference, limits: Limits) -> Subject:
+    """The commanded joints alone."""
+    joints = np.flatnonzero(path.commanded)
+    knots, velocity = splines.knots(path, before), before.velocity
+    if len(joints) < len(path.commanded):
+        rows = (knots.velocity, knots.acceleration)
+        thin = [None if given is None else given[:, joints] for given in rows]
+        knots = splines.Knots(knots.time, knots.position[:, joints], *thin)
+        limits, velocity = some(limits, joints), velocity[joints]
+    return Subject(knots, joints, limits, velocity, len(knots.time) - len(path.time))
+
+
+def _known(path: Trajectory, reference: Reference) -> Reference:
+    """The reference with what is unknown filled in, so that the rest of the path can be judged.
+
+    An unknown place is refused by S18 in any case.
+    """
+    position = np.where(np.isfinite(reference.position), reference.position, path.position[0])
+    rates = (np.where(np.isfinite(rate), rate, 0.0) for rate in (reference.velocity, reference.acceleration))
+    return Reference(position, *rates)
+
+
+def _start_jump(
+    path: Trajectory, reference: Reference, limits: Limits, thresholds: Thresholds
+) -> list[Finding]:
+    """S18."""
+    with np.errstate(all="ignore"):
+        jump = np.abs(path.position[0] - reference.position)
+        bound = thresholds.start_jump + limits.velocity * path.time[0]
+    rates = np.isfinite(reference.velocity) & np.isfinite(reference.acceleration)
+    findings = []
+    for joint in np.flatnonzero(path.commanded & ~(rates & (jump <= bound))):
+        known = bool(rates[joint]) and bool(np.isfinite(reference.position[joint]))
+        reason = (
+            "from the reference to the first point" if known else "the reference of this joint is unknown"
+        )
+        value, most = float(jump[joint]), float(bound[joint])
+        findings.append(Finding(Code.START_JUMP, int(joint), 0, float(path.time[0]), value, most, reason))
+    return findings
+
+
+def _end(path: Trajectory, thresholds: Thresholds) -> list[Finding]:
+    """S22. Positions alone end at rest: there the corner of the last line is judged (S20)."""
+    if path.velocity is None:
+        return []
+    last, bound = np.abs(path.velocity[-1]), thresholds.end_velocity
+    reason = "still moving at the last point; end at rest or ask for append_stop"
+    point, t = len(path.time) - 1, float(path.time[-1])
+    return [
+        Finding(Code.END_NOT_AT_REST, int(joint), point, t, float(last[joint]), bound, reason)
+        for joint in np.flatnonzero(path.commanded & ~(last <= bound))
+    ]
+
+
+def _worst(spots: Spots, code: Code) -> Iterable[Finding]:
+    """The findings of one code, worst joint first."""
+    chosen = sorted((spot for (kind, _), spot in spots.items() if kind is code), key=lambda spot: -spot.score)
+    return [spot.finding for spot in chosen[:MOST]]

@@ -1,0 +1,59 @@
+"""What the gate may change, and then says so: slow a path down (policy `retime`), bring it to rest (S22)."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+
+from twind.robot.finding import Code, Finding
+from twind.robot.limits import Limits
+from twind.robot.trajectory import Trajectory
+from twind.safety.rules import Thresholds
+
+ROUNDS = 8  # guesses of the factor; from rest the first one holds
+NUDGE = 1e-9  # relative: keeps a factor that is exact on paper on the right side of rounding
+
+
+def needed(findings: Iterable[Finding]) -> float:
+    """The stretch that heals every finding by itself: speeds fall with it, accelerations with its square."""
+    factor = 1.0
+    for finding in findings:
+        value, bound = finding.value, finding.bound
+        if value is None or bound is None or finding.code not in _POWER:
+            continue
+        ratio = value / bound if bound > 0.0 else float("inf")
+        factor = max(factor, ratio if _POWER[finding.code] == 1 else sqrt(ratio)) if ratio == ratio else ratio
+    return factor * (1.0 + NUDGE)
+
+
+_POWER = {Code.VEL_LIMIT: 1, Code.BRAKE_DISTANCE: 1, Code.ACC_LIMIT: 2}
+
+
+def with_stop(path: Trajectory, limits: Limits, thresholds: Thresholds) -> tuple[Trajectory, list[Finding]]:
+    """`path` with a ramp to rest after its last point, and the finding that says so; unchanged if at rest.
+
+    All joints stop together, each with constant deceleration, the hardest pressed one at its limit (at half
+    of it where accelerations are given, because a quintic peaks higher). The ramp is judged like the rest.
+    """
+    if path.velocity is None:
+        return path, []
+    v = np.where(path.commanded, path.velocity[-1], 0.0)
+    if np.all(np.abs(v) <= thresholds.end_velocity):
+        return path, []
+    share = 1.0 if path.acceleration is None else 0.5
+    with np.errstate(all="ignore"):
+        pressed = np.where(path.commanded, np.abs(v) / (share * limits.acceleration), 0.0)
+        T = max(float(np.max(pressed)) * (1.0 + NUDGE), thresholds.min_dt)
+        end = path.position[-1] + 0.5 * v * T
+    still = np.zeros((1, len(v)))
+    stopped = replace(
+        path,
+        time=np.append(path.time, path.time[-1] + T),
+        position=np.vstack([path.position, end]),
+        velocity=np.vstack([path.velocity, still]),
+        acceleration=None if path.acceleration is None else np.vstack([path.acceleration, still]),
+    )
+    reason = "a ramp to rest of this many seconds follows the last point"
+    place, t = len(path.time) - 1, float(path.time[-1])
+    return stopped, [Finding(Code.STOP_APPENDED, point=place, time=t, value=T, message=reason)]
