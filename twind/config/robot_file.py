@@ -152,7 +152,7 @@ def _type(name: str, parent: Section) -> TypeSpec:
         mode=mode,
         return_delay_us=delay,
         ticks_per_turn=section.integer("ticks_per_turn", 4096, least=256, most=2**24),
-        gains=_gains(section.section("gains")) if section.has("gains") else None,
+        gains=_gains(section.section("gains")),
         torque_constant_nm_per_a=section.number("torque_constant_nm_per_a", math.nan, above=0.0, most=1e3),
         current_lsb_a=section.number("current_lsb_a", CURRENT_LSB, above=0.0, most=1.0),
         velocity_lsb_rad_s=section.number("velocity_lsb_rad_s", VELOCITY_LSB, above=0.0, most=1.0),

@@ -37,7 +37,7 @@ class TypeSpec:
     mode: str  # `position`
     return_delay_us: int
     ticks_per_turn: int
-    gains: Gains | None  # None: left as the servo has them
+    gains: Gains
     torque_constant_nm_per_a: float  # NaN: effort unknown
     current_lsb_a: float
     velocity_lsb_rad_s: float

@@ -1,0 +1,60 @@
+"""The cycle of every bus of a robot at a rate: bytes, µs, Hz reachable; or a refusal."""
+
+from dataclasses import dataclass
+
+from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind.config.section import file_error
+from twind_drivers.dynamixel.budget import Budget, budget
+
+
+@dataclass(frozen=True, slots=True)
+class BusBudget:
+    """One bus at one rate. `plain` is what every servo can do, `fast` needs newer firmware."""
+
+    bus: BusSpec
+    count: int
+    rate_hz: float
+    plain: Budget
+    fast: Budget
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the rate is out of reach even with fast reads; None: it is not."""
+        why = self.fast.refusal(self.rate_hz)
+        return None if why is None else f"bus {self.bus.name}: {why}"
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """For people: one line per way of reading, then the arithmetic of the slower one."""
+        head = f"bus {self.bus.name}: {self.count} servos at {self.bus.baud} baud, {self.rate_hz:g} Hz wanted"
+        rows = [
+            f"  {name}: {each.bytes} bytes, {each.seconds * 1e6:.0f} us, up to {each.reachable_hz:.0f} Hz"
+            for name, each in (("sync read", self.plain), ("fast sync read", self.fast))
+        ]
+        return (head, *rows, *(f"    {line}" for line in self.plain.lines))
+
+
+def budgets(robot: RobotFile, rate_hz: float) -> tuple[BusBudget, ...]:
+    """The cycle of every bus: goals, reading, upkeep and the adapter's latency. Without joints: none."""
+    joints = {bus.name: [joint for joint in robot.joints if joint.bus == bus.name] for bus in robot.buses}
+    return tuple(_budget(bus, joints[bus.name], rate_hz) for bus in robot.buses if joints[bus.name])
+
+
+def require_rate(robot: RobotFile, rate_hz: float) -> tuple[BusBudget, ...]:
+    """`budgets`, every one within reach. Raises ConfigError with the arithmetic of the first that is not."""
+    found = budgets(robot, rate_hz)
+    for each in found:
+        if each.refusal is not None:
+            raise file_error(str(robot.path), each.refusal)
+    return found
+
+
+def _budget(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> BusBudget:
+    delay = max(joint.type.return_delay_us for joint in joints)
+    latency = bus.latency_timer_ms * 1e-3
+    # A reply that does not fill the adapter's buffer ends on its latency timer: one period at most.
+    plain, fast = (
+        budget(len(joints), bus.baud, fast=way, return_delay_us=delay, upkeep_hz=rate_hz, usb_s=latency)
+        for way in (False, True)
+    )
+    return BusBudget(bus, len(joints), rate_hz, plain, fast)

@@ -1,0 +1,200 @@
+"""Settings of the daemon, `twind.yaml`: file first, then the command line over it. Unknown keys are errors.
+
+As root everything stands in /etc, /var/lib and /run; without root where the XDG variables say.
+"""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from twind.config.located import parse, read_text
+from twind.config.section import Plain, Section, file_error
+
+MODES = ("sim", "mirror", "live")
+LEVELS = ("debug", "info", "warning", "error")
+LATENCY_WARN_MS, LATENCY_BLOCK_MS = 50.0, 100.0  # design 6.4; a file may only tighten them
+COMMAND_LINE = "command line"
+
+_NAME = re.compile(r"[a-z0-9_-]{1,64}$")
+_PER_BUS = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.+)$")
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """The folders of one installation."""
+
+    config: Path
+    state: Path
+    sockets: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What the daemon was told. Paths are absolute or relative to where it was started."""
+
+    mode: str
+    robot: str  # name or path
+    individual: str | None  # whose calibration; None: the robot's name
+    calibration: Path | None  # None: the individual's, below `state_dir`
+    ports: Mapping[str, str]  # by bus; "" is a port given without a bus, for robots that have one
+    rate_hz: float | None  # None: as the robot file says
+    socket_dir: Path
+    state_dir: Path
+    robot_folders: tuple[Path, ...]  # where a robot is looked up by name, before the built-in ones
+    latency_warn_ms: float
+    latency_block_ms: float
+    log_level: str
+    source: str = field(default="defaults")  # the file they came from
+
+    def override(
+        self,
+        *,
+        mode: str | None = None,
+        robot: str | None = None,
+        calibration: str | None = None,
+        socket: str | None = None,
+        rate_hz: float | None = None,
+        ports: Sequence[str] = (),
+    ) -> "Settings":
+        """The same with what the command line gives; None and () leave what is there. Raises ConfigError."""
+        if mode is not None and mode not in MODES:
+            raise file_error(COMMAND_LINE, f"--mode {mode} is none of {', '.join(MODES)}")
+        if rate_hz is not None and not 10.0 <= rate_hz <= 1000.0:
+            raise file_error(COMMAND_LINE, f"--rate {rate_hz:g} is outside 10 to 1000 Hz")
+        return replace(
+            self,
+            mode=mode or self.mode,
+            robot=robot or self.robot,
+            calibration=Path(calibration) if calibration else self.calibration,
+            ports={**self.ports, **_command_line_ports(ports)},
+            rate_hz=self.rate_hz if rate_hz is None else rate_hz,
+            socket_dir=Path(socket) if socket else self.socket_dir,
+        )
+
+    def calibration_path(self, robot_name: str) -> Path | None:
+        """The file to load; None where none was named and the individual has none yet."""
+        if self.calibration is not None:
+            return self.calibration
+        path = self.state_dir / "calibration" / f"{self.individual or robot_name}.yaml"
+        return path if path.exists() else None
+
+    def parameters(self) -> dict[str, Plain]:
+        """What `GetParameters` shows."""
+        return {
+            "mode": self.mode,
+            "robot": self.robot,
+            "individual": self.individual,
+            "rate_hz": self.rate_hz,
+            "latency_warn_ms": self.latency_warn_ms,
+            "latency_block_ms": self.latency_block_ms,
+            "log_level": self.log_level,
+            "source": self.source,
+        }
+
+
+def places(environ: Mapping[str, str], uid: int) -> Places:
+    """Where configuration, state and sockets stand for this user. systemd's STATE_DIRECTORY wins."""
+    if uid == 0:
+        found = Places(Path("/etc/twind"), Path("/var/lib/twind"), Path("/run/twind"))
+    else:
+        home = Path(environ.get("HOME") or "/")
+        config = Path(environ.get("XDG_CONFIG_HOME") or home / ".config")
+        state = Path(environ.get("XDG_STATE_HOME") or home / ".local/state")
+        sockets = Path(environ.get("XDG_RUNTIME_DIR") or state / "twind")  # no session: beside the state
+        found = Places(config / "twind", state / "twind", sockets / "twind")
+    if state_directory := environ.get("STATE_DIRECTORY"):
+        found = replace(found, state=Path(state_directory.partition(":")[0]))
+    return found
+
+
+def load_settings(
+    path: Path | None, environ: Mapping[str, str] | None = None, uid: int | None = None
+) -> Settings:
+    """Settings of `path`, which must be there; of the usual place where `path` is None, or else the defaults.
+
+    Raises ConfigError.
+    """
+    where = places(os.environ if environ is None else environ, os.geteuid() if uid is None else uid)
+    usual = where.config / "twind.yaml"
+    if path is None and not usual.exists():
+        return _defaults(where)
+    file = usual if path is None else path
+    return _read(read_text(file), str(file), where)
+
+
+def _defaults(where: Places) -> Settings:
+    return Settings(
+        mode="mirror",
+        robot="h24",
+        individual=None,
+        calibration=None,
+        ports={},
+        rate_hz=None,
+        socket_dir=where.sockets,
+        state_dir=where.state,
+        robot_folders=(where.config / "robots",),
+        latency_warn_ms=LATENCY_WARN_MS,
+        latency_block_ms=LATENCY_BLOCK_MS,
+        log_level="info",
+    )
+
+
+def _read(text: str, file: str, where: Places) -> Settings:
+    top, usual = Section(file, parse(text, file)), _defaults(where)
+    folder = Path(file).parent
+    if top.has("individual") and not _NAME.match(top.text("individual")):
+        raise top.refuse("individual", f"{top.text('individual')!r}: use 1 to 64 of a-z, 0-9, _ and -")
+    ports = top.section("ports")
+    thresholds = top.section("thresholds")
+    warn = thresholds.number("latency_warn_ms", LATENCY_WARN_MS, above=0.0, most=LATENCY_WARN_MS)
+    block = thresholds.number("latency_block_ms", LATENCY_BLOCK_MS, above=0.0, most=LATENCY_BLOCK_MS)
+    if block < warn:
+        raise thresholds.refuse("latency_block_ms", f"{block:g} is below latency_warn_ms, {warn:g}")
+    thresholds.close()
+    settings = Settings(
+        mode=top.text("mode", usual.mode, MODES),
+        robot=_robot(top.text("robot", usual.robot), folder),
+        individual=top.text("individual") if top.has("individual") else None,
+        calibration=folder / top.text("calibration") if top.has("calibration") else None,
+        ports={bus: _port(ports, bus) for bus in ports},
+        rate_hz=top.number("rate_hz", least=10.0, most=1000.0) if top.has("rate_hz") else None,
+        socket_dir=Path(top.text("sockets", str(usual.socket_dir))),
+        state_dir=Path(top.text("state_dir", str(usual.state_dir))),
+        robot_folders=tuple(dict.fromkeys((folder / "robots", *usual.robot_folders))),
+        latency_warn_ms=warn,
+        latency_block_ms=block,
+        log_level=top.text("log_level", usual.log_level, LEVELS),
+        source=file,
+    )
+    top.close()
+    return settings
+
+
+def _robot(name: str, folder: Path) -> str:
+    """A name stays; the path of a file is meant beside the settings."""
+    return name if _NAME.match(name) else str(folder / name)
+
+
+def _port(section: Section, bus: str) -> str:
+    port = section.text(bus)
+    if port.startswith("can:"):
+        raise section.refuse(bus, f"{port}: CAN ports are not supported by this version yet")
+    return port
+
+
+def _command_line_ports(ports: Sequence[str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for given in ports:
+        match = _PER_BUS.match(given)
+        bus, port = (match[1], match[2]) if match else ("", given)
+        if not port:
+            raise file_error(COMMAND_LINE, "--port is empty: give a device, or BUS=device")
+        if port.startswith("can:"):
+            raise file_error(COMMAND_LINE, f"--port {given}: CAN ports are not supported by this version yet")
+        if bus in found:
+            again = f"for bus {bus} " if bus else ""
+            raise file_error(COMMAND_LINE, f"--port is given {again}twice: {found[bus]} and {port}")
+        found[bus] = port
+    return found
