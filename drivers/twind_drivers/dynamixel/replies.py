@@ -57,6 +57,23 @@ def _fits(ids: Sequence[int], expected: int) -> None:
         )
 
 
+def _row(stride: int) -> np.dtype[np.void]:
+    """One status as a record: its first 8 bytes as one number, the error byte, the CRC."""
+    fields: Any = {
+        "names": ["head", "error", "crc"],
+        "formats": ["<u8", "u1", "<u2"],
+        "offsets": [0, 8, stride - 2],
+        "itemsize": stride,
+    }
+    row: np.dtype[np.void] = np.dtype(fields)
+    return row
+
+
+def _status_head(id: int, size: int) -> bytes:
+    """The first 8 bytes of a status of `size` data bytes."""
+    return HEADER + bytes((id,)) + (size + 4).to_bytes(2, "little") + bytes((STATUS,))
+
+
 class PlainReply:
     """One status per device, `size` data bytes each: of a sync read, or of anything sent to one device.
 
@@ -72,13 +89,7 @@ class PlainReply:
         self._bytes = bytearray(CAPACITY)
         self._view = memoryview(self._bytes)
         self._rows = np.frombuffer(self._bytes, np.uint8, self.expected).reshape(len(ids), stride)
-        layout = {
-            "names": ["head", "error", "crc"],
-            "formats": ["<u8", "u1", "<u2"],
-            "offsets": [0, 8, stride - 2],
-        }
-        row: Any = np.dtype({**layout, "itemsize": stride})
-        self._records = np.frombuffer(self._bytes, row, len(ids))
+        self._records = np.frombuffer(self._bytes, _row(stride), len(ids))
         self._head = np.frombuffer(b"".join(_status_head(id, size) for id in ids), "<u8")
         self._crc = Crc(stride - 2)
         self._index = {id: place for place, id in enumerate(ids)}
@@ -145,7 +156,7 @@ class PlainReply:
         return bool(self.answered.all())
 
     def _accept(self, packet: Packet) -> None:
-        """The exact id and length of this request, once; an error may come without data. All else is stray."""
+        """The exact id and length of this request, once; an error may come without data. Else stray."""
         place = self._index.get(packet.id)
         whole = len(packet.data) == self.size
         refused = not packet.data and packet.error & 0x7F != 0

@@ -72,6 +72,7 @@ class Table:
     model: str  # "XM430-W350"
     stem: str  # the vendor's file: "xm430_w350"
     fields: Mapping[str, Field]  # by key
+    writable: frozenset[int]  # addresses
 
     def __getitem__(self, name: str) -> Field:
         """A register by its name, in either spelling. Raises KeyError that lists the near names."""
@@ -131,7 +132,9 @@ def table(number: int, firmware: int = 0) -> Table:
         (key := snake(name)): Field(name, key, address, size, address < ram, rule(stem, key))
         for name, address, size in rows
     }
-    return Table(number, _model(_index()[number]), stem, MappingProxyType(fields))
+    spans = (range(each.address, each.end) for each in fields.values() if each.rule.writable)
+    writable = frozenset(address for span in spans for address in span)
+    return Table(number, _model(_index()[number]), stem, MappingProxyType(fields), writable)
 
 
 @cache
