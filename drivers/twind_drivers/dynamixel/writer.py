@@ -21,7 +21,7 @@ from twind_drivers.bus import (
     Write,
 )
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.bus import DynamixelReader
+from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.goals import GoalPacket
 from twind_drivers.dynamixel.layout import Block
 from twind_drivers.dynamixel.line import Exchange
