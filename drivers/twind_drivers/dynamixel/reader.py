@@ -31,7 +31,7 @@ from twind_drivers.dynamixel.layout import layout_of
 from twind_drivers.dynamixel.line import Exchange, Line
 from twind_drivers.dynamixel.replies import Expected, FastReply, PlainReply
 from twind_drivers.dynamixel.slow import SlowRegisters
-from twind_drivers.dynamixel.tables import Table
+from twind_drivers.dynamixel.tables import Table, table
 
 CYCLIC = np.dtype([("effort", "<i2"), ("velocity", "<i4"), ("position", "<i4")])
 CALM = 10  # whole plain cycles in a row before the fast read is tried again
@@ -46,24 +46,26 @@ class DynamixelReader:
         name: str,
         transport: Transport,
         ids: Sequence[int],
-        tables: Sequence[Table],
+        models: Sequence[int],
         *,
         baud: int,
         return_delay_us: float,
         fast: bool | None = None,
-        upkeep_hz: float = 100.0,
+        rate_hz: float = 100.0,
         slack: float = 0.002,
     ) -> None:
-        """`tables`: control table of each id. `fast`: use the fast sync read; None: what `identify` finds.
+        """`models`: model number of each id. `fast`: use the fast sync read; None: what `identify` finds.
 
-        `return_delay_us`: the longest of the devices. `upkeep_hz`: how often the loop calls. `slack` (s):
-        what a reply may take beyond its wire time. Raises ValueError for mixed layouts or ids given twice.
+        `return_delay_us`: the longest of the devices. `rate_hz`: how often the loop calls. `slack` (s):
+        what a reply may take beyond its wire time. Raises ValueError for mixed layouts or ids
+        given twice, KeyError for an unknown model.
         """
-        if len(ids) != len(tables) or len(set(ids)) != len(ids):
+        if len(ids) != len(models) or len(set(ids)) != len(ids):
             raise ValueError(
-                f"{name}: {len(ids)} distinct ids need as many tables, got {list(ids)}, {len(tables)}"
+                f"{name}: {len(ids)} distinct ids need as many models, got {list(ids)}, {len(models)}"
             )
         self.name, self.ids, self.transport = name, tuple(ids), transport
+        tables = [table(number) for number in models]
         self.tables: dict[int, Table] = dict(zip(self.ids, tables, strict=True))
         self.layout = layout_of(tables)
         self.line = Line(name, transport, baud=baud, return_delay_s=return_delay_us * 1e-6, slack=slack)
@@ -73,7 +75,7 @@ class DynamixelReader:
         self._plain = _group(packet.sync_read, PlainReply(self.ids, block.size), block.address, len(ids))
         self._fast = _group(packet.fast_sync_read, FastReply(self.ids, block.size), block.address, 1)
         self._calm = 0  # plain cycles still to come before the fast read is trusted again
-        self.slow = SlowRegisters(self.ids, tables, self.layout, upkeep(len(ids), upkeep_hz))
+        self.slow = SlowRegisters(self.ids, tables, self.layout, upkeep(len(ids), rate_hz))
         self.registers: Registers = self.slow.registers
         self._slices: dict[Query, Exchange] = {query: self._exchange(query) for query in self.slow.queries}
         self._query: Request | None = None

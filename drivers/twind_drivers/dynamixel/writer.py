@@ -5,7 +5,7 @@ words inside the raw range.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from twind_drivers.bus import (
     Burst,
@@ -21,10 +21,10 @@ from twind_drivers.bus import (
     Write,
 )
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.goals import GoalPacket
 from twind_drivers.dynamixel.layout import Block
 from twind_drivers.dynamixel.line import Exchange
+from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.replies import PlainReply
 
 BOOT_ATTEMPTS = 300  # pings after a reboot before we give up: 3 s at 100 Hz
@@ -40,8 +40,7 @@ ELSEWHERE = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Gains:
+class Gains(NamedTuple):
     """Position loop gains, raw; None: the model's default."""
 
     p: int | None = None
@@ -58,10 +57,11 @@ class DynamixelWriter:
         *,
         lower: Ints,
         upper: Ints,
-        gains: Gains | Sequence[Gains] = Gains(),
+        gains: Sequence[tuple[int | None, int | None, int | None]] | None = None,
         watchdog: int = 5,
     ) -> None:
-        """`lower`, `upper` (m,): goals in ticks that may ever be sent. `watchdog`: x 20 ms, 1..127.
+        """`lower`, `upper` (m,): goals in ticks that may ever be sent. `gains` (m): P, I, D each;
+        None: the models' defaults. `watchdog`: x 20 ms, 1..127.
 
         Raises ValueError: bounds of the wrong shape, watchdog off, a gain without a known default.
         """
@@ -71,7 +71,7 @@ class DynamixelWriter:
         self._name, self._ids = reader.name, reader.ids
         self._goals = GoalPacket(reader.name, reader.ids, self._layout.goal, lower, upper)
         self._watchdog = bytes((watchdog,))
-        each = [gains] * len(self._ids) if isinstance(gains, Gains) else list(gains)
+        each = [Gains()] * len(self._ids) if gains is None else [Gains(*one) for one in gains]
         self._gains = {id: self._gain_bytes(id, wanted) for id, wanted in zip(self._ids, each, strict=True)}
         self._off = packet.sync_write(self._layout.torque.address, dict.fromkeys(self._ids, b"\0"))
 
