@@ -223,7 +223,10 @@ class Reader(Protocol):
     ids: tuple[int, ...]
     transport: Transport
     registers: Registers
-    deadline: float  # s, of the outstanding transaction
+
+    @property
+    def deadline(self) -> float:
+        """When the outstanding transaction ends at the latest, s."""
 
     def request(self, now: float) -> None:
         """Begin the cyclic reading: pending goals and the read request leave in one write."""
