@@ -1,1 +1,1 @@
-"""Virtual devices that speak the real protocols: registers, wire timing, faults, muscles in raw units."""
+"""Virtual servos that speak the real protocol: registers, rules, wire timing, faults; and their muscles."""

@@ -1,0 +1,223 @@
+"""A virtual bus: bytes from the host in, bytes of the servos out when their time has come.
+
+Requests that come again and again take a short way: the same sync read, goals by sync write. Everything else
+goes through the framer to `instructions`. Not simulated: factory reset, clear, backup (error 2), shadow ids,
+indirect registers (undefined, error 7), collisions on the wire.
+"""
+
+from collections.abc import Sequence
+from itertools import accumulate, groupby
+from typing import Any
+
+import numpy as np
+
+from twind_drivers.dynamixel.crc import crc16
+from twind_drivers.dynamixel.packet import HEADER, PATTERN, Framer, Instruction, Packet, fast_status, status
+from twind_drivers.virtual.faults import Faults
+from twind_drivers.virtual.group import FastGroup, PlainGroup
+from twind_drivers.virtual.instructions import Answer, Answers, Instructions
+from twind_drivers.virtual.muscles import Muscles
+from twind_drivers.virtual.servos import Servos, ServoSpec
+from twind_drivers.virtual.wire import Wire
+
+REMEMBERED = 256  # requests
+Group = PlainGroup | FastGroup
+
+
+class VirtualBus:
+    """m servos on one wire. Time (s) is an argument and never goes back."""
+
+    def __init__(
+        self,
+        name: str,
+        servos: Sequence[ServoSpec],
+        muscles: Muscles,
+        *,
+        baud: int = 2_000_000,
+        wire_timing: bool = True,
+        now: float = 0.0,
+        keep_goal: bool = True,
+    ) -> None:
+        """`baud` is the line's; a servo whose own baud register differs hears and says nothing."""
+        self.name = name
+        self.servos = Servos(servos, muscles, now=now, keep_goal=keep_goal)
+        self._wire = Wire(baud, timing=wire_timing)
+        self.faults = Faults(name, self.servos, self._wire)
+        self._framer = Framer(status=False, broken=True)
+        self._groups: dict[bytes, Group] = {}
+        self._goal_rows: dict[bytes, tuple[Any, Any] | None] = {}
+        self._places: dict[int, list[int]] = {}  # id -> rows that listen
+        self._instructions = Instructions(self.servos, self._places)
+        self._epoch = -1
+        self._goal_span = self.servos.registers.goal_span()
+        self.line(baud)
+
+    @property
+    def plugged(self) -> bool:
+        """Is the adapter there?"""
+        return self.faults.plugged
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Bytes from the host, sent at `now`."""
+        place = 0
+        while place < len(data) and self.plugged:
+            size = self._whole(data, place)
+            chunk = data[place : place + size] if size else data[place:]
+            at = self._wire.hear(len(chunk), now)
+            if not (size and self._known(chunk, at)):
+                for packet in self._framer.feed(chunk):
+                    self._packet(packet, at, chunk)
+            place += len(chunk)
+
+    def due(self) -> float:
+        """When the next answer is complete, s; `inf`: none is under way."""
+        return self._wire.due()
+
+    def take(self, now: float) -> bytes:
+        """Bytes of the servos that have arrived by `now`."""
+        return self._wire.take(now)
+
+    def advance(self, now: float) -> None:
+        """Let time pass without traffic: muscles, watchdogs, boots."""
+        self.servos.advance(now)
+
+    def line(self, baud: int) -> None:
+        """The host's port is set to `baud`. Raises ValueError for a rate that is none."""
+        if baud <= 0:
+            raise ValueError(f"bus {self.name}: {baud} baud is not a rate")
+        if baud != self.servos.baud:
+            self._wire.baud = self.servos.baud = baud
+            self.servos.changed()
+
+    # --------------------------------------------------------------------------------- the short way
+
+    def _whole(self, data: bytes, place: int) -> int:
+        """Size of the packet that begins at `place` and is whole; 0: the framer must look."""
+        if len(self._framer) or not data.startswith(HEADER, place) or len(data) < place + 10:
+            return 0
+        size = (data[place + 5] | data[place + 6] << 8) + 7
+        return size if size >= 10 and place + size <= len(data) else 0
+
+    def _known(self, packet: bytes, at: float) -> bool:
+        """Serve a packet that needs no parsing; False: it is not one of those."""
+        servos = self.servos
+        servos.advance(at)
+        self._recall()
+        group = self._groups.get(packet)
+        if group is not None:
+            servos.feed(at)
+            return self._answer_group(group, at)
+        if packet[7] != Instruction.SYNC_WRITE or packet[8:12] != self._goal_span:
+            return False
+        if (len(packet) - 14) % 5 or packet.find(PATTERN, 8) >= 0:
+            return False
+        if crc16(packet[:-2]) != packet[-2] | packet[-1] << 8:
+            return False
+        table = np.frombuffer(packet, np.uint8, len(packet) - 14, 12).reshape(-1, 5)
+        plan = self._plan_goals(table[:, 0].tobytes())
+        if plan is None:
+            return False
+        rows, here = plan
+        servos.feed(at)
+        servos.aim(table[:, 1:].copy().view("<i4")[:, 0][here], rows)
+        return True
+
+    def _recall(self) -> None:
+        """Forget what was worked out before the servos changed."""
+        if self.servos.epoch == self._epoch and len(self._groups) <= REMEMBERED:
+            return
+        self._epoch = self.servos.epoch
+        self._groups.clear()
+        self._goal_rows.clear()
+        self._places.clear()
+        for row, id in enumerate(self.servos.registers.ids()):
+            if self.servos.listening[row]:
+                self._places.setdefault(id, []).append(row)
+
+    def _plan_goals(self, ids: bytes) -> tuple[Any, Any] | None:
+        """Rows that a sync write names, and which of its own they are; None where an id is not unique."""
+        if ids not in self._goal_rows and len(self._goal_rows) < REMEMBERED:
+            found = [(place, self._places[id]) for place, id in enumerate(ids) if id in self._places]
+            single = len(set(ids)) == len(ids) and all(len(rows) == 1 for _, rows in found)
+            here = slice(None) if len(found) == len(ids) else np.array([place for place, _ in found], np.intp)
+            rows = self.servos.registers.selection([rows[0] for _, rows in found])
+            self._goal_rows[ids] = (rows, here) if single else None
+        return self._goal_rows.get(ids)
+
+    def _answer_group(self, group: Group, at: float) -> bool:
+        """False when an answer needs stuffing: then it goes the long way."""
+        self.servos.settle(at)
+        data = group.data()
+        if data is None:
+            return False
+        if self.faults.active:
+            starts = [0, *group.cuts[:-1]]
+            self._send(group.ends, [data[a:b] for a, b in zip(starts, group.cuts, strict=True)])
+        else:
+            self._wire.say(group.ends, group.cuts, data)
+        return True
+
+    def _remember(self, packet: Packet, answers: Answers, chunk: bytes) -> None:
+        """Keep a sync read that all of one row per id answered soundly, for the short way."""
+        params, rows = packet.params, [answer.row for answer in answers.statuses]
+        ids = bytes(self.servos.registers.id_of(row) for row in rows)
+        sound = rows and not any(answer.error for answer in answers.statuses) and len(set(rows)) == len(rows)
+        whole = chunk.startswith(HEADER) and len(chunk) == len(params) + 10
+        if not (sound and whole and params[4:].startswith(ids) and self._talk(answers) == answers.statuses):
+            return
+        span = (int.from_bytes(params[:2], "little"), int.from_bytes(params[2:4], "little"))
+        if answers.promised:
+            asked = len(params) - 4
+            self._groups[chunk] = FastGroup(self.servos, self._wire, rows, ids, span, asked)
+        elif len(ids) == len(params) - 4:
+            self._groups[chunk] = PlainGroup(self.servos, self._wire, rows, ids, span)
+
+    # --------------------------------------------------------------------------------- the long way
+
+    def _packet(self, packet: Packet, at: float, chunk: bytes) -> None:
+        servos = self.servos
+        servos.advance(at)
+        self._recall()
+        if packet.intact:
+            servos.feed(at)
+        answers = self._instructions.obey(packet, at)
+        self._answer(answers)
+        if packet.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ) and packet.intact:
+            self._remember(packet, answers, chunk)
+        elif packet.instruction not in (Instruction.PING, Instruction.READ) and packet.intact:
+            servos.changed()
+
+    def _talk(self, answers: Answers) -> list[Answer]:
+        return [each for each in answers.statuses if self.servos.registers.level(each.row) >= answers.level]
+
+    def _answer(self, answers: Answers) -> None:
+        talk = self._talk(answers)
+        if not talk:
+            return
+        if answers.promised:
+            rows = [(self._error(each), self.servos.registers.id_of(each.row), each.data) for each in talk]
+            pieces = fast_status(rows, answers.promised)
+            delays = [self.servos.registers.delays([talk[0].row])[0]] + [0.0] * (len(talk) - 1)
+        else:
+            crowd = [
+                list(each) for _, each in groupby(talk, lambda each: self.servos.registers.id_of(each.row))
+            ]
+            pieces = [self._at_once(each) for each in crowd]
+            delays = self.servos.registers.delays([each[0].row for each in crowd])
+        self._send(self._wire.ends(delays, [len(piece) for piece in pieces]), pieces)
+
+    def _error(self, answer: Answer) -> int:
+        return answer.error | int(self.servos.alert[answer.row])
+
+    def _at_once(self, answers: Sequence[Answer]) -> bytes:
+        """One servo's status; of several with one id that talk at once the wire shows the bitwise and."""
+        packets = [
+            status(self.servos.registers.id_of(each.row), self._error(each), each.data) for each in answers
+        ]
+        size = min(map(len, packets))
+        rows = [np.frombuffer(packet[:size], np.uint8) for packet in packets]
+        return np.bitwise_and.reduce(rows).tobytes() if len(packets) > 1 else packets[0]
+
+    def _send(self, ends: Sequence[float], pieces: Sequence[bytes]) -> None:
+        struck = self.faults.strike(pieces) if self.faults.active else pieces
+        self._wire.say(ends, list(accumulate(map(len, struck))), b"".join(struck))

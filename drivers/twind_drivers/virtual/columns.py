@@ -1,0 +1,101 @@
+"""The registers that rules and packets care about, as columns over all servos of a bus."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.dynamixel.packet import Error
+from twind_drivers.virtual.memory import Memory
+
+FAST_FIRMWARE, FAST_FIRMWARE_X330 = 45, 46  # the first that answers fast reads
+NEVER_FAST = frozenset({1090, 1160})  # 2XL430, 2XC430
+COLUMNS: Mapping[str, tuple[int, bool]] = {  # register -> size and sign where a model lacks it
+    "model_number": (2, False),
+    "firmware_version": (1, False),
+    "id": (1, False),
+    "baud_rate": (1, False),
+    "return_delay_time": (1, False),
+    "drive_mode": (1, False),
+    "operating_mode": (1, False),
+    "homing_offset": (4, True),
+    "pwm_limit": (2, False),
+    "current_limit": (2, False),
+    "max_position_limit": (4, True),
+    "min_position_limit": (4, True),
+    "shutdown": (1, False),
+    "startup_configuration": (1, False),
+    "torque_enable": (1, False),
+    "status_return_level": (1, False),
+    "registered_instruction": (1, False),
+    "hardware_error_status": (1, False),
+    "position_d_gain": (2, False),
+    "position_i_gain": (2, False),
+    "position_p_gain": (2, False),
+    "bus_watchdog": (1, False),
+    "goal_pwm": (2, True),
+    "goal_current": (2, True),
+    "profile_acceleration": (4, False),
+    "profile_velocity": (4, False),
+    "goal_position": (4, True),
+}
+
+
+class Columns:
+    """Named columns of one memory, and what single servos tell of themselves."""
+
+    def __init__(self, memory: Memory) -> None:
+        self._memory = memory
+        self._columns = {key: memory.column(key, size, signed=sign) for key, (size, sign) in COLUMNS.items()}
+
+    def __getitem__(self, key: str) -> NDArray[Any]:
+        """(m,) values of one of `COLUMNS`; do not write to them."""
+        return self._columns[key].get()
+
+    def put(self, key: str, value: Any, rows: Any = slice(None)) -> None:
+        """Write a register past all rules; `changed` must follow."""
+        self._columns[key].put(value, rows)
+
+    def ids(self) -> list[int]:
+        """Ids, in rows; two may be the same."""
+        return [int(each) for each in self["id"]]
+
+    def id_of(self, row: int) -> int:
+        """The id that a servo answers with."""
+        return int(self["id"][row])
+
+    def level(self, row: int) -> int:
+        """Status return level (68): 0 answers ping only, 1 reads too, 2 everything."""
+        return int(self["status_return_level"][row])
+
+    def delays(self, rows: Sequence[int]) -> list[float]:
+        """Return delay (register 9, 2 us units) of each, s."""
+        return [int(self["return_delay_time"][row]) * 2e-6 for row in rows]
+
+    def identity(self, row: int) -> bytes:
+        """What a ping tells: model number, firmware."""
+        model = int(self["model_number"][row]).to_bytes(2, "little")
+        return model + bytes((int(self["firmware_version"][row]),))
+
+    def read(self, row: int, address: int, size: int) -> tuple[int, bytes]:
+        """(error, data): the registers of one servo, gaps as 0. Error 7 where no register is."""
+        if not self._memory.readable(row, address, size):
+            return Error.ACCESS, b""
+        return Error.NONE, self._memory.raw[row, address : address + size].tobytes()
+
+    def answers_fast(self, row: int) -> bool:
+        """Does its firmware know the fast reads? (e-manual, "Fast Sync Read")"""
+        number = self._memory.tables[row].number
+        newest = FAST_FIRMWARE_X330 if 1190 <= number <= 1240 else FAST_FIRMWARE
+        return number not in NEVER_FAST and int(self["firmware_version"][row]) >= newest
+
+    def selection(self, rows: Sequence[int]) -> Any:
+        """An index of these rows: a slice (a view, not a copy) where they are all, in order."""
+        every = list(rows) == list(range(len(self._memory.raw)))
+        return slice(None) if every else np.asarray(rows, np.intp)
+
+    def goal_span(self) -> bytes:
+        """Address and size of the goal position as a sync write spells them; empty where they differ."""
+        address = self._columns["goal_position"].address
+        return address.to_bytes(2, "little") + b"\x04\x00" if address >= 0 else b""

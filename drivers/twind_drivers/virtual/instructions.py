@@ -1,0 +1,175 @@
+"""What servos do with one instruction packet, and what each of them answers. No wire, no time of arrival.
+
+Instructions and broadcast rules by e-manual "Protocol 2.0", "Instruction Details".
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+from twind_drivers.dynamixel.packet import BROADCAST, Error, Instruction, Packet
+from twind_drivers.virtual.servos import Servos
+from twind_drivers.virtual.writing import write
+
+PING_LEVEL, READ_LEVEL, WRITE_LEVEL = 0, 1, 2  # least status return level (68) at which a servo answers
+
+
+class Answer(NamedTuple):
+    """One servo's status."""
+
+    row: int
+    error: int
+    data: bytes = b""
+
+
+class Answers(NamedTuple):
+    """In the order on the wire. `promised`: LEN of a joint (fast) reply, 0 for statuses of their own."""
+
+    statuses: Sequence[Answer]
+    level: int
+    promised: int = 0
+
+
+SILENCE = Answers((), PING_LEVEL)
+Places = Mapping[int, Sequence[int]]  # id -> rows that listen; two rows: a duplicate id
+
+
+class Instructions:
+    """The instruction set of the servos of one bus. `places` is the bus's and may change under us."""
+
+    def __init__(self, servos: Servos, places: Places) -> None:
+        self._servos, self._places = servos, places
+        self._stored: dict[int, tuple[int, bytes]] = {}  # row -> reg write
+        self._known: Mapping[int, Callable[[Packet, float], Answers]] = {
+            Instruction.PING: self._ping,
+            Instruction.READ: self._read,
+            Instruction.WRITE: self._write,
+            Instruction.REG_WRITE: self._reg_write,
+            Instruction.ACTION: self._action,
+            Instruction.REBOOT: self._reboot,
+            Instruction.SYNC_READ: self._sync_read,
+            Instruction.FAST_SYNC_READ: self._sync_read,
+            Instruction.SYNC_WRITE: self._sync_write,
+            Instruction.BULK_READ: self._bulk_read,
+            Instruction.FAST_BULK_READ: self._bulk_read,
+            Instruction.BULK_WRITE: self._bulk_write,
+        }
+
+    def obey(self, packet: Packet, now: float) -> Answers:
+        """Carry out one packet at `now` (s). `servos.changed` must follow."""
+        if not packet.intact:
+            return self._refuse(packet, Error.CRC)
+        handler = self._known.get(packet.instruction)
+        return handler(packet, now) if handler else self._refuse(packet, Error.INSTRUCTION)
+
+    def _refuse(self, packet: Packet, error: int) -> Answers:
+        if packet.id == BROADCAST:
+            return SILENCE
+        return Answers([Answer(row, error) for row in self._places.get(packet.id, ())], WRITE_LEVEL)
+
+    def _each(self, packet: Packet, act: Callable[[int], tuple[int, bytes]], level: int) -> Answers:
+        """Let every servo that is meant act; only an addressed one answers."""
+        if packet.id != BROADCAST:
+            return Answers([Answer(row, *act(row)) for row in self._places.get(packet.id, ())], level)
+        for rows in self._places.values():
+            for row in rows:
+                act(row)
+        return SILENCE
+
+    def _ping(self, packet: Packet, now: float) -> Answers:
+        ids = sorted(self._places) if packet.id == BROADCAST else [packet.id]
+        rows = [row for id in ids for row in self._places.get(id, ())]
+        return Answers([Answer(row, 0, self._servos.registers.identity(row)) for row in rows], PING_LEVEL)
+
+    def _read(self, packet: Packet, now: float) -> Answers:
+        if packet.id == BROADCAST:
+            return SILENCE
+        if len(packet.params) != 4:
+            return self._refuse(packet, Error.DATA_LENGTH)
+        self._servos.settle(now)
+        span = _span(packet.params)
+        return self._each(packet, lambda row: self._servos.registers.read(row, *span), READ_LEVEL)
+
+    def _write(self, packet: Packet, now: float) -> Answers:
+        address, data = int.from_bytes(packet.params[:2], "little"), packet.params[2:]
+        return self._each(packet, lambda row: (write(self._servos, row, address, data), b""), WRITE_LEVEL)
+
+    def _reg_write(self, packet: Packet, now: float) -> Answers:
+        def store(row: int) -> tuple[int, bytes]:
+            self._stored[row] = (int.from_bytes(packet.params[:2], "little"), packet.params[2:])
+            self._servos.registers.put("registered_instruction", 1, row)
+            return Error.NONE, b""
+
+        return self._each(packet, store, WRITE_LEVEL)
+
+    def _action(self, packet: Packet, now: float) -> Answers:
+        def act(row: int) -> tuple[int, bytes]:
+            if row not in self._stored:
+                return Error.INSTRUCTION, b""
+            self._servos.registers.put("registered_instruction", 0, row)
+            return write(self._servos, row, *self._stored.pop(row)), b""
+
+        return self._each(packet, act, WRITE_LEVEL)
+
+    def _reboot(self, packet: Packet, now: float) -> Answers:
+        def restart(row: int) -> tuple[int, bytes]:
+            self._stored.pop(row, None)
+            self._servos.reboot(row, now)
+            return Error.NONE, b""
+
+        return self._each(packet, restart, WRITE_LEVEL)
+
+    def _sync_read(self, packet: Packet, now: float) -> Answers:
+        if len(packet.params) < 5:
+            return SILENCE
+        address, size = _span(packet.params)
+        wishes = [(id, address, size) for id in packet.params[4:]]
+        return self._group_read(wishes, now, fast=packet.instruction == Instruction.FAST_SYNC_READ)
+
+    def _bulk_read(self, packet: Packet, now: float) -> Answers:
+        rows = range(0, len(packet.params) - 4, 5)
+        wishes = [(packet.params[at], *_span(packet.params[at + 1 :])) for at in rows]
+        return self._group_read(wishes, now, fast=packet.instruction == Instruction.FAST_BULK_READ)
+
+    def _group_read(self, wishes: Sequence[tuple[int, int, int]], now: float, *, fast: bool) -> Answers:
+        """Each (id, address, size) in the order asked. A fast reply ends before the first that is missing."""
+        self._servos.settle(now)
+        statuses: list[Answer] = []
+        for id, address, size in wishes:
+            rows = self._places.get(id, ())
+            if fast and not (rows and self._servos.registers.answers_fast(rows[0])):
+                break
+            for row in rows[:1] if fast else rows:
+                error, data = self._servos.registers.read(row, address, size)
+                statuses.append(Answer(row, error, data.ljust(size, b"\0") if fast else data))
+        promised = sum(size + 4 for _, _, size in wishes) + 1 if fast else 0
+        return Answers(statuses, READ_LEVEL, promised)
+
+    def _sync_write(self, packet: Packet, now: float) -> Answers:
+        address, size = _span(packet.params)
+        rows = packet.params[4:]
+        if size and len(rows) % (size + 1) == 0:
+            for at in range(0, len(rows), size + 1):
+                self._write_all(rows[at], address, rows[at + 1 : at + 1 + size])
+        return SILENCE
+
+    def _bulk_write(self, packet: Packet, now: float) -> Answers:
+        for id, address, data in _bulk(packet.params):
+            self._write_all(id, address, data)
+        return SILENCE
+
+    def _write_all(self, id: int, address: int, data: bytes) -> None:
+        """Never answered: what a servo refuses is seen by reading back only."""
+        for row in self._places.get(id, ()):
+            write(self._servos, row, address, data)
+
+
+def _span(params: bytes) -> tuple[int, int]:
+    return int.from_bytes(params[:2], "little"), int.from_bytes(params[2:4], "little")
+
+
+def _bulk(params: bytes) -> Iterator[tuple[int, int, bytes]]:
+    at = 0
+    while at + 5 <= len(params):
+        address, size = _span(params[at + 1 :])
+        yield params[at], address, params[at + 5 : at + 5 + size]
+        at += 5 + size

@@ -1,0 +1,56 @@
+"""The virtual bus as a transport in the same process: the mock bus of the tests, under a fake clock."""
+
+from twind_drivers.bus import PortError
+from twind_drivers.clock import Clock
+from twind_drivers.virtual.bus import VirtualBus
+
+
+class Loopback:
+    """A `Transport` without descriptor: `arrival` tells the clock when the next answer is complete."""
+
+    def __init__(self, bus: VirtualBus, clock: Clock) -> None:
+        self.name = f"virtual:{bus.name}"
+        self._bus, self._clock = bus, clock
+        self._open = True
+        self._left = b""  # taken from the bus, not yet read
+
+    def fileno(self) -> int:
+        """-1: nothing to poll."""
+        return -1
+
+    def arrival(self) -> float:
+        """Time (s) of the next complete answer; an unplugged port wakes its reader at once."""
+        if self._left or not self._bus.plugged:
+            return self._clock.now()
+        return self._bus.due()
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """Hand `data` to the servos. Raises PortError(lost=True) when unplugged or closed."""
+        self._check()
+        self._bus.receive(bytes(data), self._clock.now())
+
+    def read_into(self, buffer: memoryview) -> int:
+        """Bytes whose time has come, as many as fit; 0 if there are none. Raises PortError(lost=True)."""
+        self._check()
+        self._left += self._bus.take(self._clock.now())
+        count = min(len(self._left), len(buffer))
+        buffer[:count] = self._left[:count]
+        self._left = self._left[count:]
+        return count
+
+    def drain(self) -> int:
+        """Throw away what has arrived."""
+        self._check()
+        count = len(self._left) + len(self._bus.take(self._clock.now()))
+        self._left = b""
+        return count
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._open = False
+
+    def _check(self) -> None:
+        if not self._open:
+            raise PortError(self.name, "the port is closed", lost=True)
+        if not self._bus.plugged:
+            raise PortError(self.name, "the adapter was unplugged", lost=True)

@@ -1,0 +1,79 @@
+"""When bytes are on a half-duplex wire: 10 bits a byte, one packet after the other (8N1)."""
+
+from collections import deque
+from collections.abc import Sequence
+from itertools import accumulate
+from math import inf
+from typing import NamedTuple
+
+BITS = 10  # per byte: start, 8 data, stop
+
+
+class Burst(NamedTuple):
+    """What answers one request: `data`, cut where each device's share ends, each share over at its time."""
+
+    start: float  # s
+    ends: Sequence[float]  # s after `start`, ascending
+    cuts: Sequence[int]  # bytes, ascending; the last is len(data)
+    data: bytes
+    taken: int = 0  # bytes handed over already
+
+
+class Wire:
+    """What is under way. With `timing` off, everything arrives at once.
+
+    Collisions are not modelled: what the host sends while a reply is under way goes out after it. So a host
+    whose bytes were read late (a loaded machine) is served late, not garbled.
+    """
+
+    def __init__(self, baud: int, *, timing: bool = True) -> None:
+        self.baud, self.timing = baud, timing
+        self.lag = 0.0  # s, added to every answer (a fault on order)
+        self._free = -inf  # s, when the wire is silent
+        self._bursts: deque[Burst] = deque()
+
+    def span(self, size: int) -> float:
+        """Seconds that `size` bytes take."""
+        return size * BITS / self.baud if self.timing else 0.0
+
+    def hear(self, size: int, now: float) -> float:
+        """The host sends `size` bytes at `now`: when the last of them has arrived, s."""
+        self._free = max(self._free, now) + self.span(size)
+        return self._free
+
+    def ends(self, delays: Sequence[float], sizes: Sequence[int]) -> list[float]:
+        """When each of some answers is over, s after the request: each after its return delay (s)."""
+        if not self.timing:
+            return [0.0] * len(sizes)
+        return list(accumulate(d + self.span(size) for d, size in zip(delays, sizes, strict=True)))
+
+    def say(self, ends: Sequence[float], cuts: Sequence[int], data: bytes) -> None:
+        """Devices answer what the wire heard last."""
+        self._bursts.append(Burst(self._free + self.lag, ends, cuts, data))
+        self._free += ends[-1]
+
+    def due(self) -> float:
+        """When the first answer under way is complete, s; `inf`: none is."""
+        return self._bursts[0].start + self._bursts[0].ends[-1] if self._bursts else inf
+
+    def take(self, now: float) -> bytes:
+        """The bytes whose time has come: whole answers, and of one that is cut short whole shares."""
+        out = b""
+        while self._bursts:
+            burst = self._bursts[0]
+            if burst.start + burst.ends[-1] <= now:
+                out += burst.data[burst.taken :]
+                self._bursts.popleft()
+                continue
+            come = sum(burst.start + end <= now for end in burst.ends)
+            upto = burst.cuts[come - 1] if come else 0
+            if upto > burst.taken:
+                out += burst.data[burst.taken : upto]
+                self._bursts[0] = burst._replace(taken=upto)
+            break
+        return out
+
+    def clear(self) -> None:
+        """Nothing is under way any more."""
+        self._bursts.clear()
+        self._free = -inf
