@@ -79,7 +79,7 @@ def knots(path: Trajectory, before: Reference) -> Knots:
         if given is None:
             return None
         given = given if columns.all() else np.where(columns, given, otherwise)
-        return np.vstack([np.where(columns, start, otherwise), given]) if first else given
+        return np.concatenate([np.where(columns, start, otherwise)[None], given]) if first else given
 
     position = rows(path.position, before.position, before.position)
     assert position is not None  # given is not None
@@ -110,7 +110,10 @@ def _coefficients(time: Floats, p: Floats, v: Floats | None, a: Floats | None) -
     T = np.diff(time)[:, None]
     h = np.diff(p, axis=0)
     if v is None:
-        return np.stack([p[:-1], h / T], axis=1)
+        lines = np.empty((len(h), 2, p.shape[1]))
+        lines[:, 0] = p[:-1]
+        np.divide(h, T, out=lines[:, 1])
+        return lines
     v0, v1 = v[:-1], v[1:]
     if a is None:
         return np.stack([p[:-1], v0, (3 * h / T - 2 * v0 - v1) / T, (v0 + v1 - 2 * h / T) / T**2], axis=1)

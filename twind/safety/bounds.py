@@ -16,11 +16,6 @@ from twind.robot.arrays import Floats, Ints
 DEPTH = 26  # halvings: the hull is then within 4**-26 of its first width, below rounding
 
 
-def derivative(curve: Floats, duration: Floats) -> Floats:
-    """By time, of segments that last `duration` s (broadcast against `curve[0]`)."""
-    return (len(curve) - 1) * (curve[1:] - curve[:-1]) / duration
-
-
 def square(curve: Floats) -> Floats:
     """The polynomial times itself, of twice the degree."""
     d = len(curve) - 1

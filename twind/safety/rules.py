@@ -7,6 +7,8 @@ in `bounds`. Each joint is reported at its worst place.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from twind.robot.arrays import Bools, Floats, Ints
 from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
 from twind.robot.splines import Knots
-from twind.safety.bounds import derivative, elevate, evaluate, exceeds, square, summit
+from twind.safety.bounds import elevate, evaluate, exceeds, square, summit
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +55,24 @@ class Subject:
     offset: int  # knot index - point index: 1 where the curve begins at the reference
 
 
+FEW = 8  # segments of a joint that are looked at first
+
+Rows = tuple[Floats, ...]  # Bernstein coefficients of a stretch of segments, (s, m) each
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A stretch of segments in Bernstein form. Lines have no acceleration and no jerk."""
+
+    position: Rows
+    velocity: Rows
+    acceleration: Rows
+    jerk: Rows
+
+
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Polynomials in Bernstein form, (degree + 1, ...) each, towards the upper limit, with their bounds."""
+    """Polynomials towards the upper limit, (degree + 1, q), with their bounds (q,)."""
 
     position: Floats
     velocity: Floats
@@ -66,79 +83,117 @@ class Pieces:
     fastest: Floats
     strongest: Floats
 
-    def columns(self, sign: float, segment: Ints, joint: Ints, limits: Limits) -> "Pieces":
-        """Those of some segments and joints, (degree + 1, q); of the mirror image if `sign` is -1."""
-        up = sign > 0.0
-        return Pieces(
-            sign * self.position[:, segment, joint],
-            sign * self.velocity[:, segment, joint],
-            sign * self.acceleration[:, segment, joint],
-            sign * self.jerk[:, segment, joint],
-            (limits.upper if up else -limits.lower)[joint],
-            (limits.hard_upper if up else -limits.hard_lower)[joint],
-            limits.velocity[joint],
-            limits.acceleration[joint],
-        )
+
+def pick(curve: Curve, sign: float, segment: Ints, joint: Ints, limits: Limits) -> Pieces:
+    """Some segments (q,) and joints (q,) of `curve`; of its mirror image if `sign` is -1."""
+
+    def of(rows: Rows) -> Floats:
+        chosen = [sign * row[segment, joint] for row in rows]
+        return np.stack(chosen) if chosen else np.empty((0, len(segment)))
+
+    up = sign > 0.0
+    return Pieces(
+        of(curve.position),
+        of(curve.velocity),
+        of(curve.acceleration),
+        of(curve.jerk),
+        (limits.upper if up else -limits.lower)[joint],
+        (limits.hard_upper if up else -limits.hard_lower)[joint],
+        limits.velocity[joint],
+        limits.acceleration[joint],
+    )
 
 
-def pieces(knots: Knots, i: int, j: int, limits: Limits) -> Pieces:
-    """Segments i..j-1. What is given at the knots stands in the coefficients untouched, so ends are exact."""
+def smooth(knots: Knots, v: Floats, i: int, j: int) -> Curve:
+    """Segments i..j-1 of cubics or quintics. What is given at the knots stands untouched: ends are exact."""
     T = np.diff(knots.time[i : j + 1])[:, None]
-    p0, p1 = knots.position[i:j], knots.position[i + 1 : j + 1]
-    if knots.velocity is None:
-        none = np.empty((0, *p0.shape))
-        parts = (np.stack([p0, p1]), ((p1 - p0) / T)[None], none, none)
-    else:
-        v0, v1 = knots.velocity[i:j], knots.velocity[i + 1 : j + 1]
-        if knots.acceleration is None:
-            position = np.stack([p0, p0 + v0 * T / 3.0, p1 - v1 * T / 3.0, p1])
-            velocity = np.stack([v0, 3.0 * ((p1 - p0) / T) - v0 - v1, v1])
-            acceleration = derivative(velocity, T)
-        else:
-            a0, a1 = knots.acceleration[i:j], knots.acceleration[i + 1 : j + 1]
-            early, late = v0 + a0 * T / 4.0, v1 - a1 * T / 4.0
-            middle = 5.0 * ((p1 - p0) / T) - (v0 + early + late + v1)
-            second, fourth = p0 + 2.0 * v0 * T / 5.0 + a0 * T**2 / 20.0, p1 - v1 * T / 5.0
-            third = p1 - 2.0 * v1 * T / 5.0 + a1 * T**2 / 20.0
-            position = np.stack([p0, p0 + v0 * T / 5.0, second, third, fourth, p1])
-            velocity = np.stack([v0, early, middle, late, v1])
-            acceleration = derivative(velocity, T)
-            acceleration[0], acceleration[-1] = a0, a1
-        parts = (position, velocity, acceleration, derivative(acceleration, T))
-    return Pieces(*parts, limits.upper, limits.hard_upper, limits.velocity, limits.acceleration)
+    p0, p1, v0, v1 = knots.position[i:j], knots.position[i + 1 : j + 1], v[i:j], v[i + 1 : j + 1]
+    h = p1 - p0
+    if knots.acceleration is None:
+        middle = 3.0 * (h / T) - v0 - v1
+        position = (p0, p0 + v0 * T / 3.0, p1 - v1 * T / 3.0, p1)
+        velocity: Rows = (v0, middle, v1)
+        acceleration: Rows = (2.0 * (middle - v0) / T, 2.0 * (v1 - middle) / T)
+        return Curve(position, velocity, acceleration, ((acceleration[1] - acceleration[0]) / T,))
+    a0, a1 = knots.acceleration[i:j], knots.acceleration[i + 1 : j + 1]
+    early, late = v0 + a0 * T / 4.0, v1 - a1 * T / 4.0
+    middle = 5.0 * (h / T) - (v0 + early + late + v1)
+    second, third = p0 + (2.0 * v0 + a0 * T / 4.0) * T / 5.0, p1 - (2.0 * v1 - a1 * T / 4.0) * T / 5.0
+    velocity = (v0, early, middle, late, v1)
+    acceleration = (a0, 4.0 * (middle - early) / T, 4.0 * (late - middle) / T, a1)
+    jerk = tuple(3.0 * (b - a) / T for a, b in pairwise(acceleration))
+    return Curve((p0, p0 + v0 * T / 5.0, second, third, p1 - v1 * T / 5.0, p1), velocity, acceleration, jerk)
 
 
 def judge(subject: Subject, i: int, j: int, limits: Limits, thresholds: Thresholds) -> list[Spot]:
     """Everything that segments i..j-1 do wrong, worst place per rule, direction and joint. Never raises."""
+    knots = subject.knots
+    spots: list[Spot] = []
     with np.errstate(all="ignore"):  # NaN and overflow are answers here: they refuse
-        spots = _corners(subject, i, j, thresholds) if subject.knots.velocity is None else []
-        curve = pieces(subject.knots, i, j, limits)
-        for code, sign, doubtful in _suspects(curve, limits, thresholds):
-            if doubtful.any():
-                segment, joint = np.nonzero(doubtful)
-                columns = curve.columns(sign, segment, joint, limits)
-                spots += _worst(subject, code, sign, columns, i + segment, joint, thresholds)
+        if knots.velocity is None:
+            T, slope = _slopes(subject, i, j)
+            spots += _corners(subject, i, T, slope, thresholds)
+            curve = Curve((knots.position[i:j], knots.position[i + 1 : j + 1]), (slope[1:-1],), (), ())
+        else:
+            curve = smooth(knots, knots.velocity, i, j)
+        for code, sign, hull, doubtful in _suspects(curve, limits, thresholds):
+            for chosen in (_foremost(doubtful, hull), doubtful):
+                # A path that is wrong everywhere shall not cost more than one that is wrong once.
+                segment, joint = np.nonzero(chosen)
+                if len(segment):
+                    pieces = pick(curve, sign, segment, joint, limits)
+                    worst = _worst(subject, code, sign, pieces, i + segment, joint, thresholds)
+                    doubtful[:, [joint for joint, _ in worst]] = False
+                    spots += [spot for _, spot in worst]
+                doubtful &= ~chosen
     return spots
 
 
-def _suspects(curve: Pieces, limits: Limits, th: Thresholds) -> Iterator[tuple[Code, float, Bools]]:
-    """Per rule and direction the segments and joints (s, m) whose hull does not already clear them."""
-    low, high = curve.position.min(axis=0), curve.position.max(axis=0)
-    back, forth = curve.velocity.min(axis=0), curve.velocity.max(axis=0)
-    yield Code.POS_LIMIT, 1.0, ~(high <= limits.upper)
-    yield Code.POS_LIMIT, -1.0, ~(low >= limits.lower)
-    yield Code.VEL_LIMIT, 1.0, ~(forth <= limits.velocity)
-    yield Code.VEL_LIMIT, -1.0, ~(back >= -limits.velocity)
+def _foremost(doubtful: Bools, hull: Floats) -> Bools:
+    """Of each joint the few doubtful segments that reach furthest: the worst is nearly always there."""
+    if np.count_nonzero(doubtful) <= FEW * hull.shape[1] or len(hull) <= FEW:
+        return doubtful.copy()
+    reach = np.where(doubtful, hull, -np.inf)
+    chosen: Bools = doubtful & ~(reach < np.partition(reach, -FEW, axis=0)[-FEW])
+    return chosen
+
+
+def _span(rows: Rows) -> tuple[Floats, Floats]:
+    """The hull of each segment: (s, m) lowest, highest."""
+    return reduce(np.minimum, rows), reduce(np.maximum, rows)
+
+
+def _suspects(curve: Curve, limits: Limits, th: Thresholds) -> Iterator[tuple[Code, float, Floats, Bools]]:
+    """Rules and directions not clear at once: how far each hull reaches, and which ones are doubtful."""
+    low, high = _span(curve.position)
+    back, forth = _span(curve.velocity)
+    hulls = [
+        (Code.POS_LIMIT, 1.0, high, limits.upper),
+        (Code.POS_LIMIT, -1.0, -low, -limits.lower),
+        (Code.VEL_LIMIT, 1.0, forth, limits.velocity),
+        (Code.VEL_LIMIT, -1.0, -back, limits.velocity),
+    ]
+    jerk = np.full_like(limits.upper, th.jerk_warn)
+    for code, rows, bound in (
+        (Code.ACC_LIMIT, curve.acceleration, limits.acceleration),
+        (Code.JERK_LIMIT, curve.jerk, jerk),
+    ):
+        if rows:
+            least, most = _span(rows)
+            hulls += [(code, 1.0, most, bound), (code, -1.0, -least, bound)]
+    for code, sign, hull, bound in hulls:
+        clear = hull <= bound
+        if not clear.all():
+            yield code, sign, hull, ~clear
     twice = 2.0 * limits.acceleration
-    stop = (forth + th.brake_margin) ** 2 / twice + high <= limits.hard_upper
-    yield Code.BRAKE_DISTANCE, 1.0, ~(stop | (forth <= th.brake_floor))
-    stop = (th.brake_margin - back) ** 2 / twice - low <= -limits.hard_lower
-    yield Code.BRAKE_DISTANCE, -1.0, ~(stop | (-back <= th.brake_floor))
-    if len(curve.acceleration):
-        yield Code.ACC_LIMIT, 1.0, ~(curve.acceleration.max(axis=0) <= limits.acceleration)
-        yield Code.ACC_LIMIT, -1.0, ~(curve.acceleration.min(axis=0) >= -limits.acceleration)
-        yield Code.JERK_LIMIT, 1.0, ~(curve.jerk.max(axis=0) <= th.jerk_warn)
-        yield Code.JERK_LIMIT, -1.0, ~(curve.jerk.min(axis=0) >= -th.jerk_warn)
+    for sign, speed, place, hard in (
+        (1.0, forth, high, limits.hard_upper),
+        (-1.0, -back, -low, -limits.hard_lower),
+    ):
+        stop = (speed + th.brake_margin) ** 2 / twice + place
+        clear = (stop <= hard) | (speed <= th.brake_floor)
+        if not clear.all():
+            yield Code.BRAKE_DISTANCE, sign, stop, ~clear
 
 
 def _alternatives(code: Code, curve: Pieces, th: Thresholds) -> list[tuple[Floats, Floats]]:
@@ -182,10 +237,12 @@ def _reading(code: Code, curve: Pieces, columns: Ints, u: Floats, th: Thresholds
 
 def _worst(
     subject: Subject, code: Code, sign: float, curve: Pieces, segment: Ints, joint: Ints, th: Thresholds
-) -> list[Spot]:
-    """Decide the doubtful columns; of those that fail the worst place of each joint."""
+) -> list[tuple[int, Spot]]:
+    """Decide the doubtful columns; of those that fail each joint (its column) and its worst place."""
     found = exceeds(_alternatives(code, curve, th))
     failing = np.flatnonzero(~np.isnan(found))
+    if not len(failing):
+        return []
 
     def score(columns: Ints, u: Floats) -> Floats:
         value, bound = _reading(code, curve, failing[columns], u, th)
@@ -201,7 +258,9 @@ def _worst(
         t = float(time[s] + u[row] * (time[s + 1] - time[s]))
         face = sign if code is Code.POS_LIMIT else 1.0  # a speed is reported by its size, a place by its side
         numbers = face * float(value[row, 0]), face * float(bound[row, 0])
-        spots.append(_spot(subject, code, int(joint[c]), s + int(u[row] == 1.0), t, numbers, height[row, 0]))
+        knot = s + int(u[row] == 1.0)
+        spot = _spot(subject, code, int(joint[c]), knot, t, numbers, height[row, 0])
+        spots.append((int(joint[c]), spot))
     return spots
 
 
@@ -214,34 +273,46 @@ def _spot(
     return Spot(finding, float(np.inf if np.isnan(score) else score))
 
 
-def _corners(subject: Subject, i: int, j: int, th: Thresholds) -> list[Spot]:
+def _slopes(subject: Subject, i: int, j: int) -> tuple[Floats, Floats]:
+    """Durations (s + 2, 1) and velocities (s + 2, m) of the lines i..j-1 with their neighbours.
+
+    Before the first line stands the velocity of the reference, after the last one rest, each lasting 0 s.
+    """
+    time, position = subject.knots.time, subject.knots.position
+    T, slope = np.zeros((j - i + 2, 1)), np.zeros((j - i + 2, position.shape[1]))
+    lo, hi = max(i - 1, 0), min(j + 1, len(time) - 1)
+    inner = slice(lo - i + 1, hi - i + 1)
+    np.subtract(time[lo + 1 : hi + 1, None], time[lo:hi, None], out=T[inner])
+    np.subtract(position[lo + 1 : hi + 1], position[lo:hi], out=slope[inner])
+    slope[inner] /= T[inner]
+    if lo == i:
+        slope[0] = subject.before
+    return T, slope
+
+
+def _corners(subject: Subject, i: int, T: Floats, slope: Floats, th: Thresholds) -> list[Spot]:
     """Lines have no acceleration but at their corners: there it is the change of segment velocity over half
     the sum of the two durations (design 6.4), from the reference's velocity and, at the end, to rest."""
-    time, position = subject.knots.time, subject.knots.position
-    lo, hi = max(i - 1, 0), min(j + 1, len(time) - 1)
-    T = np.diff(time[lo : hi + 1])[:, None]
-    v = np.diff(position[lo : hi + 1], axis=0) / T
-    if lo == i:
-        T, v = np.vstack([[[0.0]], T]), np.vstack([subject.before, v])
-    if hi == j:
-        T, v = np.vstack([T, [[0.0]]]), np.vstack([v, np.zeros_like(subject.before)])
-    change = np.diff(v, axis=0) / (0.5 * (T[1:] + T[:-1]))
-    spots = _steepest(subject, Code.ACC_LIMIT, i, np.abs(change), subject.limits.acceleration)
-    jerk = np.abs(np.diff(change, axis=0) / T[1:-1])
+    change = slope[1:] - slope[:-1]
+    change /= 0.5 * (T[1:] + T[:-1])
+    jerk = change[1:] - change[:-1]
+    jerk /= T[1:-1]
+    spots = _steepest(subject, Code.ACC_LIMIT, i, change, subject.limits.acceleration)
     return spots + _steepest(subject, Code.JERK_LIMIT, i, jerk, np.full(len(subject.joints), th.jerk_warn))
 
 
-def _steepest(subject: Subject, code: Code, i: int, size: Floats, bound: Floats) -> list[Spot]:
-    """The worst row of each joint whose `size` (rows from knot i on, m) is not within `bound` (m,)."""
-    failing = np.flatnonzero(~(size <= bound).all(axis=0))
+def _steepest(subject: Subject, code: Code, i: int, change: Floats, bound: Floats) -> list[Spot]:
+    """The worst row of each joint whose size (rows from knot i on, m) is not within `bound` (m,)."""
+    within = np.abs(change) <= bound
+    if within.all():
+        return []
     spots = []
-    for joint in failing:
-        ratio = size[:, joint] / bound[joint]
-        row = int(np.where(np.isnan(ratio), np.inf, ratio).argmax())
-        numbers = float(size[row, joint]), float(bound[joint])
-        spots.append(
-            _spot(subject, code, int(joint), i + row, float(subject.knots.time[i + row]), numbers, ratio[row])
-        )
+    for joint in np.flatnonzero(~within.all(axis=0)):
+        size = np.abs(change[:, joint])
+        row = int(np.where(np.isnan(size), np.inf, size).argmax())
+        numbers = float(size[row]), float(bound[joint])
+        t = float(subject.knots.time[i + row])
+        spots.append(_spot(subject, code, int(joint), i + row, t, numbers, numbers[0] / bound[joint]))
     return spots
 
 
@@ -261,7 +332,7 @@ def start(subject: Subject, thresholds: Thresholds) -> list[Spot]:
             change = step / (0.5 * (knots.time[1] - knots.time[0]))
         else:
             change = np.where(step <= thresholds.end_velocity, 0.0, np.inf)
-        return _steepest(subject, Code.ACC_LIMIT, 0, change[None], limits.acceleration)
+        return _steepest(subject, Code.ACC_LIMIT, 0, change[None, :], limits.acceleration)
 
 
 def relaxed(subject: Subject) -> Limits | None:
