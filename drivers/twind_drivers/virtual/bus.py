@@ -101,7 +101,7 @@ class VirtualBus:
     def _known(self, packet: bytes, at: float) -> bool:
         """Serve a packet that needs no parsing; False: it is not one of those."""
         servos = self.servos
-        servos.advance(at)
+        servos.expire(at)
         self._recall()
         group = self._groups.get(packet)
         if group is not None:
@@ -118,6 +118,7 @@ class VirtualBus:
         if plan is None:
             return False
         rows, here = plan
+        servos.advance(at)
         servos.feed(at)
         servos.aim(table[:, 1:].copy().view("<i4")[:, 0][here], rows)
         return True
@@ -146,7 +147,8 @@ class VirtualBus:
 
     def _answer_group(self, group: Group, at: float) -> bool:
         """False when an answer needs stuffing: then it goes the long way."""
-        self.servos.settle(at)
+        if group.live:
+            self.servos.settle(at)
         data = group.data()
         if data is None:
             return False

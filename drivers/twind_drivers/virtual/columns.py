@@ -10,6 +10,7 @@ from twind_drivers.dynamixel.packet import Error
 from twind_drivers.virtual.memory import Memory
 
 FAST_FIRMWARE, FAST_FIRMWARE_X330 = 45, 46  # the first that answers fast reads
+LIVE = ("present_", "realtime_", "moving", "position_trajectory", "velocity_trajectory")
 NEVER_FAST = frozenset({1090, 1160})  # 2XL430, 2XC430
 COLUMNS: Mapping[str, tuple[int, bool]] = {  # register -> size and sign where a model lacks it
     "model_number": (2, False),
@@ -83,6 +84,15 @@ class Columns:
         if not self._memory.readable(row, address, size):
             return Error.ACCESS, b""
         return Error.NONE, self._memory.raw[row, address : address + size].tobytes()
+
+    def live(self, rows: Sequence[int], address: int, size: int) -> bool:
+        """Does the span touch registers that the servos write themselves, without being told?"""
+        ends = address + size
+        return any(
+            field.address < ends and address < field.end and field.key.startswith(LIVE)
+            for row in rows
+            for field in self._memory.layouts[row].values()
+        )
 
     def answers_fast(self, row: int) -> bool:
         """Does its firmware know the fast reads? (e-manual, "Fast Sync Read")"""

@@ -29,6 +29,7 @@ class PlainGroup:
         length = 11 + size
         self._servos, self._rows = servos, servos.registers.selection(rows)
         self._span = slice(address, address + size)
+        self.live = servos.registers.live(rows, address, size)  # does it hold what changes by itself?
         self._out = np.zeros((len(rows), length), np.uint8)
         self._out[:, :4] = np.frombuffer(HEADER, np.uint8)
         self._out[:, 4] = np.frombuffer(ids, np.uint8)
@@ -61,6 +62,7 @@ class FastGroup:
         count, block = len(rows), 4 + size
         self._servos, self._rows = servos, servos.registers.selection(rows)
         self._span = slice(address, address + size)
+        self.live = servos.registers.live(rows, address, size)  # does it hold what changes by itself?
         lead = HEADER + bytes((BROADCAST,)) + (asked * block + 1).to_bytes(2, "little") + bytes((STATUS,))
         self._lead = lead
         self._blocks = np.zeros((count, block), np.uint8)

@@ -19,6 +19,7 @@ class Profile:
     speed: Floats  # ticks/s
     velocity: Floats  # ticks/s, cap; inf: step
     acceleration: Floats  # ticks/s², cap; inf: rectangle
+    shaped: bool = False  # does any servo have a profile?
 
     @classmethod
     def at(cls, position: Floats) -> "Profile":
@@ -30,11 +31,7 @@ class Profile:
         """Caps from registers 112 and 108, raw (m,); 0 is none (e-manual, "Profile Velocity")."""
         self.velocity = np.where(velocity > 0, velocity * VELOCITY, np.inf)
         self.acceleration = np.where(acceleration > 0, acceleration * ACCELERATION, np.inf)
-
-    @property
-    def shaped(self) -> bool:
-        """Does any servo have a profile?"""
-        return bool(np.isfinite(self.velocity).any())
+        self.shaped = bool((velocity > 0).any())
 
     def follow(self, target: Floats, dt: float) -> None:
         """Let `dt` s pass. Speed and position stay continuous where both caps are set."""

@@ -105,6 +105,12 @@ class Servos:
 
     def advance(self, now: float) -> None:
         """Let time pass until `now`, stopping at every watchdog and every end of a boot on the way."""
+        self.expire(now)
+        if now > self.now:
+            self._move(now)
+
+    def expire(self, now: float) -> None:
+        """Only what has a time of its own until `now`: watchdogs that trip, boots that end."""
         while self._event <= now:
             at = self._event
             self._move(at)
@@ -113,8 +119,6 @@ class Servos:
                 self._boot(int(row), at)
             self._trip(at)
             self.changed()
-        if now > self.now:
-            self._move(now)
 
     def feed(self, now: float) -> None:
         """An intact instruction packet was on the bus: it feeds the watchdog of every servo that heard it."""
@@ -127,8 +131,10 @@ class Servos:
 
     def settle(self, now: float) -> None:
         """Bring the present registers up to `now`, but for what a servo has not refreshed yet."""
+        self.expire(now)
         if not 0.0 <= now - self._fresh < REFRESH:
-            self.advance(now)
+            if now - self.now >= REFRESH:
+                self._move(now)
             self._fresh = now
             self.readings.refresh(now, self.direction, self.shift, self.profile.reference)
 
