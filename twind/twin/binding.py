@@ -1,0 +1,253 @@
+"""A robot file bound to its compiled model: every joint mapped or passive, ranges and limits checked.
+
+The one place where names of joints meet the model's addresses. What it returns is arrays in joint order.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from twind.config.calibration_file import Calibration, JointCalibration
+from twind.config.counts import angle_of, rad_per_tick, tick_range
+from twind.config.robot_spec import JointSpec, RobotFile
+from twind.robot.arrays import Floats, Ints, frozen
+from twind.robot.joints import BusMap, JointMap
+from twind.robot.limits import Limits
+
+BEYOND = 0.05  # rad, hard limits past the robot file's (design 6.4)
+ROUNDING = 0.499  # counts: a goal this close to a servo's own limit still rounds to inside it
+TOLERANCE = 1e-9  # rad, when ranges are compared
+
+
+class BindingError(Exception):
+    """A robot file, its model and its calibration that do not go together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Binding:
+    """A robot ready for the loop. Arrays are (n,) in joint order. `model` is shared: never written."""
+
+    robot: RobotFile
+    model: Any  # mujoco.MjModel
+    joint_map: JointMap
+    limits: Limits
+    qpos: Ints  # address of each joint in qpos
+    dof: Ints  # in qvel, qacc, qfrc
+    actuators: Ints  # of its goal in ctrl
+    rest: Floats  # rad
+    floating: bool  # the base has its free joint
+    mjcf: str  # the model as compiled, base pinned or not
+
+
+def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
+    """Compile the model (base pinned unless `support: free`) and map every joint.
+
+    Without calibration zero is the middle of the encoder and no joint calibrated. Raises BindingError.
+    """
+    spec, model = _compile(robot)
+    known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
+    joints = [_model_joint(model, joint, robot) for joint in robot.joints]
+    _require_all_mapped(robot, model, set(joints))
+    zeros = [
+        known[j.name].zero_ticks if j.name in known else j.type.ticks_per_turn // 2 for j in robot.joints
+    ]
+    reach = [
+        _reach(
+            joint, zero, known.get(joint.name), model.jnt_range[number] if model.jnt_limited[number] else None
+        )
+        for joint, zero, number in zip(robot.joints, zeros, joints, strict=True)
+    ]
+    return Binding(
+        robot=robot,
+        model=model,
+        joint_map=JointMap(
+            names=robot.names,
+            buses=tuple(_bus_map(robot, bus.name, zeros, reach) for bus in robot.buses),
+            calibrated=tuple(joint.name in known for joint in robot.joints),
+        ),
+        limits=_limits(robot, reach),
+        qpos=model.jnt_qposadr[joints].astype(np.int64),
+        dof=model.jnt_dofadr[joints].astype(np.int64),
+        actuators=np.array(
+            [
+                _actuator(model, number, spec.name, robot)
+                for spec, number in zip(robot.joints, joints, strict=True)
+            ]
+        ),
+        rest=frozen([robot.poses["rest"][name] for name in robot.names]),
+        floating=robot.support == "free",
+        mjcf=spec.to_xml(),
+    )
+
+
+# ------------------------------------------------------------------------------------------- the model
+
+
+def _compile(robot: RobotFile) -> tuple[Any, Any]:
+    """The model, its base pinned unless free. Dense Jacobian: MuJoCo 4.0.0's sparse Newton diverges."""
+    try:
+        spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
+        base = spec.body(robot.base)
+        if base is None:
+            names = ", ".join(body.name for body in spec.bodies if body.name)
+            raise BindingError(
+                f"{robot.path}: model.base: no body {robot.base!r} in {robot.mjcf_path}: {names}"
+            )
+        free = [joint for joint in base.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+        if robot.support != "free":
+            for joint in free:
+                spec.delete(joint)
+        elif not free:
+            raise BindingError(
+                f"{robot.path}: support: free needs a free joint on body {robot.base!r} of {robot.mjcf_path}"
+            )
+        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        return spec, spec.compile()
+    except ValueError as error:  # how the bindings report what the parser and the compiler refuse
+        raise BindingError(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
+
+
+def _model_joint(model: Any, joint: JointSpec, robot: RobotFile) -> int:
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint.model_joint)
+    where = f"{robot.path}: joints.{joint.name}"
+    if number < 0:
+        names = ", ".join(_names(model))
+        raise BindingError(f"{where}: the model has no joint {joint.model_joint!r}; it has {names}")
+    if model.jnt_type[number] != mujoco.mjtJoint.mjJNT_HINGE:
+        raise BindingError(
+            f"{where}: model joint {joint.model_joint!r} is no hinge: only hinges can be driven"
+        )
+    if model.jnt_limited[number]:
+        low, high = model.jnt_range[number]
+        if joint.lower < low - TOLERANCE or joint.upper > high + TOLERANCE:
+            limits = f"limits {joint.lower:g}..{joint.upper:g} rad"
+            raise BindingError(f"{where}: {limits} are outside the model's range {low:g}..{high:g}")
+    return int(number)
+
+
+def _names(model: Any) -> list[str]:
+    return [model.joint(number).name for number in range(model.njnt)]
+
+
+def _require_all_mapped(robot: RobotFile, model: Any, mapped: set[int]) -> None:
+    """Every joint of the model is driven, passive, or the base's free joint; every passive name exists."""
+    names = _names(model)
+    for name in robot.passive:
+        if name not in names:
+            raise BindingError(
+                f"{robot.path}: passive: the model has no joint {name!r}; it has {', '.join(names)}"
+            )
+    base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, robot.base)
+    for number, name in enumerate(names):
+        carried = model.jnt_type[number] == mujoco.mjtJoint.mjJNT_FREE and model.jnt_bodyid[number] == base
+        if number not in mapped and name not in robot.passive and not carried:
+            raise BindingError(
+                f"{robot.path}: model joint {name or number!r} stands neither in `joints` nor in `passive`"
+            )
+
+
+def _actuator(model: Any, number: int, name: str, robot: RobotFile) -> int:
+    """Address in ctrl of the position servo that drives a model joint."""
+    driving = np.flatnonzero(
+        (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == number)
+    )
+    where = f"{robot.mjcf_path}: joint {model.joint(number).name!r}"
+    if len(driving) != 1:
+        raise BindingError(
+            f"{where} has {len(driving)} actuators, needs one: <position joint=.../> for {name}"
+        )
+    actuator = int(driving[0])
+    pull, back = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator, 1]
+    if not (pull > 0.0 and math.isclose(pull, -back) and model.actuator_ctrlnum[actuator] == 1):
+        raise BindingError(f"{where}: its actuator is no position servo: use <position joint=.../>")
+    return int(model.actuator_ctrladr[actuator])
+
+
+# ------------------------------------------------------------------------------------------- the limits
+
+
+@dataclass(frozen=True, slots=True)
+class _Reach:
+    """How far one joint may go: accepted, hard, and in counts. rad and ticks."""
+
+    lower: float
+    upper: float
+    hard_lower: float
+    hard_upper: float
+    first: int
+    last: int
+
+
+def _reach(joint: JointSpec, zero: int, entry: JointCalibration | None, model_range: Floats | None) -> _Reach:
+    """The tightest of robot file, measured travel, the servo's own limits and the model."""
+    hard_lower, hard_upper = joint.lower - BEYOND, joint.upper + BEYOND
+    if model_range is not None:
+        hard_lower, hard_upper = (
+            max(hard_lower, float(model_range[0])),
+            min(hard_upper, float(model_range[1])),
+        )
+    least, most = 0, joint.type.ticks_per_turn - 1  # position mode, limit registers as delivered
+    if entry is not None:
+        least, most = entry.device.min_ticks, entry.device.max_ticks
+        ends = sorted(angle_of(joint, zero, ticks) for ticks in entry.sweep_ticks)
+        hard_lower, hard_upper = max(hard_lower, ends[0]), min(hard_upper, ends[1])
+    first, last = tick_range(joint, zero, hard_lower, hard_upper)
+    first, last = max(first, least), min(last, most)
+    if first >= last:
+        raise BindingError(
+            f"{joint.name}: no count is inside its limits, its travel and the servo's own {least}..{most} "
+            f"(zero {zero}): remount the horn, or correct registers 48 and 52, then calibrate again"
+        )
+    # A goal is rounded to the nearest count, and that must be one the servo takes.
+    edge = ROUNDING * abs(rad_per_tick(joint))
+    ends = sorted(angle_of(joint, zero, ticks) for ticks in (first, last))
+    hard_lower, hard_upper = max(hard_lower, ends[0] - edge), min(hard_upper, ends[1] + edge)
+    return _Reach(
+        lower=max(joint.lower, hard_lower),
+        upper=min(joint.upper, hard_upper),
+        hard_lower=hard_lower,
+        hard_upper=hard_upper,
+        first=first,
+        last=last,
+    )
+
+
+def _limits(robot: RobotFile, reach: list[_Reach]) -> Limits:
+    def effort(joint: JointSpec) -> float:
+        return joint.ratio * joint.type.torque_constant_nm_per_a * joint.type.current_limit_a
+
+    return Limits(
+        lower=frozen([each.lower for each in reach]),
+        upper=frozen([each.upper for each in reach]),
+        hard_lower=frozen([each.hard_lower for each in reach]),
+        hard_upper=frozen([each.hard_upper for each in reach]),
+        velocity=frozen([joint.velocity_limit for joint in robot.joints]),
+        acceleration=frozen([joint.acceleration_limit for joint in robot.joints]),
+        effort=frozen([effort(joint) for joint in robot.joints]),
+    )
+
+
+def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[_Reach]) -> BusMap:
+    """The joints of one bus, by id."""
+    places = sorted(
+        (place for place, joint in enumerate(robot.joints) if joint.bus == bus),
+        key=lambda place: robot.joints[place].id,
+    )
+    joints = [robot.joints[place] for place in places]
+    return BusMap(
+        name=bus,
+        joints=np.array(places, np.int64),
+        ids=tuple(joint.id for joint in joints),
+        zero=np.array([zeros[place] for place in places], np.int64),
+        scale=frozen([rad_per_tick(joint) for joint in joints]),
+        velocity_scale=frozen([j.sign / j.ratio * j.type.velocity_lsb_rad_s for j in joints]),
+        effort_scale=frozen(
+            [j.sign * j.ratio * j.type.torque_constant_nm_per_a * j.type.current_lsb_a for j in joints]
+        ),
+        lower=np.array([reach[place].first for place in places], np.int64),
+        upper=np.array([reach[place].last for place in places], np.int64),
+    )

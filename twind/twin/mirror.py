@@ -1,0 +1,82 @@
+"""The measured robot in the model: pose, and the torque that the model says it takes to be there. No physics.
+
+A pose is written and evaluated with `mj_inverse`, never `mj_forward`: measured poses jump, which defeats the
+solver, and a foot a millimetre inside the floor would be forces that nobody feels.
+"""
+
+import copy
+
+import mujoco
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats
+from twind.robot.state import JointState
+from twind.twin.binding import Binding
+
+# Beyond these a number is no reading, and MuJoCo would work with it all the same.
+MAX_ANGLE = 1e3  # rad
+MAX_SPEED = 1e4  # rad/s
+
+
+class Mirror:
+    """Holds the last believable reading of every joint; starts in the rest pose."""
+
+    def __init__(self, binding: Binding) -> None:
+        self.model = copy.copy(binding.model)  # its own: contacts and joint stops are off here
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+        self.data = mujoco.MjData(self.model)
+        self.refused = 0  # readings that were heard but not believable
+        self._place, self._speed = index(binding.qpos), index(binding.dof)
+        self._qpos, self._qvel, self._force = self.data.qpos, self.data.qvel, self.data.qfrc_inverse
+        self._seen = np.zeros(len(binding.qpos), np.bool_)
+        self._whole = False  # every joint has been seen
+        self._qpos[self._place] = binding.rest
+        mujoco.mj_inverse(self.model, self.data)  # qacc is zero and stays zero
+
+    @property
+    def position(self) -> Floats:
+        """The pose in the model (n,), rad. A copy."""
+        return np.array(self._qpos[self._place])
+
+    @property
+    def effort(self) -> Floats:
+        """Torque (n,), N·m, that keeps the measured pose at its speed; NaN for joints never heard."""
+        force = np.array(self._force[self._speed])
+        if not self._whole:
+            force[~self._seen] = np.nan
+        return force
+
+    def update(self, measured: JointState) -> None:
+        """Take a reading. Joints not heard, or not believable, keep their last."""
+        position, velocity = measured.position, measured.velocity
+        fresh = believable(position, velocity)
+        if not (fresh.all() and measured.heard.all()):
+            self.refused += int(np.count_nonzero(measured.heard & ~fresh))
+            fresh &= measured.heard
+            if not fresh.any():
+                return
+            position = np.where(fresh, position, self._qpos[self._place])
+            velocity = np.where(fresh, velocity, self._qvel[self._speed])
+        if not self._whole:
+            self._seen |= fresh
+            self._whole = bool(self._seen.all())
+        self._qpos[self._place] = position
+        self._qvel[self._speed] = velocity
+        mujoco.mj_inverse(self.model, self.data)
+
+
+def believable(position: Floats, velocity: Floats) -> Bools:
+    """(n,): both are numbers of a size that a joint can have. NaN is not."""
+    found: Bools = (np.abs(position) < MAX_ANGLE) & (np.abs(velocity) < MAX_SPEED)
+    return found
+
+
+def index(
+    addresses: np.ndarray[tuple[int], np.dtype[np.int64]],
+) -> slice | np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """A slice where the addresses are one run: writing through it is twice as fast."""
+    first, count = int(addresses[0]), len(addresses)
+    if np.array_equal(addresses, np.arange(first, first + count)):
+        return slice(first, first + count)
+    return addresses

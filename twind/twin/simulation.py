@@ -1,0 +1,122 @@
+"""The commanded robot: position servos and physics, one period per tick. Sees no measurement."""
+
+import copy
+
+import mujoco
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, Ints
+from twind.robot.state import JointState
+from twind.twin.binding import Binding
+from twind.twin.mirror import MAX_ANGLE, index
+
+# MuJoCo answers these by resetting everything to its own default pose and going on.
+FATAL = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+
+
+def hush() -> None:
+    """Keep MuJoCo from writing MUJOCO_LOG.TXT into the working directory; `MjData.warning` still counts."""
+    mujoco.set_mju_user_warning(_unsaid)
+
+
+def _unsaid(message: str) -> None:
+    """The count of warnings is what is looked at."""
+
+
+class Simulation:
+    """Physics of the whole robot from the rest pose on. Arrays are (n,) in joint order."""
+
+    def __init__(self, binding: Binding, period: float) -> None:
+        """`period`: s of physics per `step`; the model's timestep is shortened to divide it."""
+        if not 1e-4 <= period <= 1.0:
+            raise ValueError(f"a period of {period} s is outside 0.0001..1")
+        self.model = copy.copy(binding.model)
+        self._substeps = max(1, int(np.ceil(period / self.model.opt.timestep - 1e-9)))
+        self.model.opt.timestep = period / self._substeps
+        self.data = mujoco.MjData(self.model)
+        self.warnings = 0  # of MuJoCo, all kinds
+        self.resets = 0  # times the physics broke down and was put back to the last good pose
+        self.frozen = False
+        self._floating, self._base = binding.floating, binding.robot.base
+        self._place, self._speed = index(binding.qpos), index(binding.dof)
+        self._goal = index(binding.actuators)
+        self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
+        self._force, self._warned = self.data.qfrc_actuator, self.data.warning.number
+        self._age, self._heard = np.zeros(len(binding.rest)), np.ones(len(binding.rest), np.bool_)
+        self._age.setflags(write=False)
+        self._heard.setflags(write=False)
+        self.place(binding.rest)
+
+    def place(self, position: Floats) -> None:
+        """Start anew at `position`, at rest, holding there. A joint without a finite angle stays."""
+        position = np.where(np.abs(position) < MAX_ANGLE, position, self._qpos[self._place])
+        self.frozen = False
+        mujoco.mj_resetData(self.model, self.data)
+        self._warned[:] = 0
+        self._qpos[self._place] = position
+        self._ctrl[self._goal] = position
+        if self._floating:
+            self._stand()
+        self._good = np.array(self._qpos), np.array(self._ctrl)
+
+    def halt(self) -> None:
+        """Stop where it is: the pose of now is the goal; none is taken until `place` or `release`."""
+        self._ctrl[self._goal] = self._qpos[self._place]
+        self.frozen = True
+
+    def release(self) -> None:
+        """Take goals again."""
+        self.frozen = False
+
+    def step(self, goal: Floats | None) -> None:
+        """One period. Without a goal (None, or not a finite angle) a joint holds its last."""
+        if goal is not None and not self.frozen:
+            fit: Bools = np.abs(goal) < MAX_ANGLE
+            self._ctrl[self._goal] = goal if fit.all() else np.where(fit, goal, self._ctrl[self._goal])
+        mujoco.mj_step(self.model, self.data, nstep=self._substeps)
+        if self._warned.any():
+            self._warning()
+        else:
+            self._good[0][:], self._good[1][:] = self._qpos, self._ctrl
+
+    def state(self, now: float) -> JointState:
+        """Where it is, as a reading that has just arrived. Effort is what the servos pull, N·m."""
+        return JointState(
+            time=now,
+            position=_reading(self._qpos, self._place),
+            velocity=_reading(self._qvel, self._speed),
+            effort=_reading(self._force, self._speed),
+            age=self._age,
+            heard=self._heard,
+        )
+
+    def _warning(self) -> None:
+        """Count; after a breakdown back to the last good pose, at rest: MuJoCo went to its default."""
+        self.warnings += int(self._warned.sum())
+        broken = any(self._warned[int(kind)] for kind in FATAL)
+        self._warned[:] = 0
+        if broken:
+            self.resets += 1
+            mujoco.mj_resetData(self.model, self.data)
+            self._qpos[:], self._ctrl[:] = self._good
+
+    def _stand(self) -> None:
+        """Lower or lift a free base until the lowest part of the robot touches the floor."""
+        mujoco.mj_kinematics(self.model, self.data)
+        plane, model = int(mujoco.mjtGeom.mjGEOM_PLANE), self.model
+        floors = [g for g in range(model.ngeom) if model.geom_type[g] == plane and model.geom_bodyid[g] == 0]
+        solid = [g for g in range(model.ngeom) if model.geom_bodyid[g] != 0 and model.geom_contype[g]]
+        if floors and solid:
+            gaps = [mujoco.mj_geomDistance(model, self.data, floors[0], g, 10.0, None) for g in solid]
+            base = model.jnt_qposadr[model.body_jntadr[model.body(self._base).id]]
+            self._qpos[base + 2] -= min(gaps)
+
+
+def _reading(values: Floats, where: slice | Ints) -> Floats:
+    copied = np.array(values[where])
+    copied.setflags(write=False)
+    return copied

@@ -1,0 +1,54 @@
+"""The twin: the measured robot mirrored, the commanded robot simulated. Lives in the loop's thread."""
+
+from twind.robot.arrays import Floats
+from twind.robot.state import JointState
+from twind.twin.binding import Binding
+from twind.twin.mirror import Mirror
+from twind.twin.simulation import Simulation, hush
+
+
+class Twin:
+    """Both halves, on model copies of their own. Arrays are (n,) in joint order."""
+
+    def __init__(self, binding: Binding, period: float) -> None:
+        """`period`: s, of one tick. The simulation starts at the rest pose."""
+        hush()
+        self.mirror = Mirror(binding)
+        self.simulation = Simulation(binding, period)
+
+    @property
+    def warnings(self) -> int:
+        """Warnings of MuJoCo in the simulation so far: any rise is a fault of model or goals."""
+        return self.simulation.warnings
+
+    @property
+    def resets(self) -> int:
+        """Times the simulation broke down and was put back to its last good pose."""
+        return self.simulation.resets
+
+    @property
+    def model_effort(self) -> Floats:
+        """Torque (n,) in N·m that the model says the measured pose takes; NaN for joints never heard."""
+        return self.mirror.effort
+
+    def update(self, measured: JointState | None, goal: Floats | None, now: float) -> JointState:
+        """Mirror a reading, let one period pass in the simulation, return the simulated state.
+
+        None: no reading, no new goal. Nothing that is not a finite number enters either model.
+        """
+        if measured is not None:
+            self.mirror.update(measured)
+        self.simulation.step(goal)
+        return self.simulation.state(now)
+
+    def place(self, position: Floats) -> None:
+        """The simulation starts anew at `position` (n,) rad, at rest, holding there."""
+        self.simulation.place(position)
+
+    def halt(self) -> None:
+        """The simulated e-stop: it stops where it is; goals are not taken until `place` or `release`."""
+        self.simulation.halt()
+
+    def release(self) -> None:
+        """After `halt`: goals are taken again."""
+        self.simulation.release()
