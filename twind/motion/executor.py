@@ -1,0 +1,330 @@
+"""Follows accepted trajectories and setpoints, and stops: what the loop asks for a goal once per tick.
+
+Semantics of `joint_trajectory_controller`: replacement blends from the running reference without a step,
+joints that a goal does not name keep their old path, a future start waits while the old path goes on.
+Judges nothing: what comes in has passed the gate.
+"""
+
+from collections.abc import Sequence
+from math import inf, isfinite
+
+import numpy as np
+
+from twind.motion.goals import STOPPED, Outcome, Tolerances, without_past
+from twind.motion.layers import Goal, Layer, begun, choose, laid_over, without
+from twind.motion.stops import Follower, Ramp, still
+from twind.robot.arrays import Bools, Floats, Ints
+from twind.robot.finding import Code, Finding
+from twind.robot.limits import Limits
+from twind.robot.modes import Motion
+from twind.robot.state import JointState
+from twind.robot.trajectory import Reference, Trajectory
+
+__all__ = ["Executor", "Outcome", "Tolerances"]
+
+
+class Executor:
+    """Follows accepted trajectories on its own time, which advances by one period per `goal()`.
+
+    A late or missed tick re-times the motion; it never catches up and never jumps (R02). Starts fall on
+    ticks: a start time is rounded to the nearest one.
+    """
+
+    def __init__(self, limits: Limits, period: float) -> None:
+        self._limits, self._period = limits, period
+        self._tick = 0
+        self._reference: Reference | None = None
+        self._floor: Ramp | Follower | None = None  # what the joints do that no layer decides
+        self._layers: list[Layer] = []  # begun, oldest first; no joint is in two
+        self._running: Layer | None = None  # the newest, while its goal has not ended
+        self._pending: list[Goal] = []  # by start
+        self._stream: Follower | None = None
+        self._streamed: Bools = np.zeros(0, np.bool_)
+        self._valid_for, self._heard_at = 0.0, inf
+        self._ended: list[tuple[Outcome, float]] = []
+        self._fractions: dict[str, float] = {}
+
+    # ------------------------------------------------------------------------------- what is
+
+    @property
+    def motion(self) -> Motion:
+        """What the joints are doing; a goal that waits for its start counts as active."""
+        if self._reference is None:
+            return Motion.IDLE
+        if self._stream is not None:
+            return Motion.STREAMING
+        return Motion.ACTIVE if self._layers or self._pending else Motion.HOLDING
+
+    @property
+    def reference(self) -> Reference | None:
+        """The last commanded reference; None while idle."""
+        return self._reference
+
+    @property
+    def waiting(self) -> int:
+        """Goals accepted whose start has not come."""
+        return len(self._pending)
+
+    def setpoint_age(self, now: float) -> float | None:
+        """Age of the newest setpoint (s), counted from the first tick that could use it; None: no stream."""
+        if self._stream is None:
+            return None
+        return 0.0 if self._heard_at == inf else now - self._heard_at
+
+    def progress(self) -> tuple[str, float] | None:
+        """The goal that runs, or waits, and how far it has come, 0..1."""
+        if self._running is not None:
+            return self._running.goal.id, self._running.fraction(self._tick)
+        return (self._pending[0].id, 0.0) if self._pending else None
+
+    def fraction(self, id: str) -> float:
+        """How far a goal has come, or had come when it ended (until the next `outcomes`); 0 unknown."""
+        if self._running is not None and self._running.goal.id == id:
+            return self._running.fraction(self._tick)
+        return self._fractions.get(id, 0.0)
+
+    def outcomes(self) -> list[Outcome]:
+        """Goals that ended since the last call."""
+        ended, self._ended = self._ended, []
+        self._fractions = {outcome.id: fraction for outcome, fraction in ended}
+        return [outcome for outcome, _ in ended]
+
+    def ahead(self, start_in: float) -> Reference:
+        """Where the reference will be `start_in` s from now, as accepted: where a goal of then begins.
+
+        Raises ValueError while idle.
+        """
+        if self._reference is None or self._floor is None:
+            raise ValueError("idle: nothing holds, so there is no reference ahead")
+        until = self._start(start_in)
+        if until <= self._tick:
+            return self._reference
+        layers = self._layers
+        for goal in self._pending:
+            if goal.start < until:
+                new = begun(goal, self._predict(layers, goal.start), self._limits, self._period)
+                layers = [*without(layers, new.joints), new]
+        return self._predict(layers, until)
+
+    # ------------------------------------------------------------------------------- what to do
+
+    def begin(self, position: Floats) -> None:
+        """Hold here (n,) from standstill; goals under way end as aborted. Raises ValueError for NaN."""
+        if not np.isfinite(position).all():
+            joint = int(np.argmin(np.isfinite(position)))
+            raise ValueError(f"cannot hold joint {joint} at {position[joint]}: not a finite position")
+        self._end_all("aborted", ())
+        self._rest(still(position))
+
+    def idle(self) -> None:
+        """Nobody holds any more; goals under way end as aborted."""
+        self._end_all("aborted", ())
+        self._reference, self._floor = None, None
+
+    def submit(
+        self,
+        id: str,
+        path: Trajectory,
+        *,
+        start_in: float = 0.0,
+        tolerances: Tolerances | None = None,
+        goal_time: float | None = None,
+    ) -> Finding | None:
+        """Follow `path` from its start on; None, or why that cannot be.
+
+        A start in the past drops the waypoints that are past. Goals that were to begin at or after this one
+        are replaced; one that runs is replaced when this one begins.
+        """
+        if self._reference is None:
+            return Finding(Code.NOT_ARMED, message="nobody holds: arm first")
+        if not len(path.time):
+            return Finding(Code.EMPTY, message="a trajectory without points")
+        if not start_in < inf:
+            return Finding(Code.TOO_DISTANT, value=start_in, message="a start that never comes")
+        left = without_past(path, start_in)
+        if isinstance(left, Finding):
+            return left
+        start = self._start(start_in)
+        if self._stream is not None and start > self._tick:
+            return Finding(Code.BUSY, message="setpoints arrive: a later start cannot be foreseen")
+        for goal in [goal for goal in self._pending if goal.start >= start]:
+            self._pending.remove(goal)
+            self._end(goal, "replaced")
+        self._pending.append(Goal(id, left, start, tolerances, goal_time))
+        return None
+
+    def setpoint(
+        self, joints: Ints, position: Floats, velocity: Floats | None, valid_for: float
+    ) -> Finding | None:
+        """Follow this place (m,) of `joints` until `valid_for` s have passed without another; then hold.
+
+        Goals under way are replaced; joints that the stream does not name keep their path. None, or why not.
+        """
+        if self._reference is None:
+            return Finding(Code.NOT_ARMED, message="nobody holds: arm first")
+        drift = np.zeros(len(joints)) if velocity is None else velocity
+        if not np.isfinite([*position, *drift, valid_for]).all():
+            return Finding(Code.NONFINITE, message="a setpoint must be finite")
+        self._end_goals("replaced", ())
+        new = np.zeros(len(self._reference.position), np.bool_)
+        new[joints] = True
+        old = self._stream
+        if old is None or (new & ~self._streamed).any():
+            self._stream = Follower(self._reference, self._limits, self._period)
+            if old is not None:
+                self._stream.aim(
+                    np.where(self._streamed, old.target, self._stream.target),
+                    np.where(self._streamed, old.drift, 0.0),
+                )
+            self._streamed = new if old is None else new | self._streamed
+            self._layers = without(self._layers, self._streamed)
+        assert self._stream is not None  # made above when there was none
+        target, drifts = self._stream.target.copy(), self._stream.drift.copy()
+        target[joints], drifts[joints] = position, drift
+        self._stream.aim(target, drifts)
+        self._valid_for, self._heard_at = valid_for, inf
+        return None
+
+    def stop(self, phase: str = "cancelled", findings: Sequence[Finding] = ()) -> None:
+        """Brake with the gate's acceleration limit, then hold. Goals under way end as `phase`."""
+        moving = bool(self._layers) or self._stream is not None or isinstance(self._floor, Follower)
+        self._end_all(phase, findings)
+        if moving and self._reference is not None:
+            self._floor = Ramp(self._reference, self._limits, self._period)
+
+    # ------------------------------------------------------------------------------- once per tick
+
+    def goal(self, now: float) -> Reference | None:
+        """The reference of the next tick; None while idle. `now` only ages the setpoints."""
+        if self._reference is None or self._floor is None:
+            return None
+        if self._stream is not None:
+            self._age(now)
+        while self._pending and self._pending[0].start <= self._tick:
+            self._begin(self._pending.pop(0), self._reference)
+        self._tick += 1
+        reference = self._next(self._floor)
+        if not isfinite(float(reference.position @ reference.position)):
+            self._end_all("aborted", (Finding(Code.INTERNAL, message="the reference is not finite"),))
+            self._floor = Ramp(self._reference, self._limits, self._period)
+            reference = self._floor.step()
+        self._reference = reference
+        self._settle_down(reference)
+        return reference
+
+    def observe(self, state: JointState) -> None:
+        """Judge the goal that runs by where its joints really are: path and goal tolerances."""
+        layer, reference = self._running, self._reference
+        if layer is None or reference is None or layer.goal.tolerances is None:
+            return
+        error = np.abs(reference.position - state.position)
+        t, duration, tolerances = layer.elapsed(self._tick), layer.curve.duration, layer.goal.tolerances
+        if t < duration:
+            out = self._outside(layer, error, tolerances.path)
+            if out.any():
+                self._give_up(layer, Code.PATH_TOLERANCE, out, error, tolerances.path, state)
+            return
+        fast = ~(np.abs(state.velocity) <= STOPPED) & (tolerances.goal != inf) & layer.goal.path.commanded
+        out = self._outside(layer, error, tolerances.goal) | fast
+        if not out.any():
+            self._end(layer.goal, "succeeded", fraction=1.0)
+            self._running = None
+        elif layer.goal.goal_time and t > duration + layer.goal.goal_time:
+            self._give_up(layer, Code.GOAL_TOLERANCE, out, error, tolerances.goal, state)
+
+    # ------------------------------------------------------------------------------- inside
+
+    def _start(self, start_in: float) -> int:
+        return self._tick + max(0, round(start_in / self._period))
+
+    def _predict(self, layers: Sequence[Layer], tick: int) -> Reference:
+        assert self._floor is not None  # `ahead` has asked
+        return laid_over(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
+
+    def _begin(self, goal: Goal, reference: Reference) -> None:
+        """A goal's start has come: it takes its joints over, and the goal that ran is replaced."""
+        if self._stream is not None:  # a stream has no old path: joints it leaves behind brake
+            self._stream, self._floor = None, Ramp(reference, self._limits, self._period)
+        layer = begun(goal, reference, self._limits, self._period)
+        self._layers = [*without(self._layers, layer.joints), layer]
+        if self._running is not None:
+            self._end(self._running.goal, "replaced", fraction=self._running.fraction(self._tick))
+        self._running = layer
+
+    def _next(self, floor: Ramp | Follower) -> Reference:
+        if self._stream is None and len(self._layers) == 1 and self._layers[0].whole:
+            return self._layers[0].at(self._tick)
+        reference = floor.step()
+        if self._layers:
+            reference = laid_over(reference, self._layers, self._tick)
+        if self._stream is not None:
+            reference = choose(self._streamed, self._stream.step(), reference)
+        return reference
+
+    def _settle_down(self, reference: Reference) -> None:
+        """End what has arrived: the goal without tolerances, then the layers, then the follower."""
+        layer = self._running
+        if layer is not None and layer.over(self._tick) and not _judged_at_end(layer.goal):
+            self._end(layer.goal, "succeeded", fraction=1.0)
+            self._running = None
+        if self._layers and self._running is None and all(layer.over(self._tick) for layer in self._layers):
+            self._layers = []
+            self._floor = Ramp(reference, self._limits, self._period)
+        if isinstance(self._floor, Follower) and self._floor.resting:
+            self._rest(still(reference.position))
+
+    def _rest(self, reference: Reference) -> None:
+        self._reference = reference
+        self._floor = Ramp(reference, self._limits, self._period)
+
+    def _age(self, now: float) -> None:
+        """Hold when the last setpoint is too old (R04). It is as old as the first tick that could use it."""
+        if self._heard_at == inf:
+            self._heard_at = now
+        age = now - self._heard_at
+        if not age <= self._valid_for:
+            self.stop()
+            stale = Finding(
+                Code.STREAM_STALE, value=age, bound=self._valid_for, message="no newer setpoint: holding"
+            )
+            self._ended.append((Outcome("", "aborted", (stale,)), 0.0))
+
+    def _outside(self, layer: Layer, error: Floats, bound: Floats) -> Bools:
+        out: Bools = ~(error <= bound) & (bound != inf) & layer.goal.path.commanded
+        return out
+
+    def _give_up(
+        self, layer: Layer, code: Code, out: Bools, error: Floats, bound: Floats, state: JointState
+    ) -> None:
+        """Abort: brake, and hold those that were held back where they are (R15), the others as commanded."""
+        assert self._reference is not None  # `observe` has asked
+        time = layer.elapsed(self._tick)
+        findings = tuple(
+            Finding(code, joint, time=time, value=float(error[joint]), bound=float(bound[joint]))
+            for joint in np.flatnonzero(out).tolist()
+        )
+        self._end_all("aborted", findings)
+        follower = Follower(self._reference, self._limits, self._period)
+        there = np.clip(state.position, self._limits.hard_lower, self._limits.hard_upper)
+        follower.aim(np.where(out & np.isfinite(there), there, follower.target), np.zeros(len(there)))
+        self._floor = follower
+
+    def _end_all(self, phase: str, findings: Sequence[Finding]) -> None:
+        self._end_goals(phase, findings)
+        self._layers, self._stream = [], None
+
+    def _end_goals(self, phase: str, findings: Sequence[Finding]) -> None:
+        if self._running is not None:
+            self._end(self._running.goal, phase, findings, self._running.fraction(self._tick))
+            self._running = None
+        for goal in self._pending:
+            self._end(goal, phase, findings)
+        self._pending.clear()
+
+    def _end(self, goal: Goal, phase: str, findings: Sequence[Finding] = (), fraction: float = 0.0) -> None:
+        self._ended.append((Outcome(goal.id, phase, tuple(findings)), fraction))
+
+
+def _judged_at_end(goal: Goal) -> bool:
+    """Its end is judged by where the joints really are."""
+    return goal.tolerances is not None and bool((goal.tolerances.goal != inf).any())

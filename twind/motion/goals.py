@@ -1,0 +1,94 @@
+"""What a goal asks for beside its path: tolerances, its end, and how a late or jumping start is mended."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil, inf
+
+import numpy as np
+
+from twind.robot.arrays import Floats
+from twind.robot.finding import Code, Finding
+from twind.robot.limits import Limits
+from twind.robot.trajectory import Reference, Trajectory
+
+STOPPED = 0.05  # rad/s: at the end slower than this counts as stopped (as S22)
+JUMP = 1e-9  # rad: a smaller jump of a first point at t = 0 is rounding
+SHARE = 0.5  # of the velocity limit for the way to a first point at t = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """How far measured may be from reference, rad, (n,) each; inf: not checked."""
+
+    path: Floats  # while the goal runs
+    goal: Floats  # at its end
+
+    @classmethod
+    def of(cls, count: int, entries: Sequence[tuple[int, float | None, float | None]]) -> "Tolerances":
+        """From (joint, path, goal) entries: None and 0 keep the default (no check), -1 erases it.
+
+        Raises ValueError for an unknown joint, NaN and other negative numbers.
+        """
+        bounds = np.full((2, count), inf)
+        for joint, *given in entries:
+            if not 0 <= joint < count:
+                raise ValueError(f"tolerance of joint {joint}: there are joints 0..{count - 1}")
+            for row, value in zip(bounds, given, strict=True):
+                if value is None or value in (0.0, -1.0):
+                    continue
+                if not value > 0.0:
+                    raise ValueError(
+                        f"tolerance {value} of joint {joint}: above 0, 0 (default) or -1 (no check)"
+                    )
+                row[joint] = value
+        return cls(*bounds)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a goal ended. The setpoint stream reports itself with an empty id."""
+
+    id: str
+    phase: str  # succeeded, cancelled, replaced, aborted
+    findings: tuple[Finding, ...] = ()
+
+
+def without_past(path: Trajectory, start_in: float) -> Trajectory | Finding:
+    """The waypoints still ahead when the start lies `-start_in` s in the past; CMD_EXPIRED when none is."""
+    if start_in >= 0.0:
+        return path
+    ahead = path.time + start_in > 0.0
+    if not ahead.any():
+        end = float(path.time[-1]) if len(path.time) else 0.0
+        message = "every waypoint lies in the past: send it earlier, or without a start"
+        return Finding(Code.CMD_EXPIRED, value=-start_in, bound=end, message=message)
+    return replace(
+        path,
+        time=path.time[ahead] + start_in,
+        position=path.position[ahead],
+        velocity=None if path.velocity is None else path.velocity[ahead],
+        acceleration=None if path.acceleration is None else path.acceleration[ahead],
+    )
+
+
+def led_in(path: Trajectory, before: Reference, limits: Limits, period: float) -> Trajectory:
+    """The same path; one that would jump at t = 0 begins later, by the time a smooth way to it takes."""
+    if path.time[0] > 0.0:
+        return path
+    columns = path.commanded
+    jump = np.where(columns, np.abs(path.position[0] - before.position), 0.0)
+    if not (jump > JUMP).any():
+        return path
+    speed = np.abs(before.velocity)
+    if path.velocity is not None:
+        speed = np.maximum(speed, np.abs(path.velocity[0]))
+    speed = np.where(columns, speed, 0.0)
+    room = np.maximum(np.minimum(SHARE * limits.velocity, limits.velocity - speed), 0.05 * limits.velocity)
+    wanted = [
+        period,
+        float((1.875 * jump / room).max()),
+        float(np.sqrt(6.0 * jump / (0.4 * limits.acceleration)).max()),
+        float((10.0 * speed / limits.acceleration).max()),
+    ]
+    lead = ceil(max(wanted) / period - 1e-9) * period
+    return replace(path, time=path.time + lead)

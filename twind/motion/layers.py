@@ -1,0 +1,94 @@
+"""Goals that wait, goals that run, and how they lie over one another: the newest decides its joints.
+
+A layer's curve begins at the reference of the moment it starts, so there is no step (JTC "replacement").
+What a newer layer does not name keeps the older curve; a layer that no joint follows any more is dropped.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twind.motion.goals import Tolerances, led_in
+from twind.robot.arrays import Bools
+from twind.robot.limits import Limits
+from twind.robot.splines import Spline, interpolate
+from twind.robot.trajectory import Reference, Trajectory
+
+ROUNDING = 1e-9  # s: a tick this close to the end of a curve is at its end
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Goal:
+    """An accepted trajectory and what was asked with it."""
+
+    id: str
+    path: Trajectory
+    start: int  # tick
+    tolerances: Tolerances | None
+    goal_time: float | None  # s after the end within which the goal tolerances must be met; None, 0: ever
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """A goal that has begun, and the joints that follow it."""
+
+    goal: Goal
+    curve: Spline
+    joints: Bools  # (n,)
+    whole: bool  # all of them
+    period: float  # s
+
+    def elapsed(self, tick: int) -> float:
+        """Time on the curve, s; exactly its duration when within rounding of it."""
+        t = (tick - self.goal.start) * self.period
+        duration = self.curve.duration
+        return duration if abs(t - duration) <= ROUNDING else t
+
+    def over(self, tick: int) -> bool:
+        """The end of the curve has been reached."""
+        return self.elapsed(tick) >= self.curve.duration
+
+    def at(self, tick: int) -> Reference:
+        """The reference on the curve; at rest on its last point after the end."""
+        reference = self.curve.sample(self.elapsed(tick))
+        assert reference is not None  # a layer is never asked about a time before its start
+        return reference
+
+    def fraction(self, tick: int) -> float:
+        """How far it has come, 0..1."""
+        duration = self.curve.duration
+        return min(1.0, self.elapsed(tick) / duration) if duration > 0.0 else 1.0
+
+
+def begun(goal: Goal, reference: Reference, limits: Limits, period: float) -> Layer:
+    """The layer of a goal that starts now, from `reference`."""
+    curve = interpolate(led_in(goal.path, reference, limits, period), reference)
+    joints = goal.path.commanded
+    return Layer(goal, curve, joints, bool(joints.all()), period)
+
+
+def without(layers: Sequence[Layer], joints: Bools) -> list[Layer]:
+    """The layers after `joints` (n,) have left them; those left by all are gone."""
+    left = []
+    for layer in layers:
+        keeps = layer.joints & ~joints
+        if keeps.any():
+            left.append(replace(layer, joints=keeps, whole=bool(keeps.all())))
+    return left
+
+
+def laid_over(base: Reference, layers: Sequence[Layer], tick: int) -> Reference:
+    """`base`, with the joints of each layer taken from it."""
+    for layer in layers:
+        base = choose(layer.joints, layer.at(tick), base)
+    return base
+
+
+def choose(joints: Bools, theirs: Reference, others: Reference) -> Reference:
+    """`theirs` for `joints` (n,), `others` for the rest."""
+    return Reference(
+        np.where(joints, theirs.position, others.position),
+        np.where(joints, theirs.velocity, others.velocity),
+        np.where(joints, theirs.acceleration, others.acceleration),
+    )

@@ -1,0 +1,85 @@
+"""The way to the rest pose: slow, smooth, and inside everything the gate asks for (SETTLE)."""
+
+from math import sqrt
+
+import numpy as np
+
+from twind.robot.arrays import Floats
+from twind.robot.limits import Limits
+from twind.robot.trajectory import Reference, Trajectory
+
+SPEED = 0.5  # of the velocity and acceleration limits, when there is time for it
+MOST = 0.95  # of them, when the time is short
+BRAKE = 0.98  # of the acceleration limit while a moving reference brakes: rounding stays below the limit
+LARGE, LEAST, SHORT = 0.1, 1.0, 0.25  # a move beyond LARGE rad takes LEAST s or more, a smaller one SHORT s
+MOVING = 1e-9  # rad/s: slower counts as standing
+GRID = 0.005  # s: braking joints come to rest on this grid, so that no two points are closer
+STRETCH, TRIES = 1.1, 60  # a way that brakes too late is stretched until it does not
+SAMPLES = 200  # points of the way at which braking is looked at
+POINTS = 20  # of the way after braking, where cubics stand for the quintic
+EDGE, MARGIN = 0.05, 0.2  # rad/s, of the brake rule (S21): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
+
+
+def settle(reference: Reference, rest_position: Floats, limits: Limits, seconds: float = 4.0) -> Trajectory:
+    """From `reference` to rest at `rest_position` (n,), at half of every limit, faster when `seconds` ask it.
+
+    Longer than `seconds` only where the limits need it. A reference that moves brakes first.
+    """
+    if (np.abs(reference.velocity) <= MOVING).all():
+        lasts = _lasts(reference.position, rest_position, limits, seconds)
+        zero = np.zeros((1, len(rest_position)))
+        return Trajectory(np.array([lasts]), rest_position[None, :].copy(), zero[0] == 0.0, zero, zero)
+    return _braking_first(reference, rest_position, limits, seconds)
+
+
+def _lasts(start: Floats, end: Floats, limits: Limits, seconds: float) -> float:
+    """Time (s) of a quintic from standstill to standstill, whose peaks are 1.875 d / T and 5.774 d / T²."""
+    distance = np.abs(end - start)
+
+    def least(share: float) -> float:
+        by_speed = float((1.875 * distance / (share * limits.velocity)).max(initial=0.0))
+        by_force = float((5.7736 * distance / (share * limits.acceleration)).max(initial=0.0))
+        return max(by_speed, sqrt(by_force))
+
+    shortest = LEAST if float(distance.max(initial=0.0)) > LARGE else SHORT
+    lasts = max(least(MOST), min(max(shortest, least(SPEED)), seconds))
+    for _ in range(TRIES):
+        if _brakes_in_time(start, end, lasts, limits):
+            break
+        lasts *= STRETCH
+    return lasts
+
+
+def _way(start: Floats, end: Floats, u: Floats) -> tuple[Floats, Floats]:
+    """Positions and velocities (by u) of the quintic at `u` (k,) in 0..1; (k, n) each."""
+    u = u[:, None]
+    position = start + (end - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+    return position, (end - start) * 30.0 * (u * (1.0 - u)) ** 2
+
+
+def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: Limits) -> bool:
+    """The brake rule on the way, sampled, towards the limit that each joint moves to."""
+    position, speed = _way(start, end, np.linspace(0.0, 1.0, SAMPLES))
+    room = np.where(end >= start, limits.hard_upper - position, position - limits.hard_lower)
+    allowed = np.sqrt(2.0 * limits.acceleration * np.maximum(room, 0.0)) - MARGIN
+    return bool((np.abs(speed) / lasts <= MOST * np.maximum(EDGE, allowed)).all())
+
+
+def _braking_first(reference: Reference, end: Floats, limits: Limits, seconds: float) -> Trajectory:
+    """Each joint brakes evenly until an instant of the grid (exact as cubics between those), then the way."""
+    velocity = reference.velocity
+    stops = np.ceil(np.abs(velocity) / (BRAKE * limits.acceleration) / GRID - 1e-9) * GRID
+    instants = np.unique(stops[stops > 0.0])
+    s = np.minimum(instants[:, None], stops)
+    share = s / np.maximum(stops, GRID)
+    position = reference.position + velocity * s * (1.0 - 0.5 * share)
+    start, braked = position[-1], float(instants[-1])
+    lasts = _lasts(start, end, limits, seconds - braked)
+    u = np.linspace(0.0, 1.0, POINTS + 1)[1:]
+    way, speed = _way(start, end, u)
+    return Trajectory(
+        np.concatenate([instants, braked + u * lasts]),
+        np.vstack([position, way[:-1], end]),
+        np.ones(len(end), np.bool_),
+        np.vstack([velocity * (1.0 - share), speed / lasts]),
+    )

@@ -1,0 +1,136 @@
+"""How a motion ends early: the deceleration ramp, and the follower that never exceeds a limit.
+
+Both advance one period per `step`, so a late tick delays them and makes them jump nowhere (R02).
+"""
+
+import numpy as np
+
+from twind.robot.arrays import Floats, frozen
+from twind.robot.limits import Limits
+from twind.robot.trajectory import Reference
+
+RESTING = 1e-12  # rad and rad/s below which a joint counts as arrived: rounding, no motion
+
+
+def still(position: Floats) -> Reference:
+    """At rest on `position` (n,)."""
+    zero = frozen(np.zeros(len(position)))
+    return Reference(frozen(position), zero, zero)
+
+
+def stopping_point(reference: Reference, acceleration: Floats) -> Floats:
+    """Where each joint (n,) comes to rest when it brakes now: p ± v²/(2a). No velocity: where it is."""
+    velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
+    return reference.position + velocity * np.abs(velocity) / (2.0 * acceleration)
+
+
+class Ramp:
+    """Each joint brakes with its acceleration limit and then holds. From standstill it is a plain hold."""
+
+    def __init__(self, reference: Reference, limits: Limits, period: float) -> None:
+        self._velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
+        self._acceleration = np.copysign(limits.acceleration, self._velocity)
+        self._lasts = np.abs(self._velocity) / limits.acceleration
+        self._from, self._period, self._steps = reference.position, period, 0
+        self._rest = still(stopping_point(reference, limits.acceleration))
+        self.duration = float(self._lasts.max(initial=0.0))  # s until every joint rests
+
+    @property
+    def resting(self) -> bool:
+        """The ramp is over: `step` gives the same place for ever."""
+        return self._steps * self._period >= self.duration
+
+    def at(self, t: float) -> Reference:
+        """The reference `t` s after the ramp began."""
+        if t >= self.duration:
+            return self._rest
+        s = np.minimum(t, self._lasts)
+        brakes = s < self._lasts
+        return Reference(
+            np.where(
+                brakes,
+                self._from + s * (self._velocity - 0.5 * self._acceleration * s),
+                self._rest.position,
+            ),
+            np.where(brakes, self._velocity - self._acceleration * s, 0.0),
+            np.where(brakes, -self._acceleration, 0.0),
+        )
+
+    def step(self) -> Reference:
+        """One period further."""
+        if not self.resting:
+            self._steps += 1
+        return self.at(self._steps * self._period)
+
+    def ahead(self, t: float) -> Reference:
+        """The reference `t` s from now, without going there."""
+        return self.at(self._steps * self._period + t)
+
+
+class Follower:
+    """Follows a target that may change at any time, within velocity, acceleration and position limits.
+
+    Each step takes the largest velocity from which the joint can still stop at its target, and before its
+    position limit, in whole periods. A target that is too fast is followed late, never by a jump.
+    """
+
+    def __init__(self, reference: Reference, limits: Limits, period: float) -> None:
+        self._limits, self._period = limits, period
+        self._gain = limits.acceleration * period  # rad/s: what velocity may change in one step
+        self._position, self._velocity = reference.position.copy(), reference.velocity.copy()
+        self._target = stopping_point(reference, limits.acceleration)
+        self._drift = np.zeros(len(self._target))
+        self._last = reference
+
+    @property
+    def resting(self) -> bool:
+        """Arrived at a target that stands still."""
+        away = np.abs(self._target - self._position).max(initial=0.0)
+        speed = np.abs(self._velocity).max(initial=0.0) + np.abs(self._drift).max(initial=0.0)
+        return bool(away <= RESTING and speed <= RESTING)
+
+    def aim(self, target: Floats, drift: Floats) -> None:
+        """A new target (n,) in rad, moving on by itself with `drift` (n,) in rad/s."""
+        self._target, self._drift = target.copy(), drift.copy()
+
+    @property
+    def target(self) -> Floats:
+        """Where it is going, rad, (n,)."""
+        return self._target
+
+    @property
+    def drift(self) -> Floats:
+        """How fast the target itself moves, rad/s, (n,)."""
+        return self._drift
+
+    def step(self) -> Reference:
+        """One period further."""
+        limits, period, before = self._limits, self._period, self._velocity
+        away = self._target - self._position
+        wanted = self._drift + np.copysign(self._braking(np.abs(away)), away)
+        up = self._braking(limits.upper - self._position)
+        down = self._braking(self._position - limits.lower)
+        wanted = np.minimum(
+            np.maximum(wanted, -np.minimum(limits.velocity, down)), np.minimum(limits.velocity, up)
+        )
+        self._velocity = np.minimum(np.maximum(wanted, before - self._gain), before + self._gain)
+        self._position = self._position + self._velocity * period
+        self._target = np.minimum(np.maximum(self._target + self._drift * period, limits.lower), limits.upper)
+        self._last = Reference(self._position, self._velocity, (self._velocity - before) / period)
+        return self._last
+
+    def ahead(self, t: float) -> Reference:
+        """The reference `t` s from now, without going there."""
+        copy = Follower(self._last, self._limits, self._period)
+        copy.aim(self._target, self._drift)
+        reference = self._last
+        for _ in range(round(t / self._period)):
+            reference = copy.step()
+        return reference
+
+    def _braking(self, distance: Floats) -> Floats:
+        """The fastest speed (n,) from which whole steps of the acceleration limit stop within `distance`."""
+        distance = np.maximum(distance, 0.0)
+        half = 0.5 * self._gain
+        reach = np.sqrt(half * half + 2.0 * self._limits.acceleration * distance) - half
+        return np.minimum(reach, distance / self._period)

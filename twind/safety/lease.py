@@ -1,0 +1,116 @@
+"""Who may command: one connection at a time, until a time. No clock: `now` is an argument, s monotonic.
+
+An unknown or backward time counts as too late. A lease that has been seen lapsed does not come back.
+"""
+
+from dataclasses import dataclass
+
+TRAJECTORY = 1.0  # s that a renewal lasts
+STREAMING = 0.25  # s, while setpoints are streamed
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Who holds the lease, and for how long yet."""
+
+    client: int
+    holder: str
+    uid: int
+    expires_in: float  # s; the full term while a followed trajectory keeps it
+
+
+class Lease:
+    """At most one holder. `epoch` grows with every change of hands, and never shrinks."""
+
+    def __init__(self) -> None:
+        self.epoch = 0
+        self._client, self._name, self._uid = 0, "", -1
+        self._renewed, self._term = 0.0, TRAJECTORY
+        self._pins: set[str] = set()
+        self._seen = 0.0  # s, the last time anybody asked
+        self._lapsed = False  # since the last `expired`
+
+    def acquire(self, client: int, holder: str, uid: int, now: float, *, take: bool = False) -> bool:
+        """Take it if it is free or one's own, with `take` from anybody. False: another holds it.
+
+        Clients are numbers above 0; the caller holds the motion before a lease changes hands.
+        """
+        owner = self.holder_client(now)
+        if client <= 0 or (owner not in (0, client) and not take):
+            return False
+        if owner != client:
+            self.epoch += 1
+            self._pins = set()
+        self._client, self._name, self._uid = client, holder, uid
+        self._renewed, self._term = now, TRAJECTORY
+        return True
+
+    def renew(self, client: int, now: float, *, streaming: bool = False) -> bool:
+        """Another term for the one who holds it; False for everybody else, and after it lapsed."""
+        if not self.held_by(client, now):
+            return False
+        self._renewed, self._term = now, STREAMING if streaming else TRAJECTORY
+        return True
+
+    def release(self, client: int) -> bool:
+        """Give it back; False when it was not this client's."""
+        if client == 0 or self._client != client:
+            return False
+        self._drop()
+        return True
+
+    def gone(self, client: int) -> bool:
+        """A connection closed: its lease dies with it. True when it had one."""
+        return self.release(client)
+
+    def front_lost(self) -> None:
+        """The front died, and with it every connection."""
+        self._drop()
+
+    def pin(self, client: int, name: str) -> None:
+        """A followed trajectory of this client is open: it renews the lease by itself."""
+        if client != 0 and self._client == client:
+            self._pins.add(name)
+
+    def unpin(self, client: int, name: str) -> None:
+        """It ended: a last term begins."""
+        if client != 0 and self._client == client and name in self._pins:
+            self._pins.remove(name)
+            self._renewed, self._term = self._seen, TRAJECTORY
+
+    def expired(self, now: float) -> bool:
+        """True once after the lease has lapsed; it is free then."""
+        self.holds(now)
+        lapsed, self._lapsed = self._lapsed, False
+        return lapsed
+
+    def holds(self, now: float) -> bool:
+        """Somebody holds it now."""
+        self._seen = now
+        if self._client == 0:
+            return False
+        if self._pins or 0.0 <= now - self._renewed <= self._term:
+            return True
+        self._drop()
+        self._lapsed = True
+        return False
+
+    def held_by(self, client: int, now: float) -> bool:
+        """This client holds it now (S05)."""
+        return self.holds(now) and self._client == client
+
+    def holder_client(self, now: float) -> int:
+        """The client who holds it now; 0: nobody."""
+        return self._client if self.holds(now) else 0
+
+    def info(self, now: float) -> Holder | None:
+        """Who holds it now."""
+        if not self.holds(now):
+            return None
+        left = self._term if self._pins else self._renewed + self._term - now
+        return Holder(self._client, self._name, self._uid, left)
+
+    def _drop(self) -> None:
+        if self._client:
+            self.epoch += 1
+        self._client, self._name, self._uid, self._pins = 0, "", -1, set()

@@ -1,0 +1,151 @@
+"""The states of robot and bus, and what may follow what (docs/safety.md). A table: no clock, no device.
+
+FAULT and ESTOP latch. A latch outlives a lost port, so `Latch` carries it beside the state.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+
+from twind.robot.finding import Code, Finding
+from twind.robot.modes import Mode, Motion, State
+
+
+class Event(StrEnum):
+    """What can happen to the robot."""
+
+    PORT_OPENED = "port opened"
+    IDENTIFIED = "identified"
+    CALIBRATE = "calibrate"
+    CALIBRATED = "calibrated"
+    ARM = "arm"
+    ARMED = "armed"
+    ARM_FAILED = "arm failed"
+    SETTLE = "settle"  # disarm, the end of a program, SIGTERM
+    SETTLED = "settled"  # torque read back off
+    FAULT = "fault"
+    ESTOP = "e-stop"
+    RESET = "reset"  # every latched code acknowledged, its cause gone, torque off
+    PORT_LOST = "port lost"
+    INHIBIT = "inhibit"
+
+
+class WrongState(Exception):
+    """An event that the state does not allow; names the states that do."""
+
+    def __init__(self, state: State, event: Event, allowed: tuple[State, ...]) -> None:
+        names = ", ".join(allowed)
+        super().__init__(f"{event.value} is not possible while {state.value}; allowed while {names}")
+        self.state, self.event, self.allowed = state, event, allowed
+
+
+LATCHED = (State.FAULT, State.ESTOP)
+TORQUED = (State.ARMED, State.SETTLING, *LATCHED)  # states in which goals may be written
+
+_S = State
+_STAYS = {_S.FAULT: _S.FAULT, _S.ESTOP: _S.ESTOP}  # a latched state lets what was begun come to its end
+_ANY = tuple(State)
+
+TABLE: Mapping[Event, Mapping[State, State]] = MappingProxyType(
+    {
+        Event.PORT_OPENED: {_S.DISCONNECTED: _S.IDENTIFYING} | _STAYS,
+        Event.IDENTIFIED: {_S.IDENTIFYING: _S.CONNECTED} | _STAYS,
+        Event.CALIBRATE: {_S.CONNECTED: _S.CALIBRATING},
+        Event.CALIBRATED: {_S.CALIBRATING: _S.CONNECTED} | _STAYS,
+        Event.ARM: {_S.CONNECTED: _S.ARMING},
+        Event.ARMED: {_S.ARMING: _S.ARMED},
+        # A failure is told after the fault or the lost port that caused it.
+        Event.ARM_FAILED: {
+            _S.ARMING: _S.CONNECTED,
+            _S.DISCONNECTED: _S.DISCONNECTED,
+            _S.IDENTIFYING: _S.IDENTIFYING,
+            _S.CONNECTED: _S.CONNECTED,
+            _S.SETTLING: _S.SETTLING,
+            _S.INHIBITED: _S.INHIBITED,
+        }
+        | _STAYS,
+        # Torque off is never refused where anything can be written at all.
+        Event.SETTLE: {
+            _S.CONNECTED: _S.SETTLING,  # torque found on at start
+            _S.CALIBRATING: _S.SETTLING,
+            _S.ARMING: _S.SETTLING,
+            _S.ARMED: _S.SETTLING,
+            _S.SETTLING: _S.SETTLING,
+        }
+        | _STAYS,
+        Event.SETTLED: {
+            _S.SETTLING: _S.CONNECTED,
+            _S.DISCONNECTED: _S.DISCONNECTED,
+            _S.IDENTIFYING: _S.IDENTIFYING,
+            _S.CONNECTED: _S.CONNECTED,
+            _S.INHIBITED: _S.INHIBITED,
+        }
+        | _STAYS,
+        Event.FAULT: dict.fromkeys(_ANY, _S.FAULT) | {_S.ESTOP: _S.ESTOP, _S.INHIBITED: _S.INHIBITED},
+        Event.ESTOP: dict.fromkeys(_ANY, _S.ESTOP) | {_S.INHIBITED: _S.INHIBITED},
+        # After an inhibit the bus must be identified anew: as if the port had been lost.
+        Event.RESET: {
+            _S.FAULT: _S.CONNECTED,
+            _S.ESTOP: _S.CONNECTED,
+            _S.DISCONNECTED: _S.DISCONNECTED,
+            _S.IDENTIFYING: _S.IDENTIFYING,
+            _S.CONNECTED: _S.CONNECTED,
+            _S.INHIBITED: _S.DISCONNECTED,
+        },
+        Event.PORT_LOST: dict.fromkeys(_ANY, _S.DISCONNECTED),
+        Event.INHIBIT: dict.fromkeys(_ANY, _S.INHIBITED),
+    }
+)
+
+
+def step(state: State, event: Event) -> State:
+    """The state after `event`. Raises WrongState, which lists the states that allow it."""
+    follows = TABLE[event]
+    if state not in follows:
+        raise WrongState(state, event, tuple(follows))
+    return follows[state]
+
+
+@dataclass(frozen=True, slots=True)
+class Latch:
+    """The state with its memory: what is latched survives a lost port, and only a reset clears it."""
+
+    state: State = State.DISCONNECTED
+    latched: bool = False
+    identified: bool = False  # the bus is open and everybody on it is known
+
+    def after(self, event: Event) -> "Latch":
+        """After `event`. Raises WrongState."""
+        state = step(self.state, event)
+        latched = (self.latched or event in (Event.FAULT, Event.ESTOP)) and event is not Event.RESET
+        identified = self.identified
+        if event is Event.IDENTIFIED:
+            identified = True
+        elif event in (Event.PORT_LOST, Event.INHIBIT):
+            identified = False
+        if state is State.CONNECTED and latched:
+            state = State.FAULT  # back on a port that was lost with a latch set
+        if event is Event.RESET and state is State.CONNECTED and not identified:
+            state = State.DISCONNECTED
+        return Latch(state, latched, identified)
+
+
+def mode_change(before: Mode, after: Mode, state: State, motion: Motion) -> Finding | None:
+    """Why the mode may not change now; None: it may. A simulated motion is cancelled by the change."""
+    if before is after:
+        return None
+    if state not in (State.DISCONNECTED, State.CONNECTED):
+        message = (
+            f"the mode changes only while disconnected or connected, not {state.value}: {_remedy(state)}"
+        )
+        return Finding(Code.MODE_DENIES, message=message)
+    if before is Mode.LIVE and motion is not Motion.IDLE:
+        return Finding(Code.MODE_DENIES, message=f"the robot is {motion.value}: disarm first")
+    return None
+
+
+def _remedy(state: State) -> str:
+    if state in (*LATCHED, State.INHIBITED):
+        return "disarm and reset first"
+    return "disarm first" if state in (State.ARMING, State.ARMED) else "wait until it is done"
