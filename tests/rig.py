@@ -1,0 +1,250 @@
+"""A whole daemon under a fake clock: the real loop, driver and virtual servos in one process, real bytes.
+
+Only the front is missing: its end of the link is in the test's hands, over a real socket pair.
+"""
+
+import socket
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from twind import link
+from twind.config.calibration_file import fitting
+from twind.config.counts import ticks_of
+from twind.config.robot_file import load_robot
+from twind.loop import assembly
+from twind.loop.link import Link
+from twind.loop.notify import Notifier
+from twind.loop.open_bus import Buses
+from twind.robot.arrays import Floats
+from twind.robot.modes import Mode
+from twind.robot.trajectory import Trajectory
+from twind.safety.gate import Thresholds
+from twind.twin.binding import bind
+from twind_drivers.bus import Device, PortError, Reader, perform
+from twind_drivers.clock import FakeClock
+from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.loopback import Loopback
+from twind_drivers.virtual.muscles import FirstOrder
+from twind_drivers.virtual.servos import ServoSpec
+
+BAUD_CODE = {57_600: 1, 115_200: 2, 1_000_000: 3, 2_000_000: 4, 3_000_000: 5, 4_000_000: 6}
+CLIENT = 7
+
+
+class HandFront:
+    """In place of the front's process: a socket pair whose outer end the test holds."""
+
+    def __init__(self) -> None:
+        self.socket, self.outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.socket.setblocking(False)
+        self.outer.setblocking(False)
+
+    def alive(self, now: float) -> None: ...
+
+    def overdue(self, now: float) -> bool:
+        return False
+
+    def reap(self) -> bool:
+        return False
+
+    def due(self, now: float) -> bool:
+        return False
+
+    def end(self, now: float) -> None:
+        if self.socket is not None:
+            self.socket.close()
+            self.outer.close()
+        self.socket = None
+
+
+class Rig:
+    """`ticks(n)` lets time pass; `send` is a client's call; `replies` what came back to a ticket."""
+
+    def __init__(self, robot: str = "h24", mode: Mode = Mode.LIVE, *, start: dict[str, float] | None = None):
+        self.clock = FakeClock(100.0)
+        self.robot = load_robot(robot)
+        self.zeros = {joint.name: 2048 + 7 * (joint.id % 5) for joint in self.robot.joints}
+        start = start if start is not None else self.robot.poses["rest"]
+        self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
+        self.calibration = fitting(
+            self.robot, self.zeros, self._devices(), created="2026-11-21T00:00:00Z", tool="test"
+        )
+        one = assembly.Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
+        self.names = one.binding.joint_map.names
+        self.buses = Buses(self.robot, one.binding.joint_map, {}, self.robot.rate_hz)
+        self.front = HandFront()
+        self.loop = assembly.build(
+            one,
+            mode=mode,
+            rate_hz=self.robot.rate_hz,
+            clock=self.clock,
+            where={bus.name: f"virtual:{bus.name}" for bus in self.robot.buses},
+            opener=self._open,
+            enabler=self.buses.enable,
+            link=Link(self.front),  # type: ignore[arg-type]
+            notifier=Notifier({}),
+            thresholds=Thresholds(),
+            realtime={},
+        )
+        self.news: list[Any] = []
+        self._ticket = 0
+
+    def close(self) -> None:
+        self.loop.close()
+
+    # ------------------------------------------------------------------------- the virtual robot
+
+    def _virtual(self, bus: str, start: dict[str, float]) -> VirtualBus:
+        joints = [joint for joint in self.robot.joints if joint.bus == bus]
+        ticks = [ticks_of(joint, self.zeros[joint.name], start.get(joint.name, 0.0)) for joint in joints]
+        described = self.robot.bus(bus)
+        specs = [
+            ServoSpec(
+                joint.id,
+                joint.type.device,
+                {
+                    "return_delay_time": joint.type.return_delay_us // 2,
+                    "baud_rate": BAUD_CODE[described.baud],
+                    **joint.type.registers,
+                },
+            )
+            for joint in joints
+        ]
+        muscles = FirstOrder(np.array(ticks, np.float64), now=self.clock.now())
+        return VirtualBus(bus, specs, muscles, baud=described.baud, now=self.clock.now())
+
+    def _devices(self) -> dict[tuple[str, int], Device]:
+        found = {}
+        for bus in self.robot.buses:
+            joints = [joint for joint in self.robot.joints if joint.bus == bus.name]
+            reader = Buses(self.robot, _map(self.robot), {}, 100.0).reader(
+                bus.name, Loopback(self.virtual[bus.name], self.clock)
+            )
+            assert len(joints) == len(reader.ids)
+            for device in perform(reader, reader.identify(), self.clock):
+                found[bus.name, device.id] = device
+        return found
+
+    def _open(self, name: str) -> Reader:
+        if not self.virtual[name].plugged:
+            raise PortError(f"virtual:{name}", "no such port")
+        return self.buses.reader(name, Loopback(self.virtual[name], self.clock))
+
+    # ------------------------------------------------------------------------- time and calls
+
+    def ticks(self, count: int) -> None:
+        """Let `count` ticks pass and collect the news."""
+        for _ in range(count):
+            self.loop.run(until=self.clock.now() + 0.5 * self.loop.period)
+            self.clock.sleep_until(self.clock.now() + self.loop.period)
+            self._collect()
+
+    def seconds(self, seconds: float) -> None:
+        """Let time pass."""
+        self.ticks(round(seconds / self.loop.period))
+
+    def _collect(self) -> None:
+        while True:
+            try:
+                self.news.append(link.decode_news(self.front.outer.recv(link.DATAGRAM)))
+            except (BlockingIOError, OSError):
+                return
+
+    def send(self, kind: type[link.Command], *, client: int = CLIENT, **parameters: Any) -> int:
+        """A call of `client`; its ticket."""
+        self._ticket += 1
+        command = kind(ticket=self._ticket, client=client, uid=0, holder="test", **parameters)
+        self.front.outer.send(link.encode(command))  # type: ignore[arg-type]
+        return self._ticket
+
+    def call(self, kind: type[link.Command], *, ticks: int = 300, **parameters: Any) -> link.Reply:
+        """A call and its last reply, within `ticks`."""
+        ticket = self.send(kind, **parameters)
+        for _ in range(ticks):
+            self.ticks(1)
+            done = [reply for reply in self.replies(ticket) if not reply.continues]
+            if done:
+                return done[-1]
+        raise AssertionError(f"{kind.__name__} was not answered within {ticks} ticks")
+
+    def submit(self, path: Trajectory, *, client: int = CLIENT, **parameters: Any) -> int:
+        """Submit a trajectory; its ticket."""
+        self._ticket += 1
+        command = link.Submit(
+            ticket=self._ticket,
+            client=client,
+            id=f"t{self._ticket}",
+            points=len(path.time),
+            commanded=np.flatnonzero(path.commanded).tolist(),
+            velocity=path.velocity is not None,
+            acceleration=path.acceleration is not None,
+            **parameters,
+        )
+        fd = link.seal("path", link.pack_path(path))
+        socket.send_fds(self.front.outer, [link.encode(command)], [fd])
+        import os
+
+        os.close(fd)
+        return self._ticket
+
+    def replies(self, ticket: int) -> list[link.Reply]:
+        """Everything that answered a ticket so far."""
+        return [news for news in self.news if isinstance(news, link.Reply) and news.ticket == ticket]
+
+    def events(self, code: str | None = None) -> list[link.Event]:
+        """Events so far."""
+        found = [news for news in self.news if isinstance(news, link.Event)]
+        return [event for event in found if code is None or event.code == code]
+
+    # ------------------------------------------------------------------------- common ground
+
+    def connect(self) -> None:
+        """Until everybody is identified."""
+        for _ in range(200):
+            self.ticks(1)
+            if self.loop.state == "connected":
+                return
+        raise AssertionError(
+            f"not connected: {self.loop.state}, {[event.message for event in self.events()]}"
+        )
+
+    def arm(self) -> None:
+        """Connected, leased, armed."""
+        self.connect()
+        self.call(link.AcquireLease)
+        reply = self.call(link.Arm)
+        assert reply.error is None, reply
+
+    def lease(self) -> None:
+        """Keep the lease."""
+        assert self.call(link.AcquireLease).error is None
+
+    def path(self, joint: str, position: Sequence[float], time: Sequence[float]) -> Trajectory:
+        """Positions of one joint; the others keep what they do."""
+        place = self.names.index(joint)
+        rows = np.tile(self.loop.measured.position, (len(time), 1))
+        rows[:, place] = position
+        commanded = np.zeros(len(self.names), np.bool_)
+        commanded[place] = True
+        return Trajectory(np.array(time, np.float64), rows, commanded)
+
+    @property
+    def truth(self) -> Floats:
+        """Where the servos really are, rad (n,)."""
+        return np.array([self._angle(joint.name) for joint in self.robot.joints])
+
+    def _angle(self, name: str) -> float:
+        joint = next(joint for joint in self.robot.joints if joint.name == name)
+        row = self.virtual[joint.bus].rows(joint.id)[0]
+        ticks = float(self.virtual[joint.bus].servos.muscles.position[row])
+        return (ticks - self.zeros[name]) * joint.sign / joint.ratio * 2 * np.pi / joint.type.ticks_per_turn
+
+    def register(self, key: str) -> np.ndarray:
+        """One register of all servos, bus after bus."""
+        return np.concatenate([np.asarray(bus.servos[key]) for bus in self.virtual.values()])
+
+
+def _map(robot: Any) -> Any:
+    return bind(robot, None).joint_map

@@ -1,0 +1,122 @@
+"""Puts a loop together: robot, calibration, ports and sockets into `Parts`, and what the front must know."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twind.config.calibration_file import Calibration
+from twind.config.device_check import compare
+from twind.config.robot_file import RobotFile
+from twind.link import Briefing, JointInfo, seal
+from twind.loop.front_process import FrontProcess
+from twind.loop.hardware import Hardware
+from twind.loop.link import Link
+from twind.loop.notify import Notifier
+from twind.loop.ports import Enabler, Opener, Port
+from twind.loop.tick import Loop, Parts
+from twind.motion.executor import Executor
+from twind.robot.finding import Finding, Verdict
+from twind.robot.modes import Mode
+from twind.safety.gate import Thresholds
+from twind.safety.guard import Guard
+from twind.safety.health import Health
+from twind.safety.lease import Lease
+from twind.twin.binding import Binding
+from twind.twin.twin import Twin
+from twind.version import __version__
+from twind_drivers.bus import Device
+from twind_drivers.clock import Clock
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """A robot as the loop needs it: described, calibrated or not, bound to its model."""
+
+    file: RobotFile
+    calibration: Calibration | None
+    binding: Binding
+
+    def judge(self, devices: Mapping[tuple[str, int], Device]) -> Verdict:
+        """S09: do the devices hold what the calibration was made with?"""
+        return compare(self.file, self.calibration, devices)
+
+
+def build(
+    robot: Robot,
+    *,
+    mode: Mode,
+    rate_hz: float,
+    clock: Clock,
+    where: Mapping[str, str | None],
+    opener: Opener,
+    enabler: Enabler,
+    link: Link,
+    notifier: Notifier,
+    thresholds: Thresholds,
+    realtime: dict[str, str],
+    live_denied: Finding | None = None,
+) -> Loop:
+    """A loop ready to run."""
+    binding, period = robot.binding, 1.0 / rate_hz
+    ports = [Port(bus.name, where.get(bus.name), opener, enabler) for bus in binding.joint_map.buses]
+    parts = Parts(
+        clock=clock,
+        period=period,
+        joints=binding.joint_map,
+        limits=binding.limits,
+        rest=np.array(binding.rest),
+        support=robot.file.support,
+        hardware=Hardware(binding.joint_map, ports, clock, period),
+        twin=Twin(binding, period),
+        executor=Executor(binding.limits, period),
+        guard=Guard(binding.limits),
+        lease=Lease(),
+        health=Health(len(ports)),
+        thresholds=thresholds,
+        link=link,
+        notifier=notifier,
+        realtime=realtime,
+        judge=robot.judge,
+        live_denied=live_denied,
+    )
+    return Loop(parts, mode)
+
+
+def brief(robot: Robot, rate_hz: float, parameters: dict[str, Any], log_level: str) -> int:
+    """A sealed memfd with everything the front must know: both judge the same robot."""
+    binding = robot.binding
+    limits, joint_map = binding.limits, binding.joint_map
+    at = {int(place): (bus, i) for bus in joint_map.buses for i, place in enumerate(bus.joints)}
+    joints = [
+        JointInfo(
+            name=name,
+            bus=at[place][0].name,
+            id=at[place][0].ids[at[place][1]],
+            calibrated=joint_map.calibrated[place],
+            lower=float(limits.lower[place]),
+            upper=float(limits.upper[place]),
+        )
+        for place, name in enumerate(joint_map.names)
+    ]
+    briefing = Briefing(
+        version=__version__,
+        robot=robot.file.name,
+        joints=joints,
+        description=msgspec.to_builtins(robot.file, enc_hook=str),
+        calibration=None
+        if robot.calibration is None
+        else msgspec.to_builtins(robot.calibration, enc_hook=str),
+        mjcf=binding.mjcf,
+        rate_hz=rate_hz,
+        parameters=parameters,
+        log_level=log_level,
+    )
+    return seal("twind-briefing", msgspec.msgpack.encode(briefing))
+
+
+def front(briefing: int, control: Any, observe: Any) -> Link:
+    """The link to a front that is started with the first tick."""
+    return Link(FrontProcess(briefing, control, observe))

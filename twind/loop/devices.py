@@ -1,0 +1,122 @@
+"""Commands on single devices: read and write a register, reboot, scan. They run beside the torque."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from twind import link
+from twind.loop.procedures import Procedure, all_of
+from twind.robot.modes import Mode
+from twind_drivers.bus import BusError, NoReply, Register
+
+if TYPE_CHECKING:
+    from twind.loop.ports import Port, Task
+    from twind.loop.tick import Loop
+
+
+def _port(loop: Loop, command: link.Command, name: str | None) -> Port | None:
+    """The open port of a bus; None after answering why there is none."""
+    known = [port.name for port in loop.hardware.ports]
+    for port in loop.hardware.ports:
+        if port.name == name or (name is None and len(known) == 1):
+            if port.reader is None:
+                loop.error(command, "BusFailed", bus=port.name, message=port.trouble or "the bus is not open")
+                return None
+            return port
+    loop.error(command, "NotFound", what="bus", name=name or "", known=known)
+    return None
+
+
+def _writable(loop: Loop, command: link.Command, port: Port, what: str) -> bool:
+    """Only in live, only while nobody has torque."""
+    if loop.mode is not Mode.LIVE or port.writer is None:
+        loop.error(command, "WrongState", state=f"mode {loop.mode.value}", allowed=[f"mode live, to {what}"])
+        return False
+    if loop.energised:
+        loop.error(command, "WrongState", state=f"{loop.state.value}, torque on", allowed=["disarmed"])
+        return False
+    return True
+
+
+def _answer(loop: Loop, command: link.Command, port: Port, task: Task[Any], result: str) -> Procedure:
+    try:
+        yield from all_of([task])
+    except KeyError as error:
+        near = str(error.args[0]) if error.args else ""
+        loop.error(command, "NotFound", what="register", name=near, known=[])
+    except (BusError, ValueError) as error:
+        loop.error(command, "BusFailed", bus=port.name, message=str(error))
+    else:
+        loop.reply(command, **{result: _plain(task.result, loop)})
+
+
+def _plain(value: Register | None, loop: Loop) -> Any:
+    if value is None:
+        return loop.state.value
+    return {"name": value.name, "address": value.address, "size": value.size, "value": value.value}
+
+
+def read(loop: Loop, command: link.ReadRegister, now: float) -> None:
+    """One register of one device, in mirror and live."""
+    port = _port(loop, command, command.bus)
+    if port is not None and port.reader is not None:
+        task = port.run(port.reader.read(command.id, command.name))
+        loop.procedures.beside(_answer(loop, command, port, task, "register"))
+
+
+def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
+    """Write one register and read it back."""
+    port = _port(loop, command, command.bus)
+    if port is None or not _writable(loop, command, port, "write a register") or port.writer is None:
+        return
+    task = port.run(port.writer.write(command.id, command.name, command.value))
+    loop.event(
+        "info", "REGISTER", f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value}"
+    )
+    loop.procedures.beside(_answer(loop, command, port, task, "register"))
+
+
+def reboot(loop: Loop, command: link.Reboot, now: float) -> None:
+    """Restart one device and identify everybody again."""
+    port = _port(loop, command, command.bus)
+    if port is None or not _writable(loop, command, port, "reboot a device") or port.writer is None:
+        return
+    task = port.run(port.writer.reboot(command.id))
+    loop.procedures.beside(_reboot(loop, command, port, task))
+
+
+def _reboot(loop: Loop, command: link.Reboot, port: Port, task: Task[None]) -> Procedure:
+    yield from _answer(loop, command, port, task, "state")
+    port.identify()
+
+
+def scan(loop: Loop, command: link.Scan, now: float) -> None:
+    """Who answers on a bus, of the ids that the robot file names. One reply a device."""
+    port = _port(loop, command, command.bus)
+    if port is not None:
+        loop.procedures.beside(_scan(loop, command, port))
+
+
+def _scan(loop: Loop, command: link.Scan, port: Port) -> Procedure:
+    assert port.reader is not None
+    task = port.run(port.reader.identify())
+    try:
+        yield from all_of([task])
+    except BusError as error:
+        loop.error(command, "BusFailed", bus=port.name, message=str(error))
+        return
+    found = list(task.result or ())
+    if not found:
+        silent = NoReply(port.name, port.reader.ids, 0.0, "ping") if port.reader else port.trouble
+        loop.error(command, "BusFailed", bus=port.name, message=str(silent))
+        return
+    for device in found:
+        loop.reply(
+            command,
+            continues=device is not found[-1],
+            bus=port.name,
+            id=device.id,
+            model=device.model_number,
+            model_name=device.model_name,
+            firmware=device.firmware,
+        )

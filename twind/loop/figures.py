@@ -1,0 +1,40 @@
+"""The loop's own figures: ticks, missed ones, lateness. Published, never asserted."""
+
+from collections import deque
+
+from twind import link
+from twind.safety.health import Window
+
+ON_TIME = 0.002  # s: a tick that begins later than this is late (R02 warns from here)
+
+
+class Figures:
+    """Counted once per tick."""
+
+    def __init__(self, period: float, realtime: dict[str, str]) -> None:
+        self._rate, self._realtime = 1.0 / period, realtime
+        self.ticks = self.missed = 0
+        self._late = Window(threshold=ON_TIME)
+        self._punctual: deque[bool] = deque([True] * 100, maxlen=100)
+
+    def tick(self, lateness: float, missed: int) -> None:
+        """One tick began `lateness` s after its deadline; `missed` ticks were skipped after it."""
+        self.ticks += 1
+        self.missed += missed
+        self._late.add(lateness)
+        self._punctual.append(lateness <= ON_TIME)
+
+    def info(self) -> link.LoopInfo:
+        """As the interface spells it. p50, p99 and max are of the whole run."""
+        late = self._late
+        known = self.ticks > 0
+        return link.LoopInfo(
+            rate_hz=self._rate,
+            ticks=self.ticks,
+            missed=self.missed,
+            on_time=sum(self._punctual) / len(self._punctual),
+            late_p50_us=late.p50 * 1e6 if known else None,
+            late_p99_us=late.p99 * 1e6 if known else None,
+            late_max_us=late.worst * 1e6 if known else None,
+            realtime=self._realtime,
+        )

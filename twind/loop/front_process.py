@@ -1,0 +1,111 @@
+"""The front as the loop's child: handed its descriptors, watched by heartbeat, started anew when it dies.
+
+Started by exec, never by fork, with normal scheduling, in a session of its own (Ctrl-C reaches the loop
+only) and without any bus descriptor (all of ours are close-on-exec).
+"""
+
+import contextlib
+import fcntl
+import os
+import signal
+import socket
+import sys
+
+HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started anew (design 2)
+GRACE = 10.0  # s a new front may take to its first sign of life
+AGAIN = 0.2  # s between a front's end and the next start
+_LINK, _BRIEFING, _CONTROL, _OBSERVE = 3, 4, 5, 6  # descriptors in the child
+
+
+class FrontProcess:
+    """One front at a time. `socket` is the inner end of the link, None while there is no front."""
+
+    def __init__(self, briefing: int, control: socket.socket, observe: socket.socket) -> None:
+        self._handed = (briefing, control.fileno(), observe.fileno())
+        self.socket: socket.socket | None = None
+        self.pid: int | None = None
+        self.starts = 0
+        self._alive_until = 0.0
+        self._start_at = 0.0
+
+    def start(self, now: float) -> None:
+        """Start a front. The old one must be gone."""
+        inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        inner.setblocking(False)
+        for end in (inner, outer):
+            with contextlib.suppress(OSError):
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+        sources = (outer.fileno(), *self._handed)
+        # Up and out of the way first: dup2 onto 3..6 must not overwrite a source that is still to come.
+        high = [_dup_high(fd) for fd in sources]
+        try:
+            actions = [(os.POSIX_SPAWN_DUP2, fd, _LINK + place) for place, fd in enumerate(high)]
+            arguments = [
+                sys.executable,
+                "-m",
+                "twind.front",
+                "--link",
+                str(_LINK),
+                "--briefing",
+                str(_BRIEFING),
+            ]
+            arguments += ["--control", str(_CONTROL), "--observe", str(_OBSERVE)]
+            self.pid = os.posix_spawn(
+                sys.executable,
+                arguments,
+                _environment(),
+                file_actions=actions,
+                setsid=True,
+                setsigdef=[signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
+                scheduler=(os.SCHED_OTHER, os.sched_param(0)),
+            )
+        finally:
+            for fd in high:
+                os.close(fd)
+            outer.close()
+        self.socket, self.starts = inner, self.starts + 1
+        self._alive_until = now + GRACE
+
+    def alive(self, now: float) -> None:
+        """A sign of life came."""
+        self._alive_until = now + HEARTBEAT
+
+    def overdue(self, now: float) -> bool:
+        """No sign of life for too long."""
+        return self.pid is not None and now > self._alive_until
+
+    def end(self, now: float) -> None:
+        """Kill what is left of it; the next start is due soon."""
+        if self.socket is not None:
+            self.socket.close()
+            self.socket = None
+        if self.pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGKILL)
+            self._start_at = now + AGAIN
+
+    def reap(self) -> bool:
+        """Collect an ended front without waiting; True when it had ended."""
+        if self.pid is None:
+            return False
+        try:
+            ended, _ = os.waitpid(self.pid, os.WNOHANG)
+        except ChildProcessError:
+            ended = self.pid
+        if ended:
+            self.pid = None
+        return bool(ended)
+
+    def due(self, now: float) -> bool:
+        """No front, and it is time for one."""
+        return self.pid is None and now >= self._start_at
+
+
+def _dup_high(fd: int) -> int:
+    return fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 64)
+
+
+def _environment() -> dict[str, str]:
+    """Ours without the service manager's: only the main process speaks to it."""
+    theirs = ("LISTEN_", "NOTIFY_SOCKET", "WATCHDOG_")
+    return {key: value for key, value in os.environ.items() if not key.startswith(theirs)}

@@ -1,0 +1,279 @@
+"""All buses of a robot at once, raw ↔ SI: the only place that multiplies ticks.
+
+`exchange` writes goals and read requests to every bus, collects all replies with one wait, then grants each
+bus at most one further transaction in the time that is left. One silent servo is `heard = False`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf, nan
+
+import numpy as np
+
+from twind.loop.ports import SLACK, Link, Port, Task
+from twind.robot.arrays import Bools, Floats
+from twind.robot.joints import BusMap, JointMap
+from twind.robot.state import JointState
+from twind_drivers.bus import PortError, Sample, Script, WireClamp, Writer
+from twind_drivers.clock import Clock
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """A port went away in this tick."""
+
+    bus: str
+    error: PortError
+
+
+class Slow:
+    """The slowly read registers in joint order; arrays (n,)."""
+
+    def __init__(self, count: int) -> None:
+        self.torque = np.full(count, -1, np.int8)
+        self.fault = np.full(count, -1, np.int16)
+        self.watchdog = np.full(count, -1, np.int16)
+        self.voltage = np.full(count, nan)
+        self.temperature = np.full(count, nan)
+        self.status_time = np.full(count, -inf)
+
+
+class Hardware:
+    """The ports of a robot in `JointMap` order."""
+
+    def __init__(self, joints: JointMap, ports: Sequence[Port], clock: Clock, period: float) -> None:
+        self.joints, self.clock, self.period = joints, clock, period
+        self.ports = tuple(ports)
+        self.pairs: tuple[tuple[Port, BusMap], ...] = tuple(zip(self.ports, joints.buses, strict=True))
+        self.slow = Slow(len(joints))
+        self.lost: list[Lost] = []  # ports lost since the last look
+        self.discarded = 0  # bytes thrown away in the last exchange (R07)
+        self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
+        self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
+        self.trips = [nan] * len(self.ports)  # s, request to last byte of each bus in the last exchange
+        self.alerts = np.zeros(len(joints), np.uint8)  # error byte of the last status, 0x80 = alert
+        self._position = np.full(len(joints), nan)
+        self._velocity = np.full(len(joints), nan)
+        self._effort = np.full(len(joints), nan)
+        self._heard_at = np.full(len(joints), -inf)
+        self._access = (False, False)
+        self.resolution = np.full(len(joints), nan)  # rad per tick
+        for bus in joints.buses:
+            self.resolution[bus.joints] = np.abs(bus.scale)
+
+    # --------------------------------------------------------------------------- access and life
+
+    def access(self, *, read: bool, write: bool) -> None:
+        """What the mode allows: nothing (sim), reading (mirror), both (live)."""
+        self._access = (read, write)
+        for port in self.ports:
+            if read:
+                port.enable(write)
+            else:
+                port.close()
+
+    def close(self) -> None:
+        """Let go of every port."""
+        self.access(read=False, write=False)
+
+    @property
+    def writers(self) -> list[Writer]:
+        """The write halves that exist now."""
+        return [port.writer for port in self.ports if port.writer is not None]
+
+    @property
+    def connected(self) -> bool:
+        """Every bus is open and every device identified."""
+        return all(port.link is Link.CONNECTED for port in self.ports)
+
+    def prepare(self, position: Floats, *, first: bool = False) -> list[Task[None]]:
+        """Device watchdogs cleared with goal := position (n,), then armed; gains; all read back."""
+        return self._order(lambda writer, bus: writer.prepare(self.ticks(bus, position)), first)
+
+    def aim(self, position: Floats) -> list[Task[None]]:
+        """Goal := position (n,), read back."""
+        return self._order(lambda writer, bus: writer.aim(self.ticks(bus, position)), first=False)
+
+    def torque(self, on: bool) -> list[Task[None]]:
+        """Torque of every device, read back; off does not wait for anything else."""
+        return self._order(lambda writer, _: writer.torque(on), first=not on)
+
+    def _order(self, script: Callable[[Writer, BusMap], Script[None]], first: bool) -> list[Task[None]]:
+        """The same script on the writer of every open bus."""
+        return [port.run(script(port.writer, bus), first=first) for port, bus in self.pairs if port.writer]
+
+    def clear(self) -> None:
+        """Drop whatever is queued or pending: after a stop nothing stale may leave."""
+        for port in self.ports:
+            port.drop("dropped for something more urgent")
+            if port.writer is not None:
+                port.writer.clear()
+
+    # --------------------------------------------------------------------------- raw ↔ SI
+
+    def ticks(self, bus: BusMap, position: Floats) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+        """Goals (m,) of one bus in ticks, from positions (n,) in rad. Rounded to nearest."""
+        wanted: np.ndarray[tuple[int], np.dtype[np.int64]] = np.rint(
+            bus.zero + position[bus.joints] / bus.scale
+        ).astype(np.int64)
+        return wanted
+
+    def quantised(self, position: Floats) -> Floats:
+        """The positions (n,) that goals at `position` really mean, after rounding to ticks."""
+        result = position.copy()
+        for _, bus in self.pairs:
+            result[bus.joints] = (self.ticks(bus, position) - bus.zero) * bus.scale
+        return result
+
+    def _take(self, bus: BusMap, sample: Sample) -> None:
+        heard = sample.heard
+        places = bus.joints[heard]
+        self._position[places] = (sample.position[heard] - bus.zero[heard]) * bus.scale[heard]
+        self._velocity[places] = sample.velocity[heard] * bus.velocity_scale[heard]
+        self._effort[places] = sample.effort[heard] * bus.effort_scale[heard]
+        self._heard_at[places] = sample.received
+        self.alerts[bus.joints] = np.where(heard, sample.error, 0)
+        self.discarded += sample.discarded
+
+    def _take_registers(self, port: Port, bus: BusMap) -> None:
+        if port.reader is None:
+            return
+        registers, slow, places = port.reader.registers, self.slow, bus.joints
+        slow.torque[places] = registers.torque
+        slow.fault[places] = registers.fault
+        slow.watchdog[places] = registers.watchdog
+        slow.voltage[places] = registers.voltage
+        slow.temperature[places] = registers.temperature
+        slow.status_time[places] = registers.status_time
+
+    def forget(self, bus: BusMap) -> None:
+        """A lost bus: what its slow registers said is no longer known."""
+        for array in (self.slow.torque, self.slow.fault, self.slow.watchdog):
+            array[bus.joints] = -1
+        self.slow.voltage[bus.joints] = self.slow.temperature[bus.joints] = nan
+
+    # --------------------------------------------------------------------------- the exchange
+
+    def exchange(self, goal: Floats | None, now: float) -> JointState:
+        """Goals out (None: read only), readings in. Arrays of the result are (n,) and read-only.
+
+        Raises WireClamp (R22) before anything was sent.
+        """
+        end = now + self.period
+        self._open(now)
+        if goal is not None:
+            self._aim(goal)
+        return self._read(now, end)
+
+    def _aim(self, goal: Floats) -> None:
+        try:
+            for port, bus in self.pairs:
+                if port.writer is not None:
+                    port.writer.goals(self.ticks(bus, goal))
+        except WireClamp:  # all or nothing: no bus moves on a goal that another may not have
+            for writer in self.writers:
+                writer.clear()
+            raise
+
+    def _open(self, now: float) -> None:
+        if self._access[0]:
+            for port in self.ports:
+                if port.open(now):
+                    port.enable(self._access[1])
+
+    def _read(self, now: float, end: float) -> JointState:
+        self.discarded = 0
+        self.trips = [nan] * len(self.ports)
+        asked = [pair for pair in self.pairs if self._try(pair, "request")]
+        sent = self.clock.now()
+        first = self._collect(asked)
+        received, heard = sent, np.zeros(len(self.joints), np.bool_)
+        self.trips = [nan] * len(self.ports)
+        for port, bus in asked:
+            sample = port.finish(self.clock.now())
+            if sample is not None:
+                self._take(bus, sample)
+                heard[bus.joints] = sample.heard
+                if sample.heard.any():
+                    received = max(received, sample.received)
+                    self.trips[self.ports.index(port)] = sample.received - sample.sent
+                    self.trips[self.ports.index(port)] = sample.received - sample.sent
+        self.hops = (first - sent, received - first) if heard.any() else (nan, nan)
+        self._rare(end)
+        return self._state(heard, sent, received)
+
+    def _rare(self, end: float) -> None:
+        """One further transaction per bus, all at once, in what is left of the tick."""
+        now = self.clock.now()
+        if now + SLACK > end:
+            return
+        asked = [pair for pair in self.pairs if self._try(pair, "rare", end)]
+        self._collect(asked)
+        for port, bus in asked:
+            port.end_rare(self.clock.now())
+            self._take_registers(port, bus)
+
+    def _try(self, pair: tuple[Port, BusMap], what: str, end: float = inf) -> bool:
+        """Begin a transaction on an open port; False where there is none, or the port was lost."""
+        port, _ = pair
+        if port.reader is None:
+            return False
+        try:
+            if what == "rare":
+                return port.begin_rare(self.clock.now(), end)
+            port.reader.request(self.clock.now())
+        except PortError as error:
+            if error.lost:
+                self._lose(pair, error)
+            else:  # the output is full: this packet is not sent, and the reading is missed
+                port.counts.errors += 1
+            return False
+        return True
+
+    def _collect(self, asked: list[tuple[Port, BusMap]]) -> float:
+        """Feed every asked bus until it is done or its deadline passes; time of the first bytes (s)."""
+        waiting = list(asked)
+        first = inf
+        while waiting:
+            now = self.clock.now()
+            still = []
+            for pair in waiting:
+                reader = pair[0].reader
+                if reader is None:
+                    continue
+                try:
+                    done = reader.feed(now)
+                except PortError as error:
+                    self._lose(pair, error)
+                    asked.remove(pair)
+                    continue
+                if not done and now < reader.deadline:
+                    still.append((reader, pair))
+            waiting = [pair for _, pair in still]
+            if still:
+                deadline = min(reader.deadline for reader, _ in still)
+                self.clock.wait([reader.transport for reader, _ in still], deadline)
+                first = min(first, self.clock.now())
+        return min(first, self.clock.now())
+
+    def _lose(self, pair: tuple[Port, BusMap], error: PortError) -> None:
+        port, bus = pair
+        port.lose(error, self.clock.now())
+        self.forget(bus)
+        self.lost.append(Lost(port.name, error))
+
+    def _state(self, heard: Bools, sent: float, received: float) -> JointState:
+        time = received if heard.any() else self.clock.now()
+        trip = received - sent if heard.any() else nan
+        state = JointState(
+            time,
+            self._position.copy(),
+            self._velocity.copy(),
+            self._effort.copy(),
+            time - self._heard_at,
+            heard,
+            trip,
+        )
+        for array in (state.position, state.velocity, state.effort, state.age, state.heard):
+            array.setflags(write=False)
+        return state

@@ -1,0 +1,141 @@
+"""Who is on the wire: ports that open and go, devices that are missing or not the ones calibrated.
+
+Watches the ports after each exchange and turns what happened into states and findings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind.loop import torque
+from twind.loop.ports import IDENTIFY_AGAIN, Link, Port
+from twind.loop.procedures import Rank
+from twind.robot.finding import Code, Finding, Verdict
+from twind.robot.joints import BusMap
+from twind.robot.modes import Mode, State
+from twind.safety.states import Event
+from twind_drivers.bus import Device
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+
+# (bus name, id) -> device, for every device that answered -> what S09 says of them, joints as indices
+Judge = Callable[[Mapping[tuple[str, int], Device]], Verdict]
+
+
+class Identity:
+    """What is known of the devices, bus by bus."""
+
+    def __init__(self, loop: Loop, judge: Judge) -> None:
+        self._loop, self._judge = loop, judge
+        self._devices: dict[tuple[str, int], Device] = {}
+        self._again: dict[str, float] = {}
+        self._said: dict[str, str] = {}  # bus -> the trouble last told
+        self.missing: dict[str, tuple[Finding, ...]] = {}  # bus -> who is absent or another model
+        self.mismatches: tuple[Finding, ...] = ()  # S09
+
+    @property
+    def troubles(self) -> list[Finding]:
+        """What stands between the robot and being armed, for the status."""
+        return [finding for findings in self.missing.values() for finding in findings] + list(self.mismatches)
+
+    def watch(self, now: float) -> None:
+        """Once per tick, after the exchange."""
+        loop = self._loop
+        for lost in loop.hardware.lost:
+            self._lost(lost.bus, str(lost.error), now)
+        loop.hardware.lost.clear()
+        for port, bus in loop.hardware.pairs:
+            self._tend(port, bus, now)
+        if loop.inherited and not loop.armed and (loop.hardware.slow.torque == 0).all():
+            loop.inherited = False
+
+    # ----------------------------------------------------------------------------- coming
+
+    def _tend(self, port: Port, bus: BusMap, now: float) -> None:
+        loop = self._loop
+        if port.link is Link.CLOSED:
+            if port.trouble and self._said.get(port.name) != port.trouble:
+                self._said[port.name] = port.trouble
+                loop.event("error", Code.PORT_UNAVAILABLE, port.trouble)
+            return
+        self._said.pop(port.name, None)
+        if loop.state is State.DISCONNECTED and loop.mode is not Mode.SIM:
+            loop.change(Event.PORT_OPENED, now)
+        if port.link is Link.IDENTIFYING:
+            self._identify(port, bus, now)
+
+    def _identify(self, port: Port, bus: BusMap, now: float) -> None:
+        task = port.identification
+        if task is None:
+            if now >= self._again.get(port.name, 0.0):
+                port.identify()
+            return
+        if not task.done:
+            return
+        port.identification = None
+        port.devices = task.result or ()
+        self._devices = {key: device for key, device in self._devices.items() if key[0] != port.name}
+        self._devices |= {(port.name, device.id): device for device in port.devices}
+        findings = self._unfit(bus)
+        if findings != self.missing.get(port.name, ()):
+            for finding in findings:
+                self._loop.event("error", finding.code, finding.message, (finding,))
+        self.missing[port.name] = findings
+        if findings:
+            self._again[port.name] = now + IDENTIFY_AGAIN
+            return
+        port.link = Link.CONNECTED
+        self._found(now)
+
+    def _unfit(self, bus: BusMap) -> tuple[Finding, ...]:
+        """Everybody of this bus who did not answer, or is not what the robot file says."""
+        mine, wrong = set(bus.joints.tolist()), (Code.DEVICE_MISSING, Code.DEVICE_MISMATCH)
+        said = self._judge(self._devices).refusals
+        return tuple(finding for finding in said if finding.code in wrong and finding.joint in mine)
+
+    def _found(self, now: float) -> None:
+        """Everybody of one bus is there; when that was the last bus, the robot is connected."""
+        loop = self._loop
+        if not loop.hardware.connected:
+            return
+        verdict = self._judge(self._devices)
+        self.mismatches = verdict.refusals
+        for finding in (*verdict.refusals, *verdict.warnings):
+            loop.event("warning", finding.code, finding.message, (finding,))
+        if (
+            any(device.settings.get("torque_enable") == 1 for device in self._devices.values())
+            and not loop.armed
+        ):
+            loop.inherited = True
+            message = "torque was found on; nothing is written until an operator arms or disarms"
+            loop.event("warning", Code.TORQUE_INHERITED, message)
+        if loop.state is State.IDENTIFYING:
+            loop.change(Event.IDENTIFIED, now)
+        if loop.mode is Mode.MIRROR and np.isfinite(loop.measured.position).all() and loop.untouched:
+            loop.enter(loop.mode)  # the simulation starts from the measured pose
+
+    # ----------------------------------------------------------------------------- going
+
+    def _lost(self, bus: str, error: str, now: float) -> None:
+        loop = self._loop
+        finding = Finding(Code.PORT_LOST, message=f"{bus}: {error}")
+        loop.event("error", Code.PORT_LOST, finding.message, (finding,))
+        self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
+        held = loop.armed
+        if held:
+            loop.latch(finding)
+        if loop.hardware.writers and held:  # the others hold, then settle
+            loop.executor.stop()
+            if loop.state is not State.ESTOP:
+                loop.change(Event.FAULT, now)
+            loop.procedures.own(Rank.FAULT, lambda: torque.fault(loop, now))
+            return
+        loop.procedures.abandon()
+        loop.armed = loop.inherited = False
+        if loop.mode is Mode.LIVE:
+            loop.executor.idle()
+        loop.change(Event.PORT_LOST, now)

@@ -1,0 +1,141 @@
+"""The loop's end of the link: non-blocking, bounded, and never a reason to be late.
+
+Ticks and overviews are dropped and counted when the pipe is full. Replies and events are queued; a front
+that lets the queue fill is killed and started anew, and what it was owed is gone with its connections.
+"""
+
+import array
+import os
+import socket
+from collections import deque
+from dataclasses import dataclass
+
+import msgspec
+
+from twind.link import (
+    DATAGRAM,
+    Event,
+    Heartbeat,
+    Inward,
+    Moment,
+    Overview,
+    Reply,
+    Tick,
+    decode_command,
+    encode,
+    unseal,
+)
+from twind.loop.front_process import FrontProcess
+
+QUEUE = 512  # replies and events owed; a front that far behind is not coming back
+PER_TICK = 64  # commands taken in one tick: a flood waits in the pipe, not in the loop
+
+
+@dataclass(frozen=True, slots=True)
+class Incoming:
+    """A command, and the bytes of the memfd that came beside it."""
+
+    command: Inward
+    data: bytes = b""
+
+
+class Link:
+    """Commands in, news out."""
+
+    def __init__(self, front: FrontProcess) -> None:
+        self.front = front
+        self.dropped = 0
+        self._queue: deque[bytes] = deque()
+        self._events = 0
+        self.lost = False  # the front went since the last look
+
+    # ----------------------------------------------------------------------------- the front's life
+
+    def tend(self, now: float) -> None:
+        """Start, watch and bury the front; at most one of these a tick."""
+        if self.front.overdue(now) or len(self._queue) > QUEUE:
+            self._bury(now)
+        if self.front.reap():
+            self._bury(now)
+        if self.front.due(now):
+            self.front.start(now)
+
+    def _bury(self, now: float) -> None:
+        self.lost = self.lost or self.front.socket is not None
+        self.front.end(now)
+        self._queue.clear()
+
+    # ----------------------------------------------------------------------------- in
+
+    def commands(self, now: float) -> list[Incoming]:
+        """What the front sent since the last tick, oldest first."""
+        taken: list[Incoming] = []
+        while self.front.socket is not None and len(taken) < PER_TICK:
+            try:
+                incoming = self._receive(self.front.socket)
+            except BlockingIOError:
+                break
+            except OSError:
+                self._bury(now)
+                break
+            if incoming is None:
+                self._bury(now)
+                break
+            self.front.alive(now)
+            if not isinstance(incoming.command, Heartbeat):
+                taken.append(incoming)
+        return taken
+
+    @staticmethod
+    def _receive(source: socket.socket) -> Incoming | None:
+        """One datagram; None at end-of-file or when it is not one of ours."""
+        ancillary = socket.CMSG_SPACE(array.array("i", [0]).itemsize * 4)
+        data, extra, _flags, _ = source.recvmsg(DATAGRAM, ancillary)
+        fds = array.array("i")
+        for _level, _kind, payload in extra:
+            fds.frombytes(payload[: len(payload) - len(payload) % fds.itemsize])
+        try:
+            if not data:
+                return None
+            return Incoming(decode_command(data), unseal(fds[0]) if fds else b"")
+        except (msgspec.MsgspecError, ValueError):
+            return None  # a front that cannot spell is as good as dead
+        finally:
+            for fd in fds:
+                os.close(fd)
+
+    # ----------------------------------------------------------------------------- out
+
+    def reply(self, reply: Reply) -> None:
+        """Owed to a client: queued, sent after this tick's state."""
+        self._queue.append(encode(reply))
+
+    def event(self, event: Event | Moment) -> None:
+        """Owed to the log and to whoever watches."""
+        self._queue.append(encode(event))
+
+    def sequence(self) -> int:
+        """A number for the next event or verdict."""
+        self._events += 1
+        return self._events
+
+    def state(self, news: Tick | Overview) -> None:
+        """Sent at once, or dropped and counted."""
+        if not self._send(encode(news)):
+            self.dropped += 1
+        elif isinstance(news, Tick):
+            self.dropped = 0
+
+    def flush(self) -> None:
+        """Send what is owed, as far as the pipe takes it."""
+        while self._queue and self._send(self._queue[0]):
+            self._queue.popleft()
+
+    def _send(self, data: bytes) -> bool:
+        if self.front.socket is None:
+            return False
+        try:
+            self.front.socket.send(data)
+        except OSError:  # full (BlockingIOError) or gone: `commands` and `tend` find out which
+            return False
+        return True

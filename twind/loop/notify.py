@@ -1,0 +1,41 @@
+"""sd_notify: one datagram a message to $NOTIFY_SOCKET (sd_notify(3)). Without it, nothing."""
+
+import contextlib
+import os
+import socket
+
+
+class Notifier:
+    """Tells the service manager; never blocks and never raises: a lost notice must not cost a tick."""
+
+    def __init__(self, environment: dict[str, str] | None = None) -> None:
+        env = dict(os.environ) if environment is None else environment
+        address = env.get("NOTIFY_SOCKET", "")
+        self._socket: socket.socket | None = None
+        self.watchdog = self._interval(env)  # s between WATCHDOG=1; inf: not wanted
+        self._next = 0.0
+        if address:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+            self._socket.setblocking(False)
+            self._address = "\0" + address[1:] if address.startswith("@") else address
+
+    @staticmethod
+    def _interval(env: dict[str, str]) -> float:
+        wanted = env.get("WATCHDOG_USEC", "")
+        mine = env.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        return int(wanted) / 4e6 if mine and wanted.isdigit() and int(wanted) > 0 else float("inf")
+
+    def send(self, **fields: str) -> None:
+        """KEY=VALUE lines in one datagram; dropped when nobody listens or the buffer is full."""
+        if self._socket is None:
+            return
+        lines = "\n".join(f"{key}={value}" for key, value in fields.items())
+        with contextlib.suppress(OSError):  # the manager is busy or gone; its own timeout speaks then
+            self._socket.sendto(lines.encode(), self._address)
+
+    def alive(self, now: float) -> None:
+        """WATCHDOG=1 when it is due. Called after a tick that finished every stage, from nowhere else."""
+        if now >= self._next:
+            self._next = now + self.watchdog
+            if self.watchdog != float("inf"):
+                self.send(WATCHDOG="1")

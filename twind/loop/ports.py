@@ -1,0 +1,205 @@
+"""One bus and its life: closed → open → identified → lost → reopened. Runs scripts, one transaction a tick.
+
+Knows ticks and devices, no radians: those are `hardware.py`'s. Never blocks but for opening a port.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from math import inf
+from typing import Any, Generic, TypeVar
+
+from twind_drivers.bus import (
+    BusError,
+    Device,
+    Ping,
+    PortError,
+    Read,
+    Reader,
+    Reply,
+    Request,
+    Sample,
+    Script,
+    Writer,
+)
+
+T = TypeVar("T")
+
+Opener = Callable[[str], Reader]  # bus name -> reader; raises PortError
+Enabler = Callable[[Reader], Writer]  # the write half, made in live only
+
+REOPEN_FIRST, REOPEN_MOST = 0.1, 0.5  # s, between tries to open (design 6.4)
+IDENTIFY_AGAIN = 1.0  # s, between identifications while devices are missing
+SLACK = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it
+
+
+class Link(Enum):
+    """How far a port has come."""
+
+    CLOSED = auto()
+    IDENTIFYING = auto()
+    CONNECTED = auto()
+
+
+@dataclass(eq=False)
+class Task(Generic[T]):
+    """A script on its way: one transaction a tick. `done` with a result, or with the error that ended it."""
+
+    script: Script[T]
+    request: Request | None = None
+    result: T | None = None
+    error: BusError | KeyError | ValueError | None = None
+    done: bool = False
+
+    def advance(self, reply: Reply | None) -> None:
+        """Give the script its reply (None to begin) and take its next request."""
+        try:
+            self.request = next(self.script) if reply is None else self.script.send(reply)
+        except StopIteration as stop:
+            self.result, self.done, self.request = stop.value, True, None
+        except (BusError, KeyError, ValueError) as error:
+            self.error, self.done, self.request = error, True, None
+
+    def cancel(self, error: BusError) -> None:
+        """End it from outside: the port went, or something more urgent came."""
+        if not self.done:
+            self.script.close()
+            self.error, self.done, self.request = error, True, None
+
+
+@dataclass
+class Counts:
+    """What happened on a bus since the start."""
+
+    exchanges: int = 0
+    errors: int = 0  # exchanges in which a device stayed silent, and ports lost
+    discarded: int = 0  # bytes that were no answer of ours
+    busy: float = 0.0  # s of the last tick that the bus was in use
+
+
+@dataclass(eq=False)
+class Port:
+    """A bus by its name: its reader while open, its writer while the mode is live."""
+
+    name: str
+    where: str | None  # the port's path, None: no port given
+    opener: Opener
+    enabler: Enabler
+    link: Link = Link.CLOSED
+    reader: Reader | None = None
+    writer: Writer | None = None
+    devices: tuple[Device, ...] = ()
+    trouble: str = ""  # why it is not open, for people
+    counts: Counts = field(default_factory=Counts)
+    tasks: list[Task[Any]] = field(default_factory=list)
+    identification: Task[tuple[Device, ...]] | None = None
+    _retry: float = -inf
+    _wait: float = REOPEN_FIRST
+    _asked: Task[Any] | None = None
+
+    # ------------------------------------------------------------------------------- open and lost
+
+    def open(self, now: float) -> bool:
+        """Try to open when it is time; True when just opened. Identification begins."""
+        if self.reader is not None or self.where is None or now < self._retry:
+            return False
+        try:
+            self.reader = self.opener(self.name)
+        except PortError as error:
+            self.trouble = str(error)
+            self._retry, self._wait = now + self._wait, min(self._wait * 2, REOPEN_MOST)
+            return False
+        self.trouble, self._wait = "", REOPEN_FIRST
+        self.identify()
+        return True
+
+    def enable(self, on: bool) -> None:
+        """Make the write half, or drop it: in mirror no object exists that could write."""
+        if not on:
+            self.writer = None
+        elif self.reader is not None and self.writer is None:
+            self.writer = self.enabler(self.reader)
+
+    def identify(self) -> None:
+        """Ask everybody who they are; `identification` is done some ticks later."""
+        if self.reader is not None:
+            self.link = Link.IDENTIFYING
+            self.identification = self.run(self.reader.identify())
+
+    def lose(self, error: PortError, now: float) -> None:
+        """Close at once (an open descriptor would make the replugged adapter another ttyUSB); retry soon."""
+        if self.reader is not None:
+            self.reader.transport.close()
+        self.reader = self.writer = None
+        self.link, self.devices, self.trouble = Link.CLOSED, (), str(error)
+        self.counts.errors += 1
+        self._retry, self._wait = now + REOPEN_FIRST, REOPEN_FIRST
+        self._asked = self.identification = None
+        for task in self.tasks:
+            task.cancel(error)
+        self.tasks.clear()
+
+    def close(self) -> None:
+        """Let go of the port, for good or until the mode wants it again."""
+        if self.reader is not None:
+            self.lose(PortError(self.reader.transport.name, "closed"), -inf)
+            self.trouble = ""
+
+    # ------------------------------------------------------------------------------- scripts
+
+    def run(self, script: Script[T], *, first: bool = False) -> Task[T]:
+        """Queue a script; `first` puts it before the others (an e-stop does not wait)."""
+        task = Task(script)
+        task.advance(None)
+        if not task.done:
+            self.tasks.insert(0 if first else len(self.tasks), task)
+        return task
+
+    def drop(self, reason: str) -> None:
+        """Cancel every queued script but identification."""
+        for task in [task for task in self.tasks if task is not self.identification]:
+            task.cancel(BusError(f"{self.name}: {reason}"))
+            self.tasks.remove(task)
+
+    def begin_rare(self, now: float, until: float) -> bool:
+        """Begin one more transaction if it ends before `until`: the next script's, else upkeep."""
+        reader = self.reader
+        if reader is None:
+            return False
+        self.tasks[:] = [task for task in self.tasks if not task.done]
+        task = self.tasks[0] if self.tasks else None
+        request: Request = reader.upkeep() if task is None or task.request is None else task.request
+        if task is None and now + reader.span(request) + SLACK > until:
+            return False  # upkeep can wait for a roomier tick; a procedure cannot wait for ever
+        self._asked = task
+        if isinstance(request, Ping | Read):
+            reader.begin(request, now)
+        elif self.writer is not None:
+            self.writer.begin(request, now)
+        elif task is not None:
+            task.cancel(BusError(f"{self.name}: opened read-only, {type(request).__name__} refused"))
+            return False
+        return True
+
+    def end_rare(self, now: float) -> None:
+        """Take the answer; the script that asked goes one step on."""
+        if self.reader is None:
+            return
+        reply, task = self.reader.answer(now), self._asked
+        self._asked = None
+        self.counts.busy += reply.waited
+        if task is not None and not task.done:
+            task.advance(reply)
+
+    # ------------------------------------------------------------------------------- the cyclic reading
+
+    def finish(self, now: float) -> Sample | None:
+        """End the cyclic reading and count it."""
+        if self.reader is None:
+            return None
+        sample = self.reader.finish(now)
+        self.counts.exchanges += 1
+        self.counts.errors += int(not sample.heard.all())
+        self.counts.discarded += sample.discarded
+        self.counts.busy = now - sample.sent
+        return sample

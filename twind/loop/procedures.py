@@ -1,0 +1,103 @@
+"""Work that takes more than a slice of a tick: generators, stepped once per tick, answering when done.
+
+One procedure at a time may own the torque; a more urgent one takes it over. Others (checks, register
+reads) run beside it.
+"""
+
+from collections.abc import Callable, Generator, Iterable
+from enum import IntEnum
+from typing import Any
+
+from twind.loop.ports import Task
+
+Procedure = Generator[None, float, None]  # yields at the end of a tick, is sent the next tick's time
+
+
+class Rank(IntEnum):
+    """How urgent a procedure that owns the torque is."""
+
+    ARM = 1
+    DISARM = 2
+    FAULT = 3
+    SHUTDOWN = 4
+    ESTOP = 5
+    CUT = 6
+
+
+class Procedures:
+    """What is on its way."""
+
+    def __init__(self) -> None:
+        self._torque: Procedure | None = None
+        self._rank: Rank | None = None
+        self._others: list[Procedure] = []
+
+    @property
+    def rank(self) -> Rank | None:
+        """Urgency of the procedure that owns the torque; None: nobody does."""
+        return self._rank
+
+    def own(self, rank: Rank, start: Callable[[], Procedure]) -> bool:
+        """Begin a procedure that owns the torque, ending a less urgent one; False if one as urgent runs."""
+        if self._rank is not None and self._rank >= rank:
+            return False
+        self.abandon()
+        body = start()
+        self._torque, self._rank = body, rank
+        if not _first(body):
+            self._torque = self._rank = None
+        return True
+
+    def beside(self, body: Procedure) -> None:
+        """Begin one that does not touch the torque."""
+        if _first(body):
+            self._others.append(body)
+
+    def abandon(self) -> None:
+        """End the one that owns the torque, where it stands; it answers its caller itself."""
+        body, self._torque, self._rank = self._torque, None, None
+        if body is not None:
+            body.close()
+
+    def step(self, now: float) -> None:
+        """One step of each."""
+        body = self._torque
+        if body is not None and not _next(body, now) and self._torque is body:
+            self._torque = self._rank = None
+        if self._others:
+            self._others = [other for other in self._others if _next(other, now)]
+
+
+def _first(body: Procedure) -> bool:
+    """Run to its first wait; False when it ended already."""
+    try:
+        next(body)
+    except StopIteration:
+        return False
+    return True
+
+
+def _next(body: Procedure, now: float) -> bool:
+    try:
+        body.send(now)
+    except StopIteration:
+        return False
+    return True
+
+
+def all_of(tasks: Iterable[Task[Any]]) -> Generator[None, float, None]:
+    """Wait until every task is done; then raise the first error there was."""
+    waiting = list(tasks)
+    while not all(task.done for task in waiting):
+        yield
+    for task in waiting:
+        if task.error is not None:
+            raise task.error
+
+
+def ticks(count: int) -> Generator[None, float, float]:
+    """Wait `count` ticks; the time of the last."""
+    now = 0.0
+    for _ in range(count):
+        now = yield
+    return now

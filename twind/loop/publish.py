@@ -1,0 +1,126 @@
+"""What the loop tells its front: the state every tick, the rest ten times a second."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind import link
+from twind.loop.ports import Link
+from twind.robot.modes import Mode
+from twind.safety.health import Window
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+
+OVERVIEW = 0.1  # s between two overviews
+
+
+class Publisher:
+    """Builds and sends the news of a tick. `urgent`: something changed that cannot wait for 10 Hz."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+        self.urgent = True
+        self._next = 0.0
+        self._unknown = np.full(len(loop.joints), np.nan).tobytes()
+
+    def publish(self, now: float) -> None:
+        """State first, then the answers it explains."""
+        loop = self._loop
+        loop.link.tend(now)
+        if self.urgent or now >= self._next:
+            self.urgent, self._next = False, now + OVERVIEW
+            loop.link.state(self.overview(now))
+        loop.link.state(self.tick(now))
+        loop.link.flush()
+
+    def tick(self, now: float) -> link.Tick:
+        """The state after this tick."""
+        loop = self._loop
+        state = loop.simulated if loop.mode is Mode.SIM else loop.measured
+        reference = loop.executor.reference
+        return link.Tick(
+            time=now,
+            sequence=loop.figures.ticks,
+            mode=loop.mode.value,
+            state=loop.state.value,
+            motion=loop.executor.motion.value,
+            armed=loop.armed,
+            inherited=loop.inherited,
+            position=state.position.tobytes(),
+            velocity=state.velocity.tobytes(),
+            effort=state.effort.tobytes(),
+            age=state.age.tobytes(),
+            heard=state.heard.tobytes(),
+            goal=self._unknown if reference is None else np.ascontiguousarray(reference.position).tobytes(),
+            simulated=loop.simulated.position.tobytes(),
+            dropped=loop.link.dropped,
+        )
+
+    def overview(self, now: float) -> link.Overview:
+        """What changes slowly."""
+        loop = self._loop
+        slow, latency = loop.hardware.slow, loop.health.total
+        return link.Overview(
+            time=now,
+            latency_ms=_ms(loop.health.latency(now)) if loop.mode is not Mode.SIM else None,
+            latency_avg_ms=_ms(latency.mean),
+            latency_max_ms=_ms(latency.max),
+            violations=latency.violations,
+            hw_connected=loop.mode is not Mode.SIM and loop.hardware.connected,
+            sim_connected=True,
+            lease=self.lease(now),
+            lease_client=loop.lease.holder_client(now),
+            faults=[*loop.latches.values(), *loop.identity.troubles],
+            buses=[self._bus(place) for place in range(len(loop.hardware.ports))],
+            loop=loop.figures.info(),
+            latencies=[_latency(hop, window) for hop, window in self._windows()],
+            temperature=slow.temperature.tobytes(),
+            voltage=slow.voltage.tobytes(),
+            torque=slow.torque.tobytes(),
+            fault_bits=slow.fault.tobytes(),
+        )
+
+    def _windows(self) -> list[tuple[str, Window]]:
+        health = self._loop.health
+        return [("total", health.total), *health.hops.items()]
+
+    def lease(self, now: float) -> link.LeaseInfo | None:
+        """Who may command now."""
+        held = self._loop.lease.info(now)
+        return None if held is None else link.LeaseInfo(held.holder, held.uid, held.expires_in)
+
+    def _bus(self, place: int) -> link.BusInfo:
+        port = self._loop.hardware.ports[place]
+        window = self._loop.health.buses[place]
+        return link.BusInfo(
+            name=port.name,
+            port=port.where or "",
+            connected=port.link is Link.CONNECTED,
+            latency_ms=_ms(window.now),
+            latency_p99_ms=_ms(window.p99),
+            utilisation=min(1.0, port.counts.busy / self._loop.period) if port.reader else 0.0,
+            exchanges=port.counts.exchanges,
+            errors=port.counts.errors,
+        )
+
+
+def _latency(hop: str, window: Window) -> link.LatencyInfo:
+    return link.LatencyInfo(
+        hop=hop,
+        now_ms=_ms(window.now),
+        mean_ms=_ms(window.mean),
+        std_ms=_ms(window.std),
+        min_ms=_ms(window.min),
+        max_ms=_ms(window.max),
+        p50_ms=_ms(window.p50),
+        p99_ms=_ms(window.p99),
+        violations=window.violations,
+    )
+
+
+def _ms(seconds: float) -> float | None:
+    return seconds * 1e3 if isfinite(seconds) else None

@@ -1,0 +1,46 @@
+"""Real-time set-up of the loop's process: what was asked, what was got. Nothing here is required to run."""
+
+import ctypes
+import gc
+import os
+
+PRIORITY = 40  # SCHED_FIFO: above the usual desktop services, below the kernel's own interrupt threads
+_MCL_CURRENT, _MCL_FUTURE = 1, 2  # <sys/mman.h>
+_PR_SET_TIMERSLACK = 29  # <sys/prctl.h>
+
+
+def enter(priority: int = PRIORITY) -> dict[str, str]:
+    """Ask for FIFO scheduling, locked memory and fine timers, freeze the garbage collector.
+
+    Returns what was got, for `GetStatus`: "fifo 40", "locked", or "no: <reason>".
+    """
+    got = {"scheduler": _scheduler(priority), "memory": _lock(), "timerslack": _slack()}
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    got["gc"] = "frozen, off"
+    return got
+
+
+def _scheduler(priority: int) -> str:
+    if os.sched_getscheduler(0) == os.SCHED_FIFO:  # the unit's CPUSchedulingPolicy= came first
+        return f"fifo {os.sched_getparam(0).sched_priority}"
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except OSError as error:
+        return f"no: {error.strerror} (LimitRTPRIO={priority} in the unit, or CAP_SYS_NICE)"
+    return f"fifo {priority}"
+
+
+def _lock() -> str:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0:
+        return "locked"
+    return f"no: {os.strerror(ctypes.get_errno())} (LimitMEMLOCK=infinity in the unit)"
+
+
+def _slack() -> str:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0:
+        return "1 ns"
+    return f"no: {os.strerror(ctypes.get_errno())}"

@@ -1,0 +1,200 @@
+"""What each command of the front does: an answer at once, or a procedure begun."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from twind import link
+from twind.loop import devices, torque
+from twind.loop.link import Incoming
+from twind.loop.procedures import Procedure, Rank
+from twind.loop.submissions import Submissions
+from twind.robot.finding import Code, Finding
+from twind.robot.modes import Mode, Motion, State
+from twind.safety.states import Event, mode_change
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+
+__all__ = ["Submissions", "begin"]
+
+
+def begin(loop: Loop, incoming: Incoming, now: float) -> None:
+    """Answer a command, or start what will answer it."""
+    command = incoming.command
+    if isinstance(command, link.Submit):
+        loop.submissions.begin(command, incoming.data, now)
+    elif isinstance(command, link.Gone):
+        loop.lease.gone(command.client)
+        loop.submissions.gone(command.client)
+    elif not isinstance(command, link.Heartbeat):
+        _ANSWERS[type(command)](loop, command, now)
+
+
+def front_lost(loop: Loop) -> None:
+    """The front died, and every connection with it: leases lapse, motion holds, torque stays."""
+    loop.link.lost = False
+    loop.lease.front_lost()
+    loop.submissions.forget()
+    if loop.procedures.rank is None and loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING):
+        loop.executor.stop("aborted", (Finding(Code.LEASE_LOST, message="the front was lost"),))
+    loop.event("error", Code.LEASE_LOST, "the front was lost; a new one is started")
+
+
+# ------------------------------------------------------------------------------------------- mode, lease
+
+
+def _set_mode(loop: Loop, command: link.SetMode, now: float) -> None:
+    if command.mode not in [mode.value for mode in Mode]:
+        known = [mode.value for mode in Mode]
+        loop.error(command, "NotFound", what="mode", name=command.mode, known=known)
+        return
+    wanted = Mode(command.mode)
+    refusal = mode_change(loop.mode, wanted, loop.state, loop.executor.motion)
+    if refusal is None and loop.energised and wanted is not loop.mode:
+        refusal = Finding(Code.MODE_DENIES, message="torque is on: disarm first")
+    if refusal is None and wanted is Mode.LIVE:
+        refusal = loop.parts.live_denied
+    if refusal is not None:
+        loop.refuse(command, (refusal,))
+        return
+    if wanted is not loop.mode:
+        loop.enter(wanted)
+        loop.publisher.urgent = True
+    loop.reply(command, mode=loop.mode.value)
+
+
+def _lease(loop: Loop, client: int, now: float) -> dict[str, Any]:
+    del client
+    info = loop.publisher.lease(now)
+    return {"holder": "", "uid": -1, "expires_in": 0.0} if info is None else link_dict(info)
+
+
+def link_dict(info: link.LeaseInfo) -> dict[str, Any]:
+    """The lease as the interface spells it."""
+    return {"holder": info.holder, "uid": info.uid, "expires_in": info.expires_in}
+
+
+def _acquire(loop: Loop, command: link.AcquireLease, now: float) -> None:
+    held_by_other = loop.lease.holder_client(now) not in (0, command.client)
+    if not loop.lease.acquire(command.client, command.holder, command.uid, now, take=command.take):
+        loop.error(command, "LeaseHeld", lease=_lease(loop, command.client, now))
+        return
+    if held_by_other and loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING):
+        loop.executor.stop()  # taken from another: motion holds first
+    if held_by_other:
+        loop.event("warning", Code.LEASE_LOST, f"lease taken by {command.holder}")
+    loop.publisher.urgent = True
+    loop.reply(command, lease=_lease(loop, command.client, now))
+
+
+def _renew(loop: Loop, command: link.RenewLease, now: float) -> None:
+    if loop.lease.renew(command.client, now):
+        loop.reply(command, lease=_lease(loop, command.client, now))
+    else:
+        loop.refuse(
+            command, (Finding(Code.LEASE_MISSING, message="this connection does not hold the lease"),)
+        )
+
+
+def _release(loop: Loop, command: link.ReleaseLease, now: float) -> None:
+    if loop.lease.held_by(command.client, now) and loop.executor.motion is Motion.STREAMING:
+        loop.executor.stop()
+    loop.lease.release(command.client)
+    loop.publisher.urgent = True
+    loop.reply(command)
+
+
+# ------------------------------------------------------------------------------------------- torque
+
+
+def _arm(loop: Loop, command: link.Arm, now: float) -> None:
+    everyone = list(range(len(loop.joints)))
+    if command.joints is not None and sorted(command.joints) != everyone:
+        finding = Finding(Code.BAD_SHAPE, message="arming some joints is not supported: name all, or none")
+        loop.refuse(command, (finding,))
+        return
+    _own(loop, command, Rank.ARM, lambda: torque.arm(loop, command, now))
+
+
+def _disarm(loop: Loop, command: link.Disarm, now: float) -> None:
+    _own(loop, command, Rank.DISARM, lambda: torque.disarm(loop, command, now))
+
+
+def _estop(loop: Loop, command: link.EStop, now: float) -> None:
+    if command.level not in torque.RANKS:
+        known = list(torque.RANKS)
+        loop.error(command, "NotFound", what="level", name=command.level, known=known)
+        return
+    rank = torque.RANKS[command.level]
+    if not loop.procedures.own(rank, lambda: torque.estop(loop, command, now)):
+        # Already stopping, as hard or harder: the answer is how far it is.
+        loop.reply(command, state=loop.state.value, torque_off=loop.torque_off, done=False)
+
+
+def _own(loop: Loop, command: link.Command, rank: Rank, start: Callable[[], Procedure]) -> None:
+    if not loop.procedures.own(rank, start):
+        running = loop.procedures.rank
+        loop.error(command, "Busy", what=running.name.lower() if running is not None else "starting")
+
+
+def _reset(loop: Loop, command: link.Reset, now: float) -> None:
+    """Acknowledge latches whose cause is gone. Never arms."""
+    if loop.energised:
+        loop.error(
+            command, "WrongState", state=f"{loop.state.value}, torque on", allowed=["torque off: disarm"]
+        )
+        return
+    wanted = set(command.codes) if command.codes is not None else {code.value for code in loop.latches}
+    unknown = wanted - {code.value for code in loop.latches}
+    if unknown:
+        known = [code.value for code in loop.latches]
+        loop.error(command, "NotFound", what="latched code", name=sorted(unknown)[0], known=known)
+        return
+    for code in [code for code in loop.latches if code.value in wanted]:
+        del loop.latches[code]
+    if not loop.latches:
+        loop.inhibited = False
+        if loop.condition.latched or loop.state is State.INHIBITED:
+            loop.change(Event.RESET, now)
+        if loop.mode is not Mode.LIVE and loop.executor.motion is Motion.IDLE:
+            loop.enter(loop.mode)
+    loop.publisher.urgent = True
+    loop.reply(command, state=loop.state.value)
+
+
+# ------------------------------------------------------------------------------------------- motion
+
+
+def _cancel(loop: Loop, command: link.Cancel, now: float) -> None:
+    if loop.procedures.rank is None:  # a settling robot is already stopping
+        loop.executor.stop()
+    loop.reply(command, state=loop.state.value)
+
+
+def _setpoint(loop: Loop, command: link.Setpoint, now: float) -> None:
+    loop.submissions.setpoint(command, now)
+
+
+def _set_parameters(loop: Loop, command: link.SetParameters, now: float) -> None:
+    loop.reply(command, parameters={}, needs_restart=sorted(command.parameters))
+
+
+_ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {
+    link.SetMode: _set_mode,
+    link.AcquireLease: _acquire,
+    link.RenewLease: _renew,
+    link.ReleaseLease: _release,
+    link.Arm: _arm,
+    link.Disarm: _disarm,
+    link.EStop: _estop,
+    link.Reset: _reset,
+    link.Cancel: _cancel,
+    link.Setpoint: _setpoint,
+    link.SetParameters: _set_parameters,
+    link.ReadRegister: devices.read,
+    link.WriteRegister: devices.write,
+    link.Reboot: devices.reboot,
+    link.Scan: devices.scan,
+}

@@ -1,0 +1,72 @@
+"""The two listening sockets: the service manager's when it hands them over, else our own.
+
+The mode is set by the umask before `bind`, never by chmod after it: between the two, anybody could connect.
+"""
+
+import contextlib
+import grp
+import os
+import socket
+from pathlib import Path
+
+NAMES = ("control", "observe")
+GROUPS = {"control": "twind-operator", "observe": "twind-observe"}
+_FIRST = 3  # SD_LISTEN_FDS_START
+
+
+class SocketError(Exception):
+    """A control socket could not be made."""
+
+
+def handed_over() -> dict[str, socket.socket]:
+    """Sockets that the service manager listens on for us, by FileDescriptorName=; clears LISTEN_*."""
+    count, mine = os.environ.get("LISTEN_FDS", ""), os.environ.get("LISTEN_PID", "")
+    names = os.environ.get("LISTEN_FDNAMES", "").split(":")
+    for key in ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES"):
+        os.environ.pop(key, None)
+    if not count.isdigit() or mine != str(os.getpid()):
+        return {}
+    found = {}
+    for fd, name in zip(range(_FIRST, _FIRST + int(count)), names, strict=False):
+        os.set_inheritable(fd, False)
+        if name in NAMES:
+            found[name] = socket.socket(fileno=fd)
+    return found
+
+
+def listen(directory: Path, name: str) -> socket.socket:
+    """Bind `directory/name.sock`, mode 0660. Raises SocketError naming who or what is in the way."""
+    path = directory / f"{name}.sock"
+    try:
+        directory.mkdir(mode=0o755, parents=True, exist_ok=True)
+        _clear_stale(path)
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
+        old = os.umask(0o117)
+        try:
+            listener.bind(str(path))
+        finally:
+            os.umask(old)
+        listener.listen(32)
+    except OSError as error:
+        remedy = "choose another folder with --socket DIR"
+        raise SocketError(f"{path}: {error.strerror or error}; {remedy}") from None
+    with contextlib.suppress(KeyError, PermissionError):
+        os.chown(path, -1, grp.getgrnam(GROUPS[name]).gr_gid)
+    return listener
+
+
+def _clear_stale(path: Path) -> None:
+    """Remove a socket that nobody listens on; refuse anything else that is there."""
+    if path.is_symlink() or (path.exists() and not path.is_socket()):
+        raise SocketError(f"{path}: is not a socket; remove it or choose another folder with --socket DIR")
+    if not path.exists():
+        return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        try:
+            probe.connect(str(path))
+        except ConnectionRefusedError:
+            path.unlink()
+            return
+    raise SocketError(
+        f"{path}: another twind answers there; stop it or choose another folder with --socket DIR"
+    )

@@ -1,0 +1,209 @@
+"""Trajectories and setpoints on their way through the gate: judged in slices, followed, reported."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twind import link
+from twind.loop.procedures import Procedure
+from twind.motion.executor import Outcome, Tolerances
+from twind.robot.finding import Code, Finding, Verdict
+from twind.safety import gate, stream
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+
+STALE_VERDICT = 0.5  # s: the front's share of the verdict may be this old (design 6.4)
+PROGRESS = 0.1  # s between two reports of progress
+
+
+class Submissions:
+    """One being judged, and those being followed with `more`."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+        self.busy = False  # one is being judged (S28)
+        self._followed: dict[str, link.Submit] = {}
+        self._report_at = 0.0
+
+    # --------------------------------------------------------------------------- trajectories
+
+    def begin(self, command: link.Submit, data: bytes, now: float) -> None:
+        """Start judging; answers `accepted` or Refused, or the verdict alone for `check_only`."""
+        self._loop.procedures.beside(self._judge(command, data, now))
+
+    def _judge(self, command: link.Submit, data: bytes, now: float) -> Procedure:
+        loop = self._loop
+        try:
+            path = link.unpack_path(data, command, len(loop.joints))
+        except ValueError as error:
+            loop.refuse(command, (Finding(Code.BAD_SHAPE, message=str(error)),))
+            return
+        asked = loop.snapshot(command.client, now)
+        if command.start_in > 0.0 and loop.executor.reference is not None:
+            asked = replace(asked, reference=loop.executor.ahead(command.start_in))
+        demand = gate.Demand(command.policy, command.append_stop, command.start_in)
+        steps = gate.checking(path, asked, loop.limits, demand, loop.parts.thresholds)
+        self.busy, sliced = True, False
+        try:
+            while True:
+                try:
+                    next(steps)
+                except StopIteration as stop:
+                    judged: gate.Judged = stop.value
+                    break
+                sliced = True
+                now = yield
+        finally:
+            self.busy = False
+        refusals = judged.verdict.refusals
+        if sliced and not refusals:
+            refusals = self._still_true(command, asked, path.commanded, now)
+        verdict = Verdict(refusals, judged.verdict.warnings, judged.verdict.changes)
+        self._tell(command, verdict, now)
+        if command.check_only:
+            loop.reply(command, verdict=plain(verdict))
+        elif verdict.refusals:
+            loop.refuse(command, verdict.refusals)
+        else:
+            self._follow(command, judged, verdict, now)
+
+    def _still_true(
+        self, command: link.Submit, asked: gate.Snapshot, commanded: Any, now: float
+    ) -> tuple[Finding, ...]:
+        """A long check took several ticks: what admitted it, and where it starts, must still hold."""
+        loop = self._loop
+        again = loop.snapshot(command.client, now)
+        refusals = gate.admit(again, commanded, loop.parts.thresholds).refusals
+        here = loop.executor.reference
+        if here is None or not np.array_equal(here.position, asked.reference.position):
+            message = "the robot moved while the trajectory was judged: a long one starts from a hold"
+            refusals = (*refusals, Finding(Code.BUSY, message=message))
+        return refusals
+
+    def _follow(self, command: link.Submit, judged: gate.Judged, verdict: Verdict, now: float) -> None:
+        loop = self._loop
+        if command.front_checked and now - command.front_checked > STALE_VERDICT:
+            age = now - command.front_checked
+            finding = Finding(
+                Code.CMD_EXPIRED, value=age, bound=STALE_VERDICT, message="the front's verdict is old"
+            )
+            loop.refuse(command, (finding,))
+            return
+        tolerances = Tolerances.of(len(loop.joints), command.tolerances) if command.tolerances else None
+        if command.client:
+            loop.lease.renew(command.client, now)
+        refused = loop.executor.submit(
+            command.id,
+            judged.path,
+            start_in=command.start_in,
+            tolerances=tolerances,
+            goal_time=command.goal_time,
+        )
+        if refused is not None:
+            loop.refuse(command, (refused,))
+            return
+        loop.untouched = False
+        loop.publisher.urgent = True
+        if command.more:
+            self._followed[command.id] = command
+            loop.lease.pin(command.client, command.id)
+        loop.reply(
+            command,
+            continues=command.more,
+            id=command.id,
+            phase="accepted",
+            progress=0.0,
+            verdict=plain(verdict),
+        )
+
+    def _tell(self, command: link.Submit, verdict: Verdict, now: float) -> None:
+        loop = self._loop
+        loop.link.event(
+            link.Moment(time=now, sequence=loop.link.sequence(), id=command.id, verdict=plain(verdict))
+        )
+        if verdict.refusals:
+            codes = sorted({finding.code.value for finding in verdict.refusals})
+            loop.event("warning", codes[0], f"refused {command.id}: {', '.join(codes)}", verdict.refusals[:8])
+
+    # --------------------------------------------------------------------------- setpoints
+
+    def setpoint(self, command: link.Setpoint, now: float) -> None:
+        """One streamed goal: judged at once, in place of the last."""
+        loop = self._loop
+        snapshot = loop.snapshot(command.client, now)
+        joints = np.array(command.joints, np.int64)
+        commanded = np.isin(np.arange(len(loop.joints)), joints)
+        verdict = gate.admit(snapshot, commanded, loop.parts.thresholds)
+        judged = stream.judge(
+            joints,
+            np.array(command.positions, np.float64),
+            None if command.velocities is None else np.array(command.velocities, np.float64),
+            loop.limits,
+            valid_for=command.valid_for,
+            allow_clamp=command.allow_clamp,
+        )
+        refusals = (*verdict.refusals, *judged.verdict.refusals)
+        if refusals:
+            loop.refuse(command, refusals)
+            return
+        loop.lease.renew(command.client, now, streaming=True)
+        refused = loop.executor.setpoint(judged.joints, judged.position, judged.velocity, command.valid_for)
+        if refused is not None:
+            loop.refuse(command, (refused,))
+            return
+        loop.untouched = False
+        changes = [asdict(finding) for finding in judged.verdict.changes]
+        loop.reply(command, sequence=loop.figures.ticks, changes=changes)
+
+    # --------------------------------------------------------------------------- outcomes
+
+    def gone(self, client: int) -> None:
+        """A connection closed: nobody waits for its reports."""
+        for name in [name for name, command in self._followed.items() if command.client == client]:
+            self._unfollow(name)
+
+    def forget(self) -> None:
+        """Nobody is connected any more."""
+        self._followed.clear()
+
+    def report(self, now: float) -> None:
+        """Progress ten times a second, and the end of each goal."""
+        loop = self._loop
+        for outcome in loop.executor.outcomes():
+            self._end(outcome)
+        running = loop.executor.progress()
+        if running is not None and now >= self._report_at:
+            self._report_at = now + PROGRESS
+            command = self._followed.get(running[0])
+            if command is not None:
+                loop.reply(command, continues=True, id=command.id, phase="running", progress=running[1])
+
+    def _end(self, outcome: Outcome) -> None:
+        loop = self._loop
+        level = "info" if outcome.phase in ("succeeded", "replaced", "cancelled") else "warning"
+        loop.event(level, "MOTION", f"{outcome.id} {outcome.phase}", outcome.findings)
+        loop.publisher.urgent = True
+        command = self._unfollow(outcome.id)
+        if command is not None:
+            found = [asdict(finding) for finding in outcome.findings]
+            done = 1.0 if outcome.phase == "succeeded" else loop.executor.fraction(outcome.id)
+            loop.reply(command, id=command.id, phase=outcome.phase, progress=done, findings=found)
+
+    def _unfollow(self, name: str) -> link.Submit | None:
+        command = self._followed.pop(name, None)
+        if command is not None:
+            self._loop.lease.unpin(command.client, name)
+        return command
+
+
+def plain(verdict: Verdict) -> dict[str, Any]:
+    """A verdict as the link carries it; joints are still indices."""
+    return {
+        "refusals": [asdict(finding) for finding in verdict.refusals],
+        "warnings": [asdict(finding) for finding in verdict.warnings],
+        "changes": [asdict(finding) for finding in verdict.changes],
+    }
