@@ -137,7 +137,7 @@ class Health:
     def update(
         self, measured: JointState, exchange: Exchange, now: float, *, live: bool
     ) -> tuple[Finding, ...]:
-        """After each exchange; `now` is the tick's start, `live`: a bus is open. What is to be told, if at all."""
+        """After each exchange; `now` is the tick's start, `live`: a bus is open. What is to be told."""
         if not live:
             self._time, self._trip, self._loud = -inf, nan, False
             return ()
