@@ -32,6 +32,7 @@ _COMPARED = {
 def check_devices(robot: RobotFile, devices: Devices) -> Verdict:
     """Every joint's servo is there, is the model that the robot file names, and cannot energise by itself."""
     refusals: list[Finding] = []
+    warnings: list[Finding] = []
     for place, joint in enumerate(robot.joints):
         device = devices.get((joint.bus, joint.id))
         if device is None:
@@ -41,7 +42,8 @@ def check_devices(robot: RobotFile, devices: Devices) -> Verdict:
             where = f"{joint.name}: id {joint.id} on bus {joint.bus}"
             unfit = [f"{where}: {why}" for why in _unfit(joint, device)]
             refusals.extend(Finding(Code.DEVICE_MISMATCH, place, message=text) for text in unfit)
-    return Verdict(refusals=tuple(refusals))
+            warnings.extend(_slow(place, joint, device))
+    return Verdict(refusals=tuple(refusals), warnings=tuple(warnings))
 
 
 def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices) -> Verdict:
@@ -50,8 +52,8 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
     Refusals: no calibration; other model, homing offset, drive mode, operating mode, position limits.
     Warnings: other firmware, travel that is implausible beside the described limits.
     """
-    refusals = list(check_devices(robot, devices).refusals)
-    warnings: list[Finding] = []
+    fit = check_devices(robot, devices)
+    refusals, warnings = list(fit.refusals), list(fit.warnings)
     known = {} if calibration is None else calibration.by_name
     for place, joint in enumerate(robot.joints):
         entry, device = known.get(joint.name), devices.get((joint.bus, joint.id))
@@ -68,7 +70,7 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
 def _unfit(joint: JointSpec, device: Device) -> Iterator[str]:
     """What makes this servo unusable for this joint, whatever the calibration says."""
     settings = device.settings
-    if device.model_name != joint.type.device:
+    if not _same_model(device.model_name, joint.type.device):
         found = device.model_name or "a model that is in no table"
         yield f"is {found} (model number {device.model_number}), the robot file says {joint.type.device}"
     mode = settings.get("operating_mode")
@@ -83,6 +85,28 @@ def _unfit(joint: JointSpec, device: Device) -> Iterator[str]:
     startup = settings.get("startup_configuration", 0)  # older firmware has no such register
     if startup & TORQUE_AT_BOOT:
         yield f"startup_configuration (60) is {startup}: bit 0, torque on at boot, must be 0"
+    for register, wanted in joint.registers.items():
+        found_value = settings.get(register)
+        if found_value is None:
+            yield f"{register} must be {wanted}, but is not read from servos: remove it from the robot file"
+        elif found_value != wanted:
+            yield f"{register} is {found_value}, the robot file says {wanted}"
+
+
+def _same_model(found: str | None, wanted: str) -> bool:
+    """XM430-W350-T and -R are XM430-W350 with another connector."""
+    return found is not None and found.lower() == wanted.lower().removesuffix("-t").removesuffix("-r")
+
+
+def _slow(place: int, joint: JointSpec, device: Device) -> Iterator[Finding]:
+    register = device.settings.get("return_delay_time")
+    described = joint.type.return_delay_us
+    if register is not None and 2 * register > described:
+        text = (
+            f"{joint.name}: return delay is {2 * register} us, the robot file says {described}: rate at risk"
+        )
+        bound = float(described)
+        yield Finding(Code.DEVICE_MISMATCH, place, value=2.0 * register, bound=bound, message=text)
 
 
 def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> Iterator[Finding]:

@@ -1,0 +1,95 @@
+"""`twindctl check robot`: a robot file as a table for people, and what is wrong with it beyond its grammar.
+
+Loading has refused all that one file can tell; here stand the servo models, the worked examples and the cycle
+budget. Whether the model has these joints is `twin/binding.py`'s to say.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from twind.config.budget import budgets, unknown_names
+from twind.config.calibration_file import Calibration
+from twind.config.counts import ticks_of
+from twind.config.robot_spec import JointSpec, RobotFile
+
+HEADINGS = (
+    "joint",
+    "bus",
+    "id",
+    "device",
+    "sign",
+    "ratio",
+    "limits rad",
+    "rad/s",
+    "rad/s2",
+    "counts",
+    "zero",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Lines to print, and errors: empty when the robot can be run as described."""
+
+    lines: tuple[str, ...]
+    errors: tuple[str, ...]
+
+
+def check_robot(
+    robot: RobotFile, rate_hz: float | None = None, calibration: Calibration | None = None
+) -> Report:
+    """The robot at `rate_hz` (None: its own). Counts by the calibration, else with zero at mid-encoder."""
+    rate = robot.rate_hz if rate_hz is None else rate_hz
+    known = {} if calibration is None else calibration.by_name
+    zeros = [
+        known[j.name].zero_ticks if j.name in known else j.type.ticks_per_turn // 2 for j in robot.joints
+    ]
+    rows = [_row(joint, zero) for joint, zero in zip(robot.joints, zeros, strict=True)]
+    cycle = budgets(robot, rate)
+    zero = "calibrated" if calibration is not None else "taken at mid-encoder: not calibrated"
+    lines = [
+        f"{robot.name}: {len(robot.joints)} joints, {len(robot.buses)} buses, support {robot.support}, "
+        f"poses {', '.join(robot.poses)}",
+        f"description {robot.description_sha256}",
+        f"counts at lower and upper limit as the joint turns; zero {zero}",
+        *_table([HEADINGS, *rows]),
+        *(line for each in cycle for line in each.lines),
+    ]
+    errors = [*unknown_names(robot), *(each.refusal for each in cycle if each.refusal is not None)]
+    for joint, zero_ticks in zip(robot.joints, zeros, strict=True):
+        errors.extend(_out_of_turn(joint, zero_ticks, joint.name in known))
+    return Report(tuple(lines), tuple(errors))
+
+
+def _row(joint: JointSpec, zero: int) -> tuple[str, ...]:
+    lower, upper = (ticks_of(joint, zero, angle) for angle in (joint.lower, joint.upper))
+    return (
+        joint.name,
+        joint.bus,
+        str(joint.id),
+        joint.type.device,
+        f"{joint.sign:+d}",
+        f"{joint.ratio:g}",
+        f"{joint.lower:g} .. {joint.upper:g}",
+        f"{joint.velocity_limit:g}",
+        f"{joint.acceleration_limit:g}",
+        f"{lower} .. {upper}",
+        str(zero),
+    )
+
+
+def _out_of_turn(joint: JointSpec, zero: int, calibrated: bool) -> list[str]:
+    """In position mode a servo takes goals of one turn only."""
+    ends = [ticks_of(joint, zero, angle) for angle in (joint.lower, joint.upper)]
+    last = joint.type.ticks_per_turn - 1
+    if not calibrated or (min(ends) >= 0 and max(ends) <= last):
+        return []  # without calibration the zero is a guess
+    where = f"counts {min(ends)}..{max(ends)} leave the servo's turn 0..{last}"
+    return [f"joints.{joint.name}: {where}: remount the horn, then calibrate again"]
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]
