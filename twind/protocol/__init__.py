@@ -1,1 +1,6 @@
-"""The control interface: IDL text and plain types. Standard library only."""
+"""The control interface: its IDL text, what it demands of a call, and strict JSON. Standard library only."""
+
+from twind.protocol.idl import Interface, WrongParameter, parse
+from twind.protocol.interfaces import CONTROL, SERVICE, load
+
+__all__ = ["CONTROL", "SERVICE", "Interface", "WrongParameter", "load", "parse"]

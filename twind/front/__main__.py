@@ -1,0 +1,55 @@
+"""Entry of the front process: `python -m twind.front --link FD --briefing FD [--control FD] [--observe FD]`.
+
+Started by the loop, with inherited descriptors, in a session of its own. It ends at end-of-file on the
+link and at nothing else: SIGTERM and SIGINT are the loop's to answer.
+"""
+
+import argparse
+import asyncio
+import os
+import signal
+import socket
+import sys
+
+import msgspec
+
+from twind.front.log import Log, Writer, at_journal
+from twind.front.server import Front
+from twind.link import Briefing, unseal
+
+
+def main() -> int:
+    """Serve until the loop is gone."""
+    parser = argparse.ArgumentParser(prog="twind.front", description="Started by twind; not for people.")
+    parser.add_argument("--link", type=int, required=True, help="SOCK_SEQPACKET socket to the loop")
+    parser.add_argument("--briefing", type=int, required=True, help="sealed memfd")
+    parser.add_argument("--control", type=int, help="listening socket for operators")
+    parser.add_argument("--observe", type=int, help="listening socket for observers")
+    arguments = parser.parse_args()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
+    for fd in vars(arguments).values():
+        if fd is not None:
+            os.set_inheritable(fd, False)
+    briefing = msgspec.msgpack.decode(unseal(arguments.briefing), type=Briefing)
+    os.close(arguments.briefing)
+    stderr = sys.stderr.fileno()
+    log = Log(Writer(stderr), briefing.log_level, journal=at_journal(stderr))
+    listeners = {"operator": arguments.control, "observer": arguments.observe}
+    try:
+        asyncio.run(_serve(socket.socket(fileno=arguments.link), briefing, log, listeners))
+    finally:
+        log.close()
+    return 0
+
+
+async def _serve(link: socket.socket, briefing: Briefing, log: Log, listeners: dict[str, int | None]) -> None:
+    front = Front(link, briefing, log)
+    for role, fd in listeners.items():
+        if fd is not None:
+            front.serve(socket.socket(fileno=fd), role)
+    await front.ended.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,248 @@
+"""What each method does: an answer from what the front knows, or a command to the loop. Front process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+from twind import link
+from twind.front import submit
+from twind.front.calls import STOPS, Call
+from twind.front.loop_end import TooLarge
+from twind.front.telemetry import TOPICS
+from twind.front.tickets import OUTSTANDING
+from twind.front.world import encode
+from twind.protocol import CONTROL, SERVICE
+from twind.robot.finding import Code, Finding
+
+if TYPE_CHECKING:
+    from twind.front.server import Front
+
+# What observe.sock may call: what only reads what is known, and the stop. Check is not among them: it
+# takes the loop's time, and a second one is refused while the first is judged.
+OBSERVER = frozenset({"GetStatus", "GetRobot", "GetParameters", "Monitor", "EStop"})
+REASON = 200  # characters of an e-stop's reason that are kept; a stop is not refused for its prose
+
+Method = Callable[["Front", Call], None]
+
+
+def forward(
+    front: Front, call: Call, kind: Callable[..., link.Inward], fd: int | None = None, **fields: Any
+) -> None:
+    """Send a command; the loop's answer goes to the caller. Stops are owed, others may find the pipe full."""
+    caller, now = call.caller, front.now()
+    if call.oneway and call.method not in STOPS and front.tickets.outstanding(caller.number) >= OUTSTANDING:
+        front.log.say("warning", "ONEWAY_FLOOD", now, holder=caller.holder, method=call.method)
+        return
+    ticket = front.tickets.open(call, now)
+    command = kind(ticket=ticket, client=caller.number, uid=caller.uid, holder=caller.holder, **fields)
+    if call.method in STOPS:
+        front.link.owe(command)
+        return
+    try:
+        sent = front.link.send(command, fd)
+    except TooLarge as error:
+        front.tickets.close(ticket)
+        front.refuse(call, [Finding(Code.FRAME_TOO_LARGE, message=f"command to the loop: {error}")])
+        return
+    if not sent:
+        front.tickets.close(ticket)
+        call.error("Busy", {"what": "the loop: its link is full; try again"})
+
+
+def _as_it_stands(kind: Callable[..., link.Inward]) -> Method:
+    """A command whose fields are the method's parameters."""
+
+    def method(front: Front, call: Call) -> None:
+        given = {key: value for key, value in call.parameters.items() if value is not None}
+        forward(front, call, kind, **given)
+
+    return method
+
+
+# ------------------------------------------------------------------------------------- from what is known
+
+
+def _get_status(front: Front, call: Call) -> None:
+    joints = b',"joints":' + front.world.joints() if call.parameters.get("joints") else b""
+    call.reply(b'{"status":' + front.world.status() + joints + b"}")
+
+
+def _get_robot(front: Front, call: Call) -> None:
+    call.reply(front.world.robot())
+
+
+def _get_parameters(front: Front, call: Call) -> None:
+    call.reply(encode({"parameters": front.world.briefing.parameters}))
+
+
+def _monitor(front: Front, call: Call) -> None:
+    topics, rate = call.parameters["topics"], call.parameters.get("rate")
+    unknown = [topic for topic in topics if topic not in TOPICS]
+    if unknown:
+        call.error("NotFound", {"what": "topic", "name": unknown[0], "known": list(TOPICS)})
+    elif not topics:
+        call.invalid("topics", f"name at least one of {', '.join(TOPICS)}")
+    elif rate is not None and not rate > 0.0:
+        call.invalid("rate", f"{rate} Hz: must be positive, at most {front.world.briefing.rate_hz:g}")
+    else:
+        front.watch(call, topics, rate)
+
+
+# ------------------------------------------------------------------------------------- to the loop
+
+
+def _arm(front: Front, call: Call) -> None:
+    joints = call.parameters.get("joints")
+    if joints is None:
+        forward(front, call, link.Arm)
+        return
+    unknown = [name for name in joints if name not in front.world.names.places]
+    if unknown:
+        known = list(front.world.names.joints)
+        call.error("NotFound", {"what": "joint", "name": unknown[0], "known": known})
+    elif len(set(joints)) != len(joints):
+        call.invalid("joints", "a joint is named twice")
+    else:
+        forward(front, call, link.Arm, joints=[front.world.names.places[name] for name in joints])
+
+
+def _estop(front: Front, call: Call) -> None:
+    level, reason = call.parameters.get("level") or "settle", call.parameters.get("reason") or ""
+    forward(front, call, link.EStop, level=level, reason=reason[:REASON], more=call.more)
+
+
+def _scan(front: Front, call: Call) -> None:
+    if call.parameters.get("bauds") is not None:
+        reason = "not served: a bus runs at the robot file's rate while the daemon owns it"
+        call.invalid("bauds", reason)
+        return
+    forward(front, call, link.Scan, bus=call.parameters.get("bus"))
+
+
+def _submit(front: Front, call: Call) -> None:
+    _trajectory(front, call, check_only=False)
+
+
+def _check(front: Front, call: Call) -> None:
+    _trajectory(front, call, check_only=True)
+
+
+def _trajectory(front: Front, call: Call, *, check_only: bool) -> None:
+    now, names, message = front.now(), front.world.names, call.parameters["trajectory"]
+    if not front.may_submit(call.caller, now):
+        reason = "trajectories per second of one peer; wait, or send longer ones"
+        front.refuse(call, [Finding(Code.RATE_LIMIT, bound=front.SUBMITS_PER_SECOND, message=reason)])
+        return
+    try:
+        policy = submit.policy(message, front.world.briefing.description)
+    except submit.Looser as error:
+        call.invalid(error.field, error.reason)
+        return
+    path, wrong = submit.judge(message, names)
+    if path is None:
+        _turned_down(front, call, wrong, check_only=check_only)
+        return
+    fields = submit.fields(message, path, names, now)
+    with submit.Sealed(path) as fd:
+        forward(front, call, link.Submit, fd, policy=policy, check_only=check_only, more=call.more, **fields)
+
+
+def _turned_down(front: Front, call: Call, wrong: list[Finding], *, check_only: bool) -> None:
+    """The front's own verdict: the loop never sees the trajectory."""
+    findings = front.world.names.findings(wrong)
+    verdict: dict[str, list[dict[str, Any]]] = {"refusals": findings, "warnings": [], "changes": []}
+    front.judged(call, verdict)
+    if check_only:
+        call.reply(encode({"verdict": verdict}))
+    else:
+        call.refuse(findings)
+
+
+def _setpoint(front: Front, call: Call) -> None:
+    names, given = front.world.names, call.parameters
+    wrong = _streamed(given["joint_names"], given["positions"], given.get("velocities"), names.places)
+    if wrong:
+        front.refuse(call, wrong)
+        return
+    optional = {
+        key: given[key] for key in ("velocities", "valid_for", "allow_clamp") if given.get(key) is not None
+    }
+    joints = [names.places[name] for name in given["joint_names"]]
+    forward(front, call, link.Setpoint, joints=joints, positions=given["positions"], **optional)
+
+
+def _streamed(
+    joints: list[str], positions: list[float], velocities: list[float] | None, places: dict[str, int]
+) -> list[Finding]:
+    """S13-S15 of one setpoint."""
+    wrong = [] if joints else [Finding(Code.NO_JOINTS, message="no joint is named")]
+    for place, name in enumerate(joints):
+        if name not in places:
+            wrong.append(Finding(Code.UNKNOWN_JOINT, message=f"no joint {name[:40]!r}; GetRobot names them"))
+        elif name in joints[:place]:
+            wrong.append(Finding(Code.DUP_JOINT, joint=places[name], message="named twice"))
+    for what, column in (("positions", positions), ("velocities", velocities)):
+        if column is not None and len(column) != len(joints):
+            reason = f"{what}: one number per named joint"
+            wrong.append(Finding(Code.BAD_SHAPE, value=len(column), bound=len(joints), message=reason))
+        elif column is not None and not all(map(isfinite, column)):
+            wrong.append(Finding(Code.NONFINITE, message=what))
+    return wrong
+
+
+def _not_served(_front: Front, call: Call) -> None:
+    call.error("MethodNotImplemented", {"method": f"{CONTROL}.{call.method}"}, SERVICE)
+
+
+METHODS: dict[str, Method] = {
+    "GetStatus": _get_status,
+    "GetRobot": _get_robot,
+    "GetParameters": _get_parameters,
+    "Monitor": _monitor,
+    "SetMode": _as_it_stands(link.SetMode),
+    "AcquireLease": _as_it_stands(link.AcquireLease),
+    "RenewLease": _as_it_stands(link.RenewLease),
+    "ReleaseLease": _as_it_stands(link.ReleaseLease),
+    "Arm": _arm,
+    "Disarm": _as_it_stands(link.Disarm),
+    "EStop": _estop,
+    "Reset": _as_it_stands(link.Reset),
+    "Check": _check,
+    "SubmitTrajectory": _submit,
+    "Cancel": _as_it_stands(link.Cancel),
+    "Setpoint": _setpoint,
+    "SetParameters": _as_it_stands(link.SetParameters),
+    "Scan": _scan,
+    "ReadRegister": _as_it_stands(link.ReadRegister),
+    "WriteRegister": _as_it_stands(link.WriteRegister),
+    "Reboot": _as_it_stands(link.Reboot),
+    "Reload": _not_served,
+    "DumpRecorder": _not_served,
+}
+
+
+# ------------------------------------------------------------------------------------- org.varlink.service
+
+
+def service(front: Front, call: Call) -> None:
+    """`org.varlink.service`: who this is and what it speaks."""
+    if call.method == "GetInfo":
+        call.reply(
+            encode(
+                {
+                    "vendor": "twind",
+                    "product": "twind",
+                    "version": front.world.briefing.version,
+                    "url": "https://github.com/twind/twind",
+                    "interfaces": list(front.interfaces),
+                }
+            )
+        )
+        return
+    wanted = front.interfaces.get(call.parameters["interface"])
+    if wanted is None:
+        call.error("InterfaceNotFound", {"interface": call.parameters["interface"]}, SERVICE)
+    else:
+        call.reply(encode({"description": wanted.description}))

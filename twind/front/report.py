@@ -1,0 +1,50 @@
+"""What of the loop's news reaches the log: every event, a report each five seconds. Front process."""
+
+from typing import Any
+
+from twind.front.log import Log
+from twind.front.naming import Names
+from twind.link import Event, Overview, Tick
+
+EVERY = 5.0  # s between two latency reports (design 6.4)
+
+
+class Report:
+    """Turns news into lines."""
+
+    def __init__(self, log: Log) -> None:
+        self._log = log
+        self._due: float | None = None
+        self._ticks = 0
+
+    def event(self, event: Event, names: Names) -> None:
+        """One line per event; its first finding names joint, value and bound."""
+        found = names.findings(event.findings)
+        first = found[0]["message"] if found else None
+        more = len(found) - 1 if len(found) > 1 else None
+        fields = {"message": event.message, "finding": first, "more": more}
+        said = {key: value for key, value in fields.items() if value is not None}
+        self._log.say(event.level, event.code, event.time, **said)
+
+    def overview(self, news: Overview, tick: Tick | None) -> None:
+        """Every five seconds: mode, state, rate, lateness, latency per hop."""
+        if tick is None or (self._due is not None and news.time < self._due):
+            return
+        if self._due is not None:
+            self._log.say("info", "latency", news.time, **self._summary(news, tick))
+        self._due, self._ticks = news.time + EVERY, news.loop.ticks
+
+    def _summary(self, news: Overview, tick: Tick) -> dict[str, Any]:
+        summary = {
+            "mode": tick.mode,
+            "state": tick.state,
+            "motion": tick.motion,
+            "hz": round((news.loop.ticks - self._ticks) / EVERY, 1),
+            "missed": news.loop.missed,
+            "late_p99_us": news.loop.late_p99_us,
+            "violations": news.violations,
+        }
+        for hop in news.latencies:
+            summary[f"{hop.hop}_ms"] = None if hop.now_ms is None else round(hop.now_ms, 3)
+            summary[f"{hop.hop}_p99_ms"] = None if hop.p99_ms is None else round(hop.p99_ms, 3)
+        return {key: value for key, value in summary.items() if value is not None}

@@ -1,0 +1,186 @@
+"""Accepts clients on both sockets, carries calls to the loop and its news to them. Front process."""
+
+import asyncio
+import socket
+import struct
+import time
+from collections.abc import Callable
+from typing import Any
+
+from twind.front.calls import Call, Caller
+from twind.front.log import Log
+from twind.front.loop_end import LoopEnd
+from twind.front.report import Report
+from twind.front.session import Session
+from twind.front.stream import Stream
+from twind.front.telemetry import Telemetry
+from twind.front.tickets import Tickets
+from twind.front.world import World
+from twind.link import Briefing, Event, Gone, Moment, Outward, Overview, Reply, Tick
+from twind.protocol import CONTROL, SERVICE, load
+from twind.robot.finding import Finding
+
+PLACES = {"operator": 4, "observer": 16}
+LIMITS = {"operator": 4 << 20, "observer": 64 << 10}  # bytes of one message
+RESERVED = 4  # connections beyond the places, for an e-stop each; the oldest makes room
+TEND = 0.25  # s between two rounds of housekeeping, and heartbeats
+
+
+class Front:
+    """Everything the front process keeps. `ended` is set when the loop has gone."""
+
+    SUBMITS_PER_SECOND = 20  # of one peer
+
+    def __init__(self, link: socket.socket, briefing: Briefing, log: Log) -> None:
+        loop = asyncio.get_running_loop()
+        self.loop, self.log = loop, log
+        self.ended = asyncio.Event()
+        self.world = World(briefing)
+        self.interfaces = {name: load(name) for name in (SERVICE, CONTROL)}
+        self.telemetry = Telemetry(self.world)
+        self.link = LoopEnd(link, loop, self.news, self.ended.set)
+        # Counting from the clock: a number that an earlier front gave out is never given out again.
+        self._number = time.monotonic_ns()
+        self.tickets = Tickets(self.world.names, self._number)
+        self.sessions: dict[int, Session] = {}
+        self._listeners: list[tuple[socket.socket, str]] = []
+        self._submits: dict[tuple[int, int], list[float]] = {}
+        self._report = Report(log)
+        self._tend()
+
+    def now(self) -> float:
+        """Monotonic time, s: the same clock as the loop's."""
+        return self.loop.time()
+
+    def soon(self, do: Callable[[], None]) -> None:
+        """Call `do` when what is at hand is done."""
+        self.loop.call_soon(do)
+
+    # ----------------------------------------------------------------------------- clients
+
+    def serve(self, listener: socket.socket, role: str) -> None:
+        """Take clients from a listening socket, once there is something to tell them."""
+        listener.setblocking(False)
+        self._listeners.append((listener, role))
+        if self.world.known:
+            self._listen()
+
+    def _listen(self) -> None:
+        for listener, role in self._listeners:
+            self.loop.add_reader(listener, self._accept, listener, role)
+        self._listeners.clear()
+
+    def _accept(self, listener: socket.socket, role: str) -> None:
+        try:
+            sock, _ = listener.accept()
+        except OSError:
+            return
+        sock.setblocking(False)
+        pid, uid, _gid = struct.unpack("3i", sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        self._number += 1
+        caller = Caller(self._number, role, uid, pid, reserved=not self._has_place(role))
+        stream = Stream(sock, LIMITS[role], self.loop)
+        session = self.sessions[caller.number] = Session(self, caller, stream, self.now())
+        stream.start(session)
+
+    def _has_place(self, role: str) -> bool:
+        """A place is free; else the oldest reserved connection makes room if it must."""
+        taken = [s for s in self.sessions.values() if s.caller.role == role and not s.caller.reserved]
+        if len(taken) < PLACES[role]:
+            return True
+        reserved = [s for s in self.sessions.values() if s.caller.role == role and s.caller.reserved]
+        if len(reserved) >= RESERVED:
+            reserved[0].stream.close()
+        return False
+
+    def gone(self, session: Session) -> None:
+        """A connection closed: the loop must know, its lease lapses."""
+        number = session.caller.number
+        if self.sessions.pop(number, None) is not None:
+            self.tickets.forget(number)
+            self.telemetry.forget(number)
+            self.link.owe(Gone(client=number))
+
+    def watch(self, call: Call, topics: list[str], rate: float | None) -> None:
+        """Begin a Monitor call."""
+        session = self.sessions.get(call.caller.number)
+        if session is not None:
+            self.telemetry.watch(call, session.stream, topics, rate)
+
+    def may_submit(self, caller: Caller, now: float) -> bool:
+        """S01: at most so many trajectories per second of one peer."""
+        recent = self._submits.setdefault((caller.uid, caller.pid), [])
+        recent[:] = [at for at in recent if now - at < 1.0]
+        if len(recent) >= self.SUBMITS_PER_SECOND:
+            return False
+        recent.append(now)
+        return True
+
+    def refuse(self, call: Call, findings: list[Finding]) -> None:
+        """The error `Refused`, readable; told to the log too."""
+        named = self.world.names.findings(findings)
+        call.refuse(named)
+        self._tell_refusal(call.caller, named)
+
+    def judged(self, call: Call, verdict: dict[str, list[dict[str, Any]]]) -> None:
+        """The front's own verdict, for whoever watches. Its sequence is 0: the loop counts only its own."""
+        self.telemetry.verdict(Moment(time=self.now(), sequence=0, id="", verdict=verdict))
+        self._tell_refusal(call.caller, verdict["refusals"])
+
+    def _tell_refusal(self, caller: Caller, findings: list[dict[str, Any]]) -> None:
+        first = findings[0]
+        more = len(findings) - 1 or None
+        self.log.say(
+            "warning", first["code"], self.now(), message=first["message"], more=more, holder=caller.holder
+        )
+
+    def broken(self, caller: Caller, method: str, error: Exception) -> None:
+        """A call broke: a bug of ours, in the log with its place."""
+        place = error.__traceback__
+        while place is not None and place.tb_next is not None:
+            place = place.tb_next
+        where = f"{place.tb_frame.f_code.co_name}:{place.tb_lineno}" if place is not None else None
+        text = f"{type(error).__name__}: {error}"
+        self.log.say(
+            "error", "CALL_BROKE", self.now(), message=text, at=where, method=method, holder=caller.holder
+        )
+
+    # ----------------------------------------------------------------------------- the loop
+
+    def news(self, news: Outward) -> None:
+        """Something the loop says."""
+        if isinstance(news, Tick | Overview):
+            self._state(news)
+        elif isinstance(news, Reply):
+            self.tickets.answer(news, self.now())
+        elif isinstance(news, Event):
+            self.telemetry.event(news)
+            self._report.event(news, self.world.names)
+        else:
+            self.telemetry.verdict(news)
+
+    def _state(self, news: Tick | Overview) -> None:
+        known = self.world.known
+        self.world.take(news)
+        if not self.world.known:
+            return
+        if not known:
+            self._listen()
+        if isinstance(news, Tick):
+            self.telemetry.tick(news)
+        else:
+            self.telemetry.overview(news)
+            self._report.overview(news, self.world.tick)
+
+    # ----------------------------------------------------------------------------- housekeeping
+
+    def _tend(self) -> None:
+        now = self.now()
+        self.loop.call_later(TEND, self._tend)
+        self.link.heartbeat()
+        for method in self.tickets.expire(now):
+            self.log.say("error", "LOOP_SILENT", now, method=method)
+        for session in list(self.sessions.values()):
+            session.tend(now)
+        for peer in [peer for peer, recent in self._submits.items() if now - recent[-1] > 1.0]:
+            del self._submits[peer]

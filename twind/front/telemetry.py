@@ -1,0 +1,119 @@
+"""Monitor: who watches what, how often, and what is sent to them. Front process.
+
+The body of a message is encoded once per piece of news, however many watch.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from twind.front.calls import Call
+from twind.front.stream import Stream
+from twind.front.world import World
+from twind.link import Event, Moment, Overview, Tick
+
+PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0}  # topic -> Hz where the call does not say
+TOPICS = (*PERIODIC, "events", "verdicts")  # `raw` is of the interface and not served yet
+
+
+@dataclass(slots=True)
+class Watcher:
+    """One Monitor call. `dropped`: messages lost since the last one that was sent."""
+
+    call: Call
+    stream: Stream
+    topics: frozenset[str]
+    period: dict[str, float]  # s, by topic
+    due: dict[str, float] = field(default_factory=dict)  # s, by topic
+    dropped: int = 0
+
+    def wants(self, topic: str, now: float, slack: float) -> bool:
+        """It is time for a message of a periodic topic; `slack` s too early is in time."""
+        if topic not in self.topics:
+            return False
+        due = self.due.get(topic, now)
+        if now + slack < due:
+            return False
+        self.due[topic] = max(due, now - slack) + self.period[topic]
+        return True
+
+    def send(self, body: bytes) -> None:
+        """A message whose parameters, but for `dropped`, are `body`; the only one without `more`."""
+        if self.call.more:
+            self.stream.publish(body + b"}", self)
+        else:
+            self.call.reply(b'{"dropped":0,' + body)
+
+
+class Telemetry:
+    """All watchers."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._watchers: list[Watcher] = []
+        self._slack = 0.5 / world.briefing.rate_hz
+
+    def watch(self, call: Call, stream: Stream, topics: list[str], rate: float | None) -> None:
+        """Begin a Monitor call. `rate` in Hz for the periodic topics, None: each its own."""
+        most = self._world.briefing.rate_hz
+        period = {topic: 1.0 / min(rate or usual, most) for topic, usual in PERIODIC.items()}
+        self._watchers.append(Watcher(call, stream, frozenset(topics), period))
+
+    def forget(self, client: int) -> None:
+        """A connection is gone."""
+        self._watchers = [watcher for watcher in self._watchers if watcher.call.caller.number != client]
+
+    def tick(self, tick: Tick) -> None:
+        """Topics that follow the tick."""
+        pieces = {"state": (b"joints", self._world.joints), "status": (b"status", self._world.status)}
+        for topic, (key, piece) in pieces.items():
+            self._periodic(topic, key, piece, tick.time, tick.sequence, self._slack)
+
+    def overview(self, overview: Overview) -> None:
+        """Topics that follow the overview."""
+        sequence = 0 if self._world.tick is None else self._world.tick.sequence
+        self._periodic("latency", b"latency", self._world.latency, overview.time, sequence, 0.05)
+
+    def event(self, event: Event) -> None:
+        """To all who watch events."""
+        self._at_once("events", b"event", lambda: self._world.event(event), event.time, event.sequence)
+
+    def verdict(self, moment: Moment) -> None:
+        """To all who watch verdicts."""
+        self._at_once(
+            "verdicts", b"verdict", lambda: self._world.verdict(moment), moment.time, moment.sequence
+        )
+
+    def _periodic(
+        self, topic: str, key: bytes, piece: Callable[[], bytes], time: float, sequence: int, slack: float
+    ) -> None:
+        wanting = [watcher for watcher in self._watchers if watcher.wants(topic, time, slack)]
+        self._send(wanting, topic, key, piece, time, sequence)
+
+    def _at_once(
+        self, topic: str, key: bytes, piece: Callable[[], bytes], time: float, sequence: int
+    ) -> None:
+        wanting = [watcher for watcher in self._watchers if topic in watcher.topics]
+        self._send(wanting, topic, key, piece, time, sequence)
+
+    def _send(
+        self,
+        to: list[Watcher],
+        topic: str,
+        key: bytes,
+        piece: Callable[[], bytes],
+        time: float,
+        sequence: int,
+    ) -> None:
+        if not to:
+            return
+        body = b'"topic":"%s","time":%.6f,"sequence":%d,"%s":%s}' % (
+            topic.encode(),
+            time,
+            sequence,
+            key,
+            piece(),
+        )
+        for watcher in to:
+            watcher.send(body)
+            if not watcher.call.more:
+                self._watchers.remove(watcher)

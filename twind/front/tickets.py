@@ -1,0 +1,76 @@
+"""Calls that wait for the loop: each has a ticket and a time by which it is answered. Front process."""
+
+from dataclasses import dataclass
+
+from twind.front.calls import Call
+from twind.front.naming import Names
+from twind.front.world import encode
+from twind.link import Reply
+
+PATIENCE = 5.0  # s until the loop must have answered
+PATIENCE_BY_METHOD = {"Arm": 30.0, "Disarm": 30.0, "EStop": 30.0, "Scan": 60.0, "Reboot": 10.0}
+BETWEEN = 125.0  # s between two answers to a call with `more`: a start 60 s ahead, then 60 s of motion
+OUTSTANDING = 32  # unanswered commands of one connection; only `oneway` can come that far
+
+
+@dataclass(slots=True)
+class _Waiting:
+    call: Call
+    patience: float
+    deadline: float
+
+
+class Tickets:
+    """Every command under way. `first` is the first ticket: no other front may have used it."""
+
+    def __init__(self, names: Names, first: int) -> None:
+        self._names, self._next = names, first
+        self._waiting: dict[int, _Waiting] = {}
+
+    def open(self, call: Call, now: float) -> int:
+        """A fresh ticket for a call."""
+        self._next += 1
+        patience = PATIENCE_BY_METHOD.get(call.method, PATIENCE)
+        self._waiting[self._next] = _Waiting(call, patience, now + patience)
+        return self._next
+
+    def close(self, ticket: int) -> None:
+        """The command never left."""
+        self._waiting.pop(ticket, None)
+
+    def outstanding(self, client: int) -> int:
+        """Unanswered commands of a connection."""
+        return sum(waiting.call.caller.number == client for waiting in self._waiting.values())
+
+    def answer(self, reply: Reply, now: float) -> None:
+        """Hand a reply of the loop to whoever waits for it, with joints named; late ones go nowhere."""
+        waiting = self._waiting.get(reply.ticket)
+        if waiting is None:
+            return
+        goes_on = reply.continues and reply.error is None and waiting.call.more
+        if goes_on:
+            waiting.deadline = now + BETWEEN
+        else:
+            del self._waiting[reply.ticket]
+        named = self._names.reply(reply.parameters)
+        if reply.error is not None:
+            waiting.call.error(reply.error, named)
+        else:
+            waiting.call.reply(encode(named), continues=goes_on)
+
+    def expire(self, now: float) -> list[str]:
+        """Answer what the loop left unanswered; the methods concerned."""
+        late = [ticket for ticket, waiting in self._waiting.items() if now > waiting.deadline]
+        methods = []
+        for ticket in late:
+            waiting = self._waiting.pop(ticket)
+            methods.append(waiting.call.method)
+            text = f"the loop: no answer to {waiting.call.method} within {waiting.patience:g} s; see its log"
+            waiting.call.error("Busy", {"what": text})
+        return methods
+
+    def forget(self, client: int) -> None:
+        """A connection is gone: its tickets are void."""
+        gone = [ticket for ticket, w in self._waiting.items() if w.call.caller.number == client]
+        for ticket in gone:
+            del self._waiting[ticket]

@@ -1,0 +1,184 @@
+"""What the front knows of the robot now, and the JSON made of it: each piece is encoded once per news.
+
+Front process. Reads the loop's news, knows no client.
+"""
+
+from typing import Any
+
+import msgspec
+
+from twind.front.naming import Names
+from twind.link import Briefing, Event, Moment, Overview, Tick
+
+# Bits of a servo's hardware error register (Protocol 2.0, address 70).
+FAULT_BITS = {0: "input_voltage", 2: "overheating", 3: "encoder", 4: "electrical_shock", 5: "overload"}
+_TORQUE = {1: True, 0: False}
+
+_json = msgspec.json.Encoder()  # writes NaN and the infinities as null
+
+
+def encode(value: Any) -> bytes:
+    """JSON; NaN and infinities become null."""
+    return _json.encode(value)
+
+
+class JointNow(msgspec.Struct):
+    """One joint, as `Joint` of the interface. NaN where unknown."""
+
+    name: str
+    bus: str
+    id: int
+    position: float
+    velocity: float
+    effort: float
+    goal: float
+    simulated: float
+    temperature: float
+    voltage: float
+    age_ms: float
+    heard: bool
+    torque: bool | None
+    calibrated: bool
+    faults: list[str]
+
+
+class World:
+    """The latest tick and overview of one robot. Nothing is known until both have come."""
+
+    def __init__(self, briefing: Briefing) -> None:
+        self.briefing = briefing
+        self.names = Names([joint.name for joint in briefing.joints])
+        self.tick: Tick | None = None
+        self.overview: Overview | None = None
+        self._cache: dict[str, bytes] = {}
+        self._slow: dict[str, msgspec.Raw] = {}
+        self._columns: tuple[list[float], list[float], list[bool | None], list[list[str]]] | None = None
+
+    @property
+    def known(self) -> bool:
+        """A tick and an overview have come."""
+        return self.tick is not None and self.overview is not None
+
+    def take(self, news: Tick | Overview) -> None:
+        """Newer news replace older ones."""
+        self._cache.clear()
+        if isinstance(news, Tick):
+            self.tick = news
+        else:
+            self.overview = news
+            self._slow = {
+                "faults": msgspec.Raw(encode(self.names.findings(news.faults))),
+                "buses": msgspec.Raw(encode(news.buses)),
+                "loop": msgspec.Raw(encode(news.loop)),
+            }
+            self._columns = _slow_columns(news)
+
+    # ------------------------------------------------------------------------------ pieces of answers
+
+    def status(self) -> bytes:
+        """`Status` of the interface, encoded."""
+        return self._once("status", self._status)
+
+    def joints(self) -> bytes:
+        """`[]Joint` of the interface, encoded."""
+        return self._once("joints", self._joints)
+
+    def latency(self) -> bytes:
+        """`[]Latency` of the interface, encoded."""
+        return self._once("latency", lambda: encode([] if self.overview is None else self.overview.latencies))
+
+    def robot(self) -> bytes:
+        """The reply's parameters of GetRobot, encoded."""
+        b = self.briefing
+        return encode({"robot": b.description, "calibration": b.calibration, "mjcf": b.mjcf})
+
+    def event(self, event: Event) -> bytes:
+        """`Event` of the interface, encoded."""
+        return encode(
+            {
+                "time": event.time,
+                "sequence": event.sequence,
+                "level": event.level,
+                "code": event.code,
+                "message": event.message,
+                "findings": self.names.findings(event.findings),
+            }
+        )
+
+    def verdict(self, moment: Moment) -> bytes:
+        """`Verdict` of the interface, encoded."""
+        return encode(self.names.verdict(moment.verdict))
+
+    def _once(self, key: str, make: Any) -> bytes:
+        made = self._cache.get(key)
+        if made is None:
+            made = self._cache[key] = make()
+        return made
+
+    def _status(self) -> bytes:
+        tick, overview = self.tick, self.overview
+        assert tick is not None
+        assert overview is not None
+        return encode(
+            {
+                "version": self.briefing.version,
+                "robot": self.briefing.robot,
+                "mode": tick.mode,
+                "state": tick.state,
+                "motion": tick.motion,
+                "armed": tick.armed,
+                "inherited": tick.inherited,
+                "hw_connected": overview.hw_connected,
+                "sim_connected": overview.sim_connected,
+                "latency_ms": overview.latency_ms,
+                "latency_avg_ms": overview.latency_avg_ms,
+                "latency_max_ms": overview.latency_max_ms,
+                "violations": overview.violations,
+                "lease": overview.lease,
+                **self._slow,
+            }
+        )
+
+    def _joints(self) -> bytes:
+        tick, columns = self.tick, self._columns
+        assert tick is not None
+        assert columns is not None
+        still = self.briefing.joints
+        return encode(
+            [
+                JointNow(
+                    j.name, j.bus, j.id, p, v, e, g, s, temp, volt, age * 1e3, h != 0, on, j.calibrated, f
+                )
+                for j, p, v, e, g, s, age, h, temp, volt, on, f in zip(
+                    still,
+                    _floats(tick.position),
+                    _floats(tick.velocity),
+                    _floats(tick.effort),
+                    _floats(tick.goal),
+                    _floats(tick.simulated),
+                    _floats(tick.age),
+                    tick.heard,
+                    *columns,
+                    strict=True,
+                )
+            ]
+        )
+
+
+def _floats(data: bytes) -> list[float]:
+    numbers: Any = memoryview(data).cast("d").tolist()  # typed as ints whatever the format is
+    return list(numbers)
+
+
+def _slow_columns(news: Overview) -> tuple[list[float], list[float], list[bool | None], list[list[str]]]:
+    """Temperature, voltage, torque and faults of each joint."""
+    torque = [_TORQUE.get(value) for value in memoryview(news.torque).cast("b").tolist()]
+    faults = [_faults(bits) for bits in memoryview(news.fault_bits).cast("h").tolist()]
+    return _floats(news.temperature), _floats(news.voltage), torque, faults
+
+
+def _faults(bits: int) -> list[str]:
+    """Names of the bits; none while they are unknown (-1)."""
+    if bits < 0:
+        return []
+    return [FAULT_BITS.get(bit, f"bit_{bit}") for bit in range(15) if bits >> bit & 1]

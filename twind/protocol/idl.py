@@ -1,0 +1,268 @@
+"""Reads a varlink interface definition and checks values against its types. Standard library only.
+
+Grammar: varlink.org/Interface-Definition. Enums and `object` included; comments are skipped.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+_TOKEN = re.compile(r"\s+|#[^\n]*|(?P<token>->|\[string\]|\[\]|[?:,()]|[A-Za-z][A-Za-z0-9_.-]*)")
+_INT = range(-(1 << 63), 1 << 63)
+
+
+class WrongParameter(Exception):
+    """A value that the interface does not allow. `where` names it: `trajectory.points[3].positions[0]`."""
+
+    def __init__(self, where: str, reason: str) -> None:
+        super().__init__(f"{where}: {reason}")
+        self.where, self.reason = where, reason
+
+
+class Type:
+    """What a value may be."""
+
+    def check(self, value: object, where: str) -> None:
+        """Nothing, if `value` is allowed here. Raises WrongParameter."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True)
+class Plain(Type):
+    """bool, int, float, string or object. A bool is no number; an int is a float where a float is asked."""
+
+    name: str
+
+    def check(self, value: object, where: str) -> None:
+        """Raises WrongParameter."""
+        kind = type(value)
+        if self.name == "float":
+            good = kind is float or (kind is int and value in _INT)
+        elif self.name == "int":
+            good = kind is int and value in _INT
+        elif self.name == "object":
+            good = kind is dict
+        else:
+            good = kind is (bool if self.name == "bool" else str)
+        if not good:
+            raise WrongParameter(where, f"expected {self.name}, got {_described(value)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Maybe(Type):
+    """The value, or null."""
+
+    of: Type
+
+    def check(self, value: object, where: str) -> None:
+        """Raises WrongParameter."""
+        if value is not None:
+            self.of.check(value, where)
+
+
+@dataclass(frozen=True, slots=True)
+class List(Type):
+    """Any number of values of one type."""
+
+    of: Type
+
+    def check(self, value: object, where: str) -> None:
+        """Raises WrongParameter."""
+        if type(value) is not list:
+            raise WrongParameter(where, f"expected an array, got {_described(value)}")
+        if isinstance(self.of, Plain) and self.of.name == "float" and all(type(x) is float for x in value):
+            return  # the bulk of a trajectory
+        for place, item in enumerate(value):
+            self.of.check(item, f"{where}[{place}]")
+
+
+@dataclass(frozen=True, slots=True)
+class Table(Type):
+    """Values of one type by name."""
+
+    of: Type
+
+    def check(self, value: object, where: str) -> None:
+        """Raises WrongParameter."""
+        if type(value) is not dict:
+            raise WrongParameter(where, f"expected an object, got {_described(value)}")
+        for key, item in value.items():
+            self.of.check(item, f"{where}.{key}" if where else key)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice(Type):
+    """One of some words."""
+
+    words: tuple[str, ...]
+
+    def check(self, value: object, where: str) -> None:
+        """Raises WrongParameter."""
+        if value not in self.words:
+            raise WrongParameter(where, f"expected one of {', '.join(self.words)}, got {_described(value)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Struct(Type):
+    """Named fields; those of type `Maybe` may be absent, others and unknown ones may not."""
+
+    fields: Mapping[str, Type]
+
+    def check(self, value: object, where: str) -> None:
+        """Raises WrongParameter."""
+        if type(value) is not dict:
+            raise WrongParameter(where, f"expected an object, got {_described(value)}")
+        prefix = f"{where}." if where else ""
+        for name, kind in self.fields.items():
+            if name in value:
+                kind.check(value[name], prefix + name)
+            elif not isinstance(kind, Maybe):
+                raise WrongParameter(prefix + name, "is missing")
+        if len(value) > len(self.fields) or value.keys() - self.fields.keys():
+            unknown = sorted(value.keys() - self.fields.keys())[0]
+            known = ", ".join(self.fields) or "none"
+            raise WrongParameter(prefix + unknown, f"unknown field; known: {known}")
+
+
+@dataclass(slots=True)
+class Named(Type):
+    """A type of the interface by its name; resolved when first used, so that order does not matter."""
+
+    name: str
+    types: Mapping[str, Type]
+
+    def check(self, value: object, where: str) -> None:
+        """Raises WrongParameter."""
+        self.types[self.name].check(value, where)
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One method: what goes in and what comes out."""
+
+    name: str
+    parameters: Struct
+    results: Struct
+
+
+@dataclass(frozen=True, slots=True)
+class Interface:
+    """One interface: its name, its text as written, its members."""
+
+    name: str
+    description: str
+    types: dict[str, Type] = field(default_factory=dict)
+    methods: dict[str, Method] = field(default_factory=dict)
+    errors: dict[str, Struct] = field(default_factory=dict)
+
+
+def parse(text: str) -> Interface:
+    """The interface that `text` defines. Raises SyntaxError naming what stands in the wrong place."""
+    reader = _Reader(text)
+    reader.expect("interface")
+    interface = Interface(reader.word(), text)
+    reader.types = interface.types
+    while reader.token is not None:
+        kind, name = reader.word(), reader.word()
+        if kind == "type":
+            interface.types[name] = reader.composite()
+        elif kind == "method":
+            parameters = reader.struct()
+            reader.expect("->")
+            interface.methods[name] = Method(name, parameters, reader.struct())
+        elif kind == "error":
+            interface.errors[name] = reader.struct()
+        else:
+            raise SyntaxError(f"expected type, method or error, got {kind!r}")
+    missing = reader.named - interface.types.keys()
+    if missing:
+        raise SyntaxError(f"no such type: {', '.join(sorted(missing))}")
+    return interface
+
+
+class _Reader:
+    """Tokens of an interface definition, one ahead."""
+
+    def __init__(self, text: str) -> None:
+        self._tokens = _tokens(text)
+        self.types: Mapping[str, Type] = {}
+        self.named: set[str] = set()
+        self.token: str | None = next(self._tokens, None)
+
+    def take(self) -> str:
+        token, self.token = self.token, next(self._tokens, None)
+        if token is None:
+            raise SyntaxError("the definition ends too early")
+        return token
+
+    def expect(self, wanted: str) -> None:
+        got = self.take()
+        if got != wanted:
+            raise SyntaxError(f"expected {wanted!r}, got {got!r}")
+
+    def word(self) -> str:
+        got = self.take()
+        if not got[0].isalpha():
+            raise SyntaxError(f"expected a name, got {got!r}")
+        return got
+
+    def struct(self) -> Struct:
+        composite = self.composite()
+        if not isinstance(composite, Struct):
+            raise SyntaxError(f"expected (name: type, ...), got words {composite}")
+        return composite
+
+    def composite(self) -> Type:
+        """A struct, or an enum: words without types."""
+        self.expect("(")
+        fields: dict[str, Type] = {}
+        words: list[str] = []
+        while self.token != ")":
+            name = self.word()
+            if self.token == ":":
+                self.take()
+                fields[name] = self.type()
+            else:
+                words.append(name)
+            if self.token != ")":
+                self.expect(",")
+        self.take()
+        if words and fields:
+            raise SyntaxError(f"words {words} among typed fields")
+        return Choice(tuple(words)) if words else Struct(fields)
+
+    def type(self) -> Type:
+        if self.token == "(":
+            return self.composite()
+        token = self.take()
+        if token == "?":
+            return Maybe(self.type())
+        if token == "[]":
+            return List(self.type())
+        if token == "[string]":
+            return Table(self.type())
+        if token in ("bool", "int", "float", "string", "object"):
+            return Plain(token)
+        self.named.add(token)
+        return Named(token, self.types)
+
+
+def _tokens(text: str) -> Iterator[str]:
+    place = 0
+    while place < len(text):
+        match = _TOKEN.match(text, place)
+        if match is None:
+            line = text.count("\n", 0, place) + 1
+            raise SyntaxError(f"line {line}: {text[place : place + 20]!r} is no part of a definition")
+        place = match.end()
+        if match["token"]:
+            yield match["token"]
+
+
+def _described(value: Any) -> str:
+    names = {bool: "bool", int: "int", float: "float", str: "string", list: "array", dict: "object"}
+    if value is None:
+        return "null"
+    shown = "" if type(value) in (list, dict) else f" {str(value)[:40]!r}"
+    return names.get(type(value), type(value).__name__) + shown

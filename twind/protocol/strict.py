@@ -1,0 +1,88 @@
+"""JSON as it is defined, and no more: what Python's parser lets pass is refused here (S02). Pure stdlib."""
+
+import json
+import re
+from math import isfinite
+from typing import Any, NoReturn
+
+DEPTH = 16  # nested arrays and objects
+_NESTING = re.compile(
+    r'"(?:[^"\\]++|\\.?)*+"?|[][{}]', re.DOTALL
+)  # strings whole, so that brackets in them do not count
+_DIGITS = 19  # a longer integer does not fit 64 bits
+
+
+class BadJson(ValueError):
+    """Not a JSON text, or one that two readers could take for two things."""
+
+
+def loads(data: bytes | bytearray | memoryview) -> Any:
+    """The value of one JSON text. Raises BadJson on invalid UTF-8, duplicate keys, NaN, Infinity,
+    numbers beyond a double or 64 bits, nesting deeper than 16, lone surrogates and all that is no JSON.
+    """
+    try:
+        text = str(data, "utf-8")
+    except UnicodeDecodeError as error:
+        raise BadJson(f"invalid UTF-8 at byte {error.start}") from None
+    _check_depth(text)
+    try:
+        value = _DECODER.decode(text)
+    except json.JSONDecodeError as error:
+        raise BadJson(f"{error.msg} at character {error.pos}") from None
+    if "\\u" in text:
+        _check_surrogates(value)
+    return value
+
+
+def _check_depth(text: str) -> None:
+    if text.count("[") + text.count("{") <= DEPTH:
+        return
+    depth = 0
+    for match in _NESTING.finditer(text):
+        mark = match[0]
+        if mark in ("[", "{"):
+            depth += 1
+            if depth > DEPTH:
+                raise BadJson(f"nested deeper than {DEPTH} at character {match.start()}")
+        elif mark in ("]", "}"):
+            depth -= 1
+
+
+def _check_surrogates(value: Any) -> None:
+    try:
+        json.dumps(value, ensure_ascii=False).encode("utf-8")
+    except UnicodeEncodeError:
+        raise BadJson("half of a surrogate pair in a string") from None
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) != len(pairs):
+        seen: set[str] = set()
+        for key, _ in pairs:
+            if key in seen:
+                raise BadJson(f"key {key[:40]!r} stands twice in one object")
+            seen.add(key)
+    return table
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not isfinite(number):
+        raise BadJson(f"{text[:40]} is beyond a double")
+    return number
+
+
+def _int(text: str) -> int:
+    if len(text.lstrip("-")) > _DIGITS:
+        raise BadJson(f"{text[:40]} is beyond 64 bits")
+    return int(text)
+
+
+def _constant(text: str) -> NoReturn:
+    raise BadJson(f"{text} is not JSON")
+
+
+_DECODER = json.JSONDecoder(
+    object_pairs_hook=_once, parse_float=_finite, parse_int=_int, parse_constant=_constant
+)
