@@ -71,6 +71,7 @@ class Servos:
         count = len(specs)
         self.tripped = np.zeros(count, np.bool_)
         self.tripped_at = np.full(count, np.nan)  # s, the last time
+        self.trip_delay = np.full(count, np.nan)  # s, from the last packet heard before that
         self.shut = np.zeros(count, np.bool_)  # shut down by its hardware error, until reboot
         self.silenced = np.zeros(count, np.bool_)  # its connector is pulled: it hears and says nothing
         self.heard_at = np.full(count, now)  # s, the last instruction packet that each servo heard
@@ -308,6 +309,7 @@ class Servos:
             return
         self.tripped |= due
         self.tripped_at[due] = (self.heard_at + self._timeout)[due]
+        self.trip_delay[due] = self._timeout[due]
         self.registers.put("bus_watchdog", TRIPPED, due)
         here = self.muscles.position
         held = here + np.clip(self.profile.reference - here, -PULL, PULL)

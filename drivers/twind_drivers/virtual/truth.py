@@ -1,0 +1,37 @@
+"""What is true of virtual servos, past the bus: for tests that judge what a host believes."""
+
+import math
+from typing import Any
+
+from twind_drivers.virtual.servos import Servos
+
+
+def truth(servos: Servos, now: float) -> list[dict[str, Any]]:
+    """One dict per servo, in rows, as of `now` (s, the servos' own clock).
+
+    position and goal in the register's frame (position unrounded), encoder in continuous ticks, velocity raw,
+    torque, watchdog register, tripped; heard_ago s since the last packet it heard; tripped_at s of the last
+    trip and trip_delay s from the packet before it, None: never.
+    """
+    position = servos.muscles.position * servos.direction + servos.shift
+    return [
+        {
+            "id": servos.registers.id_of(row),
+            "position": float(position[row]),
+            "encoder": float(servos.muscles.position[row]),
+            "velocity": float(servos.muscles.velocity[row]),
+            "goal": int(servos["goal_position"][row]),
+            "torque": bool(servos["torque_enable"][row]),
+            "watchdog": int(servos["bus_watchdog"][row]),
+            "tripped": bool(servos.tripped[row]),
+            "listening": bool(servos.listening[row]),
+            "heard_ago": now - float(servos.heard_at[row]),
+            "tripped_at": _number(servos.tripped_at[row]),
+            "trip_delay": _number(servos.trip_delay[row]),
+        }
+        for row in range(len(servos.tripped))
+    ]
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)

@@ -1,0 +1,8 @@
+"""`python -m twind.virtual`."""
+
+import sys
+
+from twind.virtual.main import main
+
+if __name__ == "__main__":
+    sys.exit(main())

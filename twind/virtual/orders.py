@@ -1,0 +1,120 @@
+"""Faults on order: a Unix stream socket, one JSON object a line in, one out. Single-threaded, never blocks.
+
+`{"fault": "silence", "bus": "main", "id": 12}` → `{"ok": true}`; `{"query": "state"}` → what is true of every
+servo. An order that is wrong is answered with what would be right.
+"""
+
+import json
+import os
+import socket
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+LINE = 65536  # bytes, longest order
+
+Order = dict[str, Any]
+# fault -> its arguments and their kinds; those with a default may be left out
+FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
+    "silence": {"id": int, "on": bool},
+    "drop": {"count": int},
+    "corrupt": {"count": int},
+    "foreign": {"count": int},
+    "delay": {"seconds": (int, float)},
+    "damage": {"id": int, "bits": int},
+    "brown_out": {"id": int},
+    "unplug": {},
+    "replug": {},
+    "clear": {},
+}
+OPTIONAL = frozenset({"on"})
+
+
+class OrderError(ValueError):
+    """An order that cannot be carried out, and what would be right."""
+
+
+def arguments(order: Order) -> tuple[str, dict[str, Any]]:
+    """Fault and its arguments. Raises OrderError."""
+    name = order.get("fault")
+    if not isinstance(name, str) or name not in FAULTS:
+        raise OrderError(f"no fault {name!r}; there are {', '.join(FAULTS)}")
+    kinds = FAULTS[name]
+    given = {key: value for key, value in order.items() if key not in ("fault", "bus")}
+    for key, value in given.items():
+        if key not in kinds:
+            raise OrderError(f"{name} takes {', '.join(kinds) or 'no arguments'}, not {key!r}")
+        if not isinstance(value, kinds[key]) or (isinstance(value, bool) and kinds[key] is not bool):
+            raise OrderError(f"{name}: {key} is {value!r}, of the wrong type")
+    missing = [key for key in kinds if key not in given and key not in OPTIONAL]
+    if missing:
+        raise OrderError(f"{name} needs {', '.join(missing)}")
+    return name, given
+
+
+class OrderSocket:
+    """The socket and its clients. `answer` carries out one order; OrderError and KeyError become answers."""
+
+    def __init__(self, path: Path, answer: Callable[[Order], Order]) -> None:
+        """Raises OSError: the path cannot be bound."""
+        self._path, self._answer = path, answer
+        if path.is_socket():
+            path.unlink()
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(str(path))
+        os.chmod(path, 0o600)
+        self._listener.listen(8)
+        self._listener.setblocking(False)
+        self._clients: dict[socket.socket, bytes] = {}
+
+    def filenos(self) -> list[int]:
+        """Descriptors to wait for."""
+        return [self._listener.fileno(), *(client.fileno() for client in self._clients)]
+
+    def serve(self) -> None:
+        """Take new clients, carry out what has come."""
+        with suppress(BlockingIOError):
+            while True:
+                client, _ = self._listener.accept()
+                client.settimeout(1.0)
+                self._clients[client] = b""
+        for client in list(self._clients):
+            self._one(client)
+
+    def close(self) -> None:
+        """Let go of everything, path included."""
+        for client in self._clients:
+            client.close()
+        self._clients.clear()
+        self._listener.close()
+        self._path.unlink(missing_ok=True)
+
+    def _one(self, client: socket.socket) -> None:
+        try:
+            data = client.recv(LINE, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        lines = (self._clients[client] + data).split(b"\n")
+        self._clients[client] = lines.pop()
+        try:
+            for line in lines:
+                client.sendall(json.dumps(self._judge(line)).encode() + b"\n")
+        except OSError:
+            data = b""
+        if not data or len(self._clients[client]) > LINE:
+            del self._clients[client]
+            client.close()
+
+    def _judge(self, line: bytes) -> Order:
+        try:
+            order = json.loads(line)
+            if not isinstance(order, dict):
+                raise OrderError('an order is an object as {"fault": "drop", "bus": "main", "count": 3}')
+            return self._answer(order)
+        except KeyError as error:
+            return {"ok": False, "error": str(error.args[0])}
+        except ValueError as error:  # bad JSON, OrderError, a value out of bounds
+            return {"ok": False, "error": str(error)}

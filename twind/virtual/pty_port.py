@@ -1,0 +1,89 @@
+"""One pseudo-terminal as the port of a virtual bus, as a USB adapter would be: baud rate, unplug, replug."""
+
+import errno
+import fcntl
+import os
+import pty
+import select
+import struct
+import tty
+from contextlib import suppress
+from pathlib import Path
+
+TCGETS2 = 0x802C542A  # <asm-generic/ioctls.h>: the only way to read any baud rate, 4.5 M included
+TERMIOS2 = "IIIIB19sII"
+CHUNK = 65536
+
+
+class PtyPort:
+    """Master end of a raw pseudo-terminal. Without a host at the other end nothing is read or kept.
+
+    The other end is not kept open here: a host then sees and gets what it would of a real adapter.
+    """
+
+    def __init__(self, name: str, link: Path | None) -> None:
+        """`link`: a symbolic link to keep on the port, whatever its number. Raises OSError."""
+        self.name, self._link = name, link
+        self.path = ""
+        self._fd = -1
+        self._poll = select.poll()
+        self.present = False  # is a host at the other end?
+        self.plug()
+
+    @property
+    def fd(self) -> int:
+        """Descriptor of the master end, -1 while unplugged."""
+        return self._fd
+
+    def plug(self) -> None:
+        """A new pseudo-terminal, under the same link. Raises OSError."""
+        if self._fd >= 0:
+            return
+        master, other = pty.openpty()
+        tty.setraw(other)  # stays so while the master is open
+        self.path = os.ttyname(other)
+        os.close(other)
+        os.set_blocking(master, False)
+        self._fd, self._poll = master, select.poll()
+        self._poll.register(master, 0)  # only to be told of hang-up
+        if self._link is not None:
+            fresh = self._link.with_name(f".{self._link.name}.new")
+            fresh.unlink(missing_ok=True)
+            fresh.symlink_to(self.path)
+            fresh.replace(self._link)
+
+    def unplug(self) -> None:
+        """The host's end hangs up, path and link are gone."""
+        if self._fd < 0:
+            return
+        os.close(self._fd)
+        self._fd, self.present = -1, False
+        if self._link is not None and self._link.is_symlink():
+            self._link.unlink()
+
+    def look(self) -> bool:
+        """Is a host there now? Asked every round, since a port without one cannot be waited for."""
+        self.present = self._fd >= 0 and not self._poll.poll(0)
+        return self.present
+
+    def baud(self) -> int:
+        """What the host has set its port to."""
+        raw = fcntl.ioctl(self._fd, TCGETS2, bytes(struct.calcsize(TERMIOS2)))
+        return int(struct.unpack(TERMIOS2, raw)[-1])
+
+    def read(self) -> bytes:
+        """What the host has written; empty if nothing."""
+        with suppress(BlockingIOError):
+            try:
+                return os.read(self._fd, CHUNK)
+            except OSError as error:
+                if error.errno != errno.EIO:  # EIO: the host has just gone
+                    raise
+                self.present = False
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """To the host. What it does not take is lost, as on a wire."""
+        if self.present:
+            with suppress(BlockingIOError):
+                os.write(self._fd, data)

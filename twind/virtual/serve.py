@@ -1,0 +1,131 @@
+"""The serving loop of `twind-virtual`: one thread for all pseudo-terminals, muscles, faults.
+
+Everything happens in the servos' own time: it runs with the monotonic clock, but stands still while this
+process was stopped or not scheduled, so that a busy machine does not trip watchdogs that no host has missed.
+"""
+
+import os
+import select
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from twind.virtual.orders import Order, OrderError, OrderSocket, arguments
+from twind.virtual.pty_port import PtyPort
+from twind_drivers.clock import Clock
+from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.truth import truth
+
+STEP = 0.002  # s between two looks at muscles and watchdogs, traffic or not
+STALL = 0.02  # s: a longer gap between two rounds did not happen to the servos
+BUSY = 0.00008  # s before an answer is due that are waited awake: a timer is that much late
+
+
+class ServoClock:
+    """Time as the servos live it. Never more than `STALL` at once, so catching up is bounded."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock, self._last, self._lost = clock, clock.now(), 0.0
+
+    @property
+    def lost(self) -> float:
+        """Time that the servos did not live, s."""
+        return self._lost
+
+    def now(self) -> float:
+        """Their time, s."""
+        real = self._clock.now()
+        self._lost += max(0.0, real - self._last - STALL)
+        self._last = real
+        return real - self._lost
+
+
+class Server:
+    """Buses behind ports. `said` is told when a port is plugged in: bus name, path."""
+
+    def __init__(
+        self,
+        buses: Mapping[str, VirtualBus],
+        ports: Mapping[str, PtyPort],
+        clock: ServoClock,
+        said: Callable[[str, str], None],
+    ) -> None:
+        self._pairs = [(buses[name], port) for name, port in ports.items()]
+        self._buses, self._ports, self._clock, self._said = buses, ports, clock, said
+        self._input = -1  # descriptor whose end of file ends the server
+        self.ended = False
+        self.orders: OrderSocket | None = None
+
+    def end_with(self, descriptor: int) -> None:
+        """End when `descriptor` (a pipe) is at its end."""
+        self._input = descriptor
+
+    def run(self) -> None:
+        """Serve until `ended`."""
+        next_step = self._clock.now()
+        while not self.ended:
+            self._wait(next_step)
+            now = self._clock.now()
+            for bus, port in self._pairs:
+                self._hear(bus, port, now)
+            if now >= next_step:
+                next_step = now + STEP
+                for bus, port in self._pairs:
+                    bus.advance(now)
+                    port.look()
+            now = self._clock.now()
+            for bus, port in self._pairs:
+                if bus.due() <= now:
+                    port.write(bus.take(now))
+            if self.orders is not None:
+                self.orders.serve()
+
+    def _wait(self, next_step: float) -> None:
+        until = min(next_step, *(bus.due() for bus, _ in self._pairs))
+        left = until - self._clock.now()
+        sources = [port.fd for _, port in self._pairs if port.present]
+        if self._input >= 0:
+            sources.append(self._input)
+        if self.orders is not None:
+            sources += self.orders.filenos()
+        ready, _, _ = select.select(sources, [], [], left - BUSY if left > BUSY else 0.0)
+        if self._input in ready and not os.read(self._input, 4096):
+            self.ended = True
+
+    def _hear(self, bus: VirtualBus, port: PtyPort, now: float) -> None:
+        if port.present and (data := port.read()):
+            bus.line(port.baud())
+            bus.receive(data, now)
+
+    # --------------------------------------------------------------------------------- faults
+
+    def obey(self, order: Order) -> Order:
+        """One order of the faults socket. Raises OrderError, KeyError, ValueError."""
+        if order.get("query") == "state":
+            return self._state()
+        if "query" in order:
+            raise OrderError(f"no query {order['query']!r}; there is state")
+        name, given = arguments(order)
+        bus, port = self._chosen(order.get("bus"))
+        bus.advance(self._clock.now())
+        getattr(bus.faults, name)(**given)
+        if name == "unplug":
+            port.unplug()
+        elif name == "replug":
+            port.plug()
+            self._said(port.name, port.path)
+        return {"ok": True, "bus": port.name, "path": port.path}
+
+    def _chosen(self, name: Any) -> tuple[VirtualBus, PtyPort]:
+        if name is None and len(self._pairs) == 1:
+            return self._pairs[0]
+        if not isinstance(name, str) or name not in self._buses:
+            raise OrderError(f"no bus {name!r}; there are {', '.join(self._buses)}")
+        return self._buses[name], self._ports[name]
+
+    def _state(self) -> Order:
+        now = self._clock.now()
+        buses = {}
+        for name, bus in self._buses.items():
+            bus.advance(now)
+            buses[name] = {"plugged": bus.plugged, "servos": truth(bus.servos, now)}
+        return {"ok": True, "now": now, "lost": self._clock.lost, "buses": buses}

@@ -1,0 +1,137 @@
+"""One virtual specimen of a robot file: where each servo's zero is, how its EEPROM is set, what fits it.
+
+Runs in `twind-virtual`. The zeros differ from servo to servo, so that a missing or wrong calibration shows.
+"""
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from twind.config.calibration_file import SWEEP_MARGIN, Calibration, fitting, save_calibration
+from twind.config.counts import tick_range, ticks_of
+from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind.twin.muscles import MujocoMuscles, body_of
+from twind.version import __version__
+from twind_drivers.bus import Device
+from twind_drivers.dynamixel.tables import number_of, table
+from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.muscles import FirstOrder, Muscles
+from twind_drivers.virtual.servos import BAUDS, ServoSpec
+
+FIRMWARE = 47
+SCATTER = 400  # ticks either side of the middle of what the travel allows
+SEAM = 32  # ticks that the travel keeps from the seam of the encoder
+
+
+class SpecimenError(Exception):
+    """The robot file asks for something that virtual servos cannot be."""
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """A robot file and the truth about one robot built after it."""
+
+    robot: RobotFile
+    zeros: Mapping[str, int]  # ticks at joint angle 0, by joint
+    servos: Mapping[str, tuple[ServoSpec, ...]]  # by bus, in joint order
+
+    def joints(self, bus: str) -> list[JointSpec]:
+        """The joints of one bus, in order."""
+        return [joint for joint in self.robot.joints if joint.bus == bus]
+
+
+def specimen(robot: RobotFile, *, baud: int | None = None, return_delay_us: int | None = None) -> Specimen:
+    """Servos that a robot file describes. Raises SpecimenError: rate, delay or travel that they cannot do."""
+    zeros = {joint.name: _zero(robot.name, joint) for joint in robot.joints}
+    servos = {
+        bus.name: tuple(
+            _servo(joint, zeros[joint.name], baud or bus.baud, return_delay_us)
+            for joint in robot.joints
+            if joint.bus == bus.name
+        )
+        for bus in robot.buses
+    }
+    return Specimen(robot, zeros, servos)
+
+
+def _zero(robot: str, joint: JointSpec) -> int:
+    """The same for the same names: somewhere that keeps the travel on one turn, clear of the seam."""
+    turn = joint.type.ticks_per_turn
+    low, high = tick_range(joint, 0, joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
+    first, last = SEAM - low, turn - 1 - SEAM - high
+    if first > last:
+        raise SpecimenError(f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}")
+    middle = (first + last) // 2
+    first, last = max(first, middle - SCATTER), min(last, middle + SCATTER)
+    return first + zlib.crc32(f"{robot}/{joint.name}".encode()) % (last - first + 1)
+
+
+def _servo(joint: JointSpec, zero: int, baud: int, return_delay_us: int | None) -> ServoSpec:
+    if baud not in BAUDS:
+        raise SpecimenError(f"{baud} baud is no rate of these servos: {', '.join(map(str, BAUDS))}")
+    delay = joint.type.return_delay_us if return_delay_us is None else return_delay_us
+    if delay % 2 or not 0 <= delay <= 508:
+        raise SpecimenError(f"return delay {delay} us: servos do even numbers from 0 to 508")
+    low, high = tick_range(joint, zero, joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
+    settings = {
+        "baud_rate": BAUDS.index(baud),
+        "return_delay_time": delay // 2,
+        "min_position_limit": low,
+        "max_position_limit": high,
+    }
+    return ServoSpec(joint.id, joint.type.device, settings | dict(joint.registers), FIRMWARE)
+
+
+def calibration(made: Specimen) -> Calibration:
+    """The calibration file that fits: what a perfect calibration of these servos would have found."""
+    devices = {(bus, servo.id): _device(servo) for bus, servos in made.servos.items() for servo in servos}
+    created = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return fitting(made.robot, made.zeros, devices, created=created, tool=f"twind-virtual {__version__}")
+
+
+def save(made: Specimen, path: Path) -> None:
+    """Write that file. Raises ConfigError, OSError, SpecimenError (not a `.yaml`)."""
+    if path.suffix != ".yaml":
+        raise SpecimenError(f"{path}: a calibration file is named NAME.yaml")
+    save_calibration(calibration(made), path.parent, path.stem)
+
+
+def _device(servo: ServoSpec) -> Device:
+    number = number_of(servo.model)
+    registers = table(number, servo.firmware)
+    keys = ("homing_offset", "drive_mode", "operating_mode", "min_position_limit", "max_position_limit")
+    settings = {key: registers[key].rule.default or 0 for key in keys} | dict(servo.settings)
+    return Device(servo.id, number, registers.model, servo.firmware, settings)
+
+
+def buses(
+    made: Specimen, *, physics: bool = True, wire_timing: bool = True, now: float = 0.0
+) -> dict[str, VirtualBus]:
+    """The buses of a specimen, in its rest pose with torque off. One body moves all of them."""
+    body = body_of(made.robot, made.zeros, now=now) if physics else None
+    return {
+        spec.name: VirtualBus(
+            spec.name,
+            made.servos[spec.name],
+            _muscles(made, spec, body, now),
+            baud=BAUDS[made.servos[spec.name][0].settings["baud_rate"]]
+            if made.servos[spec.name]
+            else spec.baud,
+            wire_timing=wire_timing,
+            now=now,
+        )
+        for spec in made.robot.buses
+    }
+
+
+def _muscles(made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: float) -> Muscles:
+    if body is not None:
+        return body.part([at for at, joint in enumerate(made.robot.joints) if joint.bus == bus.name])
+    rest = made.robot.poses["rest"]
+    joints = made.joints(bus.name)
+    start = [ticks_of(joint, made.zeros[joint.name], rest[joint.name]) for joint in joints]
+    return FirstOrder(np.array(start, np.float64), now=now)
