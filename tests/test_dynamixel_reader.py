@@ -1,0 +1,338 @@
+"""The reading half of a bus, against servos that speak the bytes: holes, fallback, deadlines, upkeep."""
+
+from math import inf
+from typing import Any
+
+import numpy as np
+import pytest
+from dxl_responder import PtyServos, Servos, Wire
+
+from twind_drivers.bus import (
+    DeviceRefused,
+    NoReply,
+    Ping,
+    PortError,
+    Read,
+    Sample,
+    Write,
+    perform,
+)
+from twind_drivers.clock import FakeClock, MonotonicClock
+from twind_drivers.dynamixel import packet as p
+from twind_drivers.dynamixel.reader import CALM, DynamixelReader
+from twind_drivers.dynamixel.serial_port import SerialTransport
+
+IDS = tuple(range(1, 25))
+FAST, PLAIN = p.Instruction.FAST_SYNC_READ, p.Instruction.SYNC_READ
+
+
+def make(
+    servos: Servos, *, ids: tuple[int, ...] = IDS, model: int = 1020, **more: Any
+) -> tuple[DynamixelReader, Wire]:
+    wire = Wire(servos)
+    settings = {"baud": 1_000_000, "return_delay_us": 0.0, "fast": True, **more}
+    return DynamixelReader("main", wire, ids, [model] * len(ids), **settings), wire
+
+
+def cycle(reader: DynamixelReader, clock: FakeClock) -> Sample:
+    """One cyclic reading as the loop does it."""
+    reader.request(clock.now())
+    while not reader.feed(clock.now()) and clock.now() < reader.deadline:
+        clock.wait([reader.transport], reader.deadline)
+    return reader.finish(clock.now())
+
+
+def pose(servos: Servos) -> None:
+    for id in servos.memory:
+        servos.put(id, 126, -id, 2)
+        servos.put(id, 128, -1000 * id, 4)
+        servos.put(id, 132, 100_000 - id, 4)
+
+
+@pytest.mark.parametrize("fast", [True, False])
+@pytest.mark.parametrize("chunk", [None, 1, 62])
+def test_every_reading_arrives_in_the_order_of_the_ids(fast: bool, chunk: int | None) -> None:
+    servos = Servos(IDS)
+    pose(servos)
+    ids = tuple(reversed(IDS))
+    reader, wire = make(servos, ids=ids, fast=fast)
+    wire.chunk = chunk
+    sample = cycle(reader, FakeClock())
+    assert sample.heard.all()
+    assert sample.effort.tolist() == [-id for id in ids]
+    assert sample.velocity.tolist() == [-1000 * id for id in ids]
+    assert sample.position.tolist() == [100_000 - id for id in ids]
+    assert sample.discarded == 0
+    assert sample.error.tolist() == [0] * 24
+    assert servos.seen[-1].instruction == (FAST if fast else PLAIN)
+    assert len(wire.writes) == 1
+
+
+def test_a_reading_does_not_change_when_the_next_arrives() -> None:
+    servos = Servos(IDS)
+    reader, _ = make(servos)
+    first = cycle(reader, FakeClock())
+    pose(servos)
+    cycle(reader, FakeClock())
+    assert not first.position.any()
+
+
+def test_stuffed_replies_of_a_robot_that_holds_a_pose_are_read() -> None:
+    servos = Servos(IDS)
+    pose(servos)
+    servos.put(5, 126, -1, 2)
+    servos.put(5, 128, -3, 4)  # FF FF FD FF FF FF
+    reader, _ = make(servos, fast=False)
+    sample = cycle(reader, FakeClock())
+    assert sample.heard.all()
+    assert (sample.effort[4], sample.velocity[4], sample.position[4]) == (-1, -3, 99_995)
+
+
+def test_a_silent_servo_is_not_heard_and_the_others_stay() -> None:
+    servos = Servos(IDS)
+    pose(servos)
+    servos.silent = {7}
+    reader, _ = make(servos, fast=False)
+    clock = FakeClock()
+    sample = cycle(reader, clock)
+    assert [id for id, heard in zip(IDS, sample.heard, strict=True) if not heard] == [7]
+    assert sample.position[6] == 0
+    assert sample.position[7] == 99_992
+    assert clock.now() == reader.deadline
+
+
+def test_a_hole_in_the_fast_read_is_followed_by_plain_reads_until_ten_were_whole() -> None:
+    servos = Servos(IDS)
+    pose(servos)
+    reader, _ = make(servos)
+    clock = FakeClock()
+    servos.silent = {7}
+    assert cycle(reader, clock).heard.tolist() == [id < 7 for id in IDS]
+    assert cycle(reader, clock).heard.sum() == 23
+    servos.silent = set()
+    kinds = []
+    for _ in range(CALM + 2):
+        assert cycle(reader, clock).heard.all()
+        kinds.append(servos.seen[-1].instruction)
+    assert kinds == [PLAIN] * CALM + [FAST] * 2
+
+
+def test_nobody_answering_is_data_too() -> None:
+    servos = Servos(IDS)
+    servos.silent = set(IDS)
+    reader, _ = make(servos)
+    for _ in range(3):
+        sample = cycle(reader, FakeClock(5.0))
+        assert not sample.heard.any()
+        assert not sample.position.any()
+
+
+def test_alert_bits_are_kept() -> None:
+    servos = Servos(IDS)
+    servos.error = {3: 0x80}
+    for fast in (True, False):
+        reader, _ = make(servos, fast=fast)
+        sample = cycle(reader, FakeClock())
+        assert sample.heard.all()
+        assert np.flatnonzero(sample.error).tolist() == [2]
+
+
+def test_noise_is_dropped_and_counted() -> None:
+    servos = Servos(IDS)
+    pose(servos)
+    reader, wire = make(servos)
+    wire.change = lambda reply: b"\x00\xff\xff\xfd\x00noise" + reply
+    sample = cycle(reader, FakeClock())
+    assert sample.heard.all()
+    assert sample.discarded == 10
+
+
+def test_bytes_that_arrive_late_are_not_taken_for_the_next_answer() -> None:
+    servos = Servos(IDS)
+    reader, wire = make(servos)
+    clock = FakeClock()
+    reader.begin(Read((3,), 132, 4), clock.now())
+    late = bytes(wire.inbox)
+    wire.inbox.clear()
+    reader.answer(clock.now())
+    wire.inbox += late
+    servos.put(3, 144, 120, 2)
+    reader.begin(Read((3,), 144, 2), clock.now())
+    wire.inbox[:0] = late  # and once more, after the drain
+    assert reader.feed(clock.now())
+    assert reader.answer(clock.now()).data == {3: (120).to_bytes(2, "little")}
+
+
+@pytest.mark.parametrize(("fast", "wanted"), [(True, 0.00382 + 0.0005), (False, 0.00542 + 24 * 0.0005)])
+def test_the_deadline_is_wire_time_and_return_delays_and_two_milliseconds(fast: bool, wanted: float) -> None:
+    servos = Servos(IDS)
+    reader, wire = make(servos, fast=fast, return_delay_us=500.0)
+    reader.request(10.0)
+    assert reader.deadline == pytest.approx(10.0 + wanted + 0.002)
+    assert wire.arrival() == 0.0
+    assert reader.deadline < inf
+
+
+# ------------------------------------------------------------------------------------------- the rare path
+
+
+def test_a_reader_begins_nothing_that_writes() -> None:
+    reader, wire = make(Servos(IDS))
+    with pytest.raises(TypeError, match="does not write"):
+        reader.begin(Write({1: b"\1"}, 64), 0.0)  # type: ignore[arg-type]
+    assert wire.writes == []
+    assert not any(hasattr(reader, name) for name in ("goals", "torque", "write", "reboot", "cut", "aim"))
+
+
+def test_ping_and_reads_answer_by_id() -> None:
+    servos = Servos(IDS)
+    servos.silent = {4}
+    servos.error = {5: 0x80, 6: 7}
+    reader, _ = make(servos)
+    clock = FakeClock()
+
+    def ask(query: Ping | Read) -> tuple[dict[int, bytes], dict[int, int]]:
+        reader.begin(query, clock.now())
+        while not reader.feed(clock.now()) and clock.now() < reader.deadline:
+            clock.wait([reader.transport], reader.deadline)
+        reply = reader.answer(clock.now())
+        return dict(reply.data), dict(reply.error)
+
+    assert ask(Ping(3)) == ({3: b"\xfc\x03\x2d"}, {3: 0})
+    assert ask(Ping(4)) == ({}, {})
+    assert ask(Read((5,), 7, 1)) == ({5: b"\x05"}, {5: 0x80})
+    assert ask(Read((6,), 7, 1)) == ({}, {6: 7})
+    assert ask(Read((3, 4, 5), 7, 1)) == ({3: b"\3", 5: b"\5"}, {3: 0, 5: 0x80})
+    assert ask(Ping(99)) == ({}, {})
+
+
+def test_upkeep_refreshes_status_twenty_and_health_five_times_a_second() -> None:
+    servos = Servos(IDS)
+    for id in IDS:
+        servos.put(id, 98, 5, 1)
+        servos.put(id, 144, 118, 2)
+        servos.put(id, 146, 41, 1)
+    reader, _ = make(servos)
+    clock = FakeClock()
+    status, health = [reader.registers.status_time.copy()], [reader.registers.health_time.copy()]
+    for tick in range(100):
+        clock.sleep_until(tick * 0.01)
+        reader.begin(reader.upkeep(), clock.now())
+        assert reader.feed(clock.now())
+        reader.answer(clock.now())
+        status.append(reader.registers.status_time.copy())
+        health.append(reader.registers.health_time.copy())
+        if tick >= 20:
+            assert (clock.now() - status[-1] < 0.05).all()
+            assert (clock.now() - health[-1] < 0.2).all()
+    assert reader.registers.torque.tolist() == [0] * 24
+    assert reader.registers.watchdog.tolist() == [5] * 24
+    assert reader.registers.voltage == pytest.approx([11.8] * 24)
+    assert reader.registers.temperature == pytest.approx([41.0] * 24)
+    assert reader.span(reader.upkeep()) == pytest.approx(296e-5)
+
+
+def test_a_tripped_watchdog_reads_as_255() -> None:
+    servos = Servos((1,))
+    servos.put(1, 98, -1, 1)
+    reader, _ = make(servos, ids=(1,))
+    perform(reader, reader.collect((1,), 98, 1), FakeClock())
+    assert reader.registers.watchdog.tolist() == [255]
+    assert reader.registers.status_time.tolist() == [-inf]  # only one of the three was read
+
+
+# ------------------------------------------------------------------------------------------- scripts
+
+
+def test_a_register_is_read_by_name() -> None:
+    servos = Servos(IDS)
+    servos.put(2, 20, -300, 4)
+    reader, _ = make(servos)
+    found = perform(reader, reader.read(2, "homing offset"), FakeClock())
+    assert (found.name, found.address, found.size, found.value) == ("Homing Offset", 20, 4, -300)
+
+
+def test_reading_says_what_went_wrong() -> None:
+    servos = Servos(IDS)
+    servos.silent, servos.error = {3}, {4: 7}
+    reader, _ = make(servos)
+    clock = FakeClock()
+    with pytest.raises(NoReply, match=r"\[3\]"):
+        perform(reader, reader.read(3, "led"), clock)
+    with pytest.raises(DeviceRefused, match=r"id 4.*read-only, undefined"):
+        perform(reader, reader.read(4, "led"), clock)
+    with pytest.raises(KeyError, match="led"):
+        perform(reader, reader.read(1, "ledd"), clock)
+    with pytest.raises(KeyError, match="no id 99"):
+        perform(reader, reader.read(99, "led"), clock)
+
+
+def test_collect_asks_the_silent_once_more_and_names_them_all() -> None:
+    servos = Servos(IDS)
+    reader, wire = make(servos)
+    lost = [True]
+
+    def lose_one(reply: bytes) -> bytes:
+        drop, lost[0] = lost[0], False
+        return b"" if drop else reply
+
+    wire.change = lose_one
+    assert len(perform(reader, reader.collect(IDS, 64, 1), FakeClock())) == 24
+    servos.silent = {5, 9}
+    with pytest.raises(NoReply) as caught:
+        perform(reader, reader.collect(IDS, 64, 1), FakeClock())
+    assert caught.value.ids == (5, 9)
+
+
+def test_slices_of_a_script_are_short_enough_to_fit_beside_a_cycle() -> None:
+    servos = Servos(IDS)
+    reader, _ = make(servos, return_delay_us=20.0)
+    script = reader.collect(IDS, 9, 55)
+    request = next(script)
+    assert isinstance(request, Read)
+    assert reader.span(request) < 0.0025
+    script.close()
+
+
+def test_ids_given_twice_and_mixed_layouts_are_refused() -> None:
+    wire = Wire(Servos(IDS))
+    with pytest.raises(ValueError, match="distinct ids"):
+        DynamixelReader("main", wire, (1, 1), [1020, 1020], baud=1_000_000, return_delay_us=0)
+    with pytest.raises(ValueError, match="PH54-200-S500 differ from XM430-W350"):
+        DynamixelReader("main", wire, (1, 2), [1020, 2020], baud=1_000_000, return_delay_us=0)
+    DynamixelReader("main", wire, (1, 2), [1020, 1060], baud=1_000_000, return_delay_us=0)
+
+
+def test_p_series_registers_lie_elsewhere_and_are_read_there() -> None:
+    servos = Servos((1, 2), model=2020)
+    servos.put(2, 580, -501_433, 4)
+    reader, _ = make(servos, ids=(1, 2), model=2020)
+    assert cycle(reader, FakeClock()).position.tolist() == [0, -501_433]
+
+
+# ------------------------------------------------------------------------------------------- real bytes
+
+
+@pytest.mark.realtime
+def test_cycles_over_a_real_pseudo_terminal_and_its_unplugging() -> None:
+    servos = Servos(IDS)
+    pose(servos)
+    with PtyServos(servos) as other:
+        port = SerialTransport(other.path, 2_000_000)
+        reader = DynamixelReader("main", port, IDS, [1020] * 24, baud=2_000_000, return_delay_us=0, slack=0.5)
+        clock = MonotonicClock()
+        devices = perform(reader, reader.identify(), clock)
+        assert len(devices) == 24
+        assert reader.fast
+        for _ in range(50):
+            reader.request(clock.now())
+            while not reader.feed(clock.now()) and clock.now() < reader.deadline:
+                clock.wait([port], reader.deadline)
+            sample = reader.finish(clock.now())
+            assert sample.heard.all()
+            assert sample.position[3] == 99_996
+        other.end()
+        with pytest.raises(PortError) as caught:
+            reader.request(clock.now())
+        assert caught.value.lost
+        port.close()

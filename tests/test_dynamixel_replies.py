@@ -1,0 +1,183 @@
+"""Replies out of untrusted bytes: only the outstanding one is taken, and whoever answered is kept (R07)."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twind_drivers.dynamixel import packet as p
+from twind_drivers.dynamixel.replies import Expected, FastReply, PlainReply
+
+IDS = (3, 7, 4, 250)
+SIZE = 10
+
+
+def block(id: int) -> bytes:
+    return bytes((id + k) % 250 for k in range(SIZE))
+
+
+def plain(ids: tuple[int, ...] = IDS, error: int = 0) -> bytes:
+    return b"".join(p.status(id, error, block(id)) for id in ids)
+
+
+def fast(count: int = len(IDS)) -> bytes:
+    rows = [(0, id, block(id)) for id in IDS[:count]]
+    return b"".join(p.fast_status(rows, len(IDS) * (SIZE + 4) + 1))
+
+
+def give(reply: Expected, data: bytes, chunk: int = 4096) -> bool:
+    """All of `data` in chunks; was it done before the last was taken?"""
+    reply.start()
+    done = False
+    while data and not done:
+        room = reply.room()
+        count = min(chunk, len(room), len(data))
+        assert count > 0
+        room[:count] = data[:count]
+        done = reply.take(count)
+        data = data[count:]
+    reply.end()
+    return done
+
+
+def check_data(reply: Expected) -> None:
+    for place, id in enumerate(reply.ids):
+        wanted = block(id) if reply.heard[place] else bytes(SIZE)
+        assert reply.data[place].tobytes() == wanted
+
+
+@pytest.fixture(params=["plain", "fast"])
+def whole(request: pytest.FixtureRequest) -> tuple[Expected, bytes]:
+    return (PlainReply(IDS, SIZE), plain()) if request.param == "plain" else (FastReply(IDS, SIZE), fast())
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 4096])
+def test_a_whole_reply_is_done_at_its_last_byte(whole: tuple[Expected, bytes], chunk: int) -> None:
+    reply, data = whole
+    assert not give(reply, data[:-1], chunk)
+    assert give(reply, data, chunk)
+    assert reply.heard.all()
+    assert reply.strays == 0
+    check_data(reply)
+
+
+@given(garbage=st.binary(max_size=200), chunk=st.integers(1, 100))
+@settings(max_examples=60, deadline=None)
+@pytest.mark.parametrize("kind", ["plain", "fast"])
+def test_garbage_before_it_costs_nothing_but_a_count(kind: str, garbage: bytes, chunk: int) -> None:
+    reply: Expected = PlainReply(IDS, SIZE) if kind == "plain" else FastReply(IDS, SIZE)
+    assert give(reply, garbage + (plain() if kind == "plain" else fast()), chunk)
+    assert reply.heard.all()
+    assert reply.strays == len(garbage)
+    check_data(reply)
+
+
+@given(st.lists(st.one_of(st.binary(max_size=80), st.just(plain()), st.just(fast())), max_size=80))
+@settings(max_examples=60, deadline=None)
+@pytest.mark.parametrize("kind", [PlainReply, FastReply])
+def test_no_bytes_raise(kind: type[PlainReply | FastReply], parts: list[bytes]) -> None:
+    reply = kind(IDS, SIZE)
+    give(reply, b"".join(parts), 300)
+    check_data(reply)
+
+
+def test_a_silent_device_is_not_heard_and_the_others_stay() -> None:
+    reply = PlainReply(IDS, SIZE)
+    assert not give(reply, plain((3, 4, 250)))
+    assert reply.heard.tolist() == [True, False, True, True]
+    check_data(reply)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_a_fast_reply_keeps_its_intact_prefix(count: int) -> None:
+    reply = FastReply(IDS, SIZE)
+    assert not give(reply, fast(count) if count else b"")
+    assert reply.heard.tolist() == [place < count for place in range(len(IDS))]
+    check_data(reply)
+
+
+@pytest.mark.parametrize("at", range(8, 64))
+def test_one_flipped_bit_never_yields_a_wrong_number(at: int) -> None:
+    for make, data in ((PlainReply, plain()), (FastReply, fast())):
+        bad = bytearray(data)
+        bad[at] ^= 0x10
+        reply: Expected = make(IDS, SIZE)
+        give(reply, bytes(bad))
+        assert not reply.heard.all()
+        check_data(reply)
+
+
+def test_stuffed_rows_are_unstuffed() -> None:
+    reply = PlainReply(IDS, SIZE)
+    odd = b"\xff\xff\xfd\xff\xff\xfd\xfd\xff\xff\xfd"
+    data = p.status(3, 0, block(3)) + p.status(7, 0, odd) + p.status(4, 0, odd) + p.status(250, 0, block(250))
+    for chunk in (1, 9, 4096):
+        assert give(reply, data, chunk)
+        assert reply.heard.all()
+        assert reply.data[1].tobytes() == reply.data[2].tobytes() == odd
+
+
+def test_a_short_status_that_looks_whole_because_of_its_stuffing_is_refused() -> None:
+    short = b"\xff\xff\xfd" + bytes(SIZE - 4)  # 9 bytes, 10 on the wire
+    data = p.status(3, 0, short) + plain(IDS[1:])
+    reply = PlainReply(IDS, SIZE)
+    assert len(data) == reply.expected
+    assert not give(reply, data)
+    assert reply.heard.tolist() == [False, True, True, True]
+
+
+@pytest.mark.parametrize(
+    "stray",
+    [
+        p.status(9, 0, block(9)),  # an id nobody asked
+        p.status(3, 0, block(3)[:4]),  # a late answer to another request
+        p.status(3, 0, block(3) + b"\0"),
+        p.status(3, 0x80),  # alert, but no data and no error
+        p.sync_read(IDS, 126, SIZE),  # our own echo
+    ],
+)
+def test_what_was_not_asked_for_is_dropped_and_counted(stray: bytes) -> None:
+    reply = PlainReply(IDS, SIZE)
+    assert not give(reply, stray + plain(IDS[1:]))
+    assert reply.heard.tolist() == [False, True, True, True]
+    assert reply.strays == len(stray)
+
+
+def test_a_second_answer_of_the_same_device_is_stray() -> None:
+    reply = PlainReply(IDS, SIZE)
+    twice = p.status(3, 0, bytes(SIZE))
+    give(reply, plain(IDS[:3]) + twice + b"\0" * 21)
+    assert reply.heard.tolist() == [True, True, True, False]
+    assert reply.data[0].tobytes() == block(3)
+
+
+def test_alerts_and_errors_are_kept() -> None:
+    reply = PlainReply(IDS, SIZE)
+    give(reply, plain(error=0x80))
+    assert reply.error.tolist() == [0x80] * 4
+    assert reply.heard.all()
+    assert give(reply, p.status(3, 0x87) + plain(IDS[1:]) + bytes(10))
+    assert reply.error.tolist() == [0x87, 0, 0, 0]
+    assert reply.answered.all()
+    assert not reply.heard[0]
+
+
+def test_nothing_of_the_last_reply_is_left_in_the_next() -> None:
+    for reply, data in ((PlainReply(IDS, SIZE), plain()), (FastReply(IDS, SIZE), fast())):
+        give(reply, data)
+        give(reply, b"")
+        assert not reply.heard.any()
+        assert not np.asarray(reply.data).any()
+        assert not np.asarray(reply.error).any()
+
+
+def test_a_fast_reply_of_others_is_not_ours() -> None:
+    reply = FastReply((3, 7, 4, 251), SIZE)
+    give(reply, fast())
+    assert reply.heard.tolist() == [True, True, True, False]
+
+
+def test_a_reply_that_cannot_fit_is_refused_when_asked() -> None:
+    for make in (PlainReply, FastReply):
+        with pytest.raises(ValueError, match="ask fewer"):
+            make(range(200), 35)
