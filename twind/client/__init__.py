@@ -1,1 +1,22 @@
-"""Python client of the control socket. Standard library only."""
+"""Python client of the control socket. Standard library only.
+
+with Client() as robot:
+    robot.call("AcquireLease")
+    for step in robot.stream("SubmitTrajectory", trajectory=path):
+        print(step["phase"], step["progress"])
+"""
+
+from twind.client.connection import Client
+from twind.client.errors import CallError, ClientError, Disconnected, NoAnswer, NoDaemon, Refused
+from twind.client.places import socket_path
+
+__all__ = [
+    "CallError",
+    "Client",
+    "ClientError",
+    "Disconnected",
+    "NoAnswer",
+    "NoDaemon",
+    "Refused",
+    "socket_path",
+]

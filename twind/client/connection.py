@@ -1,0 +1,160 @@
+"""A blocking connection to the daemon: calls, streams, typed errors, bounded waits. Standard library only."""
+
+import json
+import os
+import socket
+import time
+from collections.abc import Generator, Mapping
+from types import TracebackType
+from typing import Any
+
+from twind.client.errors import Disconnected, NoAnswer, NoDaemon, as_error
+from twind.client.places import HOW_TO_START, socket_path
+
+INTERFACE = "io.twind.Control"
+TIMEOUT = 35.0  # s; the daemon answers every call within 30 s, a scan within 60
+LONGEST = 64 << 20  # bytes of one answer
+
+Answer = dict[str, Any]
+
+
+class Client:
+    """One connection, made at the first call. The lease belongs to it and ends with it.
+
+    `path` is the folder of the sockets or a socket; `name` which of the two: `control` or `observe`.
+    `timeout` is the longest wait for one answer, s. Not for several threads at once.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str] | None = None, *, name: str = "control", timeout: float = TIMEOUT
+    ) -> None:
+        self.path, self.timeout = socket_path(path, name), timeout
+        self._socket: socket.socket | None = None
+        self._buffer = bytearray()
+        self._streaming = False
+
+    def __enter__(self) -> "Client":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def connect(self) -> None:
+        """Connect now rather than at the first call. Raises NoDaemon."""
+        if self._socket is not None:
+            return
+        sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        sock.settimeout(self.timeout)
+        try:
+            sock.connect(self.path)
+        except OSError as error:
+            sock.close()
+            raise NoDaemon(f"{self.path}: {_why(error)}") from None
+        self._socket = sock
+
+    def close(self) -> None:
+        """Hang up; a lease held by this connection lapses. The next call connects anew."""
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+        self._buffer.clear()
+        self._streaming = False
+
+    # ------------------------------------------------------------------------------------------ calls
+
+    def call(self, method: str, **parameters: Any) -> Answer:
+        """Call and wait for the answer's parameters. None as a parameter means: not given.
+
+        Raises Refused, CallError, NoDaemon, Disconnected, NoAnswer. After a time-out the connection is
+        closed: an answer that comes too late must not be taken for that of the next call.
+        """
+        self._send(method, parameters)
+        return self._receive(method)[0]
+
+    def stream(self, method: str, **parameters: Any) -> Generator[Answer, None, None]:
+        """Call with `more` and give every answer's parameters. The call is sent at once.
+
+        Leaving it before its end closes the connection. Raises as `call`.
+        """
+        self._send(method, parameters, more=True)
+        self._streaming = True
+        return self._answers(method)
+
+    def _answers(self, method: str) -> Generator[Answer, None, None]:
+        ended = False
+        try:
+            while not ended:
+                answer, goes_on = self._receive(method)
+                ended = not goes_on
+                self._streaming = goes_on
+                yield answer
+        finally:
+            if self._streaming:
+                self.close()
+
+    # ------------------------------------------------------------------------------------------ messages
+
+    def _send(self, method: str, parameters: Mapping[str, Any], *, more: bool = False) -> None:
+        if self._streaming:
+            raise RuntimeError(f"{method}: a stream is open on this connection; use another Client")
+        message: dict[str, Any] = {
+            "method": method if "." in method else f"{INTERFACE}.{method}",
+            "parameters": {key: value for key, value in parameters.items() if value is not None},
+        }
+        if more:
+            message["more"] = True
+        data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode() + b"\0"
+        self.connect()
+        assert self._socket is not None
+        try:
+            self._socket.settimeout(self.timeout)
+            self._socket.sendall(data)
+        except TimeoutError:
+            self.close()
+            raise NoAnswer(f"{method}: the daemon did not take the call within {self.timeout:g} s") from None
+        except OSError:
+            pass  # it hung up; what it said before that explains why and is still to be read
+
+    def _receive(self, method: str) -> tuple[Answer, bool]:
+        """Parameters of the next answer, and whether more follow."""
+        message = json.loads(self._next(method))
+        parameters = message.get("parameters") or {}
+        if message.get("error"):
+            self._streaming = False
+            raise as_error(message["error"], parameters)
+        return parameters, bool(message.get("continues"))
+
+    def _next(self, method: str) -> bytes:
+        """Bytes of the next message."""
+        if self._socket is None:
+            raise Disconnected(f"{self.path}: the connection is closed")
+        deadline, searched = time.monotonic() + self.timeout, 0
+        while (end := self._buffer.find(b"\0", searched)) < 0:
+            searched = len(self._buffer)
+            try:
+                self._socket.settimeout(max(1e-3, deadline - time.monotonic()))
+                data = self._socket.recv(1 << 18)
+            except TimeoutError:
+                self.close()
+                raise NoAnswer(f"{method}: no answer from the daemon within {self.timeout:g} s") from None
+            except OSError:
+                data = b""
+            if not data or searched > LONGEST:
+                self.close()
+                raise Disconnected(f"{self.path}: the daemon closed the connection during {method}")
+            self._buffer += data
+        message = bytes(self._buffer[:end])
+        del self._buffer[: end + 1]
+        return message
+
+
+def _why(error: OSError) -> str:
+    if isinstance(error, FileNotFoundError):
+        return f"no daemon: there is no such socket; {HOW_TO_START}"
+    if isinstance(error, ConnectionRefusedError):
+        return f"no daemon: nobody listens there; {HOW_TO_START}"
+    if isinstance(error, PermissionError):
+        return "permission denied: operators are in the group twind-operator, observers in twind-observe"
+    return f"{error.strerror or error}; {HOW_TO_START}"

@@ -1,0 +1,106 @@
+"""What can go wrong between a client and the daemon.
+
+ClientError
+├── NoDaemon        nobody listens on the socket, or this user may not connect
+├── Disconnected    the daemon hung up
+├── NoAnswer        no answer in time; also a TimeoutError
+└── CallError       the daemon answered with an error
+    └── Refused     the gate or the daemon said no; `findings` says why
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+
+class ClientError(Exception):
+    """A call did not do what was asked."""
+
+
+class NoDaemon(ClientError):
+    """No daemon can be reached. The text says which sockets were tried and how to start one."""
+
+
+class Disconnected(ClientError):
+    """The daemon closed the connection, or went away."""
+
+
+class NoAnswer(ClientError, TimeoutError):
+    """The daemon did not answer in time. The connection is closed."""
+
+
+class CallError(ClientError):
+    """An answer that is an error. `error` is its qualified name, `parameters` what stands beside it."""
+
+    def __init__(self, error: str, parameters: Mapping[str, Any]) -> None:
+        super().__init__(_text(error, parameters))
+        self.error, self.parameters = error, parameters
+
+    @property
+    def name(self) -> str:
+        """The error's name without its interface: `LeaseHeld`."""
+        return self.error.rpartition(".")[2]
+
+
+class Refused(CallError):
+    """The gate or the daemon refused. Each finding has code, joint, point, time, value, bound, message."""
+
+    @property
+    def findings(self) -> Sequence[Mapping[str, Any]]:
+        """Every reason."""
+        findings: Sequence[Mapping[str, Any]] = self.parameters.get("findings") or ()
+        return findings
+
+
+def as_error(error: str, parameters: Mapping[str, Any]) -> CallError:
+    """The exception for an answer that is an error."""
+    kind = Refused if error == "io.twind.Control.Refused" else CallError
+    return kind(error, parameters)
+
+
+def _text(error: str, parameters: Mapping[str, Any]) -> str:
+    """One readable line per reason."""
+    name = error.rpartition(".")[2]
+    if name == "Refused":
+        return "\n".join(finding_text(finding) for finding in parameters.get("findings") or ()) or name
+    said = _SENTENCES.get(name)
+    if said is not None:
+        try:
+            return said(parameters)
+        except (KeyError, TypeError, AttributeError):  # a newer daemon: its fields, as they are
+            pass
+    fields = ", ".join(f"{key}={value!r}" for key, value in parameters.items())
+    return f"{name}: {fields}" if fields else name
+
+
+def finding_text(finding: Mapping[str, Any]) -> str:
+    """`POS_LIMIT: l_knee, point 3: position 2.9 rad, bound 2.5 rad`."""
+    return f"{finding.get('code')}: {finding.get('message')}"
+
+
+def _not_found(p: Mapping[str, Any]) -> str:
+    known = ", ".join(map(str, p["known"]))
+    return f"no {p['what']} {p['name']!r}" + (f"; known: {known}" if known else "")
+
+
+def _wrong_state(p: Mapping[str, Any]) -> str:
+    return f"not in this state: {p['state']}; needs: {', '.join(p['allowed'])}"
+
+
+def _lease_held(p: Mapping[str, Any]) -> str:
+    lease = p["lease"]
+    return f"the lease is held by {lease['holder']} for another {lease['expires_in']:.2f} s"
+
+
+_SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "NotFound": _not_found,
+    "WrongState": _wrong_state,
+    "LeaseHeld": _lease_held,
+    "NotAllowed": lambda p: (
+        f"{p['method']} is not for the role {p['role']}: use control.sock (group twind-operator)"
+    ),
+    "Busy": lambda p: f"busy: {p['what']}",
+    "BusFailed": lambda p: f"bus {p['bus']}: {p['message']}",
+    "InvalidParameter": lambda p: f"parameter {p['parameter']}: {p.get('message', 'not allowed')}",
+    "MethodNotFound": lambda p: f"the daemon knows no method {p['method']}",
+    "MethodNotImplemented": lambda p: f"the daemon does not serve {p['method']} yet",
+}

@@ -1,0 +1,35 @@
+"""Where the daemon's sockets are."""
+
+import os
+import stat
+
+DIRECTORY = "/run/twind"
+HOW_TO_START = "start one with `twind` (or `systemctl start twind`), or name its folder with --socket DIR"
+
+
+def socket_path(place: str | os.PathLike[str] | None = None, name: str = "control") -> str:
+    """Path of a socket. `place` is its folder, or the socket itself.
+
+    Without `place`: the first of $XDG_RUNTIME_DIR/twind and /run/twind that has one; /run/twind if none has.
+    """
+    if place is not None:
+        path = os.fspath(place)
+        return path if _is_socket(path) else os.path.join(path, f"{name}.sock")
+    for directory in directories():
+        path = os.path.join(directory, f"{name}.sock")
+        if _is_socket(path):
+            return path
+    return os.path.join(DIRECTORY, f"{name}.sock")
+
+
+def directories() -> list[str]:
+    """Folders that are looked at, in order."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    return [os.path.join(runtime, "twind"), DIRECTORY] if runtime else [DIRECTORY]
+
+
+def _is_socket(path: str) -> bool:
+    try:
+        return stat.S_ISSOCK(os.stat(path).st_mode)
+    except OSError:
+        return False
