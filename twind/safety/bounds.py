@@ -14,6 +14,10 @@ import numpy as np
 from twind.robot.arrays import Floats, Ints
 
 DEPTH = 26  # halvings: the hull is then within 4**-26 of its first width, below rounding
+CROWD = 16  # open pieces per column: a polynomial of degree 8 touches a bound in fewer places
+ZOOMS = 6  # rounds of closing in on a highest point: to 1e-5 of a segment, so to 1e-10 in height
+GRID = np.linspace(-1.0, 1.0, 13)
+GRID.setflags(write=False)
 
 
 def square(curve: Floats) -> Floats:
@@ -57,7 +61,7 @@ def exceeds(alternatives: Sequence[tuple[Floats, Floats]]) -> Floats:
     """For each of m columns a u in 0..1 where every alternative is above its bound; NaN: there is none.
 
     An alternative is a polynomial (degree + 1, m) and its bound (m,). What `DEPTH` halvings cannot decide
-    (a touch within rounding) counts as above.
+    (a touch within rounding, or more touches than such a polynomial can have) counts as above.
     """
     curves = [curve for curve, _ in alternatives]
     bounds = [bound for _, bound in alternatives]
@@ -76,11 +80,14 @@ def exceeds(alternatives: Sequence[tuple[Floats, Floats]]) -> Floats:
         left = ~under & np.isnan(found[column])
         if not left.any():
             return found
+        if np.count_nonzero(left) > CROWD * len(found):
+            break
         width *= 0.5
         column, start = np.tile(column[left], 2), np.concatenate([start[left], start[left] + width])
         curves = [np.concatenate(halves(curve[:, left]), axis=1) for curve in curves]
         bounds = [np.tile(bound[left], 2) for bound in bounds]
-    found[column] = start
+    still = np.isnan(found[column])
+    found[column[still]] = start[still]
     return found
 
 
@@ -96,17 +103,17 @@ def summit(score: Callable[[Ints, Floats], Floats], found: Floats, group: Ints) 
     best = heights.max(axis=1)
     order = np.lexsort((-best, group))
     rank = np.arange(len(order)) - np.searchsorted(group[order], group[order], side="left")
-    columns = order[rank < 4]
+    columns = order[rank < 3]
     u, height = coarse[columns, heights[columns].argmax(axis=1)], best[columns]
     center, reach = np.full(len(columns), 0.5), 0.5
-    for _ in range(7):
-        grid = np.clip(center[:, None] + reach * np.linspace(-1.0, 1.0, 17), 0.0, 1.0)
+    for _ in range(ZOOMS):
+        grid = np.clip(center[:, None] + reach * GRID, 0.0, 1.0)
         values = _high(score(columns, grid))
         place = values.argmax(axis=1)
         rows = np.arange(len(columns))
         better = values[rows, place] > height
         u, height = np.where(better, grid[rows, place], u), np.where(better, values[rows, place], height)
-        center, reach = u, reach / 7.0
+        center, reach = u, reach / 6.0
     order = np.lexsort((-height, group[columns]))
     first = np.unique(group[columns][order], return_index=True)[1]
     return columns[order][first], u[order][first]

@@ -6,7 +6,7 @@ loop, a slice per tick (`checking`).
 """
 
 from collections.abc import Generator, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from twind.robot.splines import Spline
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety import retime
 from twind.safety.form import wellformed
-from twind.safety.rules import Spot, Subject, Thresholds, judge, relaxed, some, start
+from twind.safety.rules import Spot, Subject, Thresholds, judge, relaxed, resting, some, start
 
 __all__ = ["Demand", "Judged", "Snapshot", "Thresholds", "admit", "arming", "check", "checking"]
 
@@ -245,12 +245,9 @@ def _judging(
     """The rules on the curve, a slice at a time. `before` is finite in the commanded joints."""
     subject = _subject(path, before, limits)
     found = start(subject, thresholds)
-    segments = len(subject.knots.time) - 1
-    if segments == 0:  # a single point at t = 0 is a place to hold
-        still = replace(subject.knots, time=np.array([0.0, 1.0]), velocity=None, acceleration=None)
-        still = replace(still, position=np.repeat(still.position, 2, axis=0))
-        found += judge(replace(subject, knots=still), 0, 1, subject.limits, thresholds)
-    i, outside = 0, relaxed(subject)
+    i, segments, outside = 0, len(subject.knots.time) - 1, relaxed(subject)
+    if segments == (0 if outside is None else 1):  # no segment holds the last point to the limits themselves
+        found += judge(resting(subject), 0, 1, subject.limits, thresholds)
     while i < segments:
         j = min(i + step, segments) if outside is None else i + 1
         found += judge(subject, i, j, outside or subject.limits, thresholds)

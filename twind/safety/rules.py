@@ -350,6 +350,14 @@ def relaxed(subject: Subject) -> Limits | None:
     )
 
 
+def resting(subject: Subject) -> Subject:
+    """The last point, held for a second."""
+    time, position = subject.knots.time[-1:], np.repeat(subject.knots.position[-1:], 2, axis=0)
+    still = Knots(np.append(time, time + 1.0), position, None, None)
+    last = len(subject.knots.time) - 1 - subject.offset
+    return replace(subject, knots=still, before=np.zeros_like(subject.before), offset=-last)
+
+
 def some(limits: Limits, joints: Ints) -> Limits:
     """The limits of `joints` (indices) alone."""
     return Limits(
