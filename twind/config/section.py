@@ -191,7 +191,9 @@ class Section:
         message = f"a number is expected, found {_shown(node)}"
         if isinstance(value, str) and _LOOKS_NUMERIC.match(value):
             how = (
-                "without quotes" if isinstance(node, Leaf) and not node.plain else "as decimal: 1.0e+3, -0.5"
+                "without quotes"
+                if isinstance(node, Leaf) and not node.plain
+                else "as a decimal, 1.0e+3 or -0.5"
             )
             message = f"{value} is text in YAML, not a number: write it {how}"
         raise ConfigError(self.file, node.mark, path, message)
