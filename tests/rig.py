@@ -62,7 +62,15 @@ class HandFront:
 class Rig:
     """`ticks(n)` lets time pass; `send` is a client's call; `replies` what came back to a ticket."""
 
-    def __init__(self, robot: str = "h24", mode: Mode = Mode.LIVE, *, start: dict[str, float] | None = None):
+    def __init__(
+        self,
+        robot: str = "h24",
+        mode: Mode = Mode.LIVE,
+        *,
+        start: dict[str, float] | None = None,
+        muscles: type[FirstOrder] = FirstOrder,
+    ) -> None:
+        self._muscles = muscles
         self.clock = FakeClock(100.0)
         self.robot = load_robot(robot)
         self.zeros = {joint.name: 2048 + 7 * (joint.id % 5) for joint in self.robot.joints}
@@ -90,6 +98,7 @@ class Rig:
         )
         self.news: list[Any] = []
         self._ticket = 0
+        self._deadline = self.clock.now()
 
     def close(self) -> None:
         self.loop.close()
@@ -112,7 +121,7 @@ class Rig:
             )
             for joint in joints
         ]
-        muscles = FirstOrder(np.array(ticks, np.float64), now=self.clock.now())
+        muscles = self._muscles(np.array(ticks, np.float64), now=self.clock.now())
         return VirtualBus(bus, specs, muscles, baud=described.baud, now=self.clock.now())
 
     def _devices(self) -> dict[tuple[str, int], Device]:
@@ -137,8 +146,10 @@ class Rig:
     def ticks(self, count: int) -> None:
         """Let `count` ticks pass and collect the news."""
         for _ in range(count):
-            self.loop.run(until=self.clock.now() + 0.5 * self.loop.period)
-            self.clock.sleep_until(self.clock.now() + self.loop.period)
+            self._deadline = max(self._deadline, self.clock.now())
+            self.clock.sleep_until(self._deadline)
+            self.loop.run(until=self.clock.now() + 1e-9)
+            self._deadline += self.loop.period
             self._collect()
 
     def seconds(self, seconds: float) -> None:
@@ -233,13 +244,25 @@ class Rig:
     @property
     def truth(self) -> Floats:
         """Where the servos really are, rad (n,)."""
+        self._advance()
         return np.array([self._angle(joint.name) for joint in self.robot.joints])
 
     def _angle(self, name: str) -> float:
         joint = next(joint for joint in self.robot.joints if joint.name == name)
-        row = self.virtual[joint.bus].rows(joint.id)[0]
+        row = [other.name for other in self.robot.joints if other.bus == joint.bus].index(name)
         ticks = float(self.virtual[joint.bus].servos.muscles.position[row])
         return (ticks - self.zeros[name]) * joint.sign / joint.ratio * 2 * np.pi / joint.type.ticks_per_turn
+
+    @property
+    def counts(self) -> Floats:
+        """Where the servos really are, ticks, bus after bus."""
+        self._advance()
+        return np.concatenate([bus.servos.muscles.position.copy() for bus in self.virtual.values()])
+
+    def _advance(self) -> None:
+        """The servos' own time goes on without traffic too."""
+        for bus in self.virtual.values():
+            bus.advance(self.clock.now())
 
     def register(self, key: str) -> np.ndarray:
         """One register of all servos, bus after bus."""

@@ -128,10 +128,9 @@ class Identity:
         held = loop.armed
         if held:
             loop.latch(finding)
+            loop.change(Event.FAULT, now)
         if loop.hardware.writers and held:  # the others hold, then settle
             loop.executor.stop()
-            if loop.state is not State.ESTOP:
-                loop.change(Event.FAULT, now)
             loop.procedures.own(Rank.FAULT, lambda: torque.fault(loop, now))
             return
         loop.procedures.abandon()

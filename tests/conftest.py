@@ -1,0 +1,26 @@
+"""Fixtures shared by the tests."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # tests/rig.py and its like
+
+from rig import Rig
+
+
+@pytest.fixture
+def live() -> Iterator[Rig]:
+    """A daemon in live mode, its port just opened."""
+    rig = Rig()
+    yield rig
+    rig.close()
+
+
+@pytest.fixture
+def armed(live: Rig) -> Rig:
+    """Connected, leased and armed."""
+    live.arm()
+    return live

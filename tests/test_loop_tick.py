@@ -1,0 +1,276 @@
+"""The tick: readings, goals, faults, modes, lease; the whole daemon under a fake clock."""
+
+import numpy as np
+import pytest
+from rig import CLIENT, Rig
+
+from twind import link
+from twind.robot.modes import Mode, Motion, State
+
+
+def last(rig: Rig, ticket: int) -> link.Reply:
+    return rig.replies(ticket)[-1]
+
+
+def test_readings_are_the_servos_true_positions_within_a_count(live: Rig) -> None:
+    live.connect()
+    assert np.abs(live.loop.measured.position - live.truth).max() <= live.loop.hardware.resolution.max()
+
+
+def test_one_silent_servo_is_not_heard_and_the_others_stay_fresh(live: Rig) -> None:
+    live.connect()
+    live.virtual["main"].faults.silence(7)
+    live.ticks(5)
+    state = live.loop.measured
+    assert not state.heard[6] and state.heard.sum() == 23
+    assert state.age[6] > 0.03
+    assert (np.delete(state.age, 6) == 0.0).all()
+
+
+def test_a_trajectory_within_the_limits_is_followed_to_its_end(armed: Rig) -> None:
+    ticket = armed.submit(armed.path("l_elbow", [-0.8, -0.2], [1.0, 2.0]), more=True)
+    armed.seconds(3.0)
+    phases = [reply.parameters["phase"] for reply in armed.replies(ticket)]
+    assert phases[0] == "accepted" and phases[-1] == "succeeded" and "running" in phases
+    assert armed.truth[armed.names.index("l_elbow")] == pytest.approx(-0.2, abs=0.02)
+
+
+def test_a_trajectory_beyond_a_limit_is_refused_with_joint_point_value_and_bound(armed: Rig) -> None:
+    before = armed.register("goal_position")
+    ticket = armed.submit(armed.path("l_knee", [0.5, 3.0], [1.0, 3.0]))
+    armed.seconds(1.0)
+    finding = next(f for f in last(armed, ticket).parameters["findings"] if f["code"] == "POS_LIMIT")
+    assert (finding["joint"], finding["point"]) == (armed.names.index("l_knee"), 1)
+    assert finding["value"] == pytest.approx(3.0) and finding["bound"] == pytest.approx(2.2)
+    assert np.array_equal(armed.register("goal_position"), before)
+
+
+def test_no_goal_steps_further_than_the_velocity_limit_allows(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [1.0, 0.0], [0.6, 1.4]))
+    goals = [armed.loop.written]
+    for _ in range(200):
+        armed.ticks(1)
+        goals.append(armed.loop.written)
+    steps = np.abs(np.diff(np.array(goals), axis=0)).max(axis=0)
+    assert (steps <= armed.loop.limits.velocity * armed.loop.period + 1e-9).all()
+    assert steps[0] > 0.0
+
+
+def test_a_trajectory_of_another_client_without_the_lease_is_refused(armed: Rig) -> None:
+    ticket = armed.submit(armed.path("head_yaw", [0.2], [1.0]), client=CLIENT + 1)
+    armed.ticks(3)
+    codes = [finding["code"] for finding in last(armed, ticket).parameters["findings"]]
+    assert codes == ["LEASE_MISSING"]
+
+
+def test_motion_holds_when_the_lease_lapses(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [1.0], [4.0]))
+    armed.seconds(1.5)
+    assert armed.loop.executor.motion is Motion.HOLDING
+    assert armed.loop.state is State.ARMED
+    assert (armed.register("torque_enable") == 1).all()
+    assert 0.05 < armed.truth[0] < 0.6
+
+
+def test_an_open_submission_keeps_the_lease_and_a_closed_connection_drops_it(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [1.0], [4.0]), more=True)
+    armed.seconds(2.0)
+    assert armed.loop.executor.motion is Motion.ACTIVE
+    armed.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+    armed.seconds(0.5)
+    assert armed.loop.executor.motion is Motion.HOLDING
+
+
+def test_cancel_needs_no_lease_and_decelerates_to_a_hold(armed: Rig) -> None:
+    ticket = armed.submit(armed.path("head_yaw", [1.0], [2.0]), more=True)
+    armed.ticks(50)
+    armed.call(link.Cancel, client=99)
+    armed.ticks(30)
+    assert armed.loop.executor.motion is Motion.HOLDING
+    assert last(armed, ticket).parameters["phase"] == "cancelled"
+
+
+def test_a_servo_silent_for_half_a_second_is_a_fault_that_lowers_the_robot(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [1.0], [4.0]), more=True)
+    armed.ticks(20)
+    armed.virtual["main"].faults.silence(7)
+    armed.ticks(15)
+    assert armed.loop.executor.motion is Motion.HOLDING
+    assert armed.loop.state is State.ARMED
+    armed.seconds(0.5)
+    assert armed.loop.state is State.FAULT
+    armed.seconds(6.0)
+    torque = armed.register("torque_enable")
+    assert (np.delete(torque, 6) == 0).all()
+    assert armed.loop.state is State.FAULT
+
+
+def test_unplugged_while_moving_it_is_disconnected_and_comes_back_disarmed(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [1.0], [4.0]), more=True)
+    armed.ticks(50)
+    armed.virtual["main"].faults.unplug()
+    armed.ticks(2)
+    assert armed.loop.state is State.DISCONNECTED
+    assert armed.loop.armed is False
+    armed.seconds(0.5)
+    armed.virtual["main"].faults.replug()
+    before = armed.truth
+    armed.seconds(2.0)
+    assert armed.loop.state is State.FAULT  # the lost port stays latched
+    assert armed.loop.inherited is True  # the servos kept their torque
+    assert np.abs(armed.truth - before).max() <= 2 * armed.loop.hardware.resolution.max()
+
+
+def test_a_stalled_loop_finds_tripped_watchdogs_and_an_operator_recovers(armed: Rig) -> None:
+    armed.clock.time += 0.25
+    armed.seconds(0.5)
+    assert armed.loop.state is State.FAULT
+    assert "WATCHDOG_TRIPPED" in armed.loop.latches
+    armed.call(link.Disarm, ticks=900)
+    assert (armed.register("torque_enable") == 0).all()
+    armed.call(link.Reset)
+    armed.lease()
+    assert armed.call(link.Arm).error is None
+
+
+def test_a_servo_that_drops_its_torque_is_a_fault(armed: Rig) -> None:
+    armed.virtual["main"].servos.torque(3, False)
+    armed.seconds(0.3)
+    assert armed.loop.state is State.FAULT
+    assert "TORQUE_MISMATCH" in armed.loop.latches
+
+
+def test_mirror_writes_nothing_and_moves_only_the_simulation() -> None:
+    rig = Rig(mode=Mode.MIRROR)
+    rig.connect()
+    rig.lease()
+    goals, truth = rig.register("goal_position"), rig.truth
+    ticket = rig.submit(rig.path("head_yaw", [0.4], [1.0]), more=True)
+    rig.seconds(2.0)
+    assert last(rig, ticket).parameters["phase"] == "succeeded"
+    assert rig.loop.simulated.position[0] == pytest.approx(0.4, abs=0.05)
+    assert np.array_equal(rig.register("goal_position"), goals)
+    assert np.array_equal(rig.truth, truth)
+    rig.close()
+
+
+def test_sim_opens_no_bus_and_still_judges() -> None:
+    rig = Rig(mode=Mode.SIM)
+    rig.ticks(10)
+    assert all(port.reader is None for port in rig.loop.hardware.ports)
+    rig.lease()
+    rig.loop.measured = rig.loop.simulated
+    good = rig.submit(rig.path("head_yaw", [0.4], [1.0]), more=True)
+    rig.seconds(1.8)
+    assert last(rig, good).parameters["phase"] == "succeeded"
+    bad = rig.submit(rig.path("l_knee", [9.0], [5.0]))
+    rig.ticks(3)
+    assert last(rig, bad).error == "Refused"
+    rig.close()
+
+
+def test_estop_in_sim_latches_and_answers_at_once() -> None:
+    rig = Rig(mode=Mode.SIM)
+    rig.ticks(2)
+    rig.lease()
+    reply = rig.call(link.EStop, ticks=3)
+    assert reply.parameters == {"state": "estop", "torque_off": None, "done": True}
+    rig.loop.measured = rig.loop.simulated
+    refused = rig.submit(rig.path("head_yaw", [0.4], [1.0]))
+    rig.ticks(3)
+    assert "ESTOP_LATCHED" in [f["code"] for f in last(rig, refused).parameters["findings"]]
+    assert rig.call(link.Reset).parameters["state"] == "disconnected"
+    again = rig.submit(rig.path("head_yaw", [0.4], [1.0]), more=True)
+    rig.lease()
+    rig.seconds(2.0)
+    assert last(rig, again).parameters["phase"] == "succeeded"
+    rig.close()
+
+
+def test_modes_change_only_while_disarmed(armed: Rig) -> None:
+    assert armed.call(link.SetMode, mode="mirror").error == "Refused"
+    armed.call(link.Disarm, ticks=800)
+    assert armed.call(link.SetMode, mode="mirror").parameters == {"mode": "mirror"}
+    assert armed.loop.hardware.writers == []
+    assert armed.call(link.SetMode, mode="live").parameters == {"mode": "live"}
+    armed.lease()
+    assert armed.call(link.Arm).error is None
+
+
+def test_two_buses_work_as_one_robot() -> None:
+    rig = Rig("h24-split")
+    rig.arm()
+    ticket = rig.submit(rig.path("l_elbow", [-0.5], [1.0]), more=True)
+    rig.seconds(2.0)
+    assert last(rig, ticket).parameters["phase"] == "succeeded"
+    rig.close()
+
+
+def test_one_bus_lost_lowers_the_rest_and_torque_goes_off_there() -> None:
+    rig = Rig("h24-split")
+    rig.arm()
+    first, second = rig.virtual.values()
+    first.faults.unplug()
+    rig.seconds(6.0)
+    assert rig.loop.state is State.FAULT
+    assert (np.asarray(second.servos["torque_enable"]) == 0).all()
+    rig.close()
+
+
+def test_a_long_trajectory_is_judged_in_slices_and_then_accepted(armed: Rig) -> None:
+    time = np.linspace(0.02, 40.0, 2000)
+    path = armed.path("head_yaw", list(0.3 * np.sin(np.pi * time / 40.0) ** 4), list(time))
+    ticket = armed.submit(path, more=True)
+    armed.ticks(1)
+    assert not armed.replies(ticket)
+    armed.ticks(20)
+    assert armed.replies(ticket)[0].parameters["phase"] == "accepted"
+
+
+def test_setpoints_stream_and_a_silent_stream_comes_to_a_hold(armed: Rig) -> None:
+    for step in range(40):
+        reply = armed.send(link.Setpoint, joints=[0], positions=[0.01 * step])
+        armed.ticks(1)
+        assert last(armed, reply).error is None
+    assert armed.loop.executor.motion is Motion.STREAMING
+    armed.seconds(0.6)
+    assert armed.loop.executor.motion is Motion.HOLDING
+    assert armed.truth[0] == pytest.approx(0.39, abs=0.06)
+
+
+def test_a_setpoint_out_of_limits_is_refused_or_clamped_only_on_demand(armed: Rig) -> None:
+    refused = armed.call(link.Setpoint, joints=[0], positions=[9.0])
+    assert refused.parameters["findings"][0]["code"] == "POS_LIMIT"
+    clamped = armed.call(link.Setpoint, joints=[0], positions=[9.0], allow_clamp=True)
+    assert clamped.parameters["changes"][0]["bound"] == pytest.approx(1.5)
+
+
+def test_registers_are_read_while_the_loop_runs_and_written_only_while_disarmed(live: Rig) -> None:
+    live.connect()
+    reply = live.call(link.ReadRegister, bus="main", id=3, name="Present Temperature")
+    assert reply.parameters["register"]["value"] > 10
+    live.lease()
+    assert live.call(link.WriteRegister, bus="main", id=3, name="LED", value=1).error is None
+    live.call(link.Arm)
+    denied = live.call(link.WriteRegister, bus="main", id=3, name="LED", value=0)
+    assert denied.error == "WrongState"
+
+
+@pytest.mark.slow
+def test_an_hour_of_robot_without_a_refusal_a_fault_or_a_missed_reading() -> None:
+    rig = Rig()
+    rig.arm()
+    path = rig.path("head_yaw", [0.5, -0.5, 0.0], [2.0, 5.0, 7.0])
+    ends = 0
+    while rig.clock.now() < 3700.0:
+        rig.news.clear()
+        rig.lease()
+        ticket = rig.submit(path, more=True)
+        rig.seconds(8.0)
+        assert last(rig, ticket).parameters["phase"] == "succeeded"
+        ends += 1
+    assert ends > 400
+    assert rig.loop.state is State.ARMED
+    assert rig.loop.hardware.ports[0].counts.errors == 0
+    assert rig.loop.figures.missed == 0
+    rig.close()

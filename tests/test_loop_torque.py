@@ -1,0 +1,206 @@
+"""Arming, release and e-stop: procedures of the tick, on real bytes under a fake clock."""
+
+import numpy as np
+import pytest
+from rig import Rig
+
+from twind import link
+from twind.robot.modes import Mode, Motion, State
+from twind_drivers.virtual.muscles import FirstOrder
+
+
+class Hopper(FirstOrder):
+    """Muscles that hop when torque comes on: a horn that slipped, a turn that was lost."""
+
+    hop = 200.0  # ticks
+
+    def drive(self, *, on, **rest):
+        if on[0] and not self._on[0]:
+            self.position[0] += self.hop
+        super().drive(on=on, **rest)
+
+
+def codes(reply: link.Reply) -> list[str]:
+    assert reply.error == "Refused", reply
+    return [finding["code"] for finding in reply.parameters["findings"]]
+
+
+def test_nothing_moves_and_torque_never_changes_because_a_daemon_started(live: Rig) -> None:
+    before = live.truth
+    live.seconds(2.0)
+    assert live.loop.state is State.CONNECTED
+    assert (live.register("torque_enable") == 0).all()
+    assert np.array_equal(live.truth, before)
+
+
+def test_arming_holds_every_joint_where_it_was_found_with_its_watchdog_armed(live: Rig) -> None:
+    live.connect()
+    before = live.counts
+    live.lease()
+    reply = live.call(link.Arm)
+    assert reply.error is None
+    assert reply.parameters["joints"] == list(range(24))
+    assert (live.register("torque_enable") == 1).all()
+    assert (live.register("bus_watchdog") == 5).all()
+    live.seconds(1.0)
+    assert live.loop.state is State.ARMED
+    assert live.loop.executor.motion is Motion.HOLDING
+    assert np.abs(live.counts - before).max() <= 2
+
+
+def test_arming_without_the_lease_is_refused(live: Rig) -> None:
+    live.connect()
+    assert "LEASE_MISSING" in codes(live.call(link.Arm))
+    assert (live.register("torque_enable") == 0).all()
+
+
+def test_arming_in_mirror_is_refused_because_nothing_there_can_write() -> None:
+    rig = Rig(mode=Mode.MIRROR)
+    rig.connect()
+    rig.lease()
+    assert codes(rig.call(link.Arm)) == ["MODE_DENIES"]
+    assert rig.loop.hardware.writers == []
+    rig.close()
+
+
+def test_arming_with_a_silent_servo_is_refused_and_leaves_all_torque_off(live: Rig) -> None:
+    live.connect()
+    live.virtual["main"].faults.silence(5)
+    live.lease()
+    live.seconds(0.3)
+    assert "HW_DISCONNECTED" in codes(live.call(link.Arm))
+    assert (live.register("torque_enable") == 0).all()
+
+
+def test_a_servo_that_falls_silent_while_arming_ends_with_torque_off_everywhere_else(live: Rig) -> None:
+    live.connect()
+    live.lease()
+    ticket = live.send(link.Arm)
+    live.ticks(3)
+    live.virtual["main"].faults.silence(5)
+    live.seconds(2.0)
+    assert live.replies(ticket)[-1].error == "Refused"
+    live.virtual["main"].faults.silence(5, False)
+    live.seconds(1.0)
+    assert (live.register("torque_enable") == 0).all()
+    assert live.loop.armed is False
+
+
+def test_a_joint_that_jumps_at_torque_on_is_disarmed_again() -> None:
+    rig = Rig(muscles=Hopper)
+    rig.connect()
+    rig.lease()
+    reply = rig.call(link.Arm)
+    assert codes(reply) == ["ARM_FAILED"]
+    assert reply.parameters["findings"][0]["joint"] == 0
+    assert (rig.register("torque_enable") == 0).all()
+    assert rig.loop.state is State.CONNECTED
+    rig.close()
+
+
+def test_a_joint_outside_its_hard_limit_cannot_be_armed() -> None:
+    rig = Rig(start={"l_knee": 2.4})
+    rig.connect()
+    rig.lease()
+    assert "OUT_OF_LIMIT" in codes(rig.call(link.Arm))
+    rig.close()
+
+
+def test_disarming_goes_to_the_rest_pose_before_torque_goes_off(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.seconds(1.5)
+    assert armed.truth[0] == pytest.approx(0.4, abs=0.05)
+    reply = armed.call(link.Disarm, ticks=800)
+    assert reply.parameters["state"] == "connected"
+    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+    assert (armed.register("torque_enable") == 0).all()
+
+
+def test_estop_level_cut_answers_after_torque_was_read_back_off(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.ticks(30)
+    ticket = armed.send(link.EStop, client=9, level="cut")
+    for _ in range(20):
+        armed.ticks(1)
+        if armed.replies(ticket):
+            break
+    reply = armed.replies(ticket)[0]
+    assert reply.parameters == {"state": "estop", "torque_off": True, "done": True}
+    assert (armed.register("torque_enable") == 0).all()
+
+
+def test_estop_level_settle_brakes_lowers_and_lets_go(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.ticks(30)
+    ticket = armed.send(link.EStop, client=9, more=True)
+    armed.ticks(10)
+    first = armed.replies(ticket)[0]
+    assert first.continues and first.parameters["torque_off"] is False
+    armed.seconds(6.0)
+    last = armed.replies(ticket)[-1]
+    assert last.parameters == {"state": "estop", "torque_off": True, "done": True}
+    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+
+
+def test_a_cut_overtakes_a_settling_estop(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.seconds(1.5)
+    armed.send(link.EStop, level="settle")
+    armed.ticks(20)
+    assert armed.call(link.EStop, ticks=20, level="cut").parameters["torque_off"] is True
+
+
+def test_after_an_estop_only_a_reset_and_a_new_arm_bring_motion_back(armed: Rig) -> None:
+    armed.call(link.EStop, level="cut")
+    armed.lease()
+    assert "ESTOP_LATCHED" in codes(armed.call(link.Arm))
+    assert armed.call(link.Reset).parameters["state"] == "connected"
+    assert (armed.register("torque_enable") == 0).all()
+    assert armed.call(link.Arm).error is None
+
+
+def test_reset_is_refused_while_torque_is_on(armed: Rig) -> None:
+    assert armed.call(link.Reset).error == "WrongState"
+    assert (armed.register("torque_enable") == 1).all()
+
+
+def test_torque_found_on_is_reported_as_inherited_and_left_alone_until_somebody_arms() -> None:
+    rig = Rig()
+    bus = rig.virtual["main"]
+    for row in range(24):
+        bus.servos.torque(row, True)
+    rig.connect()
+    rig.seconds(2.0)
+    assert rig.loop.inherited is True
+    assert rig.events("TORQUE_INHERITED")
+    assert (rig.register("bus_watchdog") == 0).all()
+    before = rig.counts
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    assert np.abs(rig.counts - before).max() <= 2
+    rig.close()
+
+
+def test_sigterm_lowers_the_robot_and_then_ends(armed: Rig) -> None:
+    armed.submit(armed.path("head_yaw", [0.4], [1.0]))
+    armed.seconds(1.5)
+    armed.loop.stop_wanted = True
+    for _ in range(800):
+        if armed.loop.finished:
+            break
+        armed.ticks(1)
+    assert armed.loop.finished
+    assert np.abs(armed.truth - armed.loop.rest).max() < 0.05
+    assert (armed.register("torque_enable") == 0).all()
+
+
+def test_sigterm_leaves_inherited_torque_as_it_was_found() -> None:
+    rig = Rig()
+    for row in range(24):
+        rig.virtual["main"].servos.torque(row, True)
+    rig.connect()
+    rig.loop.stop_wanted = True
+    rig.ticks(5)
+    assert rig.loop.finished
+    assert (rig.register("torque_enable") == 1).all()
+    rig.close()
