@@ -180,17 +180,20 @@ def test_bytes_that_are_not_utf8_are_refused_at_their_place(tmp_path: Path) -> N
     assert (caught.value.line, caught.value.column) == (2, 6)
 
 
+def file_blamed(text: str) -> str:
+    """The file that the refusal names; the same where there is none."""
+    try:
+        parse(text, "robot.yaml")
+    except ConfigError as error:
+        return error.file
+    return "robot.yaml"
+
+
 @given(st.text(max_size=60))
 def test_any_text_is_read_or_refused_but_never_breaks(text: str) -> None:
-    try:
-        assert isinstance(parse(text, "robot.yaml"), Table)
-    except ConfigError as error:
-        assert str(error).startswith("robot.yaml")
+    assert file_blamed(text) == "robot.yaml"
 
 
 @given(st.text("ab:-[]{}&*!'\"\n %#?1.e+_", max_size=40))
 def test_any_yaml_like_text_is_read_or_refused_but_never_breaks(text: str) -> None:
-    try:
-        parse("key: " + text, "robot.yaml")
-    except ConfigError as error:
-        assert error.file == "robot.yaml"
+    assert file_blamed("key: " + text) == "robot.yaml"

@@ -164,11 +164,10 @@ class Section:
         if given is not None:
             return self._table.items[given]
         unknown = [name for name in self._table.items if name not in self._known]
-        near = difflib.get_close_matches(key, unknown, 1, 0.75)
-        if near:
-            raise ConfigError(
-                self.file, self._table.keys[near[0]], self._join(near[0]), f"unknown key; nearest: {key}"
-            )
+        for meant in (key, key.replace("_rad", "_deg")):  # a misspelt key explains what is missing
+            for name in difflib.get_close_matches(meant, unknown, 1, 0.75):
+                mark = self._table.keys[name]
+                raise ConfigError(self.file, mark, self._join(name), f"unknown key; nearest: {meant}")
         raise ConfigError(self.file, self._table.mark, self._join(key), "is required and missing")
 
     def _leaf(self, key: str, wanted: str, kind: type[T]) -> T:
