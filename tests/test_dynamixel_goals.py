@@ -66,6 +66,14 @@ def test_anything_but_one_whole_tick_per_device_is_refused(ticks: np.ndarray) ->
         goals().encode(ticks)
 
 
+@pytest.mark.parametrize("at", [7, 8, 10, 12, 17])  # instruction, address, length, ids
+def test_a_packet_whose_frame_was_damaged_in_memory_is_not_handed_out(at: int) -> None:
+    packet = goals()
+    packet._packet[at] ^= 1
+    with pytest.raises(WireClamp):
+        packet.encode(np.array([1, 2, 3]))
+
+
 def test_bounds_must_be_ordered_and_of_the_right_number() -> None:
     with pytest.raises(ValueError, match="must not be above"):
         goals(2, 1)

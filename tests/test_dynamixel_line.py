@@ -42,7 +42,7 @@ class Port:
 
 
 PING = Exchange(p.ping(1), PlainReply((1,), 3), 1)
-ORDER = Exchange(p.sync_write(64, {id: b"\0" for id in range(50)}), None, 0)
+ORDER = Exchange(p.sync_write(64, dict.fromkeys(range(50), b"\0")), None, 0)
 
 
 @pytest.fixture

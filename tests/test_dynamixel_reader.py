@@ -68,13 +68,19 @@ def test_every_reading_arrives_in_the_order_of_the_ids(fast: bool, chunk: int | 
     assert len(wire.writes) == 1
 
 
-def test_a_reading_does_not_change_when_the_next_arrives() -> None:
+@pytest.mark.parametrize("fast", [True, False])
+def test_a_reading_does_not_change_when_the_next_arrives(fast: bool) -> None:
     servos = Servos(IDS)
-    reader, _ = make(servos)
+    reader, _ = make(servos, fast=fast)
     first = cycle(reader, FakeClock())
     pose(servos)
+    servos.error = {3: 0x80}
+    cycle(reader, FakeClock())
+    servos.silent = set(IDS)
     cycle(reader, FakeClock())
     assert not first.position.any()
+    assert not first.error.any()
+    assert first.heard.all()
 
 
 def test_stuffed_replies_of_a_robot_that_holds_a_pose_are_read() -> None:

@@ -262,8 +262,8 @@ def test_reboot_waits_until_the_device_answers_and_forgets_what_it_knew() -> Non
         Write({1: (3001).to_bytes(4, "little")}, 116),  # goal outside
         Write({1: bytes(4), 2: bytes(4)}, 116),
         Burst((Write({1: b"\0"}, 98), Write({1: (999).to_bytes(4, "little")}, 116))),
-        Write({1: bytes(8)}, 112),  # a goal hidden in a longer block
-        Write({1: b"\0\0"}, 118),  # half a goal
+        Write({1: (2000).to_bytes(8, "little")}, 112),  # a goal hidden in a longer block
+        Write({1: (2000).to_bytes(2, "little")}, 118),  # half a goal
         Write({1: b"\0"}, 70),  # read-only
         Write({1: b"\0"}, 66),  # no register there
         Write({9: b"\1"}, 64),  # nobody of this bus
