@@ -9,6 +9,7 @@ from twind.robot.arrays import Floats, frozen
 from twind.robot.limits import Limits
 from twind.robot.trajectory import Reference
 
+ROUNDING = 1e-9  # of a step
 RESTING = 1e-12  # rad and rad/s below which a joint counts as arrived: rounding, no motion
 
 
@@ -129,8 +130,10 @@ class Follower:
         return reference
 
     def _braking(self, distance: Floats) -> Floats:
-        """The fastest speed (n,) from which whole steps of the acceleration limit stop within `distance`."""
-        distance = np.maximum(distance, 0.0)
-        half = 0.5 * self._gain
-        reach = np.sqrt(half * half + 2.0 * self._limits.acceleration * distance) - half
-        return np.minimum(reach, distance / self._period)
+        """The fastest speed (n,) from which whole steps of the acceleration limit stop within `distance`.
+
+        n steps of v, v - aT, v - 2aT ... cover nvT - n(n - 1)aT²/2; the least n that still brakes counts.
+        """
+        covered = np.maximum(distance, 0.0) / self._period  # rad/s: what one step alone would need
+        count = np.maximum(np.ceil(np.sqrt(0.25 + 2.0 * covered / self._gain) - 0.5 - ROUNDING), 1.0)
+        return covered / count + 0.5 * (count - 1.0) * self._gain
