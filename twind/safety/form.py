@@ -6,6 +6,7 @@ Pure. The front turns a message into a `Trajectory` here and says everything tha
 import difflib
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Code, Finding
 from twind.robot.trajectory import Trajectory
 
+MOST = 32  # findings of names, and of shapes: looking for near spellings takes its time
 ROUNDING = 1e-12  # s: stamps of 60 s are exact to 7e-15, so a step of 1 ms may read a little less
 
 
@@ -40,13 +42,13 @@ def form(
     `names` are the robot's joints. Columns of joints that are not named are NaN. Points are (time, positions,
     velocities or None, accelerations or None); velocities, and then accelerations, at every point or at none.
     """
-    findings = [*_names(joint_names, names)]
+    findings = [*islice(_names(joint_names, names), MOST)]
     if not len(rows):
         findings.append(Finding(Code.EMPTY, message="no points"))
     if len(rows) > max_points:
         findings.append(_too_many(len(rows), max_points))
         return None, tuple(findings)  # before any work that grows with it
-    misshapen = [*_shapes(rows, len(joint_names))]
+    misshapen = [*islice(_shapes(rows, len(joint_names)), MOST)]
     if findings or misshapen:
         return None, tuple(findings + misshapen)
     path = _arrays(rows, [names.index(name) for name in joint_names], len(names))

@@ -272,7 +272,7 @@ def _stretching(
     factor = 1.0
     for _ in range(retime.ROUNDS):
         factor *= retime.needed(spot.finding for spot in spots.values())
-        if not path.time[-1] * factor <= thresholds.max_duration:
+        if not float(path.time[-1]) * factor <= thresholds.max_duration:
             return None
         slower = path.stretched(factor)
         spots = yield from _judging(slower, before, limits, thresholds, step)

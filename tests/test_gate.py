@@ -1,0 +1,396 @@
+"""The gate at submit time: who may move what and when, in every mode and state, and every code it gives."""
+
+from dataclasses import replace
+from math import inf, nan, nextafter
+
+import gate_world as w
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from twind.robot.finding import Code, Finding, Verdict
+from twind.robot.modes import Mode, Motion, State
+from twind.robot.splines import interpolate
+from twind.robot.trajectory import Reference, Trajectory
+from twind.safety.gate import Demand, admit, arming, check, checking
+
+LATCHING = {
+    State.FAULT: Code.FAULT_LATCHED,
+    State.INHIBITED: Code.FAULT_LATCHED,
+    State.ESTOP: Code.ESTOP_LATCHED,
+}
+BOTH = np.ones(2, np.bool_)
+MOVE = w.path([1.0, 2.0], [[0.2, 0.1], [0.3, 0.0]])
+
+
+def codes(verdict: Verdict) -> list[Code]:
+    return [finding.code for finding in verdict.refusals]
+
+
+def judged(given: Trajectory = MOVE, demand: Demand | None = None, **over: object) -> list[Code]:
+    demand = demand or Demand()
+    return codes(check(given, w.snapshot(2, **over), w.limits(), demand, w.TH).verdict)
+
+
+# ------------------------------------------------------------------------------- modes × states
+
+
+@pytest.mark.parametrize("motion", Motion)
+@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("mode", Mode)
+def test_motion_needs_an_armed_robot_in_live_and_no_latch_anywhere(
+    mode: Mode, state: State, motion: Motion
+) -> None:
+    expected = [LATCHING[state]] if state in LATCHING else []
+    if mode is Mode.LIVE and state is not State.ARMED:
+        expected.append(Code.NOT_ARMED)
+    over = {"mode": mode, "state": state, "motion": motion}
+    assert codes(admit(w.snapshot(**over), BOTH, w.TH)) == expected
+    assert judged(**over) == expected
+
+
+@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("mode", Mode)
+def test_arming_is_for_live_and_starts_from_connected(mode: Mode, state: State) -> None:
+    expected = [LATCHING[state]] if state in LATCHING else []
+    if mode is not Mode.LIVE:
+        expected.append(Code.MODE_DENIES)
+    elif state is not State.CONNECTED:
+        expected.append(Code.ARM_FAILED)
+    assert codes(arming(w.snapshot(mode=mode, state=state), w.TH)) == expected
+
+
+@pytest.mark.parametrize("mode", Mode)
+def test_every_motion_and_every_arming_needs_the_lease(mode: Mode) -> None:
+    without = w.snapshot(mode=mode, lease_held=False)
+    assert codes(admit(without, BOTH, w.TH)) == [Code.LEASE_MISSING]
+    assert codes(arming(without, w.TH))[0] == Code.LEASE_MISSING
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize(
+    ("latched", "expected"),
+    [
+        ((Code.ESTOP,), [Code.ESTOP_LATCHED]),
+        ((Code.ESTOP_LATCHED,), [Code.ESTOP_LATCHED]),
+        ((Code.SERVO_ALERT,), [Code.FAULT_LATCHED]),
+        ((Code.TORQUE_MISMATCH, Code.ESTOP), [Code.ESTOP_LATCHED, Code.FAULT_LATCHED]),
+    ],
+)
+def test_latches_refuse_in_every_mode(mode: Mode, latched: tuple[Code, ...], expected: list[Code]) -> None:
+    verdict = admit(w.snapshot(mode=mode, latched=latched), BOTH, w.TH)
+    assert codes(verdict) == expected
+    if Code.SERVO_ALERT in latched:
+        assert "SERVO_ALERT" in verdict.refusals[0].message
+
+
+# ------------------------------------------------------------------------------- the hardware
+
+
+HARDWARE = {
+    "calibrated": (np.array([True, False]), [Code.CALIB_MISSING]),
+    "mismatches": ((Finding(Code.CALIB_MISMATCH, joint=0),), [Code.CALIB_MISMATCH]),
+    "age": (np.array([0.004, 0.2]), [Code.HW_DISCONNECTED]),
+    "latency": (0.11, [Code.LATENCY_BLOCK]),
+    "latency_p95": (nan, [Code.LATENCY_BLOCK]),
+}
+
+
+@pytest.mark.parametrize("field", HARDWARE)
+def test_the_hardware_counts_in_live_only(field: str) -> None:
+    value, expected = HARDWARE[field]
+    assert codes(admit(w.snapshot(**{field: value}), BOTH, w.TH)) == expected
+    connected = w.snapshot(state=State.CONNECTED, **{field: value})
+    assert codes(arming(connected, w.TH)) == expected
+    for mode in (Mode.SIM, Mode.MIRROR):
+        assert judged(mode=mode, **{field: value}) == []
+
+
+def test_only_the_joints_that_move_must_be_calibrated_and_heard() -> None:
+    ill = {"calibrated": np.array([True, False]), "age": np.array([0.0, inf])}
+    first = np.array([True, False])
+    assert admit(w.snapshot(**ill), first, w.TH).accepted
+    assert arming(w.snapshot(state=State.CONNECTED, **ill), w.TH, first).accepted
+    findings = arming(w.snapshot(state=State.CONNECTED, **ill), w.TH).refusals
+    assert [(f.code, f.joint) for f in findings] == [(Code.CALIB_MISSING, 1), (Code.HW_DISCONNECTED, 1)]
+
+
+def test_arming_no_joint_is_refused() -> None:
+    nobody = np.zeros(2, np.bool_)
+    assert codes(arming(w.snapshot(state=State.CONNECTED), w.TH, nobody)) == [Code.NO_JOINTS]
+
+
+@pytest.mark.parametrize(
+    ("age", "passes"),
+    [(0.0, True), (0.1, True), (nextafter(0.1, 1.0), False), (-1e-300, False), (nan, False), (inf, False)],
+)
+def test_an_age_is_fresh_up_to_its_bound_and_unknown_is_old(age: float, passes: bool) -> None:
+    verdict = admit(w.snapshot(age=np.array([0.0, age])), BOTH, w.TH)
+    assert verdict.accepted is passes
+    if not passes:
+        assert (verdict.refusals[0].joint, verdict.refusals[0].bound) == (1, 0.1)
+
+
+@pytest.mark.parametrize("field", ["latency", "latency_p95"])
+@pytest.mark.parametrize(
+    ("value", "passes", "warns"),
+    [
+        (0.0, True, False),
+        (0.05, True, False),
+        (nextafter(0.05, 1.0), True, True),
+        (0.1, True, True),
+        (nextafter(0.1, 1.0), False, False),
+        (-1e-9, False, False),
+        (nan, False, False),
+        (inf, False, False),
+    ],
+)
+def test_latency_warns_then_blocks_and_unknown_blocks(
+    field: str, value: float, passes: bool, warns: bool
+) -> None:
+    verdict = admit(w.snapshot(**{field: value}), BOTH, w.TH)
+    assert verdict.accepted is passes
+    assert bool(verdict.warnings) is warns
+    assert {f.code for f in verdict.warnings} <= {Code.LATENCY_WARN}
+    assert set(codes(verdict)) <= {Code.LATENCY_BLOCK}
+    assert arming(w.snapshot(state=State.CONNECTED, **{field: value}), w.TH).accepted is passes
+
+
+# ------------------------------------------------------------------------------- the demand
+
+
+@pytest.mark.parametrize(
+    ("start_in", "expected"),
+    [
+        (0.0, []),
+        (60.0, []),
+        (nextafter(60.0, 61.0), [Code.TOO_DISTANT]),
+        (inf, [Code.TOO_DISTANT]),
+        (-1e-300, [Code.CMD_EXPIRED]),
+        (nan, [Code.CMD_EXPIRED]),
+    ],
+)
+def test_a_start_lies_between_now_and_a_minute(start_in: float, expected: list[Code]) -> None:
+    assert judged(demand=Demand(start_in=start_in)) == expected
+
+
+def test_a_policy_that_nobody_knows_is_refused() -> None:
+    assert judged(demand=Demand(policy="clamp")) == [Code.BAD_SCHEMA]
+
+
+def test_a_full_queue_is_busy() -> None:
+    assert judged(busy=True) == [Code.BUSY]
+    assert judged(replace(MOVE, time=MOVE.time * np.nan), busy=True)[-1] == Code.BUSY
+
+
+# ------------------------------------------------------------------------------- start and end
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_first_point_must_be_near_the_reference(sign: float) -> None:
+    for jump, passes in ((0.05, True), (nextafter(0.05, 0.0), True), (nextafter(0.05, 1.0), False)):
+        verdict = w.ask(w.path([0.0], [sign * jump]), w.limits(1), w.at_rest([0.0])).verdict
+        assert verdict.accepted is passes
+    (finding,) = verdict.refusals
+    assert (finding.code, finding.point, finding.time, finding.bound) == (Code.START_JUMP, 0, 0.0, 0.05)
+    assert finding.value == nextafter(0.05, 1.0)
+
+
+def test_a_later_first_point_may_be_as_far_as_the_velocity_limit_reaches() -> None:
+    far = w.ask(w.path([0.2], [0.9]), w.limits(1), w.at_rest([0.0]))
+    assert Code.START_JUMP in w.codes(far)
+    near = w.ask(w.path([0.2], [0.8]), w.limits(1), w.at_rest([0.0]))
+    assert Code.START_JUMP not in w.codes(near)
+
+
+@pytest.mark.parametrize("part", ["position", "velocity", "acceleration"])
+@pytest.mark.parametrize("value", [nan, inf])
+def test_an_unknown_reference_refuses_and_the_rest_of_the_path_is_judged(part: str, value: float) -> None:
+    before = replace(w.at_rest([0.2, 0.1]), **{part: np.array([0.0, value])})
+    verdict = w.ask(w.path([1.0, 50.0], [[0.2, 0.1], [2.01, 0.0]]), w.limits(), before).verdict
+    assert [(f.code, f.joint) for f in verdict.refusals] == [(Code.POS_LIMIT, 0), (Code.START_JUMP, 1)]
+    assert "unknown" in verdict.refusals[1].message
+
+
+def test_the_end_is_at_rest_or_refused() -> None:
+    for v, passes in ((0.05, True), (-0.05, True), (nextafter(0.05, 1.0), False), (-0.06, False)):
+        path = w.path([1.0, 2.0], [0.0, 0.01], [0.0, v])
+        verdict = w.ask(path, w.limits(1), w.at_rest([0.0])).verdict
+        assert verdict.accepted is passes
+    (finding,) = verdict.refusals
+    assert (finding.code, finding.point, finding.time, finding.value) == (Code.END_NOT_AT_REST, 1, 2.0, 0.06)
+
+
+# ------------------------------------------------------------------------------- the whole
+
+
+def test_all_failing_codes_are_returned_in_the_order_of_the_rules() -> None:
+    path = w.path([0.0, 0.5, 1.0], [[0.3, 0.0], [2.5, 0.0], [0.0, 0.0]], [[0.0, 0.0], [8.0, 0.0], [5.0, 0.0]])
+    over = {
+        "lease_held": False,
+        "latched": (Code.ESTOP, Code.SERVO_ALERT),
+        "state": State.CONNECTED,
+        "calibrated": np.array([False, True]),
+        "age": np.array([inf, 0.0]),
+        "latency": nan,
+        "busy": True,
+    }
+    snapshot = w.snapshot(2, **over)
+    verdict = check(path, snapshot, w.limits(), Demand(start_in=nan), w.TH).verdict
+    assert list(dict.fromkeys(codes(verdict))) == [
+        Code.LEASE_MISSING,
+        Code.ESTOP_LATCHED,
+        Code.FAULT_LATCHED,
+        Code.NOT_ARMED,
+        Code.CALIB_MISSING,
+        Code.HW_DISCONNECTED,
+        Code.LATENCY_BLOCK,
+        Code.CMD_EXPIRED,
+        Code.POS_LIMIT,
+        Code.START_JUMP,
+        Code.VEL_LIMIT,
+        Code.ACC_LIMIT,
+        Code.BRAKE_DISTANCE,
+        Code.END_NOT_AT_REST,
+        Code.BUSY,
+    ]
+
+
+REACHED = {
+    Code.EMPTY: (Trajectory(np.zeros(0), np.zeros((0, 2)), BOTH), Demand()),
+    Code.NO_JOINTS: (replace(MOVE, commanded=~BOTH), Demand()),
+    Code.BAD_SHAPE: (replace(MOVE, position=np.zeros((2, 3))), Demand()),
+    Code.TOO_MANY_POINTS: (w.path(list(np.arange(2001) * 0.01), np.zeros((2001, 2))), Demand()),
+    Code.NONFINITE: (w.path([1.0], [[0.0, nan]]), Demand()),
+    Code.TIME_ORDER: (w.path([1.0, 1.0], [[0.0, 0.0], [0.0, 0.0]]), Demand()),
+}
+
+
+@pytest.mark.parametrize("code", REACHED)
+def test_each_code_of_the_form_is_reached_alone(code: Code) -> None:
+    path, demand = REACHED[code]
+    assert judged(path, demand) == [code]
+
+
+def test_an_accepted_path_comes_with_the_curve_it_was_judged_by() -> None:
+    snapshot = w.snapshot(2, reference=w.at_rest([0.1, 0.0]))
+    result = check(MOVE, snapshot, w.limits(), Demand(), w.TH)
+    expected = interpolate(MOVE, snapshot.reference)
+    assert result.verdict == Verdict()
+    assert result.path is MOVE
+    assert np.array_equal(result.spline.coefficients, expected.coefficients)
+    assert np.array_equal(result.spline.time, expected.time)
+
+
+def test_a_path_without_form_comes_with_a_curve_that_stays() -> None:
+    result = check(
+        REACHED[Code.EMPTY][0], w.snapshot(2, reference=w.at_rest([0.3, 0.4])), w.limits(), Demand(), w.TH
+    )
+    assert result.spline.duration == 0.0
+    assert list(result.spline.sample(5.0).position) == [0.3, 0.4]
+
+
+@pytest.mark.parametrize("rates", [0, 1, 2])
+def test_the_check_pauses_after_each_slice(rates: int) -> None:
+    k = 1200
+    zeros = np.zeros((k, 2))
+    given = [zeros if rates > i else None for i in range(2)]
+    path = w.path(list(np.arange(1, k + 1) * 0.01), zeros, *given)
+    steps = checking(path, w.snapshot(2), w.limits(), Demand(), w.TH, points_per_step=500)
+    assert len(list(steps)) == 3
+
+
+def test_the_same_question_gets_the_same_answer_and_nothing_is_written_to() -> None:
+    path = w.path([0.0, 0.5, 1.0], [[0.3, 0.0], [2.5, 0.0], [0.0, 0.0]], [[0.0, 0.0], [8.0, 0.0], [5.0, 0.0]])
+    snapshot, limits = w.snapshot(2), w.limits()
+    for array in (path.time, path.position, path.velocity, path.commanded, snapshot.age, limits.upper):
+        array.setflags(write=False)
+    answers = [check(path, snapshot, limits, Demand("retime", True), w.TH).verdict for _ in range(2)]
+    assert answers[0] == answers[1]
+
+
+@settings(max_examples=60, deadline=None)
+@given(w.paths(joints=2), w.REFERENCES)
+def test_the_order_of_joints_changes_nothing(path: Trajectory, before: Reference) -> None:
+    def turned(rows: np.ndarray | None) -> np.ndarray | None:
+        return None if rows is None else rows[..., ::-1].copy()
+
+    limit = w.limits(lower=np.array([-0.5, -1.0]), velocity=np.array([1.0, 3.0]))
+    mirror = replace(limit, **{name: turned(getattr(limit, name)) for name in limit.__slots__})
+    other = replace(
+        path,
+        position=turned(path.position),
+        velocity=turned(path.velocity),
+        acceleration=turned(path.acceleration),
+    )
+    after = Reference(turned(before.position), turned(before.velocity), turned(before.acceleration))
+    one = {(f.code, f.joint) for f in w.ask(path, limit, before).verdict.refusals}
+    two = {(f.code, 1 - f.joint) for f in w.ask(other, mirror, after).verdict.refusals}
+    assert one == two
+
+
+ANY = st.floats(allow_nan=True, allow_infinity=True) | st.sampled_from((0.0, nan, inf, -inf, 1e308, 5e-324))
+SHAPES = st.sampled_from(((0,), (3,), (2,), (0, 2), (2, 2), (3, 2), (3, 3), (2, 3, 2), ()))
+
+
+def arrays(shape: object = SHAPES) -> st.SearchStrategy[np.ndarray]:
+    return hnp.arrays(np.float64, shape, elements=ANY)
+
+
+WILD = st.builds(
+    Trajectory,
+    time=arrays(),
+    position=arrays(),
+    commanded=hnp.arrays(np.bool_, SHAPES),
+    velocity=st.none() | arrays(),
+    acceleration=st.none() | arrays(),
+)
+SHAPED = st.tuples(st.integers(0, 2), st.booleans()).flatmap(
+    lambda kind: st.builds(
+        Trajectory,
+        time=st.lists(st.floats(0.0, 30.0), min_size=3, max_size=3).map(sorted).map(np.array) | arrays((3,)),
+        position=arrays((3, 2)) | st.just(np.zeros((3, 2))),
+        commanded=hnp.arrays(np.bool_, (2,)),
+        velocity=arrays((3, 2)) if kind[0] else st.none(),
+        acceleration=arrays((3, 2)) if kind[0] > 1 else st.none(),
+    )
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    WILD | SHAPED | SHAPED,
+    st.builds(Reference, arrays((2,)), arrays((2,)), arrays((2,))),
+    st.sampled_from(("reject", "retime", "")),
+    st.booleans(),
+    ANY,
+)
+def test_any_numbers_get_a_verdict_and_never_an_exception(
+    path: Trajectory, before: Reference, policy: str, stop: bool, start_in: float
+) -> None:
+    snapshot = w.snapshot(2, reference=before, latency=start_in, age=before.position)
+    result = check(path, snapshot, w.limits(), Demand(policy, stop, start_in), w.TH)
+    for finding in result.verdict.refusals:
+        assert finding.joint is None or 0 <= finding.joint < 2
+    if result.verdict.accepted:
+        final = result.path
+        assert np.isfinite(final.position[:, final.commanded]).all()
+        assert (np.diff(final.time) > 0.0).all()
+        assert (np.abs(final.position[:, final.commanded]) <= 2.0).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(SHAPED)
+def test_any_limits_get_a_verdict(path: Trajectory) -> None:
+    for value in (nan, inf, -inf, 0.0, 1e308):
+        limit = w.limits(
+            lower=-value, upper=value, hard_lower=-value, hard_upper=value, velocity=value, acceleration=value
+        )
+        w.ask(
+            replace(path, position=np.nan_to_num(path.position)),
+            limit,
+            w.at_rest([0.0, 0.0]),
+            Demand("retime", True),
+        )
