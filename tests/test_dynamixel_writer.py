@@ -177,6 +177,18 @@ def test_torque_is_read_back_and_off_is_written_twice() -> None:
         bench.run(bench.writer.torque(True))
 
 
+def test_a_servo_that_does_not_obey_is_explained_by_what_its_registers_said() -> None:
+    bench = Bench()
+    bench.servos.frozen = {1: {64}, 2: {116}}
+    bench.servos.put(1, 70, 0x20, 1)
+    bench.servos.put(2, 98, -1, 1)
+    bench.run(bench.reader.collect(IDS, 64, 35))
+    with pytest.raises(DeviceRefused, match=r"hardware error 0x20.*reboot"):
+        bench.run(bench.writer.torque(True))
+    with pytest.raises(DeviceRefused, match="watchdog has tripped"):
+        bench.run(bench.writer.aim(HERE))
+
+
 def test_aim_reads_back_and_refuses_what_is_outside_without_a_byte() -> None:
     bench = Bench()
     bench.run(bench.writer.aim(HERE))

@@ -215,8 +215,15 @@ class DynamixelWriter:
         found = yield from self._reader.collect(self._ids, block.address, block.size)
         for id, data in wanted.items():
             if found[id] != data:
-                reason = f"wrote {data.hex(' ')}, reads {found[id].hex(' ')}"
+                reason = f"wrote {data.hex(' ')}, reads {found[id].hex(' ')}{self._why(id)}"
                 raise DeviceRefused(self._name, id, f"{what} ({block.address})", reason)
+
+    def _why(self, id: int) -> str:
+        """What the slow registers last said that explains a servo which does not obey."""
+        place, state = self._ids.index(id), self._reader.registers
+        if state.fault[place] > 0:
+            return f"; hardware error {state.fault[place]:#04x} (register 70): find the cause, then reboot it"
+        return "; its bus watchdog has tripped" if state.watchdog[place] == 255 else ""
 
     def _gain_bytes(self, id: int, gains: Gains) -> bytes:
         table = self._reader.table(id)
