@@ -13,7 +13,11 @@ _DIGITS = 19  # a longer integer does not fit 64 bits
 
 
 class BadJson(ValueError):
-    """Not a JSON text, or one that two readers could take for two things."""
+    """Not a JSON text, or one that two readers could take for two things. `position` in characters."""
+
+    def __init__(self, reason: str, position: int | None = None) -> None:
+        super().__init__(reason)
+        self.position = position
 
 
 def loads(data: bytes | bytearray | memoryview) -> Any:
@@ -28,7 +32,7 @@ def loads(data: bytes | bytearray | memoryview) -> Any:
     try:
         value = _DECODER.decode(text)
     except json.JSONDecodeError as error:
-        raise BadJson(f"{error.msg} at character {error.pos}") from None
+        raise BadJson(f"{error.msg} at character {error.pos}", error.pos) from None
     if "\\u" in text:
         _check_surrogates(value)
     return value
@@ -43,7 +47,7 @@ def _check_depth(text: str) -> None:
         if mark in ("[", "{"):
             depth += 1
             if depth > DEPTH:
-                raise BadJson(f"nested deeper than {DEPTH} at character {match.start()}")
+                raise BadJson(f"nested deeper than {DEPTH} at character {match.start()}", match.start())
         elif mark in ("]", "}"):
             depth -= 1
 

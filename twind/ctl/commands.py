@@ -1,0 +1,83 @@
+"""Verbs of one call: mode, arm, disarm, estop, reset, stop. Standard library only."""
+
+import argparse
+
+from twind.ctl.verb import DONE, Plain, connected, lease, observer, operator, show
+
+
+def _none(_parser: argparse.ArgumentParser) -> None:
+    """No options of its own."""
+
+
+def _mode_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("mode", nargs="?", help="sim, mirror or live; without it the mode is shown")
+
+
+def _mode(options: argparse.Namespace) -> int:
+    if options.mode is None:
+        with observer(options) as client:
+            mode = client.call("GetStatus")["status"]["mode"]
+    else:
+        with operator(options) as client:
+            mode = client.call("SetMode", mode=options.mode)["mode"]
+    show(options, {"mode": mode}, mode)
+    return DONE
+
+
+def _arm_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+
+
+def _arm(options: argparse.Namespace) -> int:
+    with operator(options) as client, lease(client, take=options.take):
+        answer = client.call("Arm")
+    show(options, answer, f"armed: {len(answer['joints'])} joints hold where they are")
+    return DONE
+
+
+def _disarm(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("Disarm")
+    show(options, answer, f"disarmed: state {answer['state']}")
+    return DONE
+
+
+def _estop_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--cut", action="store_true", help="torque off at once: the robot may fall")
+    parser.add_argument("--reason", help="for the log")
+
+
+def _estop(options: argparse.Namespace) -> int:
+    level = "cut" if options.cut else "settle"
+    with connected(options, "control", "observe") as client:
+        answer = client.call("EStop", level=level, reason=options.reason)
+    off = answer.get("torque_off")
+    torque = "torque unknown" if off is None else f"torque is {'off' if off else 'on'}"
+    show(options, answer, f"e-stop ({level}): state {answer['state']}, {torque}")
+    return DONE
+
+
+def _reset_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("codes", nargs="*", metavar="CODE", help="faults to acknowledge (default: all)")
+
+
+def _reset(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("Reset", codes=options.codes or None)
+    show(options, answer, f"state {answer['state']}")
+    return DONE
+
+
+def _stop(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("Cancel")
+    show(options, answer, f"stopping: state {answer['state']}")
+    return DONE
+
+
+MODE = Plain(_mode_arguments, _mode)
+ARM = Plain(_arm_arguments, _arm)
+DISARM = Plain(_none, _disarm)
+ESTOP = Plain(_estop_arguments, _estop)
+RESET = Plain(_reset_arguments, _reset)
+STOP = Plain(_none, _stop)

@@ -1,0 +1,65 @@
+"""Verbs on single devices: scan, register, reboot. Standard library only."""
+
+import argparse
+import json
+
+from twind.ctl.verb import DONE, Plain, UsageError, operator, show
+
+
+def _scan_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bus", nargs="?", help="which bus (default: the only one)")
+
+
+def _scan(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        client.timeout = 65.0
+        for found in client.stream("Scan", bus=options.bus):
+            if options.json:
+                print(json.dumps(found), flush=True)
+                continue
+            model = found.get("model_name") or f"model {found['model']}"
+            print(
+                f"{found['bus']}  id {found['id']:>3}  {model}  firmware {found.get('firmware', '-')}",
+                flush=True,
+            )
+    return DONE
+
+
+def _register_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("action", choices=["read", "write"])
+    parser.add_argument("bus")
+    parser.add_argument("id", type=int)
+    parser.add_argument("name", help="as the vendor's control table spells it")
+    parser.add_argument("value", nargs="?", type=lambda text: int(text, 0), help="to write")
+
+
+def _register(options: argparse.Namespace) -> int:
+    where = {"bus": options.bus, "id": options.id, "name": options.name}
+    if (options.action == "write") != (options.value is not None):
+        raise UsageError("write takes a VALUE, read takes none")
+    with operator(options) as client:
+        if options.action == "read":
+            answer = client.call("ReadRegister", **where)
+        else:
+            answer = client.call("WriteRegister", **where, value=options.value)
+    register = answer["register"]
+    address = f"address {register['address']}, {register['size']} bytes"
+    show(options, answer, f"{register['name']} = {register['value']} ({address})")
+    return DONE
+
+
+def _reboot_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bus")
+    parser.add_argument("id", type=int)
+
+
+def _reboot(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("Reboot", bus=options.bus, id=options.id)
+    show(options, answer, f"{options.bus} id {options.id} restarted: state {answer['state']}")
+    return DONE
+
+
+SCAN = Plain(_scan_arguments, _scan)
+REGISTER = Plain(_register_arguments, _register)
+REBOOT = Plain(_reboot_arguments, _reboot)

@@ -1,0 +1,132 @@
+"""`twindctl`: finds the verb, runs it, turns what went wrong into words and an exit code.
+
+Only the verb that is asked for is imported, so that a status stays cheap. Standard library only.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from importlib import import_module
+from typing import Any
+
+from twind.client import ClientError, Disconnected, NoDaemon
+from twind.ctl.verb import DONE, NO_DAEMON, REFUSED, USAGE, Rejected, UsageError, Verb, complain
+
+# name -> (where it is, what it does)
+BUILT_IN = {
+    "status": ("twind.ctl.status:STATUS", "what the robot and the daemon are doing"),
+    "monitor": ("twind.ctl.monitor:MONITOR", "a live table of every joint"),
+    "watch": ("twind.ctl.monitor:WATCH", "events as they happen"),
+    "mode": ("twind.ctl.commands:MODE", "show or change where commands go: sim, mirror, live"),
+    "arm": ("twind.ctl.commands:ARM", "torque on, holding where the robot is"),
+    "disarm": ("twind.ctl.commands:DISARM", "settle to the rest pose, then torque off"),
+    "estop": ("twind.ctl.commands:ESTOP", "stop now; --cut takes the torque off at once"),
+    "reset": ("twind.ctl.commands:RESET", "acknowledge latched faults"),
+    "stop": ("twind.ctl.commands:STOP", "decelerate and hold"),
+    "move": ("twind.ctl.motion:MOVE", "move joints: JOINT=RAD ..."),
+    "play": ("twind.ctl.motion:PLAY", "play a trajectory file, or a motion of the robot by name"),
+    "check": ("twind.ctl.check", "check a robot file, or a trajectory against the gate"),
+    "scan": ("twind.ctl.devices:SCAN", "who answers on a bus"),
+    "register": ("twind.ctl.devices:REGISTER", "read or write a register of one device"),
+    "reboot": ("twind.ctl.devices:REBOOT", "restart one device"),
+    "demo": ("twind.ctl.demo", "a virtual robot, the daemon, a motion, a refusal"),
+}
+GROUP = "twind.verbs"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb: 0 done, 1 refused, 2 usage, 3 no daemon."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    name = _verb_name(given)
+    parser = _parser(name)
+    verb = None if name is None else _find(name, parser)
+    if verb is None:
+        parser.parse_args(given)  # --help, or the message of what is wrong with it
+        parser.error("name a verb; `twindctl --help` lists them")
+    _add_verb(parser, str(name), verb)
+    return _run(verb, parser.parse_args(given))
+
+
+def _run(verb: Verb, options: argparse.Namespace) -> int:
+    try:
+        return verb.run(options)
+    except (NoDaemon, Disconnected) as error:
+        complain(options, error)
+        return NO_DAEMON
+    except (ClientError, Rejected) as error:
+        complain(options, error)
+        return REFUSED
+    except UsageError as error:
+        complain(options, error)
+        return USAGE
+    except BrokenPipeError:  # `twindctl watch | head`: what was asked for was given
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except KeyboardInterrupt:
+        return 130
+
+
+def _verb_name(given: Sequence[str]) -> str | None:
+    """The first word that is neither an option nor the value of `--socket`."""
+    skip = False
+    for word in given:
+        if skip:
+            skip = False
+        elif word == "--socket":
+            skip = True
+        elif not word.startswith("-"):
+            return word
+    return None
+
+
+def _parser(name: str | None) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="twindctl", description="Ask the twind daemon, or tell it.")
+    _common(parser, None)
+    if name is None or (name not in BUILT_IN and name not in _others()):
+        lines = [f"  {known:<10} {text}" for known, (_, text) in BUILT_IN.items()]
+        lines += [f"  {known}" for known in _others() if known not in BUILT_IN]
+        parser.formatter_class = argparse.RawDescriptionHelpFormatter
+        parser.epilog = "verbs:\n" + "\n".join(lines) + "\n\n`twindctl VERB --help` tells more."
+        parser.add_argument("verb", nargs="?", metavar="VERB")
+    return parser
+
+
+def _common(parser: argparse.ArgumentParser, default: Any) -> None:
+    parser.add_argument("--socket", metavar="DIR", default=default, help="folder of the daemon's sockets")
+    json_default = False if default is None else default
+    parser.add_argument("--json", action="store_true", default=json_default, help="print JSON, one line each")
+
+
+def _find(name: str, parser: argparse.ArgumentParser) -> Verb:
+    if name in BUILT_IN:
+        module, _, attribute = BUILT_IN[name][0].partition(":")
+        found: Any = import_module(module)
+        verb: Verb = getattr(found, attribute) if attribute else found
+        return verb
+    others = _others()
+    if name not in others:
+        known = ", ".join([*BUILT_IN, *(other for other in others if other not in BUILT_IN)])
+        parser.error(f"no verb {name!r}; known: {known}")
+    loaded: Verb = others[name].load()
+    return loaded
+
+
+def _others() -> dict[str, Any]:
+    """Verbs that installed packages bring, by name."""
+    from importlib.metadata import entry_points  # 20 ms that `status` need not pay
+
+    found: Iterable[Any] = entry_points(group=GROUP)
+    return {point.name: point for point in found}
+
+
+def _add_verb(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
+    text = BUILT_IN[name][1] if name in BUILT_IN else None
+    under = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    child = under.add_parser(name, description=text, help=text)
+    _common(child, argparse.SUPPRESS)  # also after the verb
+    verb.add_arguments(child)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

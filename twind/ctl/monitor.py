@@ -1,0 +1,84 @@
+"""`twindctl monitor` and `watch`: what the daemon says, as it says it. Standard library only."""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from twind.ctl.table import render
+from twind.ctl.verb import DONE, Plain, observer
+
+_HOME, _REST = "\x1b[H", "\x1b[J"  # to the upper left corner; forget what is below
+_LINE = "\x1b[K\n"  # forget the rest of the line
+_CLEAR = "\x1b[2J"
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--rate", type=float, default=5.0, metavar="HZ", help="pictures a second (default 5)")
+    parser.add_argument("--count", type=int, metavar="N", help="end after N pictures")
+    parser.add_argument("--topics", default="state", help="with --json: topics, by commas (default state)")
+
+
+def _run(options: argparse.Namespace) -> int:
+    with observer(options) as client:
+        if options.json:
+            topics = options.topics.split(",")
+            for shown, news in enumerate(client.stream("Monitor", topics=topics, rate=options.rate), 1):
+                print(json.dumps(news, ensure_ascii=False), flush=True)
+                if shown == options.count:
+                    break
+            return DONE
+        return _table(client.stream("Monitor", topics=["status", "state"], rate=options.rate), options.count)
+
+
+def _table(news: Any, count: int | None) -> int:
+    """Pictures of the status that came last with each state."""
+    live = sys.stdout.isatty()
+    if live:
+        sys.stdout.write(_CLEAR)
+    status, shown = None, 0
+    for message in news:
+        if message["topic"] == "status":
+            status = message["status"]
+            continue
+        if status is None:
+            continue
+        text = render(status, message["joints"])
+        sys.stdout.write(_HOME + text.replace("\n", _LINE) + _LINE + _REST if live else text + "\n\n")
+        sys.stdout.flush()
+        shown += 1
+        if shown == count:
+            break
+    return DONE
+
+
+def _watch_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("topic", nargs="?", default="events", choices=["events", "verdicts"])
+    parser.add_argument("--count", type=int, metavar="N", help="end after N")
+
+
+def _watch(options: argparse.Namespace) -> int:
+    with observer(options) as client:
+        for shown, news in enumerate(client.stream("Monitor", topics=[options.topic]), 1):
+            print(json.dumps(news, ensure_ascii=False) if options.json else _line(news), flush=True)
+            if shown == options.count:
+                break
+    return DONE
+
+
+def _line(news: Mapping[str, Any]) -> str:
+    lost = f"({news['dropped']} lost) " if news["dropped"] else ""
+    if news["topic"] == "verdicts":
+        verdict = news["verdict"]
+        said = [finding["message"] for key in ("refusals", "warnings", "changes") for finding in verdict[key]]
+        return (
+            f"{news['time']:.3f} {lost}{'refused' if verdict['refusals'] else 'accepted'} {'; '.join(said)}"
+        )
+    event = news["event"]
+    found = "".join(f"; {finding['message']}" for finding in event["findings"])
+    return f"{event['time']:.3f} {lost}{event['level']:<7} {event['code']}: {event['message']}{found}"
+
+
+MONITOR = Plain(_arguments, _run)
+WATCH = Plain(_watch_arguments, _watch)

@@ -1,0 +1,83 @@
+"""Status and joints as text for people. Standard library only."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Answer = Mapping[str, Any]
+COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
+
+
+def render(status: Answer, joints: Sequence[Answer] | None = None) -> str:
+    """All there is to say now, joints as a table."""
+    return "\n".join([*status_lines(status), *(["", *joint_lines(joints)] if joints else [])])
+
+
+def status_lines(status: Answer) -> list[str]:
+    """What the robot, its buses and the loop do, one line each; faults last."""
+    loop, lease = status["loop"], status["lease"]
+    flags = [name for name in ("armed", "inherited") if status[name]]
+    head = [
+        status["robot"],
+        f"mode {status['mode']}",
+        f"state {status['state']}",
+        f"motion {status['motion']}",
+    ]
+    held = "nobody" if lease is None else f"{lease['holder']}, for {lease['expires_in']:.2f} s"
+    lines = [
+        " · ".join([*head, *flags]),
+        f"lease    {held}",
+        f"latency  now {_ms(status['latency_ms'])}, mean {_ms(status['latency_avg_ms'])}, "
+        f"max {_ms(status['latency_max_ms'])}; {status['violations']} violations",
+        f"loop     {loop['rate_hz']:g} Hz, late p50 {_us(loop['late_p50_us'])}, "
+        f"p99 {_us(loop['late_p99_us'])}; {loop['missed']} of {loop['ticks']} ticks missed",
+    ]
+    for bus in status["buses"]:
+        state = "connected" if bus["connected"] else "not connected"
+        lines.append(
+            f"bus      {bus['name']} on {bus['port'] or 'no port'}: {state}, {_ms(bus['latency_ms'])}, "
+            f"{bus['utilisation']:.0%} of the tick, {bus['errors']} errors in {bus['exchanges']} exchanges"
+        )
+    lines += [f"fault    {fault['code']}: {fault['message']}" for fault in status["faults"]]
+    return lines
+
+
+def joint_lines(joints: Sequence[Answer]) -> list[str]:
+    """A table of joints; what is not known is a dash."""
+    rows = [COLUMNS, *(_row(joint) for joint in joints)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+    return [
+        "  ".join(
+            cell.ljust(width) if place in (0, len(COLUMNS) - 1) else cell.rjust(width)
+            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def _row(joint: Answer) -> tuple[str, ...]:
+    notes = [] if joint["heard"] else ["silent"]
+    notes += [] if joint["calibrated"] else ["uncalibrated"]
+    return (
+        joint["name"],
+        _number(joint["position"], 3),
+        _number(joint["goal"], 3),
+        _number(joint["velocity"], 2),
+        _number(joint["effort"], 2),
+        _number(joint["temperature"], 0),
+        _number(joint["voltage"], 1),
+        _number(joint["age_ms"], 0),
+        {True: "on", False: "off"}.get(joint["torque"], "-"),
+        ", ".join([*notes, *joint["faults"]]),
+    )
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _ms(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.1f} ms"
+
+
+def _us(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.0f} µs"

@@ -1,0 +1,96 @@
+"""What a verb of `twindctl` is, and how verbs talk to the daemon and to people. Standard library only."""
+
+import argparse
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from twind.client import CallError, Client, ClientError, NoDaemon
+
+DONE, REFUSED, USAGE, NO_DAEMON = 0, 1, 2, 3  # exit codes
+
+
+class Verb(Protocol):
+    """A module or an object; the entry-point group `twind.verbs` names more of them."""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Options of the verb, beside `--socket` and `--json`."""
+
+    def run(self, options: argparse.Namespace) -> int:
+        """Do it; the exit code. May raise ClientError and UsageError."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plain:
+    """A verb made of two functions."""
+
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int]
+
+
+class UsageError(Exception):
+    """What was asked makes no sense as written: exit code 2."""
+
+
+class Rejected(Exception):
+    """A file or a motion that was not accepted: exit code 1."""
+
+
+def operator(options: argparse.Namespace) -> Client:
+    """A connection that may command."""
+    return Client(options.socket)
+
+
+def connected(options: argparse.Namespace, *names: str) -> Client:
+    """A connection to the first of the sockets `names` that lets us in. Raises the NoDaemon of the last."""
+    failure: NoDaemon | None = None
+    for name in names:
+        client = Client(options.socket, name=name)
+        try:
+            client.connect()
+        except NoDaemon as error:
+            failure = error
+        else:
+            return client
+    assert failure is not None
+    raise failure
+
+
+def observer(options: argparse.Namespace) -> Client:
+    """A connection that only reads: it leaves the operators their places."""
+    return connected(options, "observe", "control")
+
+
+@contextlib.contextmanager
+def lease(client: Client, *, take: bool = False) -> Iterator[None]:
+    """Hold the lease; give it back at the end if the connection still lives."""
+    client.call("AcquireLease", take=take or None)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ClientError, RuntimeError):
+            client.call("ReleaseLease")
+
+
+def show(options: argparse.Namespace, data: Any, text: str) -> None:
+    """The result: `data` as one line of JSON, or `text` for people."""
+    print(json.dumps(data, ensure_ascii=False) if options.json else text, flush=True)
+
+
+def complain(options: argparse.Namespace, error: Exception) -> None:
+    """An error: as JSON on standard output, or as text on standard error."""
+    if not options.json:
+        for line in str(error).splitlines():
+            print(f"twindctl: {line}", file=sys.stderr)
+    elif isinstance(error, CallError):
+        print(json.dumps({"error": error.error, "parameters": error.parameters}, ensure_ascii=False))
+    else:
+        print(json.dumps({"error": type(error).__name__, "parameters": {"message": str(error)}}))
+
+
+def finding_lines(findings: Sequence[Mapping[str, Any]], mark: str) -> list[str]:
+    """`refused  POS_LIMIT: l_knee, point 0: position 3 rad, bound 2.4 rad`, one line each."""
+    return [f"{mark:<8} {finding['code']}: {finding['message']}" for finding in findings]
