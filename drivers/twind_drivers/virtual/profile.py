@@ -36,8 +36,7 @@ class Profile:
     def follow(self, target: Floats, dt: float) -> None:
         """Let `dt` s pass. Speed and position stay continuous where both caps are set."""
         gap = target - self.reference
-        with np.errstate(invalid="ignore"):
-            braking = np.sqrt(2.0 * self.acceleration * np.abs(gap))
+        braking = np.sqrt(2.0 * np.minimum(self.acceleration, 1e12) * np.abs(gap))  # inf * 0 is no number
         wish = np.copysign(np.minimum(np.minimum(self.velocity, braking), np.abs(gap) / dt), gap)
         reach = np.minimum(self.acceleration * dt, 1e12)
         self.speed = self.speed + np.clip(wish - self.speed, -reach, reach)
