@@ -66,7 +66,7 @@ class Publisher:
         slow, latency = loop.hardware.slow, loop.health.total
         return link.Overview(
             time=now,
-            latency_ms=_ms(loop.health.latency(now)) if loop.mode is not Mode.SIM else None,
+            latency_ms=_ms(latency.now) if loop.mode is not Mode.SIM else None,
             latency_avg_ms=_ms(latency.mean),
             latency_max_ms=_ms(latency.max),
             violations=latency.violations,

@@ -1,0 +1,151 @@
+"""Real processes for the tests: `twind-virtual` on ptys, `twind` on its port, a client on its socket.
+
+Everything started here is ended here, by its own id.
+"""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+from twind.client import Client, ClientError
+
+T = TypeVar("T")
+
+
+def until(what: Callable[[], T | None], seconds: float, said: str) -> T:
+    """What `what` returns once it is true, within `seconds`."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        found = what()
+        if found:
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"not within {seconds} s: {said}")
+
+
+class Virtual:
+    """A `twind-virtual` with its calibration, its links to the ports and its order socket."""
+
+    def __init__(self, folder: Path, robot: str = "h24", *options: str) -> None:
+        self.folder, self.robot = folder, robot
+        self.calibration = folder / "calibration.yaml"
+        command = [sys.executable, "-m", "twind.virtual", "--robot", robot, "--link", str(folder / "ports")]
+        command += ["--calibration", str(self.calibration), "--faults", str(folder / "faults"), *options]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self.process.stdout is not None
+        self.ports = {}
+        while (line := self.process.stdout.readline().decode().split()) != ["ready"]:
+            assert line, "twind-virtual did not start"
+            self.ports[line[1]] = line[2]
+
+    def order(self, **order: Any) -> dict[str, Any]:
+        """A fault or a query, and its answer."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+            client.settimeout(5.0)
+            client.connect(str(self.folder / "faults"))
+            client.sendall(json.dumps(order).encode() + b"\n")
+            data = b""
+            while not data.endswith(b"\n"):
+                data += client.recv(1 << 20)
+        answer: dict[str, Any] = json.loads(data)
+        assert answer.get("ok", True), answer
+        return answer
+
+    def servos(self) -> list[dict[str, Any]]:
+        """What is true of every servo."""
+        return [servo for bus in self.order(query="state")["buses"].values() for servo in bus["servos"]]
+
+    def close(self) -> None:
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.process.stdin.close()
+        self.process.wait(10)
+        self.process.stdout.close()
+
+
+class Daemon:
+    """A `twind` in a folder of its own."""
+
+    def __init__(self, folder: Path, *options: str, environment: dict[str, str] | None = None) -> None:
+        folder.mkdir(exist_ok=True)
+        self.sockets = folder
+        self.log = folder / "log"
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "twind.cli", "--socket", str(folder), *options],
+                stderr=log,
+                stdin=subprocess.DEVNULL,
+                env={**os.environ, **(environment or {})},
+            )
+
+    def client(self) -> Client:
+        """A connection."""
+        return Client(str(self.sockets))
+
+    def status(self) -> dict[str, Any]:
+        """Asked anew."""
+        with self.client() as client:
+            status: dict[str, Any] = client.call("GetStatus")["status"]
+            return status
+
+    def reach(self, seconds: float = 30.0, **wanted: Any) -> dict[str, Any]:
+        """Wait until the status shows what is wanted."""
+
+        def look() -> dict[str, Any] | None:
+            assert self.process.poll() is None, self.log.read_text()
+            with suppress(ClientError):
+                status = self.status()
+                if all(status[key] == value for key, value in wanted.items()):
+                    return status
+            return None
+
+        return until(look, seconds, f"{wanted}: {self.log.read_text()}")
+
+    def front(self) -> int:
+        """Process id of the front: the child that runs it."""
+        for entry in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
+            if b"twind.front" in Path(f"/proc/{entry}/cmdline").read_bytes():
+                return int(entry)
+        raise AssertionError("no front")
+
+    def end(self, number: int = signal.SIGTERM, seconds: float = 20.0) -> int:
+        """Signal it and wait for its end; its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.process.wait(seconds)
+
+
+@contextmanager
+def robot(name: str = "h24", *options: str) -> Iterator[tuple[Virtual, Path]]:
+    """A virtual robot and a folder that goes with it."""
+    with tempfile.TemporaryDirectory(prefix="twind-test-") as folder:
+        virtual = Virtual(Path(folder), name, *options)
+        try:
+            yield virtual, Path(folder)
+        finally:
+            virtual.close()
+
+
+@contextmanager
+def daemon(
+    virtual: Virtual, folder: Path, *, mode: str = "live", port: str | None = None
+) -> Iterator[Daemon]:
+    """A daemon on that robot; killed at the end if the test did not end it."""
+    options = ["--mode", mode, "--robot", virtual.robot, "--calibration", str(virtual.calibration)]
+    for bus in virtual.ports:
+        options += ["--port", f"{bus}={virtual.folder / 'ports' / bus}"]
+    running = Daemon(folder / "run", *options)
+    try:
+        yield running
+    finally:
+        if running.process.poll() is None:
+            running.process.kill()
+        running.process.wait(10)
