@@ -1,17 +1,17 @@
-"""The firmware's rules, each by the document that states it (e-manual chapter, or the field report behind it)."""
+"""The firmware's rules, each by the document that states it: e-manual chapter or field report."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from virtual_host import Host
 
 from twind_drivers.dynamixel import packet
-from virtual_host import Host
 
 ALERT = 0x80
 
 
-# ------------------------------------------------------------------------------------------- errors
+# ---------------------------------------------------------------------- errors
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_reading_nothing_or_past_the_end_is_an_access_error_and_gaps_read_zero()
     assert answer.data[2] == 0
 
 
-# ------------------------------------------------------------------------------------------- goals and torque
+# ---------------------------------------------------------------------- goals and torque
 
 
 def test_a_goal_without_torque_moves_nothing_but_is_remembered() -> None:
@@ -89,7 +89,7 @@ def test_a_goal_without_torque_moves_nothing_but_is_remembered() -> None:
 
 
 def test_torque_on_resumes_the_old_goal_unless_switched() -> None:
-    """reachy_mini #1136: a jump to the old goal; some notes say goal := present. The harsher is the default."""
+    """reachy_mini #1136: a jump to the old goal; some notes say goal := present. Default: the harsher."""
     for keep, expected in ((True, 3000), (False, 2048)):
         host = Host([1], keep_goal=keep)
         host.goal(1, 3000)
@@ -141,12 +141,14 @@ def test_reading_while_moving_shows_signed_velocity_and_moving() -> None:
     assert (host.read(1, 128, 4), host.read(1, 122, 1), host.read(1, 123, 1) & 1) == (0, 0, 1)
 
 
-# ------------------------------------------------------------------------------------------- frames
+# ---------------------------------------------------------------------- frames
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(-20_000, 20_000), st.integers(-1024, 1024), st.booleans())
-def test_torque_on_in_mode_3_collapses_to_one_turn_plus_offset(start: int, offset: int, reverse: bool) -> None:
+def test_torque_on_in_mode_3_collapses_to_one_turn_plus_offset(
+    start: int, offset: int, reverse: bool
+) -> None:
     """e-manual, operating mode note; after it the servo reports h + ((present - h) mod 4096)."""
     host = Host(
         [1],
@@ -203,7 +205,7 @@ def test_the_realtime_tick_wraps_at_32768_ms() -> None:
     assert host.read(1, 120, 2) < 10
 
 
-# ------------------------------------------------------------------------------------------- watchdog
+# ---------------------------------------------------------------------- watchdog
 
 
 def armed(ids: tuple[int, ...] = (1, 2), units: int = 5) -> Host:
@@ -287,7 +289,7 @@ def test_a_servo_at_rest_does_not_move_when_it_trips() -> None:
     assert abs(host.muscles.position[0] - before) < 0.5
 
 
-# ------------------------------------------------------------------------------------------- faults and reboot
+# ---------------------------------------------------------------------- faults and reboot
 
 
 def test_a_hardware_error_alerts_and_shuts_down_by_the_mask_until_reboot() -> None:
@@ -347,7 +349,7 @@ def test_startup_configuration_bit_0_boots_with_torque_on() -> None:
     assert host.read(1, 64, 1) == 1
 
 
-# ------------------------------------------------------------------------------------------- models
+# ---------------------------------------------------------------------- models
 
 
 def test_models_have_their_own_tables_and_defaults() -> None:
@@ -363,7 +365,7 @@ def test_models_have_their_own_tables_and_defaults() -> None:
 
 
 def test_a_model_that_is_not_simulated_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="XL-?320"):
+    with pytest.raises(ValueError, match=r"XL-?320"):
         Host([1], model="XL320")
     with pytest.raises(KeyError, match="near"):
         Host([1], model="XM430-W530")

@@ -1,12 +1,12 @@
-"""Wire time: 10 bits a byte; replies after the return delay, one after the other (Dynamixel wire arithmetic)."""
+"""Wire time: 10 bits a byte; replies after the return delay, one after the other."""
 
 import math
 
 import pytest
+from virtual_host import Host
 
 from twind_drivers.dynamixel import budget, packet
 from twind_drivers.virtual.wire import Wire
-from virtual_host import Host
 
 IDS = list(range(1, 25))
 
