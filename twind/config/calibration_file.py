@@ -26,7 +26,7 @@ MAX_TICKS = 2**31 - 1
 HISTORY = 20  # earlier files kept beside the current one
 SWEEP_MARGIN = 0.08  # rad, travel of a fitting calibration beyond the described limits
 
-_STAMP = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ$")
+_STAMP = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ def read_calibration(text: str, file: str, robot: RobotFile) -> Calibration:
         remedy = "joints, ids, signs or ratios changed since: calibrate again"
         raise top.refuse("robot_description_sha256", f"{message}; {remedy}")
     created = top.text("created")
-    if not _STAMP.match(created):
+    if not _STAMP.fullmatch(created):
         raise top.refuse("created", f"{created!r} is not a time as 2026-11-21T09:14:03Z")
     method = top.text("method_default", None, METHODS)
     section, specs = top.section("joints"), {joint.name: joint for joint in robot.joints}
@@ -328,7 +328,7 @@ def _flow(value: Plain) -> str:
         if not math.isfinite(value):
             raise ValueError(f"{value} cannot stand in a file")
         return f"{value:.6f}"  # never 1e-05, which YAML reads as text
-    return json.dumps(value, ensure_ascii=False)
+    return json.dumps(value)
 
 
 __all__ = [

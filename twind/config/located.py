@@ -18,8 +18,8 @@ MAX_DEPTH = 16
 
 _EVENTS: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same events; C is 10 times faster
 _RESOLVER: Any = yaml.resolver.Resolver()
-_WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]{0,17})$")
-_DECIMAL = re.compile(r"[-+]?[0-9]+\.[0-9]*([eE][-+][0-9]+)?$|[-+]?\.[0-9]+([eE][-+][0-9]+)?$")
+_WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]{0,17})")
+_DECIMAL = re.compile(r"[-+]?[0-9]+\.[0-9]*([eE][-+][0-9]+)?|[-+]?\.[0-9]+([eE][-+][0-9]+)?")
 _TRUTH = {"true": True, "false": False, "True": True, "False": False}
 
 
@@ -190,9 +190,9 @@ class _Tree:
                 return Leaf(mark, None, plain=True)
             case "bool" if text in _TRUTH:
                 return Leaf(mark, _TRUTH[text], plain=True)
-            case "int" if _WHOLE.match(text):
+            case "int" if _WHOLE.fullmatch(text):
                 return Leaf(mark, int(text), plain=True)
-            case "float" if _DECIMAL.match(text) and math.isfinite(float(text)):
+            case "float" if _DECIMAL.fullmatch(text) and math.isfinite(float(text)):
                 return Leaf(mark, float(text), plain=True)
         raise self.refuse(event, _trap(tag, text))
 

@@ -23,9 +23,9 @@ CURRENT_LSB = 0.00269  # A per count, XM and XH series (e-manual)
 MAX_MJCF = 8 * 1024 * 1024  # bytes
 LATER = "is not supported by this version yet; remove it to use the rest of the file"
 
-_NAME = re.compile(r"[a-z0-9_-]{1,64}$")
-_JOINT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")
-_REGISTER = re.compile(r"[a-z][a-z0-9_]{1,40}$")
+_NAME = re.compile(r"[a-z0-9_-]{1,64}")
+_JOINT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+_REGISTER = re.compile(r"[a-z][a-z0-9_]{1,40}")
 
 
 def built_in_robots() -> tuple[str, ...]:
@@ -38,7 +38,7 @@ def load_robot(name_or_path: str, folders: Sequence[Path] = ()) -> RobotFile:
 
     Raises ConfigError: no such robot (the known ones are listed), or a file that is refused.
     """
-    if not _NAME.match(name_or_path):
+    if not _NAME.fullmatch(name_or_path):
         return read_robot(Path(name_or_path))
     for folder in (*folders, _built_in()):
         path = folder / f"{name_or_path}.yaml"
@@ -58,7 +58,7 @@ def read_robot(path: Path) -> RobotFile:
         if top.has(key):
             raise top.refuse(key, f"{key} {LATER}")
     name = top.text("name")
-    if not _NAME.match(name):
+    if not _NAME.fullmatch(name):
         raise top.refuse("name", f"{name!r}: use 1 to 64 of a-z, 0-9, _ and -")
     mjcf_path, mjcf, base = _model(top.section("model"), path)
     rate, timeout = _loop(top.section("loop"))
@@ -117,7 +117,7 @@ def _buses(section: Section) -> tuple[BusSpec, ...]:
 
 
 def _bus(name: str, parent: Section) -> BusSpec:
-    if not _JOINT.match(name):
+    if not _JOINT.fullmatch(name):
         raise parent.refuse(name, "a bus is named by letters, digits, _ . and -")
     section = parent.section(name)
     kind = section.text("kind", None, ("dynamixel2", "can"))
@@ -173,7 +173,7 @@ def _gains(section: Section) -> Gains:
 
 def _registers(section: Section) -> dict[str, int]:
     for key in section:
-        if not _REGISTER.match(key):
+        if not _REGISTER.fullmatch(key):
             raise section.refuse(key, "a register is named in snake case, as homing_offset")
     return {key: section.integer(key, least=-(2**31), most=2**32 - 1) for key in section}
 
@@ -206,7 +206,7 @@ def _joints(top: Section, buses: tuple[BusSpec, ...]) -> tuple[JointSpec, ...]:
 def _joint(
     name: str, entry: Section, defaults: Section, types: Mapping[str, TypeSpec], buses: Sequence[str]
 ) -> JointSpec:
-    if not _JOINT.match(name):
+    if not _JOINT.fullmatch(name):
         raise entry.refuse("", f"joint {name!r}: use 1 to 64 letters, digits, _ . and -")
     for key in ("homing", "stop_rad"):
         if entry.has(key):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from twind.config.section import file_error
 
-_NAME = re.compile(r"[a-z0-9_-]{1,64}$")
+_NAME = re.compile(r"[a-z0-9_-]{1,64}")
 _FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
 
 
@@ -16,7 +16,7 @@ def save_text(folder: Path, name: str, text: str, history: int) -> Path:
     Mode 0640. A power cut at any point leaves the old or the new file. Raises ConfigError (a name that is not
     1 to 64 of a-z 0-9 _ -, bytes that read back differently), OSError (no folder, disk full, no permission).
     """
-    if not _NAME.match(name):
+    if not _NAME.fullmatch(name):
         raise file_error(str(folder), f"{name!r} is no name for a file: use 1 to 64 of a-z, 0-9, _ and -")
     current, fresh = f"{name}.yaml", f".{name}.yaml.new"
     directory = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -46,8 +46,8 @@ def _write(directory: int, name: str, data: bytes) -> None:
 
 def _keep(directory: int, name: str, current: str, history: int) -> None:
     """A second name for the current file, numbered; the oldest beyond `history` go."""
-    numbered = re.compile(re.escape(name) + r"\.(\d{4,9})\.yaml$")
-    numbers = sorted(int(match[1]) for entry in os.listdir(directory) if (match := numbered.match(entry)))
+    numbered = re.compile(re.escape(name) + r"\.(\d{4,9})\.yaml")
+    numbers = sorted(int(match[1]) for entry in os.listdir(directory) if (match := numbered.fullmatch(entry)))
     try:
         target = f"{name}.{(numbers[-1] if numbers else 0) + 1:04d}.yaml"
         os.link(current, target, src_dir_fd=directory, dst_dir_fd=directory, follow_symlinks=False)

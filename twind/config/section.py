@@ -15,7 +15,7 @@ from twind.config.located import ConfigError, Leaf, Mark, Node, Row, Table
 T = TypeVar("T")
 Plain = str | int | float | bool | None | list["Plain"] | dict[str, "Plain"]
 
-_LOOKS_NUMERIC = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$|0[ox]?[0-9a-fA-F]+$")
+_LOOKS_NUMERIC = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|0[ox]?[0-9a-fA-F]+")
 _KINDS = {str: "text", bool: "a truth value", int: "a whole number", float: "a number", type(None): "nothing"}
 
 
@@ -188,7 +188,7 @@ class Section:
         if type(value) is int or type(value) is float:
             return float(value)
         message = f"a number is expected, found {_shown(node)}"
-        if isinstance(value, str) and _LOOKS_NUMERIC.match(value):
+        if isinstance(value, str) and _LOOKS_NUMERIC.fullmatch(value):
             how = (
                 "without quotes"
                 if isinstance(node, Leaf) and not node.plain

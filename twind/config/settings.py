@@ -17,8 +17,8 @@ LEVELS = ("debug", "info", "warning", "error")
 LATENCY_WARN_MS, LATENCY_BLOCK_MS = 50.0, 100.0  # design 6.4; a file may only tighten them
 COMMAND_LINE = "command line"
 
-_NAME = re.compile(r"[a-z0-9_-]{1,64}$")
-_PER_BUS = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.+)$")
+_NAME = re.compile(r"[a-z0-9_-]{1,64}")
+_PER_BUS = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ def _defaults(where: Places) -> Settings:
 def _read(text: str, file: str, where: Places) -> Settings:
     top, usual = Section(file, parse(text, file)), _defaults(where)
     folder = Path(file).parent
-    if top.has("individual") and not _NAME.match(top.text("individual")):
+    if top.has("individual") and not _NAME.fullmatch(top.text("individual")):
         raise top.refuse("individual", f"{top.text('individual')!r}: use 1 to 64 of a-z, 0-9, _ and -")
     ports = top.section("ports")
     thresholds = top.section("thresholds")
@@ -174,7 +174,7 @@ def _read(text: str, file: str, where: Places) -> Settings:
 
 def _robot(name: str, folder: Path) -> str:
     """A name stays; the path of a file is meant beside the settings."""
-    return name if _NAME.match(name) else str(folder / name)
+    return name if _NAME.fullmatch(name) else str(folder / name)
 
 
 def _port(section: Section, bus: str) -> str:
@@ -187,7 +187,7 @@ def _port(section: Section, bus: str) -> str:
 def _command_line_ports(ports: Sequence[str]) -> dict[str, str]:
     found: dict[str, str] = {}
     for given in ports:
-        match = _PER_BUS.match(given)
+        match = _PER_BUS.fullmatch(given)
         bus, port = (match[1], match[2]) if match else ("", given)
         if not port:
             raise file_error(COMMAND_LINE, "--port is empty: give a device, or BUS=device")
