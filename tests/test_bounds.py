@@ -3,6 +3,7 @@
 from math import comb, inf, nan, nextafter
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -84,10 +85,16 @@ def test_nothing_known_is_above_every_bound() -> None:
     assert not np.isnan(alone(np.array([0.0, 0.0]), nan))
 
 
-def test_more_touches_than_a_curve_of_ours_can_have_count_as_above() -> None:
-    n = 16  # the square of the Chebyshev polynomial of degree n touches 1 at n + 1 places
-    chebyshev = np.array([(-1) ** (n - i) * comb(2 * n, 2 * i) / comb(n, i) for i in range(n + 1)])
-    assert not np.isnan(exceeds([(square(chebyshev[:, None])[1:-1], np.array([1.0]))])[0])
+def test_a_place_that_halving_never_isolates_counts_as_above() -> None:
+    falling, rising = np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]])
+    third = exceeds([(falling, np.array([2.0 / 3.0])), (rising, np.array([1.0 / 3.0]))])[0]
+    assert third == pytest.approx(1.0 / 3.0, abs=1e-7)
+
+
+def test_more_such_places_than_a_curve_of_ours_can_have_count_as_above() -> None:
+    n = 20  # the Chebyshev polynomial of degree n is 0 at n places, none of them a binary fraction
+    waves = np.array([(-1) ** (n - i) * comb(2 * n, 2 * i) / comb(n, i) for i in range(n + 1)])[:, None]
+    assert not np.isnan(exceeds([(waves, np.zeros(1)), (-waves, np.zeros(1))])[0])
 
 
 @settings(max_examples=40)

@@ -91,26 +91,32 @@ def test_a_path_that_would_take_more_than_a_minute_is_refused_as_it_is() -> None
 
 
 def test_a_moving_reference_is_allowed_for() -> None:
-    moving = Reference(np.array([0.0]), np.array([0.9]), np.zeros(1))
-    for given_path in (w.path([0.3, 0.6], [0.5, 0.9]), w.path([0.3, 0.6], [0.5, 0.9], [2.0, 0.0])):
-        judged = w.ask(given_path, w.limits(1, velocity=1.0, acceleration=6.0), moving, RETIME)
-        if judged.verdict.accepted:
-            assert not w.oracle_faults(judged.path, moving, w.limits(1, velocity=1.0, acceleration=6.0))
-        else:
-            assert judged.verdict.changes == ()
+    moving, limit = Reference(np.array([0.0]), np.array([0.9]), np.zeros(1)), w.limits(1, velocity=1.0)
+    for hurried in (w.path([0.3, 0.6], [0.5, 0.9]), w.path([0.3, 0.6], [0.5, 0.9], [2.0, 0.0])):
+        judged = w.ask(hurried, limit, moving, RETIME)
+        assert judged.verdict.accepted
+        assert 1.0 < factor(judged) < 3.0
+        assert not w.oracle_faults(judged.path, moving, limit)
+
+
+def test_a_corner_from_a_moving_reference_gets_softer_too() -> None:
+    backwards, limit = (
+        Reference(np.array([0.0]), np.array([-2.0]), np.zeros(1)),
+        w.limits(1, acceleration=1.0),
+    )
+    judged = w.ask(w.path([1.0], [0.5]), limit, backwards, RETIME)
+    assert judged.verdict.accepted
+    assert not w.oracle_faults(judged.path, backwards, limit)
 
 
 def test_a_reference_that_no_slower_path_can_follow_ends_in_a_refusal() -> None:
-    moving = Reference(np.array([1.9]), np.array([1.0]), np.zeros(1))
-    cubic = w.path([0.1], [1.9], [0.0])  # slower means further out
-    judged = w.ask(cubic, w.limits(1, acceleration=5.0), moving, RETIME)
-    assert not judged.verdict.accepted
-    assert judged.verdict.changes == ()
-    backwards = Reference(np.array([0.0]), np.array([-2.0]), np.zeros(1))
-    line = w.path(
-        [1.0], [0.5]
-    )  # the corner at the start gets softer with time, but the speed limit is passed
-    assert not w.ask(line, w.limits(1, acceleration=0.001), backwards, RETIME).verdict.accepted
+    outwards = Reference(np.array([1.9]), np.array([1.0]), np.zeros(1))
+    racing = Reference(np.array([0.0]), np.array([1.2]), np.zeros(1))
+    cubic, wide, slow = w.path([0.1], [1.9], [0.0]), w.limits(1, acceleration=5.0), w.limits(1, velocity=1.0)
+    for path, limit, before in ((cubic, wide, outwards), (w.path([1.0], [0.6], [0.0]), slow, racing)):
+        judged = w.ask(path, limit, before, RETIME)
+        assert judged.verdict.refusals == w.ask(path, limit, before).verdict.refusals != ()
+        assert judged.verdict.changes == ()
 
 
 def test_what_no_stretch_can_heal_asks_for_an_endless_one() -> None:

@@ -23,7 +23,6 @@ from twind.safety.rules import Spot, Subject, Thresholds, judge, relaxed, restin
 
 __all__ = ["Demand", "Judged", "Snapshot", "Thresholds", "admit", "arming", "check", "checking"]
 
-CURVE = (Code.VEL_LIMIT, Code.ACC_LIMIT, Code.BRAKE_DISTANCE)  # what a slower path can heal, in rule order
 MOST = 64  # findings of one code
 
 
@@ -228,7 +227,7 @@ def checking(
             changes.append(Finding(Code.RETIMED, value=factor, bound=1.0, message=reason))
     refusals += _worst(spots, Code.POS_LIMIT)
     refusals += _start_jump(path, snapshot.reference, limits, thresholds)
-    refusals += [finding for code in CURVE for finding in _worst(spots, code)]
+    refusals += [finding for code in retime.HEALED for finding in _worst(spots, code)]
     refusals += [*_end(path, thresholds), *busy]
     warnings = (*admission.warnings, *_worst(spots, Code.JERK_LIMIT))
     with np.errstate(all="ignore"):
@@ -270,8 +269,8 @@ def _stretching(
     is corrected by judging again.
     """
     factor = 1.0
-    for _ in range(retime.ROUNDS):
-        factor *= retime.needed(spot.finding for spot in spots.values())
+    for attempt in range(retime.ROUNDS):
+        factor *= retime.needed((spot.finding for spot in spots.values()), first=attempt == 0)
         if not float(path.time[-1]) * factor <= thresholds.max_duration:
             return None
         slower = path.stretched(factor)
@@ -286,7 +285,7 @@ def _stretching(
 def _slower_heals(spots: Spots) -> bool:
     """Something is too fast, and nothing is out of place: a place is never healed by time."""
     codes = {code for code, _ in spots}
-    return bool(codes & set(CURVE)) and Code.POS_LIMIT not in codes
+    return bool(codes & set(retime.HEALED)) and Code.POS_LIMIT not in codes
 
 
 def _subject(path: Trajectory, before: Reference, limits: Limits) -> Subject:

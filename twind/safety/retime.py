@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
-from math import sqrt
+from math import inf, isnan, sqrt
 
 import numpy as np
 
@@ -11,23 +11,24 @@ from twind.robot.limits import Limits
 from twind.robot.trajectory import Trajectory
 from twind.safety.rules import Thresholds
 
+HEALED = (Code.VEL_LIMIT, Code.ACC_LIMIT, Code.BRAKE_DISTANCE)  # what a slower path can heal, in rule order
 ROUNDS = 8  # guesses of the factor; from rest the first one holds
 NUDGE = 1e-9  # relative: keeps a factor that is exact on paper on the right side of rounding
 
 
-def needed(findings: Iterable[Finding]) -> float:
-    """The stretch that heals every finding by itself: speeds fall with it, accelerations with its square."""
+def needed(findings: Iterable[Finding], first: bool = True) -> float:
+    """The stretch that heals every finding by itself: speeds fall with it, accelerations with its square.
+
+    Not the `first` guess: what is left comes from a reference that does not slow down with the path, and
+    there accelerations fall with the stretch itself. NaN or infinite where nothing heals.
+    """
     factor = 1.0
     for finding in findings:
-        value, bound = finding.value, finding.bound
-        if value is None or bound is None or finding.code not in _POWER:
-            continue
-        ratio = value / bound if bound > 0.0 else float("inf")
-        factor = max(factor, ratio if _POWER[finding.code] == 1 else sqrt(ratio)) if ratio == ratio else ratio
+        if finding.value is not None and finding.bound is not None and finding.code in HEALED:
+            ratio = finding.value / finding.bound if finding.bound > 0.0 else inf
+            ratio = sqrt(ratio) if first and finding.code is Code.ACC_LIMIT else ratio
+            factor = ratio if isnan(ratio) else max(factor, ratio)
     return factor * (1.0 + NUDGE)
-
-
-_POWER = {Code.VEL_LIMIT: 1, Code.BRAKE_DISTANCE: 1, Code.ACC_LIMIT: 2}
 
 
 def with_stop(path: Trajectory, limits: Limits, thresholds: Thresholds) -> tuple[Trajectory, list[Finding]]:
