@@ -15,7 +15,7 @@ LARGE, LEAST, SHORT = 0.1, 1.0, 0.25  # a move beyond LARGE rad takes LEAST s or
 MOVING = 1e-9  # rad/s: slower counts as standing
 GRID = 0.005  # s: braking joints come to rest on this grid, so that no two points are closer
 STRETCH, TRIES = 1.1, 60  # a way that brakes too late is stretched until it does not
-SAMPLES = 200  # points of the way at which braking is looked at
+SAMPLES = 400  # points of the way at which braking is looked at
 POINTS = 20  # of the way after braking, where cubics stand for the quintic
 EDGE, MARGIN = 0.05, 0.2  # rad/s, of the brake rule (S21): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
 
@@ -25,11 +25,12 @@ def settle(reference: Reference, rest_position: Floats, limits: Limits, seconds:
 
     Longer than `seconds` only where the limits need it. A reference that moves brakes first.
     """
-    if (np.abs(reference.velocity) <= MOVING).all():
+    velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)  # unknown: as if standing
+    if (np.abs(velocity) <= MOVING).all():
         lasts = _lasts(reference.position, rest_position, limits, seconds)
         zero = np.zeros((1, len(rest_position)))
         return Trajectory(np.array([lasts]), rest_position[None, :].copy(), zero[0] == 0.0, zero, zero)
-    return _braking_first(reference, rest_position, limits, seconds)
+    return _braking_first(reference.position, velocity, rest_position, limits, seconds)
 
 
 def _lasts(start: Floats, end: Floats, limits: Limits, seconds: float) -> float:
@@ -59,20 +60,22 @@ def _way(start: Floats, end: Floats, u: Floats) -> tuple[Floats, Floats]:
 
 def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: Limits) -> bool:
     """The brake rule on the way, sampled, towards the limit that each joint moves to."""
-    position, speed = _way(start, end, np.linspace(0.0, 1.0, SAMPLES))
+    u = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, SAMPLES))  # dense at the ends, where the rule bites
+    position, speed = _way(start, end, u)
     room = np.where(end >= start, limits.hard_upper - position, position - limits.hard_lower)
     allowed = np.sqrt(2.0 * limits.acceleration * np.maximum(room, 0.0)) - MARGIN
     return bool((np.abs(speed) / lasts <= MOST * np.maximum(EDGE, allowed)).all())
 
 
-def _braking_first(reference: Reference, end: Floats, limits: Limits, seconds: float) -> Trajectory:
+def _braking_first(
+    place: Floats, velocity: Floats, end: Floats, limits: Limits, seconds: float
+) -> Trajectory:
     """Each joint brakes evenly until an instant of the grid (exact as cubics between those), then the way."""
-    velocity = reference.velocity
     stops = np.ceil(np.abs(velocity) / (BRAKE * limits.acceleration) / GRID - 1e-9) * GRID
     instants = np.unique(stops[stops > 0.0])
     s = np.minimum(instants[:, None], stops)
     share = s / np.maximum(stops, GRID)
-    position = reference.position + velocity * s * (1.0 - 0.5 * share)
+    position = place + velocity * s * (1.0 - 0.5 * share)
     start, braked = position[-1], float(instants[-1])
     lasts = _lasts(start, end, limits, seconds - braked)
     u = np.linspace(0.0, 1.0, POINTS + 1)[1:]
