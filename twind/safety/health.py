@@ -1,7 +1,7 @@
 """How late things are: a window per bus and per hop, the state's latency, and whether anybody still answers.
 
 Adding a value costs about a microsecond; statistics are worked out when somebody asks. Times are seconds.
-An unknown (NaN) or negative duration is never averaged away: it counts as a violation and as too late.
+An unknown (NaN, inf) or negative duration is never averaged away: it counts as a violation and as too late.
 """
 
 from collections import deque
@@ -39,7 +39,7 @@ class Window:
     def add(self, value: float, now: float = nan) -> None:
         """One more value, at `now` (needed only for `p95`)."""
         self.count += 1
-        if not value >= 0.0:
+        if not 0.0 <= value < inf:
             self.now = nan
             self._ring.append(nan)
             self._recent.append((now, inf))
@@ -51,7 +51,7 @@ class Window:
             self.worst = value
         if not value >= self._least:
             self._least = value
-        place = int(log(value / SMALLEST) / STEP) if SMALLEST < value < inf else BINS * (value == inf)
+        place = int(log(value / SMALLEST) / STEP) if value > SMALLEST else 0
         self._bins[min(place, BINS - 1)] += 1
 
     @property
