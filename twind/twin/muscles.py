@@ -25,7 +25,7 @@ STEP = 0.002  # s
 FULL_PWM = 885.0  # counts
 STALL, FREE = 4.1, 4.82  # N·m, rad/s at full voltage
 CYCLE = 0.001  # s, of the servo's own loop
-SETTLE = 2.0  # s without torque before time begins
+SETTLE, STILL = 20.0, 1e-3  # s without torque before time begins, at most; rad/s that is rest
 FRICTION, DAMPING = 0.05, 0.01  # N·m, N·m·s/rad: the least a gear of 353:1 has
 TORQUE_CONSTANT = 1.78  # N·m/A where the robot file does not say (XM430-W350)
 
@@ -76,7 +76,7 @@ class MujocoMuscles:
         start: Mapping[str, float] | None = None,
         now: float = 0.0,
     ) -> None:
-        """`start`: angles (rad) by model joint, torque off; two seconds pass before time begins at `now`.
+        """`start`: angles (rad) by model joint, torque off; it comes to rest before time begins at `now`.
 
         `pinned` removes the free joint. Raises KeyError for a motor whose joint the model lacks.
         """
@@ -107,8 +107,15 @@ class MujocoMuscles:
         self.current, self.pwm = np.zeros(count), np.zeros(count)
         off = np.zeros(count)
         self.drive(on=off > 0, p=off, i=off, d=off, pwm_cap=off, current_cap=off)
-        self._time = now - SETTLE
-        self.advance(now)
+        self._settle()
+        self._time = now
+
+    def _settle(self) -> None:
+        self._time = -SETTLE
+        for second in range(1, int(SETTLE) + 1):
+            self.advance(second - SETTLE)
+            if np.abs(self.data.qvel).max(initial=0.0) < STILL:
+                return
 
     def part(self, places: Sequence[int]) -> "Part":
         """The motors of one bus, by their places in `motors`."""

@@ -77,7 +77,7 @@ class OrderSocket:
         with suppress(BlockingIOError):
             while True:
                 client, _ = self._listener.accept()
-                client.settimeout(1.0)
+                client.setblocking(False)
                 self._clients[client] = b""
         for client in list(self._clients):
             self._one(client)
@@ -92,7 +92,7 @@ class OrderSocket:
 
     def _one(self, client: socket.socket) -> None:
         try:
-            data = client.recv(LINE, socket.MSG_DONTWAIT)
+            data = client.recv(LINE)
         except BlockingIOError:
             return
         except OSError:
@@ -102,7 +102,7 @@ class OrderSocket:
         try:
             for line in lines:
                 client.sendall(json.dumps(self._judge(line)).encode() + b"\n")
-        except OSError:
+        except OSError:  # gone, or does not read its answers
             data = b""
         if not data or len(self._clients[client]) > LINE:
             del self._clients[client]

@@ -1,0 +1,200 @@
+"""The real `twind-virtual` on real pseudo-terminals, asked by the vendor's own client and by rustypot."""
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import dynamixel_sdk as sdk
+import pytest
+import serial
+
+from twind.config.calibration_file import load_calibration
+from twind.config.robot_file import load_robot
+from twind.virtual.main import main
+
+pytestmark = pytest.mark.realtime
+IDS = list(range(1, 25))
+
+
+class Virtual:
+    """A running process, what it said, and its faults socket."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.folder = folder
+        command = [sys.executable, "-m", "twind.virtual", "--link", str(folder), "--muscles", "first-order"]
+        command += ["--faults", str(folder / "faults"), "--calibration", str(folder / "fits.yaml"), *options]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.said = list(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        assert self.process.stdout is not None
+        while (line := self.process.stdout.readline().decode().strip()) not in ("", "ready"):
+            yield line
+
+    def order(self, **order: object) -> dict:
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(5.0)
+            client.connect(str(self.folder / "faults"))
+            client.sendall(json.dumps(order).encode() + b"\n")
+            return json.loads(client.makefile().readline())
+
+    def servos(self) -> list[dict]:
+        return self.order(query="state")["buses"]["main"]["servos"]
+
+
+@contextmanager
+def virtual(folder: Path, *options: str) -> Iterator[Virtual]:
+    running = Virtual(folder, *options)
+    try:
+        yield running
+    finally:
+        assert running.process.stdin is not None
+        running.process.stdin.close()
+        assert running.process.wait(5.0) == 0, "ends at end-of-file on its input"
+        assert running.process.stdout is not None
+        running.process.stdout.close()
+        assert not (folder / "main").is_symlink()
+
+
+@contextmanager
+def client(path: Path, baud: int = 2_000_000) -> Iterator[sdk.PortHandler]:
+    port = sdk.PortHandler(str(path))
+    assert port.openPort()
+    assert port.setBaudRate(baud)
+    try:
+        yield port
+    finally:
+        port.closePort()
+
+
+def test_the_vendors_sdk_unmodified_pings_reads_writes_and_syncs(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot, client(tmp_path / "main") as port:
+        assert robot.said == [f"bus main {os.path.realpath(tmp_path / 'main')}"]
+        talk = sdk.PacketHandler(2.0)
+        assert talk.ping(port, 7) == (1020, 0, 0)
+        zeros = {
+            joint.id: joint.zero_ticks
+            for joint in load_calibration(tmp_path / "fits.yaml", load_robot("h24")).joints
+        }
+        assert talk.read4ByteTxRx(port, 7, 132) == (zeros[7], 0, 0)
+        assert talk.write1ByteTxRx(port, 7, 64, 1) == (0, 0)
+        assert talk.write1ByteTxRx(port, 7, 9, 1) == (0, 7), "EEPROM lock"
+        assert talk.write4ByteTxRx(port, 7, 116, 4095) == (0, 6), "position limit"
+
+        goals = sdk.GroupSyncWrite(port, talk, 116, 4)
+        torque = sdk.GroupSyncWrite(port, talk, 64, 1)
+        for id in IDS:
+            assert goals.addParam(id, list((zeros[id] + id).to_bytes(4, "little")))
+            assert torque.addParam(id, [1])
+        assert goals.txPacket() == torque.txPacket() == 0
+        time.sleep(0.5)
+        block = sdk.GroupSyncRead(port, talk, 126, 10)
+        for id in IDS:
+            assert block.addParam(id)
+        for read in (block.txRxPacket, block.fastSyncRead):
+            assert read() == 0
+            assert [block.getData(id, 132, 4) for id in IDS] == [zeros[id] + id for id in IDS]
+
+        assert robot.order(fault="silence", id=12)["ok"]
+        assert block.txRxPacket() == sdk.COMM_RX_TIMEOUT
+        assert robot.order(fault="clear")["ok"]
+        assert block.txRxPacket() == 0
+        assert talk.reboot(port, 3) == (0, 0)
+        assert talk.ping(port, 3)[1] != 0, "off the bus while it boots"
+        time.sleep(0.15)
+        assert talk.read1ByteTxRx(port, 3, 64) == (0, 0, 0)
+
+
+def test_rustypot_writes_and_reads_stuffed_bytes_plain_and_fast(tmp_path: Path) -> None:
+    """-131073 is FF FF FD FF: stuffed in a write and a status, never in a fast reply."""
+    rustypot = pytest.importorskip("rustypot")
+    with virtual(tmp_path, "--no-wire-timing"):
+        io = rustypot.Xl430PyController(str(tmp_path / "main"), 2_000_000, 0.2)
+        pattern = [0xFF, 0xFF, 0xFD, 0xFF]
+        for id in (2, 3):
+            io.write_raw_data(id, 11, [4])  # extended position: any goal
+            io.write_raw_data(id, 116, pattern)
+        assert list(io.read_raw_data(2, 116, 4)) == pattern
+        for fast in (False, True):
+            io.set_fast_sync_read(fast)
+            rows = io.sync_read_raw_data_with_error([3, 2], 116, 4)
+            assert [(list(data), error) for data, error in rows] == [(pattern, 0)] * 2
+            places = io.sync_read_raw_data_with_error(IDS, 132, 4)
+            assert len({bytes(data) for data, _ in places}) > 12
+        io.close()
+
+
+def test_the_port_of_a_servo_at_another_baud_is_silent(tmp_path: Path) -> None:
+    with virtual(tmp_path, "--baud", "1000000"):
+        talk = sdk.PacketHandler(2.0)
+        with client(tmp_path / "main") as port:
+            assert talk.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
+        with client(tmp_path / "main", 1_000_000) as port:
+            assert talk.ping(port, 1) == (1020, 0, 0)
+
+
+def test_unplug_hangs_up_and_replug_is_found_under_the_same_name(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot:
+        port = serial.Serial(str(tmp_path / "main"), 2_000_000)
+        poll = select.poll()
+        poll.register(port.fileno(), select.POLLIN)
+        assert robot.order(fault="unplug")["ok"]
+        assert poll.poll(500)[0][1] & select.POLLHUP
+        with pytest.raises(OSError, match="Input/output"):
+            os.write(port.fileno(), b"x")
+        port.close()
+        assert not (tmp_path / "main").exists()
+        assert robot.order(fault="replug")["ok"]
+        with client(tmp_path / "main") as again:
+            assert sdk.PacketHandler(2.0).ping(again, 1) == (1020, 0, 0)
+
+
+def test_the_watchdog_trips_within_120_ms_of_the_last_packet_by_the_servos_clock(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot, client(tmp_path / "main") as port:
+        talk = sdk.PacketHandler(2.0)
+        for address, value in ((98, 5), (64, 1)):
+            write = sdk.GroupSyncWrite(port, talk, address, 1)
+            for id in IDS:
+                write.addParam(id, [value])
+            assert write.txPacket() == 0
+        time.sleep(0.06)
+        assert not any(servo["tripped"] for servo in robot.servos())
+        time.sleep(0.3)
+        servos = robot.servos()
+        assert all(servo["tripped"] and servo["torque"] and servo["watchdog"] == 255 for servo in servos)
+        assert max(servo["trip_delay"] for servo in servos) <= 0.120
+        time.sleep(0.2)
+        for before, after in zip(servos, robot.servos(), strict=True):
+            assert abs(after["position"] - before["position"]) <= 2
+
+
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_cleanly(tmp_path: Path, end: signal.Signals) -> None:
+    with virtual(tmp_path) as robot:
+        robot.process.send_signal(end)
+        assert robot.process.wait(5.0) == 0
+        assert not (tmp_path / "faults").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--robot", "h42"], "h24"),
+        (["--baud", "12345"], "9600"),
+        (["--return-delay", "7"], "508"),
+        (["--calibration", "x.txt"], "NAME.yaml"),
+    ],
+)
+def test_what_it_cannot_start_as_asked_is_said_and_ends_with_2(
+    options: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(options) == 2
+    assert says in capsys.readouterr().err

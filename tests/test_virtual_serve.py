@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+from virtual_host import Host
+
+from twind.virtual.orders import OrderError
+from twind.virtual.pty_port import PtyPort
+from twind.virtual.serve import STALL, Server, ServoClock
+from twind_drivers.clock import FakeClock
+
+
+def test_the_servos_do_not_live_through_a_stall() -> None:
+    real = FakeClock(100.0)
+    clock = ServoClock(real)
+    for _ in range(50):
+        real.sleep_until(real.now() + 0.002)
+        clock.now()
+    assert clock.now() == pytest.approx(100.1)
+    real.sleep_until(real.now() + 5.0)
+    assert clock.now() == pytest.approx(100.1 + STALL)
+    assert clock.lost == pytest.approx(5.0 - STALL)
+
+
+def server(*names: str) -> tuple[Server, dict[str, Host], list[str]]:
+    hosts = {name: Host([1, 2]) for name in names}
+    ports = {name: PtyPort(name, None) for name in names}
+    said: list[str] = []
+    buses = {name: host.bus for name, host in hosts.items()}
+    return (
+        Server(buses, ports, ServoClock(FakeClock()), lambda name, path: said.append(f"{name} {path}")),
+        hosts,
+        said,
+    )
+
+
+def test_orders_reach_the_bus_they_name() -> None:
+    made, hosts, _ = server("left", "right")
+    assert made.obey({"fault": "silence", "bus": "right", "id": 2})["ok"]
+    assert hosts["left"].servos.listening.tolist() == [True, True]
+    assert hosts["right"].servos.listening.tolist() == [True, False]
+    for wrong in ({"fault": "drop", "count": 1}, {"fault": "drop", "count": 1, "bus": "up"}):
+        with pytest.raises(OrderError, match="there are left, right"):
+            made.obey(wrong)
+    with pytest.raises(OrderError, match="there is state"):
+        made.obey({"query": "weather"})
+
+
+def test_with_one_bus_its_name_may_be_left_out_and_replug_tells_the_new_path() -> None:
+    made, hosts, said = server("main")
+    made.obey({"fault": "unplug"})
+    assert not hosts["main"].bus.plugged
+    answer = made.obey({"fault": "replug"})
+    assert hosts["main"].bus.plugged
+    assert said == [f"main {answer['path']}"]
+
+
+def test_the_state_tells_the_truth_of_every_servo() -> None:
+    made, hosts, _ = server("main")
+    host = hosts["main"]
+    host.torque(1)
+    host.muscles.position[1] += 0.25
+    state = made.obey({"query": "state"})
+    one, two = state["buses"]["main"]["servos"]
+    assert (one["id"], one["torque"], one["goal"], one["tripped_at"]) == (1, True, 2048, None)
+    assert (two["torque"], two["position"]) == (False, 2048.25)
+    assert np.isfinite(one["heard_ago"])
