@@ -26,7 +26,9 @@ Answer = Callable[[link.Command], list[link.Reply]]
 
 
 def briefing(count: int = 24) -> link.Briefing:
-    joints = [link.JointInfo(name, "main", place + 1, True, -1.0, 1.0) for place, name in enumerate(NAMES[:count])]
+    joints = [
+        link.JointInfo(name, "main", place + 1, True, -1.0, 1.0) for place, name in enumerate(NAMES[:count])
+    ]
     return link.Briefing(
         version=__version__,
         robot="stand-in",
@@ -180,10 +182,14 @@ class StandIn:
 
     def await_command(self, kind: type, patience: float = 3.0) -> link.Inward:
         """The first command of a kind, once it has come."""
+        return self.await_message(lambda command: isinstance(command, kind), patience)
+
+    def await_message(self, wanted: Callable[[link.Inward], bool], patience: float = 3.0) -> link.Inward:
+        """The first message that is wanted, once it has come."""
         end = time.monotonic() + patience
         while time.monotonic() < end:
             for command in list(self.commands):
-                if isinstance(command, kind):
+                if wanted(command):
                     return command
             time.sleep(0.005)
-        raise AssertionError(f"no {kind.__name__} within {patience} s; came: {self.commands}")
+        raise AssertionError(f"did not come within {patience} s; came: {self.commands}")
