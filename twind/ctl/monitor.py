@@ -29,11 +29,11 @@ def _run(options: argparse.Namespace) -> int:
                 if shown == options.count:
                     break
             return DONE
-        return _table(client.stream("Monitor", topics=["status", "state"], rate=options.rate), options.count)
+        return table(client.stream("Monitor", topics=["status", "state"], rate=options.rate), options.count)
 
 
-def _table(news: Any, count: int | None) -> int:
-    """Pictures of the status that came last with each state."""
+def table(news: Any, count: int | None) -> int:
+    """Pictures of the status that came last with each state, `count` of them or without end."""
     live = sys.stdout.isatty()
     if live:
         sys.stdout.write(_CLEAR)

@@ -1,0 +1,244 @@
+"""`twindctl demo`: a virtual humanoid on real pseudo-terminals, the daemon in live mode, motions, a refusal.
+
+Starts a daemon of its own on sockets of its own and ends it, so it can never touch a real robot.
+"""
+
+import argparse
+import math
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from twind.client import Client, ClientError, Refused
+from twind.ctl.monitor import table
+from twind.ctl.motions import load_motion, motion_names
+from twind.ctl.table import status_lines
+from twind.ctl.verb import DONE, Rejected, finding_lines
+
+START = 30.0  # s the daemon may take until its robot is connected
+TRIES = 3  # of one motion
+LOWERING = 5.0  # s kept for the way to the rest pose
+
+
+class DemoFailed(Rejected):
+    """The demonstration could not be shown; the daemon's own words are in its log."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the verb."""
+    parser.add_argument("--seconds", type=float, help="end by itself after so long (default: until Ctrl-C)")
+    parser.add_argument("--robot", default="h24", help="built-in robot or robot file (default h24)")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Show it. Exit code 0 when everything was shown and the robot was lowered."""
+    until = None if options.seconds is None else time.monotonic() + options.seconds
+    with tempfile.TemporaryDirectory(prefix="twind-demo-") as folder, _daemon(folder, options.robot):
+        _await_robot(folder)
+        with Client(folder) as client:
+            _show(client, folder)
+            try:
+                if until is None:
+                    _stay(folder, client)
+                else:
+                    _play_until(client, folder, until)
+            except KeyboardInterrupt:
+                print("\nCtrl-C: lowering the robot")
+        _lower(folder)
+    print("done      torque is off, the daemon has ended")
+    return DONE
+
+
+@contextmanager
+def _daemon(folder: str, robot: str) -> Iterator[None]:
+    """A `twind --virtual --mode live` of our own; ended by SIGTERM, which lowers the robot."""
+    log = Path(folder) / "twind.log"
+    command = [sys.executable, "-m", "twind.cli", "--virtual", "--mode", "live"]
+    command += ["--robot", robot, "--socket", folder]
+    print(f"starting  twind --virtual --mode live --robot {robot}")
+    with log.open("wb") as output:
+        daemon = subprocess.Popen(command, stderr=output, stdin=subprocess.DEVNULL, start_new_session=True)
+    try:
+        yield
+    except DemoFailed:
+        sys.stderr.write(log.read_text(errors="replace"))
+        raise
+    finally:
+        daemon.send_signal(signal.SIGTERM)
+        try:
+            daemon.wait(20.0)
+        except subprocess.TimeoutExpired:
+            daemon.kill()
+            daemon.wait()
+    if daemon.returncode != 0:
+        sys.stderr.write(log.read_text(errors="replace"))
+        raise DemoFailed(f"the daemon ended with {daemon.returncode}")
+
+
+def _await_robot(folder: str) -> None:
+    deadline = time.monotonic() + START
+    state = "starting"
+    while time.monotonic() < deadline:
+        try:
+            with Client(folder) as client:
+                status = client.call("GetStatus")["status"]
+                state = status["state"]
+                if state == "connected":
+                    for bus in status["buses"]:
+                        print(f"bus       {bus['name']} on {bus['port']}: every servo identified")
+                    return
+        except ClientError:
+            pass
+        time.sleep(0.1)
+    raise DemoFailed(f"the robot was not connected within {START:g} s (it is {state})")
+
+
+@dataclass
+class Tracking:
+    """|goal - measured| of every joint while a motion runs, from the topic `state`."""
+
+    worst: float = 0.0  # rad
+    joint: str = ""
+    squares: float = 0.0
+    count: int = 0
+    ended: threading.Event = field(default_factory=threading.Event)
+
+    def take(self, joints: list[dict[str, Any]]) -> None:
+        """One reading of all joints."""
+        for joint in joints:
+            if joint.get("goal") is None or joint.get("position") is None:
+                continue
+            error = abs(joint["goal"] - joint["position"])
+            self.squares, self.count = self.squares + error * error, self.count + 1
+            if error > self.worst:
+                self.worst, self.joint = error, joint["name"]
+
+    def text(self) -> str:
+        """For people."""
+        rms = math.sqrt(self.squares / self.count) if self.count else math.nan
+        return f"tracking error rms {rms:.4f} rad, worst {self.worst:.4f} rad ({self.joint})"
+
+
+@contextmanager
+def _tracked(folder: str) -> Iterator[Tracking]:
+    tracking = Tracking()
+
+    def watch() -> None:
+        with Client(folder) as client:
+            for news in client.stream("Monitor", topics=["state"], rate=100.0):
+                if tracking.ended.is_set():
+                    return
+                tracking.take(news["joints"])
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield tracking
+    finally:
+        tracking.ended.set()
+        thread.join(2.0)
+
+
+def _show(client: Client, folder: str) -> None:
+    """What everybody sees: armed, a motion, a refusal, latency."""
+    client.call("AcquireLease")
+    joints = client.call("Arm")["joints"]
+    print(f"armed     {len(joints)} joints hold where they were found")
+    _play(client, folder, motion_names()[0])
+    _refusal(client)
+    _latency(client)
+
+
+def _play_until(client: Client, folder: str, until: float) -> None:
+    """Motions in turn as long as they fit."""
+    names = motion_names()
+    for turn in range(1, 10_000):
+        name = names[turn % len(names)]
+        if time.monotonic() + duration(load_motion(name)) + LOWERING > until:
+            return
+        _play(client, folder, name)
+
+
+def _stay(folder: str, client: Client) -> None:
+    """Motions in turn behind a live table, until Ctrl-C."""
+    ended = threading.Event()
+    player = threading.Thread(target=_keep_playing, args=(client, ended), daemon=True)
+    player.start()
+    try:
+        with Client(folder, name="observe") as watcher:
+            table(watcher.stream("Monitor", topics=["status", "state"], rate=5.0), None)
+    finally:
+        ended.set()
+        with Client(folder) as other:
+            other.call("Cancel")  # needs no lease; the player's stream ends with it
+        player.join(5.0)
+
+
+def _keep_playing(client: Client, ended: threading.Event) -> None:
+    names = motion_names()
+    for turn in range(1, 1_000_000):
+        if ended.is_set():
+            return
+        client.call("AcquireLease")
+        for _ in client.stream("SubmitTrajectory", trajectory=load_motion(names[turn % len(names)])):
+            pass
+        ended.wait(0.3)
+
+
+def duration(motion: Mapping[str, Any]) -> float:
+    """Of a trajectory, s."""
+    return float(motion["points"][-1]["time_from_start"])
+
+
+def _play(client: Client, folder: str, name: str) -> None:
+    """One motion to its end. A machine too busy for 100 Hz makes the daemon hold: said, then tried again."""
+    motion = load_motion(name)
+    for _ in range(TRIES):
+        client.call("AcquireLease")
+        with _tracked(folder) as tracking:
+            last = list(client.stream("SubmitTrajectory", trajectory=motion))[-1]
+        if last["phase"] == "succeeded":
+            print(f"played    {name}: {tracking.text()}")
+            return
+        print(f"held      {name}: ended {last['phase']}; this machine kept the daemon waiting, see its log")
+        _go_to_start(client, motion)
+    raise DemoFailed(f"motion {name} did not come to its end in {TRIES} tries")
+
+
+def _go_to_start(client: Client, motion: Mapping[str, Any]) -> None:
+    """Slowly back to where the motion begins."""
+    first = {"positions": motion["points"][0]["positions"], "time_from_start": 3.0}
+    path = {"joint_names": motion["joint_names"], "points": [first], "policy": "retime"}
+    for _ in client.stream("SubmitTrajectory", trajectory=path):
+        pass
+
+
+def _refusal(client: Client) -> None:
+    """A trajectory beyond a joint's limit: the gate must refuse it, and say why."""
+    bad = {"joint_names": ["l_knee"], "points": [{"positions": [3.0], "time_from_start": 2.0}]}
+    try:
+        client.call("SubmitTrajectory", trajectory=bad)
+    except Refused as refusal:
+        print("\n".join(finding_lines(refusal.findings, "refused  ")))
+        return
+    raise DemoFailed("a trajectory beyond the limits was accepted")
+
+
+def _latency(client: Client) -> None:
+    for line in status_lines(client.call("GetStatus")["status"]):
+        if line.startswith(("latency", "loop")):
+            print(line[:8] + line[8:].rjust(len(line) - 7))
+
+
+def _lower(folder: str) -> None:
+    with Client(folder) as client:
+        state = client.call("Disarm")["state"]
+    print(f"lowered   to the rest pose, torque off, state {state}")
