@@ -204,11 +204,11 @@ def _reach(joint: JointSpec, zero: int, entry: JointCalibration | None, model_ra
         )
     # A goal is rounded to the nearest count, and that must be one the servo takes.
     edge = ROUNDING * abs(rad_per_tick(joint))
-    ends = sorted(angle_of(joint, zero, ticks) for ticks in (first, last))
-    hard_lower, hard_upper = max(hard_lower, ends[0] - edge), min(hard_upper, ends[1] + edge)
+    own, sent = (sorted(angle_of(joint, zero, u) for u in pair) for pair in ((least, most), (first, last)))
+    hard_lower, hard_upper = max(hard_lower, own[0] - edge), min(hard_upper, own[1] + edge)
     return _Reach(
-        lower=max(joint.lower, hard_lower),
-        upper=min(joint.upper, hard_upper),
+        lower=max(joint.lower, hard_lower, sent[0] - edge),
+        upper=min(joint.upper, hard_upper, sent[1] + edge),
         hard_lower=hard_lower,
         hard_upper=hard_upper,
         first=first,

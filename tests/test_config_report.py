@@ -1,0 +1,68 @@
+"""`check robot` as a value: the table a person reads, and the errors a script counts."""
+
+from dataclasses import replace
+
+import pytest
+
+from twind.config.calibration_file import Calibration, fitting
+from twind.config.report import check_robot
+from twind.config.robot_file import load_robot
+from twind_drivers.bus import Device
+
+ROBOT = load_robot("h24")
+SETTINGS = {
+    "homing_offset": 0,
+    "drive_mode": 0,
+    "operating_mode": 3,
+    "min_position_limit": 0,
+    "max_position_limit": 4095,
+}
+DEVICES = {
+    (joint.bus, joint.id): Device(joint.id, 1020, "XM430-W350", 46, SETTINGS) for joint in ROBOT.joints
+}
+
+
+def calibrated(zero: int) -> Calibration:
+    zeros = dict.fromkeys(ROBOT.names, zero)
+    return fitting(ROBOT, zeros, DEVICES, created="2026-11-21T09:14:03Z", tool="twind")
+
+
+@pytest.mark.parametrize("name", ["h24", "h24-split"])
+def test_the_built_in_robots_are_without_errors(name: str) -> None:
+    assert check_robot(load_robot(name)).errors == ()
+
+
+def test_every_joint_has_a_row_with_its_limits_and_counts() -> None:
+    report = check_robot(ROBOT)
+    rows = {line.split()[0]: line for line in report.lines if line.split()[0] in ROBOT.names}
+    assert set(rows) == set(ROBOT.names)
+    assert "-0.1 .. 2.2" in rows["l_knee"]
+    assert "1983 .. 3482" in rows["l_knee"]
+    assert "2113 .. 614" in rows["r_knee"]  # turns the other way
+    assert any("not calibrated" in line for line in report.lines)
+
+
+def test_counts_follow_the_calibration() -> None:
+    report = check_robot(ROBOT, calibration=calibrated(2000))
+    assert any(
+        line.startswith("l_knee") and line.split()[-4:] == ["1935", "..", "3434", "2000"]
+        for line in report.lines
+    )
+    assert report.errors == ()
+
+
+def test_a_zero_that_pushes_the_limits_over_the_seam_is_an_error() -> None:
+    errors = check_robot(ROBOT, calibration=calibrated(1000)).errors
+    assert any(
+        each.startswith("joints.l_shoulder_pitch: counts -760..2760 leave the servo's turn")
+        for each in errors
+    )
+
+
+def test_an_impossible_rate_is_an_error_with_its_arithmetic() -> None:
+    [error] = check_robot(ROBOT, 900.0).errors
+    assert "900 Hz leaves 1111 us a cycle" in error
+
+
+def test_the_rate_of_the_file_is_checked_when_none_is_given() -> None:
+    assert check_robot(replace(ROBOT, rate_hz=900.0)).errors

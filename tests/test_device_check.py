@@ -1,0 +1,165 @@
+"""Are the servos on the wire those of the files? Every difference is named; nothing unknown passes."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from twind.config.calibration_file import fitting
+from twind.config.device_check import check_devices, compare
+from twind.config.robot_file import load_robot
+from twind.robot.finding import Code, Verdict
+from twind_drivers.bus import Device
+
+ROBOT = load_robot("h24")
+SETTINGS = {
+    "homing_offset": 0,
+    "drive_mode": 0,
+    "operating_mode": 3,
+    "min_position_limit": 0,
+    "max_position_limit": 4095,
+    "startup_configuration": 0,
+    "return_delay_time": 5,
+}
+DEVICES = {
+    (joint.bus, joint.id): Device(joint.id, 1020, "XM430-W350", 46, SETTINGS) for joint in ROBOT.joints
+}
+CALIBRATION = fitting(
+    ROBOT, dict.fromkeys(ROBOT.names, 2048), DEVICES, created="2026-11-21T09:14:03Z", tool="twind"
+)
+KNEE = ROBOT.names.index("l_knee")
+KEY = (ROBOT.joints[KNEE].bus, ROBOT.joints[KNEE].id)
+
+
+def with_knee(change: Callable[[Device], Device]) -> Verdict:
+    return compare(ROBOT, CALIBRATION, {**DEVICES, KEY: change(DEVICES[KEY])})
+
+
+def set_to(**settings: int) -> Callable[[Device], Device]:
+    return lambda device: replace(device, settings={**device.settings, **settings})
+
+
+def without(name: str) -> Callable[[Device], Device]:
+    return lambda device: replace(device, settings={k: v for k, v in device.settings.items() if k != name})
+
+
+def test_servos_as_they_were_calibrated_pass_without_a_word() -> None:
+    assert compare(ROBOT, CALIBRATION, DEVICES) == Verdict()
+
+
+@pytest.mark.parametrize(
+    ("register", "value"),
+    [
+        ("homing_offset", 5),
+        ("homing_offset", -1024),
+        ("drive_mode", 1),
+        ("drive_mode", 4),
+        ("operating_mode", 4),
+        ("min_position_limit", 1),
+        ("max_position_limit", 4094),
+    ],
+)
+def test_every_recorded_register_is_compared_with_both_values_named(register: str, value: int) -> None:
+    verdict = with_knee(set_to(**{register: value}))
+    found = [each for each in verdict.refusals if each.code is Code.CALIB_MISMATCH]
+    assert [(each.joint, each.value, each.bound) for each in found] == [
+        (KNEE, float(value), float(SETTINGS[register]))
+    ]
+    assert f"l_knee: {register} is {value}, was {SETTINGS[register]}" in found[0].message
+
+
+@pytest.mark.parametrize("register", ["homing_offset", "drive_mode", "operating_mode", "min_position_limit"])
+def test_a_register_that_was_not_read_refuses(register: str) -> None:
+    verdict = with_knee(without(register))
+    assert verdict.refusals
+    assert all(each.joint == KNEE for each in verdict.refusals)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (set_to(drive_mode=8), "drive_mode (10) is 8: bit 3, torque on by goal update"),
+        (set_to(startup_configuration=1), "startup_configuration (60) is 1: bit 0, torque on at boot"),
+        (set_to(startup_configuration=3), "startup_configuration (60) is 3"),
+        (set_to(homing_offset=1025), "homing_offset (20) is 1025; beyond ±1024 position mode ignores it"),
+        (set_to(homing_offset=-1025), "homing_offset (20) is -1025"),
+        (set_to(operating_mode=4), "operating_mode (11) is 4, position mode is 3"),
+        (
+            lambda d: replace(d, model_number=1030, model_name="XM430-W210"),
+            "is XM430-W210 (model number 1030)",
+        ),
+        (lambda d: replace(d, model_number=4711, model_name=None), "a model that is in no table"),
+    ],
+)
+def test_what_makes_a_servo_unusable_is_refused_whatever_the_calibration_says(
+    change: Callable[[Device], Device], words: str
+) -> None:
+    verdict = check_devices(ROBOT, {**DEVICES, KEY: change(DEVICES[KEY])})
+    assert [(each.code, each.joint) for each in verdict.refusals] == [(Code.DEVICE_MISMATCH, KNEE)]
+    assert words in verdict.refusals[0].message
+    assert "l_knee: id 16 on bus main" in verdict.refusals[0].message
+
+
+def test_restoring_ram_at_boot_alone_is_no_torque_at_boot() -> None:
+    assert not with_knee(set_to(startup_configuration=2)).refusals
+    assert not with_knee(without("startup_configuration")).refusals  # older firmware has no such register
+
+
+def test_another_firmware_and_a_slow_return_delay_are_warned_of() -> None:
+    verdict = with_knee(lambda device: replace(set_to(return_delay_time=250)(device), firmware=47))
+    assert not verdict.refusals
+    slow, firmware = verdict.warnings
+    assert "return delay is 500 us, the robot file says 10" in slow.message
+    assert "firmware is 47, was 46" in firmware.message
+
+
+def test_another_model_of_the_same_size_is_refused_by_both_files() -> None:
+    verdict = with_knee(lambda device: replace(device, model_number=1030, model_name="XM430-W210"))
+    assert [each.code for each in verdict.refusals] == [Code.DEVICE_MISMATCH, Code.CALIB_MISMATCH]
+
+
+def test_a_missing_servo_is_refused_by_name() -> None:
+    verdict = compare(ROBOT, CALIBRATION, {key: each for key, each in DEVICES.items() if key != KEY})
+    assert [(each.code, each.joint) for each in verdict.refusals] == [(Code.DEVICE_MISSING, KNEE)]
+    assert "nothing answers as id 16 on bus main" in verdict.refusals[0].message
+
+
+@pytest.mark.parametrize("calibration", [None, replace(CALIBRATION, joints=())])
+def test_without_calibration_every_joint_refuses(calibration: Any) -> None:
+    verdict = compare(ROBOT, calibration, DEVICES)
+    assert [each.code for each in verdict.refusals] == [Code.CALIB_MISSING] * 24
+    assert [each.joint for each in verdict.refusals] == list(range(24))
+
+
+def test_no_devices_at_all_refuse_every_joint() -> None:
+    assert len(compare(ROBOT, CALIBRATION, {}).refusals) == 24
+
+
+@pytest.mark.parametrize(
+    ("share", "warned"), [(0.59, True), (0.61, False), (1.0, False), (1.29, False), (1.31, True)]
+)
+def test_implausible_travel_is_warned_of(share: float, warned: bool) -> None:
+    joint, entry = ROBOT.joints[KNEE], CALIBRATION.joints[KNEE]
+    ticks = round(share * (joint.upper - joint.lower) / (2 * 3.141592653589793) * 4096)
+    joints = list(CALIBRATION.joints)
+    joints[KNEE] = replace(entry, sweep_ticks=(2000, 2000 + ticks))
+    verdict = compare(ROBOT, replace(CALIBRATION, joints=tuple(joints)), DEVICES)
+    assert bool(verdict.warnings) is warned
+    assert not verdict.refusals
+
+
+def test_registers_that_the_robot_file_expects_are_compared() -> None:
+    joints = [replace(joint, registers={"shutdown": 53}) for joint in ROBOT.joints]
+    robot = replace(ROBOT, joints=tuple(joints))
+    assert len(check_devices(robot, DEVICES).refusals) == 24  # not read: unknown is refused
+    devices = {key: set_to(shutdown=53)(device) for key, device in DEVICES.items()}
+    assert not check_devices(robot, devices).refusals
+    verdict = check_devices(robot, {**devices, KEY: set_to(shutdown=52)(DEVICES[KEY])})
+    assert "shutdown is 52, the robot file says 53" in verdict.refusals[0].message
+
+
+def test_a_connector_is_no_other_model() -> None:
+    kind = replace(ROBOT.joints[0].type, device="XM430-W350-T")
+    robot = replace(ROBOT, joints=tuple(replace(joint, type=kind) for joint in ROBOT.joints))
+    assert not check_devices(robot, DEVICES).refusals
