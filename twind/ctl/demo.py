@@ -158,13 +158,16 @@ def _show(client: Client, folder: str) -> None:
 
 
 def _play_until(client: Client, folder: str, until: float) -> None:
-    """Motions in turn as long as they fit."""
+    """Motions in turn as long as one fits."""
     names = motion_names()
-    for turn in range(1, 10_000):
-        name = names[turn % len(names)]
-        if time.monotonic() + duration(load_motion(name)) + LOWERING > until:
-            return
-        _play(client, folder, name)
+    turn = 1
+    while fitting := [name for name in names if _fits(name, until)]:
+        _play(client, folder, fitting[turn % len(fitting)])
+        turn += 1
+
+
+def _fits(name: str, until: float) -> bool:
+    return time.monotonic() + duration(load_motion(name)) + LOWERING <= until
 
 
 def _stay(folder: str, client: Client) -> None:
