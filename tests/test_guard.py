@@ -1,0 +1,547 @@
+"""Every rule of the per-tick gate: dense around its threshold, in every mode and state."""
+
+from dataclasses import replace
+from itertools import product
+from math import inf, nan
+
+import numpy as np
+import pytest
+from gate_world import at_rest, limits
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.robot.arrays import Floats
+from twind.robot.finding import Code
+from twind.robot.modes import Mode, Motion, State
+from twind.robot.state import JointState
+from twind.safety.guard import MOVING, REACTING, UNWRITABLE, Facts, Guard, Judgement, Reaction, Thresholds
+
+N = 3
+LIMITS = limits(N)  # ±2 rad, hard ±2.05, 4 rad/s
+PERIOD = 0.01
+STEP = 4.0 * PERIOD
+TINY = 1e-6
+FINE = Judgement()
+
+
+def reading(
+    position: list[float] | None = None, age: list[float] | None = None, time: float = 10.0
+) -> JointState:
+    still = np.zeros(N)
+    return JointState(
+        time,
+        still if position is None else np.array(position),
+        still,
+        still * nan,
+        still if age is None else np.array(age),
+        np.ones(N, bool),
+    )
+
+
+def facts(**over: object) -> Facts:
+    """Live, armed, following a trajectory, all well."""
+    usual = Facts(
+        now=10.0,
+        mode=Mode.LIVE,
+        state=State.ARMED,
+        motion=Motion.ACTIVE,
+        period=PERIOD,
+        lateness=0.0001,
+        missed_in_a_row=0,
+        measured=reading(),
+        goal=at_rest([0.0] * N),
+        previous=np.zeros(N),
+        lease_ok=True,
+        setpoint_age=None,
+        torque=np.ones(N, np.int8),
+        torque_expected=True,
+        torque_settled=True,
+        watchdog=np.zeros(N, np.int16),
+        status_time=np.full(N, 9.99),
+        discarded=0,
+    )
+    return replace(usual, **over)
+
+
+def judge(**over: object) -> Judgement:
+    return Guard(LIMITS).judge(facts(**over))
+
+
+def codes(judgement: Judgement) -> list[Code]:
+    return [finding.code for finding in judgement.findings]
+
+
+def joints(*values: float) -> Floats:
+    return np.array(values)
+
+
+# --------------------------------------------------------------------------------------------- all well
+
+
+def test_when_all_is_well_nothing_is_said() -> None:
+    assert judge() == FINE
+
+
+@pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, State, Motion)))
+def test_a_hold_at_the_last_goal_is_refused_only_where_nothing_may_be_written(
+    mode: Mode, state: State, motion: Motion
+) -> None:
+    judgement = judge(mode=mode, state=state, motion=motion, setpoint_age=0.0)
+    if mode is Mode.LIVE and state in UNWRITABLE:
+        assert (judgement.reaction, judgement.goal_refused) == (Reaction.INHIBIT, True)
+        assert codes(judgement) == [Code.INTERNAL]
+        assert state.value in judgement.findings[0].message
+    elif motion is Motion.STREAMING and state in (State.FAULT, State.ESTOP):
+        assert judgement.reaction is Reaction.HOLD
+        assert codes(judgement) == [Code.ESTOP if state is State.ESTOP else Code.FAULT_LATCHED]
+        assert not judgement.goal_refused
+    else:
+        assert judgement == FINE
+
+
+def test_nothing_to_write_is_always_fine() -> None:
+    for mode, state in product(Mode, State):
+        assert judge(mode=mode, state=state, motion=Motion.IDLE, goal=None, previous=None) == FINE
+
+
+def test_reactions_are_ordered_by_severity() -> None:
+    order = [Reaction.NONE, Reaction.HOLD, Reaction.SETTLE, Reaction.CUT, Reaction.INHIBIT]
+    assert sorted(Reaction) == order
+
+
+# ------------------------------------------------------------------------------------------------- R02
+
+
+@pytest.mark.parametrize(
+    ("lateness", "told"),
+    [(0.0, False), (0.002, False), (0.002 + 1e-9, True), (0.5, True), (nan, True), (-1.0, False)],
+)
+def test_r02_a_tick_later_than_two_milliseconds_is_told(lateness: float, told: bool) -> None:
+    judgement = judge(lateness=lateness)
+    assert judgement.reaction is Reaction.NONE
+    assert codes(judgement) == ([Code.LOOP_LATE] if told else [])
+
+
+@pytest.mark.parametrize(
+    ("missed", "reaction", "bound"),
+    [
+        (0, Reaction.NONE, None),
+        (1, Reaction.NONE, None),
+        (2, Reaction.NONE, 2.0),
+        (4, Reaction.NONE, 2.0),
+        (5, Reaction.HOLD, 5.0),
+        (100, Reaction.HOLD, 5.0),
+    ],
+)
+def test_r02_two_missed_ticks_are_told_and_five_hold(
+    missed: int, reaction: Reaction, bound: float | None
+) -> None:
+    judgement = judge(missed_in_a_row=missed)
+    assert judgement.reaction is reaction
+    assert [finding.bound for finding in judgement.findings] == ([] if bound is None else [bound])
+
+
+# ------------------------------------------------------------------------------------------ R03 and R04
+
+
+@pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, State, Motion)))
+def test_r03_without_a_lease_whatever_moves_holds_but_a_way_to_rest(
+    mode: Mode, state: State, motion: Motion
+) -> None:
+    judgement = judge(mode=mode, state=state, motion=motion, lease_ok=False, setpoint_age=0.0)
+    lost = motion in MOVING and state not in REACTING
+    if mode is Mode.LIVE and state in UNWRITABLE:
+        assert judgement.reaction is Reaction.INHIBIT
+    else:
+        assert (Code.LEASE_LOST in codes(judgement)) is lost
+        assert judgement.reaction >= Reaction.HOLD or not lost
+        assert not judgement.latches
+
+
+@pytest.mark.parametrize(
+    ("age", "holds"), [(0.0, False), (0.1, False), (0.1 + 1e-9, True), (1.0, True), (nan, True), (None, True)]
+)
+def test_r04_a_setpoint_older_than_a_tenth_of_a_second_holds(age: float | None, holds: bool) -> None:
+    judgement = judge(motion=Motion.STREAMING, setpoint_age=age)
+    assert judgement.reaction is (Reaction.HOLD if holds else Reaction.NONE)
+    assert codes(judgement) == ([Code.STREAM_STALE] if holds else [])
+
+
+# ------------------------------------------------------------------------------------------------- R05
+
+
+@pytest.mark.parametrize(
+    ("age", "bound", "reaction", "latches"),
+    [
+        (0.03, None, Reaction.NONE, False),
+        (0.03 + TINY, 0.03, Reaction.NONE, False),
+        (0.1, 0.03, Reaction.NONE, False),
+        (0.1 + TINY, 0.1, Reaction.HOLD, False),
+        (0.5, 0.1, Reaction.HOLD, False),
+        (0.5 + TINY, 0.5, Reaction.SETTLE, True),
+        (inf, 0.5, Reaction.SETTLE, True),
+        (nan, 0.5, Reaction.SETTLE, True),
+    ],
+)
+@pytest.mark.parametrize("aged_since", [0.0, 0.02])
+def test_r05_a_silent_joint_is_told_then_held_then_a_fault(
+    age: float, bound: float | None, reaction: Reaction, latches: bool, aged_since: float
+) -> None:
+    """Its age counts at the tick: what it was when read, and what has passed since."""
+    measured = reading(age=[0.0, age - aged_since, 0.0], time=0.0)
+    measured = replace(measured, age=measured.age - joints(0.0, 0.0, aged_since))
+    over = {"now": aged_since, "measured": measured, "status_time": np.full(N, -1.0)}
+    judgement = judge(**over)
+    assert (judgement.reaction, judgement.latches) == (reaction, latches)
+    found = [(finding.code, finding.joint, finding.bound) for finding in judgement.findings]
+    assert found == ([] if bound is None else [(Code.STATE_STALE, 1, bound)])
+    for other in ({"mode": Mode.MIRROR}, {"torque_expected": False}):
+        elsewhere = judge(**over, **other)
+        assert (elsewhere.reaction, elsewhere.latches) == (Reaction.NONE, False)
+        assert [finding.bound for finding in elsewhere.findings] == ([] if bound is None else [bound])
+
+
+def test_r05_no_reading_at_all_holds_what_we_hold() -> None:
+    judgement = judge(measured=None)
+    assert (judgement.reaction, codes(judgement)) == (Reaction.HOLD, [Code.STATE_STALE])
+    assert judge(measured=None, mode=Mode.SIM, state=State.DISCONNECTED, torque_expected=False) == FINE
+
+
+@pytest.mark.parametrize("state", REACTING)
+def test_a_way_to_rest_is_not_cut_short_by_a_hold(state: State) -> None:
+    for over in (
+        {"measured": reading(age=[0.2, 0.0, 0.0])},
+        {"missed_in_a_row": 9},
+        {"lease_ok": False},
+        {"measured": None},
+        {"watchdog": np.array([255, 0, 0], np.int16)},
+        {"measured": reading([2.1, 0.0, 0.0])},
+    ):
+        assert judge(state=state, **over).reaction is Reaction.NONE
+
+
+@pytest.mark.parametrize("state", [State.ARMED, State.SETTLING, State.FAULT, State.ESTOP])
+def test_a_joint_that_stays_silent_settles_whatever_was_under_way(state: State) -> None:
+    assert judge(state=state, measured=reading(age=[0.6, 0.0, 0.0])).reaction is Reaction.SETTLE
+
+
+# ------------------------------------------------------------------------------------------ R07 and R12
+
+
+def test_r07_dropped_bytes_are_told_and_nothing_more() -> None:
+    judgement = judge(discarded=7)
+    assert (judgement.reaction, judgement.latches) == (Reaction.NONE, False)
+    assert [(finding.code, finding.value) for finding in judgement.findings] == [(Code.RX_SHAPE, 7.0)]
+
+
+@pytest.mark.parametrize(("value", "trips"), [(255, True), (254, False), (5, False), (0, False), (-1, False)])
+def test_r12_a_tripped_watchdog_holds_and_is_latched(value: int, trips: bool) -> None:
+    watchdog = np.array([0, 0, value], np.int16)
+    judgement = judge(watchdog=watchdog)
+    if trips:
+        assert (judgement.reaction, judgement.latches) == (Reaction.HOLD, True)
+        assert [(finding.code, finding.joint) for finding in judgement.findings] == [
+            (Code.WATCHDOG_TRIPPED, 2)
+        ]
+    else:
+        assert judgement == FINE
+    assert judge(watchdog=watchdog, torque_expected=False, motion=Motion.IDLE, goal=None) == FINE
+    assert judge(watchdog=watchdog, mode=Mode.MIRROR) == FINE
+
+
+# ------------------------------------------------------------------------------------------------- R10
+
+
+def refreshes(readings: list[tuple[float, int]], **over: object) -> list[Judgement]:
+    """Judgements of ticks in which joint 1's torque was last read at that time, as that."""
+    guard = Guard(LIMITS)
+    result = []
+    for time, value in readings:
+        torque = np.array([1, value, 1], np.int8)
+        result.append(guard.judge(facts(torque=torque, status_time=joints(time, time, time), **over)))
+    return result
+
+
+@pytest.mark.parametrize("value", [0, -1])
+def test_r10_torque_that_reads_back_other_twice_in_a_row_is_a_fault(value: int) -> None:
+    first, same, second = refreshes([(1.0, value), (1.0, value), (1.05, value)])
+    assert first == same == FINE
+    assert (second.reaction, second.latches) == (Reaction.HOLD, True)
+    (finding,) = second.findings
+    assert (finding.code, finding.joint, finding.value, finding.bound) == (
+        Code.TORQUE_MISMATCH,
+        1,
+        float(value),
+        1.0,
+    )
+
+
+def test_r10_one_wrong_refresh_between_right_ones_is_none() -> None:
+    assert refreshes([(1.0, 0), (1.05, 1), (1.1, 0), (1.15, 1)]) == [FINE] * 4
+
+
+def test_r10_each_joint_is_counted_by_its_own_refreshes() -> None:
+    guard = Guard(LIMITS)
+    off = np.array([0, 0, 1], np.int8)
+    for times in (joints(1.0, 1.0, 1.0), joints(1.1, 1.0, 1.0)):
+        judgement = guard.judge(facts(torque=off, status_time=times))
+    assert [finding.joint for finding in judgement.findings] == [0]
+
+
+def test_r10_what_a_procedure_changes_is_not_judged_and_begins_anew() -> None:
+    guard = Guard(LIMITS)
+    off = np.zeros(N, np.int8)
+    for time in (1.0, 1.1, 1.2):
+        assert guard.judge(facts(torque=off, status_time=np.full(N, time), torque_settled=False)) == FINE
+    assert guard.judge(facts(torque=off, status_time=np.full(N, 1.2))) == FINE
+    assert guard.judge(facts(torque=off, status_time=np.full(N, 1.3))) == FINE
+    assert guard.judge(facts(torque=off, status_time=np.full(N, 1.4))).latches
+
+
+@pytest.mark.parametrize("over", [{"mode": Mode.MIRROR}, {"torque_expected": False}])
+def test_r10_where_we_hold_nothing_torque_is_not_ours_to_judge(over: dict[str, object]) -> None:
+    assert refreshes([(1.0, 0), (1.1, 0), (1.2, 0)], **over) == [FINE] * 3
+
+
+def test_r10_while_settling_it_is_latched_without_a_hold() -> None:
+    *_, last = refreshes([(1.0, 0), (1.1, 0)], state=State.SETTLING)
+    assert (last.reaction, last.latches) == (Reaction.NONE, True)
+
+
+# ------------------------------------------------------------------------------------------------- R14
+
+
+HARD = 2.05 + 0.0087
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("place", "fault"), [(2.05, False), (HARD - TINY, False), (HARD + TINY, True), (9.0, True)]
+)
+def test_r14_a_joint_past_its_hard_limit_is_a_fault(side: float, place: float, fault: bool) -> None:
+    measured = reading([0.0, 0.0, side * place])
+    judgement = judge(measured=measured)
+    assert (judgement.latches, judgement.reaction) == (fault, Reaction.HOLD if fault else Reaction.NONE)
+    if fault:
+        (finding,) = judgement.findings
+        assert (finding.code, finding.joint, finding.value) == (Code.OUT_OF_LIMIT, 2, side * place)
+        assert finding.bound == pytest.approx(side * HARD)
+    for other in ({"mode": Mode.MIRROR}, {"torque_expected": False}):
+        elsewhere = judge(measured=measured, **other)
+        assert (elsewhere.latches, elsewhere.reaction) == (False, Reaction.NONE)
+        assert codes(elsewhere) == ([Code.OUT_OF_LIMIT] if fault else [])
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("motion", Motion)
+@pytest.mark.parametrize(
+    ("place", "before", "goal", "outward"),
+    [
+        (2.01, 2.01, 2.01 + 1e-3, True),
+        (2.01, 2.01, 2.01, False),
+        (2.01, 2.01, 2.01 - 1e-3, False),
+        (2.01, 1.99, 2.0, False),  # a goal inside the limits is inwards of the joint
+        (2.01, 1.99, 2.0 + TINY, True),
+        (2.0, 2.01, 2.011, False),  # not past its limit
+        (1.0, 2.01, 2.011, False),
+    ],
+)
+def test_r14_past_its_limit_a_joint_may_only_be_moved_inwards(
+    side: float, motion: Motion, place: float, before: float, goal: float, outward: bool
+) -> None:
+    judgement = judge(
+        motion=motion,
+        setpoint_age=0.0,
+        measured=reading([side * place, 0.0, 0.0]),
+        previous=side * joints(before, 0.0, 0.0),
+        goal=at_rest([side * goal, 0.0, 0.0]),
+    )
+    if outward and motion in MOVING:
+        assert (judgement.reaction, judgement.goal_refused, judgement.latches) == (Reaction.HOLD, True, False)
+        (finding,) = judgement.findings
+        assert (finding.code, finding.joint, finding.bound) == (Code.OUT_OF_LIMIT, 0, side * 2.0)
+    else:  # above all: a stop that still rolls outwards is never refused
+        assert judgement == FINE
+
+
+def test_r14_before_anything_was_written_there_is_no_outwards() -> None:
+    assert judge(measured=reading([2.01, 0.0, 0.0]), previous=None, goal=at_rest([2.02, 0.0, 0.0])) == FINE
+
+
+# -------------------------------------------------------------------------------------------- R21 and NaN
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("step", "fits"), [(STEP - TINY, True), (STEP, True), (STEP + TINY, False), (1.0, False)]
+)
+def test_r21_a_goal_steps_no_further_than_the_velocity_limit(side: float, step: float, fits: bool) -> None:
+    for mode, motion in product(Mode, Motion):
+        judgement = judge(mode=mode, motion=motion, setpoint_age=0.0, goal=at_rest([0.0, side * step, 0.0]))
+        if fits:
+            assert judgement == FINE
+        else:
+            assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
+            (finding,) = judgement.findings
+            assert (finding.code, finding.joint, finding.value) == (Code.STEP_LIMIT, 1, pytest.approx(step))
+            assert finding.bound == pytest.approx(STEP)
+
+
+def test_r21_a_first_goal_has_nothing_to_step_from() -> None:
+    assert judge(previous=None, goal=at_rest([1.0, 1.0, 1.0])) == FINE
+
+
+def test_r21_a_last_goal_that_is_no_number_refuses_the_next() -> None:
+    assert judge(previous=joints(0.0, 0.0, nan)).goal_refused
+
+
+@pytest.mark.parametrize("bad", [nan, inf, -inf])
+def test_a_goal_that_is_no_number_is_refused_in_every_mode(bad: float) -> None:
+    for mode, previous in product(Mode, [np.zeros(N), None]):
+        judgement = judge(mode=mode, goal=at_rest([0.0, 0.0, bad]), previous=previous)
+        assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
+        assert [(finding.code, finding.joint) for finding in judgement.findings] == [(Code.NONFINITE, 2)]
+
+
+# --------------------------------------------------------------------------------------- what is told
+
+
+def ticks(guard: Guard, count: int, start: float = 10.0, **over: object) -> list[Judgement]:
+    return [
+        guard.judge(facts(now=start + tick * PERIOD, measured=reading(time=start + tick * PERIOD), **over))
+        for tick in range(count)
+    ]
+
+
+def test_what_lasts_is_told_once_and_reacted_to_all_the_time() -> None:
+    judgements = ticks(Guard(LIMITS), 500, lease_ok=False)
+    assert [len(judgement.findings) for judgement in judgements] == [1] + [0] * 499
+    assert {judgement.reaction for judgement in judgements} == {Reaction.HOLD}
+
+
+def test_what_comes_again_is_told_again_but_not_within_a_second() -> None:
+    guard = Guard(LIMITS)
+    told = 0
+    for tick in range(300):  # every second tick is late
+        told += len(ticks(guard, 1, 10.0 + tick * PERIOD, lateness=0.01 * (tick % 2))[0].findings)
+    assert told == 3
+    assert ticks(guard, 1, 19.0) == [FINE]
+    assert len(ticks(guard, 1, 20.0, lateness=0.01)[0].findings) == 1
+
+
+def test_a_worse_level_is_told_at_once() -> None:
+    guard = Guard(LIMITS)
+    found = []
+    for tick in range(60):
+        now = 10.0 + tick * PERIOD
+        state = reading(age=[0.0, tick * PERIOD, 0.0], time=now)
+        found += guard.judge(facts(mode=Mode.MIRROR, now=now, measured=state)).findings
+    assert [finding.bound for finding in found] == [0.03, 0.1, 0.5]
+
+
+def test_a_robot_that_is_watched_without_its_servos_does_not_flood_the_log() -> None:
+    guard = Guard(LIMITS)
+    count = 0
+    for tick in range(1000):
+        now = 10.0 + tick * PERIOD
+        state = reading([nan] * N, [inf] * N, now)
+        count += len(guard.judge(facts(mode=Mode.MIRROR, now=now, measured=state, discarded=3)).findings)
+    assert count == N + 1
+
+
+def test_what_must_be_latched_comes_alone_and_again_until_it_is_latched() -> None:
+    guard = Guard(LIMITS)
+    watchdog = np.array([255, 0, 0], np.int16)
+    for _ in range(3):
+        judgement = guard.judge(facts(watchdog=watchdog, lateness=0.01, discarded=1))
+        assert (judgement.latches, codes(judgement)) == (True, [Code.WATCHDOG_TRIPPED])
+    latched = guard.judge(facts(watchdog=watchdog, lateness=0.01, discarded=1, state=State.FAULT))
+    assert (latched.latches, codes(latched)) == (False, [Code.LOOP_LATE, Code.RX_SHAPE])
+
+
+@pytest.mark.parametrize("state", [State.FAULT, State.ESTOP])
+def test_a_second_fault_is_latched_beside_the_first(state: State) -> None:
+    guard = Guard(LIMITS)
+    watchdog = np.array([255, 0, 0], np.int16)
+    guard.judge(facts(watchdog=watchdog))
+    both = {"watchdog": watchdog, "measured": reading([0.0, 3.0, 0.0]), "state": state}
+    first, second = guard.judge(facts(**both)), guard.judge(facts(**both))
+    assert (first.latches, codes(first)) == (True, [Code.OUT_OF_LIMIT])
+    assert (second.latches, second.findings) == (False, ())
+
+
+def test_the_hardest_reaction_counts_and_names_its_cause() -> None:
+    judgement = judge(
+        lease_ok=False, measured=reading(age=[0.0, 0.9, 0.2]), watchdog=np.array([255, 0, 0], np.int16)
+    )
+    assert judgement.reaction is Reaction.SETTLE
+    found = {(finding.code, finding.joint) for finding in judgement.findings}
+    assert found == {(Code.STATE_STALE, 1), (Code.WATCHDOG_TRIPPED, 0)}
+    inhibited = Guard(LIMITS)
+    for _ in range(3):
+        judgement = inhibited.judge(facts(state=State.CONNECTED, torque_expected=False, lease_ok=False))
+        assert (judgement.reaction, codes(judgement)) == (Reaction.INHIBIT, [Code.INTERNAL])
+
+
+def test_thresholds_can_be_other_ones() -> None:
+    strict = Thresholds(late=0.0, missed_hold=1, disagreements=1)
+    guard = Guard(LIMITS, strict)
+    assert codes(guard.judge(facts())) == [Code.LOOP_LATE]
+    assert guard.judge(facts(missed_in_a_row=1)).reaction is Reaction.HOLD
+    off = np.array([1, 0, 1], np.int8)
+    assert guard.judge(facts(torque=off, status_time=np.full(N, 11.0))).latches
+
+
+# ------------------------------------------------------------------------------------ whatever comes in
+
+
+numbers = st.one_of(st.floats(-3.0, 3.0), st.sampled_from([nan, inf, -inf, 0.0, 2.0, -2.05]))
+rows = st.lists(numbers, min_size=N, max_size=N).map(np.array)
+
+
+@given(
+    goal=st.none() | rows,
+    previous=st.none() | rows,
+    place=st.none() | rows,
+    age=rows,
+    now=st.sampled_from([10.0, 10.02, 9.0, nan]),
+    mode=st.sampled_from(Mode),
+    state=st.sampled_from(State),
+    motion=st.sampled_from(Motion),
+    lease_ok=st.booleans(),
+    lateness=numbers,
+    expected=st.booleans(),
+)
+def test_a_goal_that_leaves_is_finite_and_within_a_step_whatever_else_is_true(
+    goal: Floats | None,
+    previous: Floats | None,
+    place: Floats | None,
+    age: Floats,
+    now: float,
+    mode: Mode,
+    state: State,
+    motion: Motion,
+    lease_ok: bool,
+    lateness: float,
+    expected: bool,
+) -> None:
+    judgement = judge(
+        goal=None if goal is None else at_rest(goal),
+        previous=previous,
+        measured=None if place is None else reading(list(place), list(age)),
+        now=now,
+        mode=mode,
+        state=state,
+        motion=motion,
+        lease_ok=lease_ok,
+        lateness=lateness,
+        torque_expected=expected,
+    )
+    if goal is not None and not judgement.goal_refused:
+        assert np.isfinite(goal).all()
+        assert previous is None or (np.abs(goal - previous) <= STEP + 1e-8).all()
+        assert not (mode is Mode.LIVE and state in UNWRITABLE)
+    if judgement.goal_refused:
+        assert judgement.reaction >= Reaction.HOLD
+    if judgement.latches:
+        assert judgement.findings
