@@ -1,0 +1,224 @@
+"""The client turns bytes into answers and errors, and never waits for ever."""
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from twind.client import CallError, Client, Disconnected, NoAnswer, NoDaemon, Refused, socket_path
+
+FINDING = {"code": "POS_LIMIT", "joint": "knee", "message": "knee: position 3 rad, bound 2 rad"}
+
+
+class Peer:
+    """A listener that answers one connection with a function of each call."""
+
+    def __init__(self, directory: Path, answer: Callable[[dict[str, Any]], list[bytes]]) -> None:
+        self.calls: list[dict[str, Any]] = []
+        self._answer = answer
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.bind(str(directory / "control.sock"))
+        self._listener.listen()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        connection, _ = self._listener.accept()
+        with connection:
+            buffer = b""
+            while data := connection.recv(65536):
+                buffer += data
+                while b"\0" in buffer:
+                    message, _, buffer = buffer.partition(b"\0")
+                    self.calls.append(json.loads(message))
+                    answers = self._answer(self.calls[-1])
+                    if not answers:
+                        return
+                    for answer in answers:
+                        connection.sendall(answer)
+
+    def close(self) -> None:
+        self._listener.close()
+        self._thread.join(2.0)
+
+
+Start = Callable[[Callable[[dict[str, Any]], list[bytes]]], Peer]
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    peers: list[Peer] = []
+
+    def begin(answer: Callable[[dict[str, Any]], list[bytes]]) -> Peer:
+        peers.append(Peer(tmp_path, answer))
+        return peers[-1]
+
+    yield begin
+    for peer in peers:
+        peer.close()
+
+
+def reply(**keys: Any) -> bytes:
+    return json.dumps(keys).encode() + b"\0"
+
+
+def test_a_call_names_the_interface_and_leaves_out_what_is_not_given(start: Start, tmp_path: Path) -> None:
+    peer = start(lambda call: [reply(parameters={"mode": "sim"})])
+    with Client(tmp_path) as client:
+        assert client.call("SetMode", mode="sim", other=None) == {"mode": "sim"}
+        client.call("org.varlink.service.GetInfo")
+    assert peer.calls == [
+        {"method": "io.twind.Control.SetMode", "parameters": {"mode": "sim"}},
+        {"method": "org.varlink.service.GetInfo", "parameters": {}},
+    ]
+
+
+def test_an_answer_may_come_in_pieces_and_without_parameters(start: Start, tmp_path: Path) -> None:
+    start(lambda call: [b'{"para', b'meters"', b":null}", b"\0"])
+    with Client(tmp_path) as client:
+        assert client.call("ReleaseLease") == {}
+
+
+def test_a_refusal_carries_every_finding(start: Start, tmp_path: Path) -> None:
+    start(lambda call: [reply(error="io.twind.Control.Refused", parameters={"findings": [FINDING, FINDING]})])
+    with Client(tmp_path) as client, pytest.raises(Refused) as caught:
+        client.call("SubmitTrajectory", trajectory={})
+    assert caught.value.findings == [FINDING, FINDING]
+    assert str(caught.value) == "\n".join(["POS_LIMIT: knee: position 3 rad, bound 2 rad"] * 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "text"),
+    [
+        (
+            "NotFound",
+            {"what": "mode", "name": "fly", "known": ["sim", "live"]},
+            "no mode 'fly'; known: sim, live",
+        ),
+        (
+            "WrongState",
+            {"state": "armed", "allowed": ["disarmed"]},
+            "not in this state: armed; needs: disarmed",
+        ),
+        (
+            "LeaseHeld",
+            {"lease": {"holder": "uid 5", "uid": 5, "expires_in": 0.5}},
+            "held by uid 5 for another 0.50 s",
+        ),
+        ("Busy", {"what": "arming"}, "busy: arming"),
+        ("BusFailed", {"bus": "main", "message": "gone"}, "bus main: gone"),
+        ("NotAllowed", {"role": "observer", "method": "Arm"}, "Arm is not for the role observer"),
+        ("Newer", {"a": 1}, "Newer: a=1"),
+        ("NotFound", {"else": 1}, "NotFound: else=1"),
+    ],
+)
+def test_every_error_reads_as_a_sentence(
+    start: Start, tmp_path: Path, name: str, parameters: dict[str, Any], text: str
+) -> None:
+    start(lambda call: [reply(error=f"io.twind.Control.{name}", parameters=parameters)])
+    with Client(tmp_path) as client, pytest.raises(CallError) as caught:
+        client.call("Arm")
+    assert caught.value.name == name
+    assert text in str(caught.value)
+
+
+def test_a_stream_gives_every_answer_and_the_connection_stays_usable(start: Start, tmp_path: Path) -> None:
+    def answer(call: dict[str, Any]) -> list[bytes]:
+        if not call.get("more"):
+            return [reply(parameters={})]
+        return [reply(parameters={"n": n}, continues=n < 2) for n in range(3)]
+
+    start(answer)
+    with Client(tmp_path) as client:
+        assert [step["n"] for step in client.stream("Scan")] == [0, 1, 2]
+        assert client.call("GetStatus") == {}
+
+
+def test_an_error_ends_a_stream_and_not_the_connection(start: Start, tmp_path: Path) -> None:
+    def answer(call: dict[str, Any]) -> list[bytes]:
+        error = reply(error="io.twind.Control.Busy", parameters={"what": "x"})
+        return [reply(parameters={}, continues=True), error] if call.get("more") else [reply(parameters={})]
+
+    start(answer)
+    with Client(tmp_path) as client:
+        with pytest.raises(CallError, match="busy"):
+            list(client.stream("Monitor", topics=["state"]))
+        assert client.call("GetStatus") == {}
+
+
+def test_a_stream_left_early_closes_the_connection(start: Start, tmp_path: Path) -> None:
+    peer = start(lambda call: [reply(parameters={}, continues=True)] * 3)
+    with Client(tmp_path) as client:
+        for _ in client.stream("Monitor", topics=["state"]):
+            break
+        peer._thread.join(2.0)
+        assert not peer._thread.is_alive()  # it saw end-of-file
+
+
+def test_during_a_stream_no_other_call_is_made(start: Start, tmp_path: Path) -> None:
+    start(lambda call: [reply(parameters={}, continues=True)])
+    with Client(tmp_path) as client:
+        stream = client.stream("Monitor", topics=["state"])
+        next(stream)
+        with pytest.raises(RuntimeError, match="another Client"):
+            client.call("GetStatus")
+        stream.close()
+
+
+@pytest.mark.realtime
+def test_silence_ends_in_an_error_and_a_closed_connection(tmp_path: Path) -> None:
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(str(tmp_path / "control.sock"))
+    listener.listen()
+    began = time.monotonic()
+    with (
+        Client(tmp_path, timeout=0.05) as client,
+        pytest.raises(NoAnswer, match=r"GetStatus: .* within 0.05 s"),
+    ):
+        client.call("GetStatus")
+    assert time.monotonic() - began < 5.0
+    connection, _ = listener.accept()
+    with connection, listener:
+        assert connection.recv(100).endswith(b"\0")
+        assert connection.recv(100) == b""
+
+
+def test_a_daemon_that_hangs_up_is_told_apart_from_none(start: Start, tmp_path: Path) -> None:
+    peer = start(lambda call: [])
+    with Client(tmp_path) as client, pytest.raises(Disconnected, match="during Arm"):
+        client.call("Arm")
+    peer.close()
+    with Client(tmp_path) as client, pytest.raises(NoDaemon, match="nobody listens"):
+        client.call("Arm")
+    with Client(tmp_path / "nowhere") as client, pytest.raises(NoDaemon, match="start one with"):
+        client.call("Arm")
+
+
+def test_nan_never_leaves(start: Start, tmp_path: Path) -> None:
+    peer = start(lambda call: [reply(parameters={})])
+    with Client(tmp_path) as client, pytest.raises(ValueError, match="not JSON compliant"):
+        client.call("Setpoint", positions=[float("nan")])
+    assert not peer.calls
+    with socket.socket(socket.AF_UNIX) as end:
+        end.connect(str(tmp_path / "control.sock"))  # lets the peer end
+
+
+def test_the_users_own_daemon_comes_before_the_systems(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    (tmp_path / "twind").mkdir()
+    path = tmp_path / "twind" / "observe.sock"
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        assert socket_path(name="observe") == str(path)
+        assert socket_path(path) == str(path)
+        assert socket_path(tmp_path, "control") == str(tmp_path / "control.sock")
+    path.unlink()
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    assert socket_path().startswith("/run/twind/")
