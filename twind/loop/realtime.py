@@ -14,7 +14,7 @@ def enter(priority: int = PRIORITY) -> dict[str, str]:
 
     Returns what was got, for `GetStatus`: "fifo 40", "locked", or "no: <reason>".
     """
-    got = {"scheduler": _scheduler(priority), "memory": _lock(), "timerslack": _slack()}
+    got = {"scheduler": fifo(priority), "memory": _lock(), "timerslack": _slack()}
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -22,7 +22,8 @@ def enter(priority: int = PRIORITY) -> dict[str, str]:
     return got
 
 
-def _scheduler(priority: int) -> str:
+def fifo(priority: int) -> str:
+    """SCHED_FIFO for this process, not for its children. What was got."""
     if os.sched_getscheduler(0) == os.SCHED_FIFO:  # the unit's CPUSchedulingPolicy= came first
         return f"fifo {os.sched_getparam(0).sched_priority}"
     try:

@@ -15,11 +15,14 @@ from pathlib import Path
 
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
+from twind.loop import realtime
 from twind.virtual.orders import OrderSocket
 from twind.virtual.pty_port import PtyPort
 from twind.virtual.serve import Server, ServoClock
 from twind.virtual.specimen import Specimen, SpecimenError, buses, save, specimen
 from twind_drivers.clock import MonotonicClock
+
+PRIORITY = 30  # SCHED_FIFO: below the daemon's loop, whose servos these are
 
 
 def parser() -> argparse.ArgumentParser:
@@ -71,6 +74,7 @@ def _serve(made: Specimen, options: argparse.Namespace) -> None:
         for name, port in ports.items():
             _say(name, port.path)
         print("ready", flush=True)
+        realtime.fifo(PRIORITY)  # servos answer in time however busy the machine is, if we are let
         gc.freeze()  # what is there stays: the collector need not walk through it between two packets
         server.run()
     finally:
