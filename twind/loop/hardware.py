@@ -17,6 +17,8 @@ from twind.robot.state import JointState
 from twind_drivers.bus import PortError, Sample, Script, WireClamp, Writer
 from twind_drivers.clock import Clock
 
+NOWHERE = 1 << 40  # ticks: beyond every goal register
+
 
 @dataclass(frozen=True, slots=True)
 class Lost:
@@ -50,7 +52,6 @@ class Hardware:
         self.discarded = 0  # bytes thrown away in the last exchange (R07)
         self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
-        self.trips = [nan] * len(self.ports)  # s, request to last byte of each bus in the last exchange
         self.alerts = np.zeros(len(joints), np.uint8)  # error byte of the last status, 0x80 = alert
         self._position = np.full(len(joints), nan)
         self._velocity = np.full(len(joints), nan)
@@ -112,9 +113,14 @@ class Hardware:
     # --------------------------------------------------------------------------- raw ↔ SI
 
     def ticks(self, bus: BusMap, position: Floats) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-        """Goals (m,) of one bus in ticks, from positions (n,) in rad. Rounded to nearest."""
-        wanted: np.ndarray[tuple[int], np.dtype[np.int64]] = np.rint(
-            bus.zero + position[bus.joints] / bus.scale
+        """Goals (m,) of one bus in ticks, from positions (n,) in rad. Rounded to nearest.
+
+        NaN and what no register holds become `NOWHERE`, which no clamp lets pass.
+        """
+        exact = np.rint(bus.zero + position[bus.joints] / bus.scale)
+        # What a CPU makes of NaN as an integer is its own affair (0 on ARM, which may be a fine goal).
+        wanted: np.ndarray[tuple[int], np.dtype[np.int64]] = np.where(
+            np.abs(exact) < NOWHERE, exact, NOWHERE
         ).astype(np.int64)
         return wanted
 
@@ -183,7 +189,6 @@ class Hardware:
 
     def _read(self, now: float, end: float) -> JointState:
         self.discarded = 0
-        self.trips = [nan] * len(self.ports)
         asked = [pair for pair in self.pairs if self._try(pair, "request")]
         sent = self.clock.now()
         first = self._collect(asked)
@@ -196,7 +201,6 @@ class Hardware:
                 heard[bus.joints] = sample.heard
                 if sample.heard.any():
                     received = max(received, sample.received)
-                    self.trips[self.ports.index(port)] = sample.received - sample.sent
                     self.trips[self.ports.index(port)] = sample.received - sample.sent
         self.hops = (first - sent, received - first) if heard.any() else (nan, nan)
         self._rare(end)
