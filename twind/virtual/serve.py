@@ -63,23 +63,25 @@ class Server:
         """Serve until `ended`."""
         next_step = self._clock.now()
         while not self.ended:
-            self._wait(next_step)
+            ready = self._wait(next_step)
             now = self._clock.now()
             for bus, port in self._pairs:
-                self._hear(bus, port, now)
+                if port.fd in ready and (data := port.read()):
+                    bus.line(port.baud())
+                    bus.receive(data, now)
             if now >= next_step:
                 next_step = now + STEP
                 for bus, port in self._pairs:
                     bus.advance(now)
                     port.look()
-            now = self._clock.now()
             for bus, port in self._pairs:
                 if bus.due() <= now:
                     port.write(bus.take(now))
-            if self.orders is not None:
+            if self.orders is not None and not ready.isdisjoint(self.orders.filenos()):
                 self.orders.serve()
 
-    def _wait(self, next_step: float) -> None:
+    def _wait(self, next_step: float) -> set[int]:
+        """Until something is to be done; descriptors that have something to read."""
         until = min(next_step, *(bus.due() for bus, _ in self._pairs))
         left = until - self._clock.now()
         sources = [port.fd for _, port in self._pairs if port.present]
@@ -90,11 +92,7 @@ class Server:
         ready, _, _ = select.select(sources, [], [], left - BUSY if left > BUSY else 0.0)
         if self._input in ready and not os.read(self._input, 4096):
             self.ended = True
-
-    def _hear(self, bus: VirtualBus, port: PtyPort, now: float) -> None:
-        if port.present and (data := port.read()):
-            bus.line(port.baud())
-            bus.receive(data, now)
+        return set(ready)
 
     # --------------------------------------------------------------------------------- faults
 

@@ -51,6 +51,8 @@ class VirtualBus:
         self._epoch = -1
         self._goal_span = self.servos.registers.goal_span()
         self.line(baud)
+        for bits in range(5, 11):  # else the first long reply waits milliseconds for its CRC tables
+            crc16(bytes(1 << bits))
 
     @property
     def plugged(self) -> bool:
@@ -125,7 +127,8 @@ class VirtualBus:
 
     def _recall(self) -> None:
         """Forget what was worked out before the servos changed."""
-        if self.servos.epoch == self._epoch and len(self._groups) <= REMEMBERED:
+        full = max(len(self._groups), len(self._goal_rows)) > REMEMBERED
+        if self.servos.epoch == self._epoch and not full:
             return
         self._epoch = self.servos.epoch
         self._groups.clear()
@@ -137,13 +140,13 @@ class VirtualBus:
 
     def _plan_goals(self, ids: bytes) -> tuple[Any, Any] | None:
         """Rows that a sync write names, and which of its own they are; None where an id is not unique."""
-        if ids not in self._goal_rows and len(self._goal_rows) < REMEMBERED:
+        if ids not in self._goal_rows:
             found = [(place, self._places[id]) for place, id in enumerate(ids) if id in self._places]
             single = len(set(ids)) == len(ids) and all(len(rows) == 1 for _, rows in found)
             here = slice(None) if len(found) == len(ids) else np.array([place for place, _ in found], np.intp)
             rows = self.servos.registers.selection([rows[0] for _, rows in found])
             self._goal_rows[ids] = (rows, here) if single else None
-        return self._goal_rows.get(ids)
+        return self._goal_rows[ids]
 
     def _answer_group(self, group: Group, at: float) -> bool:
         """False when an answer needs stuffing: then it goes the long way."""

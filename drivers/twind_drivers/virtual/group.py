@@ -93,4 +93,7 @@ def carry(size: int) -> list[int]:
 
     Feeding low(c), high(c) into the state c equals feeding x, x into the state 0, x = low ^ high (linearity).
     """
-    return [crc16(bytes((x, x)) + bytes(size)) for x in range(256)]
+    rows = np.zeros((256, 2 + size), np.uint8)
+    rows[:, 0] = rows[:, 1] = np.arange(256)
+    table: list[int] = Crc(2 + size)(rows).tolist()
+    return table
