@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from twind.robot.finding import Code
 from twind.robot.limits import Limits
 from twind.robot.trajectory import Reference, Trajectory
+from twind.safety.gate import Demand, check
 from twind.safety.rules import Subject, Thresholds, judge, relaxed, some, start
 
 CURVE = {Code.POS_LIMIT, Code.VEL_LIMIT, Code.ACC_LIMIT, Code.BRAKE_DISTANCE}
@@ -264,8 +265,6 @@ def test_a_single_point_at_zero_is_a_place_to_hold() -> None:
 @settings(max_examples=40, deadline=None)
 @given(w.paths(most=12), w.REFERENCES, st.integers(1, 4))
 def test_slices_find_what_the_whole_finds(path: Trajectory, before: Reference, step: int) -> None:
-    from twind.safety.gate import Demand, check
-
     snap = w.snapshot(2, reference=before)
     whole = check(path, snap, w.limits(), Demand(), w.TH).verdict
     parts = check(path, snap, w.limits(), Demand(), w.TH, points_per_step=step).verdict
@@ -306,6 +305,20 @@ def test_limits_that_are_unknown_refuse() -> None:
     for name in ("lower", "upper", "hard_lower", "hard_upper", "velocity", "acceleration"):
         limit = replace(w.limits(1), **{name: np.array([np.nan])})
         assert not w.ask(path, limit, w.at_rest([0.0])).verdict.accepted, name
+
+
+@settings(max_examples=40, deadline=None)
+@given(w.paths(), st.sampled_from((np.nan, inf, -inf, 0.0, 1e308)))
+def test_any_limits_get_a_verdict(path: Trajectory, value: float) -> None:
+    bounds = {"lower": -value, "upper": value, "hard_lower": -value, "hard_upper": value}
+    for rates in (
+        {"velocity": value},
+        {"acceleration": value},
+        {"velocity": value, "acceleration": value},
+        {},
+    ):
+        judged = w.ask(path, w.limits(**bounds, **rates), w.at_rest([0.0, 0.0]), Demand("retime", True))
+        assert not (judged.verdict.accepted and np.isnan(value))
 
 
 def test_the_parts_are_pure_functions_of_their_arguments() -> None:

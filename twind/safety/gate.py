@@ -201,10 +201,29 @@ def checking(
     thresholds: Thresholds,
     points_per_step: int = 500,
 ) -> Generator[None, None, Judged]:
-    """Judge `path` by every rule of submit time; yields after each slice of at most `points_per_step` points.
+    """Judge `path` by every rule of submit time, at most `points_per_step` points between two yields.
 
-    With a start in the future `snapshot.reference` must be the one expected then.
+    A path of no more points is judged without a yield. With a start in the future `snapshot.reference` must
+    be the one expected then.
     """
+    slices = _slices(path, snapshot, limits, demand, thresholds, points_per_step)
+    spent = 0
+    while True:
+        try:
+            points = next(slices)
+        except StopIteration as stop:
+            judged: Judged = stop.value
+            return judged
+        if spent and spent + points > points_per_step:
+            yield
+            spent = 0
+        spent += points
+
+
+def _slices(
+    path: Trajectory, snapshot: Snapshot, limits: Limits, demand: Demand, thresholds: Thresholds, step: int
+) -> Generator[int, None, Judged]:
+    """The work of `checking`: yields before each slice how many points it has, at most `step`."""
     count = len(limits.lower)
     shape = wellformed(path, count, thresholds.max_points, thresholds.max_duration, thresholds.min_dt)
     chosen = np.ones(count, np.bool_) if shape else path.commanded
@@ -218,9 +237,9 @@ def checking(
     changes: list[Finding] = []
     if demand.append_stop:
         path, changes = retime.with_stop(path, limits, thresholds)
-    spots = yield from _judging(path, before, limits, thresholds, points_per_step)
+    spots = yield from _judging(path, before, limits, thresholds, step)
     if demand.policy == "retime" and _slower_heals(spots):
-        slower = yield from _stretching(path, spots, before, limits, thresholds, points_per_step)
+        slower = yield from _stretching(path, spots, before, limits, thresholds, step)
         if slower is not None:
             path, spots, factor = slower
             reason = "the whole path slowed down by this factor"
@@ -240,7 +259,7 @@ Spots = dict[tuple[Code, int], Spot]  # the worst place of each joint by each ru
 
 def _judging(
     path: Trajectory, before: Reference, limits: Limits, thresholds: Thresholds, step: int
-) -> Generator[None, None, Spots]:
+) -> Generator[int, None, Spots]:
     """The rules on the curve, a slice at a time. `before` is finite in the commanded joints."""
     subject = _subject(path, before, limits)
     found = start(subject, thresholds)
@@ -249,9 +268,9 @@ def _judging(
         found += judge(resting(subject), 0, 1, subject.limits, thresholds)
     while i < segments:
         j = min(i + step, segments) if outside is None else i + 1
+        yield j - i
         found += judge(subject, i, j, outside or subject.limits, thresholds)
         i, outside = j, None
-        yield
     worst: Spots = {}
     for spot in found:
         key = (spot.finding.code, spot.finding.joint or 0)
@@ -262,7 +281,7 @@ def _judging(
 
 def _stretching(
     path: Trajectory, spots: Spots, before: Reference, limits: Limits, thresholds: Thresholds, step: int
-) -> Generator[None, None, tuple[Trajectory, Spots, float] | None]:
+) -> Generator[int, None, tuple[Trajectory, Spots, float] | None]:
     """The smallest uniform stretch after which nothing is too fast; None where there is none.
 
     From rest the first guess is the answer. A moving reference does not slow down with the path, so the guess
