@@ -201,7 +201,7 @@ class Loop:
         elif judgement.reaction >= Reaction.SETTLE and self.armed:
             self.procedures.own(Rank.FAULT, lambda: torque.fault(self, now))
         elif judgement.reaction >= Reaction.HOLD and self.executor.motion is not Motion.HOLDING:
-            self.executor.stop()
+            self.executor.stop("aborted", judgement.findings)
         if self.inhibited or reference is None:
             return None
         if judgement.goal_refused:
