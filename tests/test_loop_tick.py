@@ -187,6 +187,26 @@ def test_estop_in_sim_latches_and_answers_at_once() -> None:
     rig.close()
 
 
+def test_after_estop_and_reset_in_sim_the_simulation_moves_again_and_not_before_it_is_told_to() -> None:
+    rig = Rig(mode=Mode.SIM)
+    rig.ticks(2)
+    rig.lease()
+    rig.submit(rig.path("head_yaw", [0.8], [1.0]))
+    rig.seconds(0.6)
+    rig.call(link.EStop, ticks=3)
+    rig.seconds(1.0)
+    stopped = rig.loop.simulated.position.copy()
+    assert 0.1 < stopped[rig.names.index("head_yaw")] < 0.8
+    rig.call(link.Reset)
+    rig.seconds(1.0)
+    assert np.abs(rig.loop.simulated.position - stopped).max() < 0.01
+    rig.lease()
+    rig.submit(rig.path("head_yaw", [0.4], [1.5]))
+    rig.seconds(2.0)
+    assert abs(rig.loop.simulated.position[rig.names.index("head_yaw")] - 0.4) < 0.05
+    rig.close()
+
+
 def test_modes_change_only_while_disarmed(armed: Rig) -> None:
     assert armed.call(link.SetMode, mode="mirror").error == "Refused"
     armed.call(link.Disarm, ticks=800)

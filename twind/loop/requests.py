@@ -158,8 +158,8 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
         loop.inhibited = False
         if loop.condition.latched or loop.state is State.INHIBITED:
             loop.change(Event.RESET, now)
-        if loop.mode is not Mode.LIVE and loop.executor.motion is Motion.IDLE:
-            loop.enter(loop.mode)
+        if loop.mode is not Mode.LIVE and (loop.executor.motion is Motion.IDLE or loop.twin.halted):
+            loop.enter(loop.mode)  # the simulation takes goals again, from where it stopped
     loop.publisher.urgent = True
     loop.reply(command, state=loop.state.value)
 

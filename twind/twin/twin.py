@@ -49,6 +49,11 @@ class Twin:
         """The simulated e-stop: it stops where it is; goals are not taken until `place` or `release`."""
         self.simulation.halt()
 
+    @property
+    def halted(self) -> bool:
+        """`halt` was the last word: goals are not taken."""
+        return self.simulation.frozen
+
     def release(self) -> None:
         """After `halt`: goals are taken again."""
         self.simulation.release()
