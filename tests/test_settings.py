@@ -54,12 +54,12 @@ def test_the_command_line_wins_over_the_file_key_by_key(tmp_path: Path) -> None:
         mode="sim",
         robot="h24",
         calibration="c.yaml",
-        socket="/tmp/s",
+        socket="/run/s",
         rate_hz=50.0,
         ports=["main=/dev/a", "arms=/dev/b"],
     )
     assert (changed.mode, changed.robot, changed.rate_hz) == ("sim", "h24", 50.0)
-    assert (changed.calibration, changed.socket_dir) == (Path("c.yaml"), Path("/tmp/s"))
+    assert (changed.calibration, changed.socket_dir) == (Path("c.yaml"), Path("/run/s"))
     assert changed.ports == {"main": "/dev/a", "arms": "/dev/b"}
     assert changed.individual == "kid20-b"
 
