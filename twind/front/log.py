@@ -28,7 +28,7 @@ class Writer:
     def __init__(self, fd: int) -> None:
         self._fd = fd
         self._lines: queue.Queue[str | None] = queue.Queue(WAITING)
-        self.dropped = 0
+        self.dropped = 0  # lines, in all; counted by who puts, reported by the thread
         self._thread = threading.Thread(target=self._run, name="log", daemon=True)
         self._thread.start()
 
@@ -46,8 +46,10 @@ class Writer:
         self._thread.join(patience)
 
     def _run(self) -> None:
+        reported = 0
         while (line := self._lines.get()) is not None:
-            dropped, self.dropped = self.dropped, 0
+            total = self.dropped
+            dropped, reported = total - reported, total
             lost = f"... {dropped} lines lost: standard error was not read\n" if dropped else ""
             data = memoryview((lost + line + "\n").encode("utf-8", "backslashreplace"))
             while data:

@@ -14,8 +14,7 @@ class Report:
 
     def __init__(self, log: Log) -> None:
         self._log = log
-        self._due: float | None = None
-        self._ticks = 0
+        self._last: Overview | None = None  # of the last report
 
     def event(self, event: Event, names: Names) -> None:
         """One line per event; its first finding names joint, value and bound."""
@@ -28,18 +27,20 @@ class Report:
 
     def overview(self, news: Overview, tick: Tick | None) -> None:
         """Every five seconds: mode, state, rate, lateness, latency per hop."""
-        if tick is None or (self._due is not None and news.time < self._due):
+        last = self._last
+        if tick is None or (last is not None and news.time < last.time + EVERY):
             return
-        if self._due is not None:
-            self._log.say("info", "latency", news.time, **self._summary(news, tick))
-        self._due, self._ticks = news.time + EVERY, news.loop.ticks
+        if last is not None:
+            self._log.say("info", "latency", news.time, **self._summary(news, last, tick))
+        self._last = news
 
-    def _summary(self, news: Overview, tick: Tick) -> dict[str, Any]:
+    @staticmethod
+    def _summary(news: Overview, last: Overview, tick: Tick) -> dict[str, Any]:
         summary = {
             "mode": tick.mode,
             "state": tick.state,
             "motion": tick.motion,
-            "hz": round((news.loop.ticks - self._ticks) / EVERY, 1),
+            "hz": round((news.loop.ticks - last.loop.ticks) / (news.time - last.time), 1),
             "missed": news.loop.missed,
             "late_p99_us": news.loop.late_p99_us,
             "violations": news.violations,

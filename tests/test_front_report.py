@@ -1,0 +1,49 @@
+"""Every event is a line; latency is reported every five seconds and not more often."""
+
+import json
+import os
+
+from stand_in import NAMES, overview, tick
+
+from twind.front.log import Log, Writer
+from twind.front.naming import Names
+from twind.front.report import Report
+from twind.link import Event
+from twind.robot.finding import Code, Finding
+
+
+class Lines:
+    """A log whose lines can be read back."""
+
+    def __init__(self) -> None:
+        self._reader, self._writer = os.pipe()
+        self.log = Log(Writer(self._writer), "info", journal=True)
+
+    def read(self) -> list[dict[str, object]]:
+        self.log.close()
+        os.close(self._writer)
+        with os.fdopen(self._reader) as text:
+            return [json.loads(line[3:]) for line in text]
+
+
+def test_an_event_is_a_line_with_its_first_finding_named() -> None:
+    lines = Lines()
+    findings = [Finding(Code.POS_LIMIT, 2, 1, value=2.0, bound=1.0)] * 3
+    event = Event(
+        time=1.0, sequence=1, level="warning", code="POS_LIMIT", message="refused x", findings=findings
+    )
+    Report(lines.log).event(event, Names(NAMES))
+    (line,) = lines.read()
+    assert (line["event"], line["level"], line["message"]) == ("POS_LIMIT", "warning", "refused x")
+    assert (line["finding"], line["more"]) == ("joint_2, point 1: position 2 rad, bound 1 rad", 2)
+
+
+def test_latency_is_reported_every_five_seconds() -> None:
+    lines = Lines()
+    report = Report(lines.log)
+    for step in range(155):  # 15.4 s at 10 Hz, 99 Hz of ticks
+        report.overview(overview(100.0 + step / 10.0, ticks=int(step * 9.9)), tick(0.0, 1))
+    said = lines.read()
+    assert [line["event"] for line in said] == ["latency"] * 3
+    assert {line["hz"] for line in said} <= {98.8, 99.0, 99.2}
+    assert (said[0]["bus_ms"], said[0]["state"], said[0]["late_p99_us"]) == (1.5, "armed", 80.0)
