@@ -14,6 +14,7 @@ class Notifier:
         self._socket: socket.socket | None = None
         self.watchdog = self._interval(env)  # s between WATCHDOG=1; inf: not wanted
         self._next = 0.0
+        self._ready = False
         if address:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
             self._socket.setblocking(False)
@@ -34,7 +35,13 @@ class Notifier:
             self._socket.sendto(lines.encode(), self._address)
 
     def alive(self, now: float) -> None:
-        """WATCHDOG=1 when it is due. Called after a tick that finished every stage, from nowhere else."""
+        """WATCHDOG=1 when it is due. Called after a tick that finished every stage, from nowhere else.
+
+        The first such tick is what READY=1 means: files valid, sockets listening, loop ticking.
+        """
+        if not self._ready:
+            self._ready = True
+            self.send(READY="1")
         if now >= self._next:
             self._next = now + self.watchdog
             if self.watchdog != float("inf"):
