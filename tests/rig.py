@@ -3,14 +3,14 @@
 Only the front is missing: its end of the link is in the test's hands, over a real socket pair.
 """
 
+import os
 import socket
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from twind import link
-from twind.config.calibration_file import fitting
 from twind.config.counts import ticks_of
 from twind.config.robot_file import load_robot
 from twind.loop import assembly
@@ -22,14 +22,13 @@ from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety.gate import Thresholds
 from twind.twin.binding import bind
-from twind_drivers.bus import Device, PortError, Reader, perform
+from twind.virtual.specimen import calibration, specimen
+from twind_drivers.bus import PortError, Reader
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
 from twind_drivers.virtual.muscles import FirstOrder
-from twind_drivers.virtual.servos import ServoSpec
 
-BAUD_CODE = {57_600: 1, 115_200: 2, 1_000_000: 3, 2_000_000: 4, 3_000_000: 5, 4_000_000: 6}
 CLIENT = 7
 
 
@@ -67,18 +66,17 @@ class Rig:
         robot: str = "h24",
         mode: Mode = Mode.LIVE,
         *,
-        start: dict[str, float] | None = None,
+        start: Mapping[str, float] | None = None,
         muscles: type[FirstOrder] = FirstOrder,
     ) -> None:
         self._muscles = muscles
         self.clock = FakeClock(100.0)
         self.robot = load_robot(robot)
-        self.zeros = {joint.name: 2048 + 7 * (joint.id % 5) for joint in self.robot.joints}
+        self.made = specimen(self.robot)
+        self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
-        self.calibration = fitting(
-            self.robot, self.zeros, self._devices(), created="2026-11-21T00:00:00Z", tool="test"
-        )
+        self.calibration = calibration(self.made)
         one = assembly.Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
         self.names = one.binding.joint_map.names
         self.buses = Buses(self.robot, one.binding.joint_map, {}, self.robot.rate_hz)
@@ -105,36 +103,12 @@ class Rig:
 
     # ------------------------------------------------------------------------- the virtual robot
 
-    def _virtual(self, bus: str, start: dict[str, float]) -> VirtualBus:
-        joints = [joint for joint in self.robot.joints if joint.bus == bus]
+    def _virtual(self, bus: str, start: Mapping[str, float]) -> VirtualBus:
+        joints = self.made.joints(bus)
         ticks = [ticks_of(joint, self.zeros[joint.name], start.get(joint.name, 0.0)) for joint in joints]
-        described = self.robot.bus(bus)
-        specs = [
-            ServoSpec(
-                joint.id,
-                joint.type.device,
-                {
-                    "return_delay_time": joint.type.return_delay_us // 2,
-                    "baud_rate": BAUD_CODE[described.baud],
-                    **joint.type.registers,
-                },
-            )
-            for joint in joints
-        ]
         muscles = self._muscles(np.array(ticks, np.float64), now=self.clock.now())
-        return VirtualBus(bus, specs, muscles, baud=described.baud, now=self.clock.now())
-
-    def _devices(self) -> dict[tuple[str, int], Device]:
-        found = {}
-        for bus in self.robot.buses:
-            joints = [joint for joint in self.robot.joints if joint.bus == bus.name]
-            reader = Buses(self.robot, _map(self.robot), {}, 100.0).reader(
-                bus.name, Loopback(self.virtual[bus.name], self.clock)
-            )
-            assert len(joints) == len(reader.ids)
-            for device in perform(reader, reader.identify(), self.clock):
-                found[bus.name, device.id] = device
-        return found
+        baud, now = self.robot.bus(bus).baud, self.clock.now()
+        return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now)
 
     def _open(self, name: str) -> Reader:
         if not self.virtual[name].plugged:
@@ -195,8 +169,6 @@ class Rig:
         )
         fd = link.seal("path", link.pack_path(path))
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
-        import os
-
         os.close(fd)
         return self._ticket
 
@@ -267,7 +239,3 @@ class Rig:
     def register(self, key: str) -> np.ndarray:
         """One register of all servos, bus after bus."""
         return np.concatenate([np.asarray(bus.servos[key]) for bus in self.virtual.values()])
-
-
-def _map(robot: Any) -> Any:
-    return bind(robot, None).joint_map

@@ -95,7 +95,8 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     if mode is Mode.LIVE and denied is not None:
         raise UsageError(denied.message)
     rate_hz = settings.rate_hz or robot.rate_hz
-    require_rate(robot, rate_hz)
+    if mode is not Mode.SIM:
+        require_rate(robot, rate_hz)
     one = assembly.Robot(robot, calibration, bind(robot, calibration))
     inherited = handed_over()
     sockets = {name: inherited.get(name) or listen(settings.socket_dir, name) for name in NAMES}
