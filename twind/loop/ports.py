@@ -12,6 +12,7 @@ from typing import Any, Generic, TypeVar
 from twind_drivers.bus import (
     BusError,
     Device,
+    Order,
     Ping,
     PortError,
     Read,
@@ -128,22 +129,26 @@ class Port:
 
     def lose(self, error: PortError, now: float) -> None:
         """Close at once (an open descriptor would make the replugged adapter another ttyUSB); retry soon."""
-        if self.reader is not None:
-            self.reader.transport.close()
-        self.reader = self.writer = None
-        self.link, self.devices, self.trouble = Link.CLOSED, (), str(error)
+        self._let_go(error)
+        self.trouble = str(error)
         self.counts.errors += 1
         self._retry, self._wait = now + REOPEN_FIRST, REOPEN_FIRST
-        self._asked = self.identification = None
-        for task in self.tasks:
-            task.cancel(error)
-        self.tasks.clear()
 
     def close(self) -> None:
         """Let go of the port, for good or until the mode wants it again."""
         if self.reader is not None:
-            self.lose(PortError(self.reader.transport.name, "closed"), -inf)
-            self.trouble = ""
+            self._let_go(PortError(self.reader.transport.name, "closed"))
+            self.trouble, self._retry, self._wait = "", -inf, REOPEN_FIRST
+
+    def _let_go(self, error: PortError) -> None:
+        if self.reader is not None:
+            self.reader.transport.close()
+        self.reader = self.writer = None
+        self.link, self.devices = Link.CLOSED, ()
+        self._asked = self.identification = None
+        for task in self.tasks:
+            task.cancel(error)
+        self.tasks.clear()
 
     # ------------------------------------------------------------------------------- scripts
 
@@ -174,10 +179,20 @@ class Port:
         self._asked = task
         if isinstance(request, Ping | Read):
             reader.begin(request, now)
-        elif self.writer is not None:
-            self.writer.begin(request, now)
         elif task is not None:
-            task.cancel(BusError(f"{self.name}: opened read-only, {type(request).__name__} refused"))
+            return self._order(request, task, now)
+        return True
+
+    def _order(self, order: Order, task: Task[Any], now: float) -> bool:
+        """Begin what a script wants written; one that may not leave ends its script, not the tick."""
+        try:
+            if self.writer is None:
+                raise BusError(f"{self.name}: opened read-only, {type(order).__name__} refused")
+            self.writer.begin(order, now)
+        except PortError:
+            raise
+        except BusError as error:
+            task.cancel(error)
             return False
         return True
 

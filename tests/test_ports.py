@@ -1,0 +1,326 @@
+"""A bus and its life: when it is tried again, what ends with it, and one transaction of a script a tick."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from math import inf
+from typing import Any
+
+import pytest
+from two_buses import PERIOD, TwoBuses
+
+from twind.loop.ports import REOPEN_FIRST, REOPEN_MOST, Link, Port, Task
+from twind_drivers.bus import (
+    BusError,
+    DeviceRefused,
+    Ping,
+    PortError,
+    Read,
+    Reboot,
+    Reply,
+    Script,
+    WireClamp,
+    Write,
+)
+
+TORQUE = 64  # register, 1 byte
+
+
+@pytest.fixture
+def world() -> TwoBuses:
+    world = TwoBuses()
+    world.connect()
+    return world
+
+
+@pytest.fixture
+def port(world: TwoBuses) -> Port:
+    """The left bus, servos 1 to 3, open for writing."""
+    return world.ports[0]
+
+
+def pings(*ids: int) -> Script[list[int]]:
+    """Who of them answers."""
+    found = []
+    for id in ids:
+        reply = yield Ping(id)
+        found += list(reply.data)
+    return found
+
+
+def refused(port: Port) -> Script[None]:
+    raise DeviceRefused(port.name, 3, "torque", "not today")
+    yield Ping(1)
+
+
+# ------------------------------------------------------------------------------------- open and lost
+
+
+def gaps(tries: list[tuple[str, float]], name: str) -> list[float]:
+    times = [time for bus, time in tries if bus == name]
+    return [round(late - early, 6) for early, late in pairwise(times)]
+
+
+def test_a_port_that_is_not_there_is_tried_again_ever_slower_up_to_half_a_second() -> None:
+    world = TwoBuses()
+    world.virtual["left"].faults.unplug()
+    world.tick(count=300)
+    waits = gaps(world.tries, "left")
+    steady = [REOPEN_MOST] * (len(waits) - 3)
+    assert waits == pytest.approx([REOPEN_FIRST, 0.2, 0.4, *steady], abs=1.1 * PERIOD)
+    assert len(waits) > 5
+    assert world.ports[0].trouble == "virtual:left: no such port"
+    assert [name for name, _ in world.tries].count("right") == 1
+
+
+def test_after_a_success_the_tries_begin_fast_again(world: TwoBuses) -> None:
+    world.tries.clear()
+    world.virtual["left"].faults.unplug()
+    lost_at = world.clock.now()
+    world.tick(count=80)
+    assert world.tries[0][1] == pytest.approx(lost_at + REOPEN_FIRST, abs=1.5 * PERIOD)
+    assert gaps(world.tries, "left")[0] == pytest.approx(REOPEN_FIRST, abs=1.1 * PERIOD)
+    world.virtual["left"].faults.replug()
+    world.tick(count=60)
+    assert world.ports[0].link is Link.IDENTIFYING
+    assert world.ports[0].trouble == ""
+
+
+def test_without_a_port_nothing_is_ever_opened() -> None:
+    def opener(name: str) -> Any:
+        raise AssertionError(f"{name} was opened")
+
+    port = Port("main", None, opener, opener)
+    assert not any(port.open(now) for now in (0.0, 1.0, 1e6))
+
+
+def test_a_port_just_opened_asks_everybody_who_they_are(world: TwoBuses, port: Port) -> None:
+    world.virtual["left"].faults.silence(2)
+    port.identify()
+    assert port.link is Link.IDENTIFYING
+    task = port.identification
+    assert task is not None
+    world.tick(count=40)
+    assert task.done
+    assert [device.id for device in task.result or ()] == [1, 3]
+
+
+def test_with_the_port_every_task_ends_and_what_was_known_of_it_goes(world: TwoBuses, port: Port) -> None:
+    tasks = [port.run(pings(1, 2, 3)) for _ in range(3)]
+    reader = port.reader
+    assert reader is not None
+    world.virtual["left"].faults.unplug()
+    world.tick()
+    assert port.link is Link.CLOSED
+    assert (port.reader, port.writer, port.devices, port.identification) == (None, None, (), None)
+    assert [task.done for task in tasks] == [True] * 3
+    assert all(isinstance(task.error, PortError) and task.error.lost for task in tasks)
+    with pytest.raises(PortError, match="closed"):  # the descriptor was let go of at once
+        reader.transport.drain()
+
+
+def test_a_lost_port_counts_as_an_error_and_one_closed_on_purpose_does_not(
+    world: TwoBuses, port: Port
+) -> None:
+    before = port.counts.errors
+    port.close()
+    assert port.reader is None
+    assert port.counts.errors == before
+    world.tick(count=2)  # the mode still wants it: it opens again at once
+    assert port.reader is not None
+    world.virtual["left"].faults.unplug()
+    world.tick()
+    assert port.counts.errors == before + 1
+
+
+def test_a_closed_port_ends_its_tasks_too(world: TwoBuses, port: Port) -> None:
+    task = port.run(pings(1))
+    port.close()
+    assert task.done
+    assert "closed" in str(task.error)
+    port.close()  # twice is no harm
+
+
+# ------------------------------------------------------------------------------------- scripts
+
+
+def test_a_script_takes_one_transaction_a_tick_and_hands_over_its_result(world: TwoBuses, port: Port) -> None:
+    world.virtual["left"].faults.silence(2)
+    task = port.run(pings(1, 2, 3))
+    steps = []
+    for _ in range(4):
+        steps.append(task.done)
+        world.tick()
+    assert steps == [False, False, False, True]
+    assert (task.result, task.error) == ([1, 3], None)
+
+
+def test_a_script_that_ends_at_once_is_done_and_never_queued(port: Port) -> None:
+    task = port.run(pings())
+    assert (task.done, task.result) == (True, [])
+    assert port.tasks == []
+
+
+@pytest.mark.parametrize(
+    "error", [BusError("silent"), KeyError("no such register"), ValueError("out of range")]
+)
+def test_a_script_that_fails_keeps_its_error_for_whoever_waits(
+    world: TwoBuses, port: Port, error: Exception
+) -> None:
+    def script() -> Script[None]:
+        yield Ping(1)
+        raise error
+
+    task = port.run(script())
+    world.tick(count=2)
+    assert task.done
+    assert task.error is error
+
+
+def test_what_a_script_never_promised_to_raise_is_not_swallowed(port: Port) -> None:
+    def script() -> Script[None]:
+        raise ZeroDivisionError
+        yield Ping(1)
+
+    with pytest.raises(ZeroDivisionError):
+        port.run(script())
+
+
+def test_scripts_run_in_the_order_they_came_but_one_that_must_be_first(world: TwoBuses, port: Port) -> None:
+    early, late = port.run(pings(1, 2)), port.run(pings(1))
+    urgent = port.run(pings(3), first=True)
+    order = []
+    for _ in range(5):
+        world.tick()
+        order += [name for name, task in zip("elu", (early, late, urgent), strict=True) if task.done]
+    assert "".join(dict.fromkeys(order)) == "uel"
+
+
+def test_dropping_ends_everything_but_identification(world: TwoBuses, port: Port) -> None:
+    port.identify()
+    task = port.run(pings(1, 2, 3))
+    world.tick()
+    port.drop("an e-stop came")
+    assert "left: an e-stop came" in str(task.error)
+    assert port.identification is not None
+    assert not port.identification.done
+    world.tick(count=40)
+    assert port.identification.done
+    assert port.identification.error is None
+
+
+def test_a_dropped_script_does_not_get_the_answer_it_asked_for(world: TwoBuses, port: Port) -> None:
+    heard: list[Reply] = []
+
+    def script() -> Script[None]:
+        while True:
+            heard.append((yield Ping(1)))
+
+    task = port.run(script())
+    assert port.begin_rare(world.clock.now(), inf)
+    port.drop("too late")
+    port.end_rare(world.clock.now())
+    assert heard == []
+    assert task.done
+
+
+def test_a_cancelled_script_is_closed_so_that_it_can_clean_up() -> None:
+    closed = []
+
+    def script() -> Iterator[Any]:
+        try:
+            yield Ping(1)
+        finally:
+            closed.append(True)
+
+    task: Task[None] = Task(script())  # type: ignore[arg-type]
+    task.advance(None)
+    task.cancel(BusError("first"))
+    task.cancel(BusError("second"))
+    assert closed == [True]
+    assert str(task.error) == "first"
+
+
+# ------------------------------------------------------------------------------------- read-only
+
+
+@pytest.mark.parametrize("order", [Write({1: b"\1"}, TORQUE), Reboot(1)])
+def test_a_read_only_port_refuses_every_order_and_the_servos_hear_nothing(order: Any) -> None:
+    world = TwoBuses(live=False)
+    world.connect()
+    port = world.ports[0]
+
+    def script() -> Script[None]:
+        yield order
+
+    task = port.run(script())
+    world.tick(count=2)
+    assert task.done
+    assert f"opened read-only, {type(order).__name__} refused" in str(task.error)
+    assert world.virtual["left"].servos["torque_enable"].tolist() == [0, 0, 0]
+    assert port.tasks == []
+
+
+def test_an_order_that_fails_the_last_check_ends_its_script_and_the_reading_goes_on(
+    world: TwoBuses, port: Port
+) -> None:
+    def script() -> Script[None]:
+        yield Write({1: (9999).to_bytes(4, "little")}, 116)  # a goal outside the clamp
+
+    before = world.goals()
+    task = port.run(script())
+    state = world.tick(count=2)
+    assert isinstance(task.error, WireClamp)
+    assert state.heard.all()
+    assert world.goals() == before
+
+
+# ------------------------------------------------------------------------------------- time
+
+
+def test_upkeep_waits_for_a_roomier_tick_and_a_script_does_not(world: TwoBuses, port: Port) -> None:
+    now = world.clock.now()
+    assert not port.begin_rare(now, now + 0.0016)
+    port.run(pings(1))
+    assert port.begin_rare(now, now + 0.0016)
+
+
+def test_upkeep_reads_the_slow_registers_while_no_script_waits(world: TwoBuses, port: Port) -> None:
+    assert port.reader is not None
+    before = port.reader.registers.status_time.copy()
+    world.tick(count=20)
+    assert (port.reader.registers.status_time > before).all()
+
+
+def test_every_exchange_is_counted_and_those_with_a_silent_servo_as_errors(
+    world: TwoBuses, port: Port
+) -> None:
+    before = (port.counts.exchanges, port.counts.errors)
+    world.tick(count=5)
+    assert (port.counts.exchanges, port.counts.errors) == (before[0] + 5, before[1])
+    world.virtual["left"].faults.silence(2)
+    world.tick(count=3)
+    assert (port.counts.exchanges, port.counts.errors) == (before[0] + 8, before[1] + 3)
+    world.virtual["left"].faults.silence(2, on=False)
+    world.tick(count=20)
+    discarded = port.counts.discarded
+    world.virtual["left"].faults.foreign(2)
+    world.tick(count=2)
+    assert port.counts.discarded > discarded
+    assert 0.0 < port.counts.busy < PERIOD
+
+
+def test_a_read_of_somebody_else_is_answered_by_nobody(world: TwoBuses, port: Port) -> None:
+    def script() -> Script[dict[int, bytes]]:
+        reply = yield Read((5,), TORQUE, 1)
+        return dict(reply.data)
+
+    task = port.run(script())
+    world.tick(count=2)
+    assert task.result == {}
+
+
+def test_a_script_may_fail_before_its_first_request(port: Port) -> None:
+    task = port.run(refused(port))
+    assert task.done
+    assert "left: id 3: torque: not today" in str(task.error)
+    assert port.tasks == []
