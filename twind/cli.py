@@ -107,6 +107,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         buses.refuse_taken()
     briefing = assembly.brief(one, rate_hz, settings.parameters(), settings.log_level)
     notifier = Notifier()
+    stack.callback(notifier.close)
     loop = assembly.build(
         one,
         mode=mode,

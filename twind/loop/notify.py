@@ -34,6 +34,12 @@ class Notifier:
         with contextlib.suppress(OSError):  # the manager is busy or gone; its own timeout speaks then
             self._socket.sendto(lines.encode(), self._address)
 
+    def close(self) -> None:
+        """Say no more."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
     def alive(self, now: float) -> None:
         """WATCHDOG=1 when it is due. Called after a tick that finished every stage, from nowhere else.
 
