@@ -1,0 +1,190 @@
+"""Real processes for the figures: the daemon, its virtual robot, a client that counts bytes, `cyclictest`."""
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.harness import CannotTake
+from twind.client import Client
+from twind.loop.virtual_child import VirtualChild
+
+READY, CONNECTED = 30.0, 15.0  # s that they may take
+CYCLICTEST = "cyclictest"  # of the Debian package rt-tests
+
+
+@dataclass(frozen=True, slots=True)
+class Daemon:
+    """A running `twind` of our own."""
+
+    pid: int
+    sockets: Path
+    started: float  # s from exec to READY=1
+
+    def client(self) -> Client:
+        """A new connection to the control socket."""
+        return Client(self.sockets)
+
+    @property
+    def front(self) -> int:
+        """Process of the front: the daemon's only child. Raises CannotTake."""
+        children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        if len(children) != 1:
+            raise CannotTake(f"the daemon has {len(children)} children, expected its front")
+        return int(children[0])
+
+
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """A folder that is gone afterwards."""
+    with tempfile.TemporaryDirectory(prefix="twind-bench-") as folder:
+        yield Path(folder)
+
+
+@contextmanager
+def twind(folder: Path, *arguments: str, command: Sequence[str] = ("-m", "twind.cli")) -> Iterator[Daemon]:
+    """A daemon that has said READY=1; lowered by SIGTERM at the end. Raises CannotTake."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    listener.bind(str(folder / "notify"))
+    listener.settimeout(READY)
+    line = [sys.executable, *command, "--socket", str(folder), *arguments]
+    environment = os.environ | {"NOTIFY_SOCKET": str(folder / "notify")}
+    log = folder / "twind.log"
+    with listener, log.open("wb") as output:
+        since = time.monotonic()
+        process = subprocess.Popen(line, env=environment, stdin=subprocess.DEVNULL, stderr=output)
+        try:
+            _await_ready(listener, process)
+            yield Daemon(process.pid, folder, time.monotonic() - since)
+        except CannotTake as reason:
+            last = log.read_text(errors="replace").strip().splitlines()[-1:]
+            raise CannotTake(f"{reason} {' '.join(last)}".strip()) from None
+        finally:
+            _end(process)
+    (folder / "notify").unlink()
+
+
+def _await_ready(listener: socket.socket, process: subprocess.Popen[bytes]) -> None:
+    until = time.monotonic() + READY
+    listener.settimeout(0.1)
+    while time.monotonic() < until:
+        try:
+            if b"READY=1" in listener.recv(4096).splitlines():
+                return
+        except TimeoutError:
+            if process.poll() is not None:
+                raise CannotTake(f"the daemon ended with {process.returncode} before READY=1") from None
+    raise CannotTake(f"no READY=1 within {READY:g} s")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.send_signal(signal.SIGTERM)
+    try:
+        process.wait(20.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+@contextmanager
+def live(folder: Path, *arguments: str, command: Sequence[str] = ("-m", "twind.cli")) -> Iterator[Daemon]:
+    """A daemon in mode live on the virtual servos of a process of its own, connected, not armed."""
+    with VirtualChild("h24") as robot:
+        ports = [f"--port={name}={path}" for name, path in robot.ports.items()]
+        files = ("--calibration", str(robot.calibration))
+        with twind(folder, "--mode", "live", *ports, *files, *arguments, command=command) as daemon:
+            await_state(daemon, "connected")
+            yield daemon
+
+
+def await_state(daemon: Daemon, wanted: str) -> None:
+    """Return when the robot's state is `wanted`. Raises CannotTake."""
+    until, state = time.monotonic() + CONNECTED, ""
+    with daemon.client() as client:
+        while time.monotonic() < until:
+            state = client.call("GetStatus")["status"]["state"]
+            if state == wanted:
+                return
+            time.sleep(0.05)
+    raise CannotTake(f"the robot is {state} after {CONNECTED:g} s, expected {wanted}")
+
+
+class Asker:
+    """Asks `GetStatus` with all joints over a bare socket; does not read what the answers say."""
+
+    CALL = b'{"method":"io.twind.Control.GetStatus","parameters":{"joints":true}}\0'
+
+    def __init__(self, daemon: Daemon) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.settimeout(5.0)
+        self._socket.connect(str(daemon.sockets / "control.sock"))
+
+    def ask(self) -> int:
+        """One call and its whole answer; bytes of the answer."""
+        self._socket.sendall(self.CALL)
+        size, data = 0, b"?"
+        while data and data[-1]:
+            data = self._socket.recv(1 << 16)
+            size += len(data)
+        return size
+
+    def flat_out(self, seconds: float) -> int:
+        """Ask without pause; calls answered."""
+        until, count = time.monotonic() + seconds, 0
+        while time.monotonic() < until:
+            self.ask()
+            count += 1
+        return count
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()
+
+
+class Cyclictest:
+    """`cyclictest` beside us at 100 Hz, at the policy that `twind` got; p99 from its histogram."""
+
+    LONGEST = 20_000  # µs of the histogram
+
+    def __init__(self, policy: str) -> None:
+        """`policy` as `GetStatus` tells it: `fifo 40`, or why not."""
+        self.path = shutil.which(CYCLICTEST)
+        wanted = re.fullmatch(r"fifo (\d+)", policy)
+        self._policy = ["--policy=fifo", f"--priority={wanted[1]}"] if wanted else ["--policy=other"]
+        self._process: subprocess.Popen[str] | None = None
+
+    def start(self, seconds: float) -> None:
+        """Begin; nothing where it is not installed."""
+        if self.path is None:
+            return
+        # --default-system: it must not tune the machine for itself, and so for us.
+        command = [self.path, "--default-system", "--quiet", "--mlockall", "--interval=10000", *self._policy]
+        command += [f"--loops={round(seconds * 100)}", f"--histogram={self.LONGEST}"]
+        self._process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+
+    def p99(self) -> float | None:
+        """Of the run begun last, µs; None where there is none. Waits for its end."""
+        if self._process is None:
+            return None
+        output, _ = self._process.communicate(timeout=60.0)
+        self._process = None
+        rows = re.findall(r"^(\d{6}) (\d+)$", output, re.MULTILINE)
+        above = re.search(r"Histogram Overflows: (\d+)", output)
+        total = sum(int(count) for _, count in rows) + int(above[1] if above else 0)
+        seen = 0
+        for late, count in rows:
+            seen += int(count)
+            if seen >= 0.99 * total:
+                return float(late)
+        return float(self.LONGEST) if total else None

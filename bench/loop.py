@@ -1,0 +1,116 @@
+"""`loop.*` of real time: how late ticks begin, alone and beside a busy client, and what the daemon costs."""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from bench.daemon import Asker, Cyclictest, Daemon, await_state, live, scratch
+from bench.harness import (
+    ROUNDS,
+    CannotTake,
+    Figure,
+    Key,
+    Measurement,
+    cpu_of,
+    interleaved,
+    medians,
+    quantile,
+    spread,
+)
+from bench.motion import kept_moving
+from bench.recorded import Lateness
+
+LATE_ROUNDS, LATE_SPAN = 10, 4.0  # s of each window
+SHARE_SPAN = 4.0  # s
+NO_PEER = "no cyclictest: it is not installed (Debian package rt-tests)"
+
+
+def take_late() -> Mapping[str, Figure]:
+    """p99 of the lateness of ticks, idle and busy, each beside `cyclictest` in the same seconds."""
+    with scratch() as folder:
+        record = folder / "lateness"
+        with live(folder, command=("-m", "bench.recorded", str(record))) as daemon:
+            return _late(daemon, Lateness(record))
+
+
+def _late(daemon: Daemon, record: Lateness) -> dict[str, Figure]:
+    with daemon.client() as client:
+        policy = client.call("GetStatus")["status"]["loop"]["realtime"]["scheduler"]
+    peer, asker = Cyclictest(policy), Asker(daemon)
+    theirs: dict[str, list[float]] = {"idle": [], "busy": []}
+    asked: list[float] = []
+
+    def window(kind: str) -> float:
+        start = len(record)
+        peer.start(LATE_SPAN)
+        if kind == "busy":
+            asked.append(asker.flat_out(LATE_SPAN) / LATE_SPAN)
+        else:
+            time.sleep(LATE_SPAN)
+        late = record.since(start)
+        their = peer.p99()
+        if their is not None:
+            theirs[kind].append(their)
+        return quantile(late, 0.99) * 1e6
+
+    found = interleaved(LATE_ROUNDS, {"idle": lambda: window("idle"), "busy": lambda: window("busy")})
+    asker.close()
+    middle, their_middle = medians(found), medians({kind: rows for kind, rows in theirs.items() if rows})
+    how = f"live, 24 virtual servos, not armed; policy {policy}, cyclictest the same in the same seconds"
+    if not their_middle:
+        how = f"live, 24 virtual servos, not armed; policy {policy}; {NO_PEER}"
+    notes = {
+        "idle": f"{how}; {spread(found['idle'], 'µs')}",
+        "busy": f"{how}; {medians({'': asked})['']:.0f} calls/s; {spread(found['busy'], 'µs')}",
+    }
+    figures = {
+        f"loop.late_p99_{kind}": Figure(middle[kind], notes[kind], {"cyclictest": their_middle.get(kind)})
+        for kind in ("idle", "busy")
+    }
+    busy = figures["loop.late_p99_busy"]
+    figures["loop.late_p99_busy"] = Figure(busy.value, busy.note, {**busy.peers, "idle": middle["idle"]})
+    return figures
+
+
+def take_share() -> Mapping[str, Figure]:
+    """CPU of loop and front together over seconds of real time, in % of a core."""
+    with scratch() as folder, live(folder) as daemon:
+        resting = _shares(daemon)
+        with kept_moving(daemon):
+            await_state(daemon, "armed")
+            moving = _shares(daemon)
+    middle = medians(moving)
+    still = medians(resting)
+    note = (
+        f"live, armed, 24 joints moving: loop {middle['loop']:.2f}, front {middle['front']:.2f}; "
+        f"not armed: {still['both']:.2f}; {spread(moving['both'], '%')}"
+    )
+    return {"loop.cpu_share_100hz": Figure(middle["both"], note)}
+
+
+def _shares(daemon: Daemon) -> dict[str, list[float]]:
+    """% of a core of each process, a round each."""
+    pids = {"loop": daemon.pid, "front": daemon.front}
+    found: dict[str, list[float]] = {"loop": [], "front": [], "both": []}
+    for _ in range(ROUNDS):
+        since, before = time.monotonic(), {name: cpu_of(pid) for name, pid in pids.items()}
+        time.sleep(SHARE_SPAN)
+        span = time.monotonic() - since
+        used = {name: (cpu_of(pid) - before[name]) / span * 100.0 for name, pid in pids.items()}
+        for name, share in {**used, "both": sum(used.values())}.items():
+            found[name].append(share)
+    if not Path(f"/proc/{pids['front']}").exists():
+        raise CannotTake("the front was started anew while it was measured")
+    return found
+
+
+MEASUREMENTS = (
+    Measurement(
+        {
+            "loop.late_p99_idle": Key("µs"),
+            "loop.late_p99_busy": Key("µs", "≤ 2 × cyclictest, ≤ 1.5 × idle"),
+        },
+        take_late,
+    ),
+    Measurement({"loop.cpu_share_100hz": Key("% of a core", "≤ 8")}, take_share),
+)
