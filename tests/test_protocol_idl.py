@@ -1,6 +1,7 @@
 """The interface definition is read as varlink defines it, and holds values to it."""
 
 import re
+from pathlib import Path
 
 import pytest
 from varlink.scanner import Interface as PeerInterface
@@ -102,3 +103,11 @@ def test_maps_enums_and_inline_structs_are_understood() -> None:
 def test_a_definition_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(SyntaxError):
         parse(text)
+
+
+def test_every_method_is_documented() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "protocol.md").read_text("utf-8")
+    for method in CONTRACT.methods:
+        assert f"`{method}`" in page, method
+    for error in CONTRACT.errors:
+        assert error in page, error
