@@ -393,19 +393,17 @@ def pack_path(path: Trajectory) -> bytes:
 
 
 def unpack_path(data: bytes, submit: Submit, count: int) -> Trajectory:
-    """The trajectory of `submit` for `count` joints. Raises ValueError when the size is not exactly right."""
-    k = submit.points
+    """The trajectory of `submit` for `count` joints. Raises ValueError when the two do not fit exactly."""
+    k, joints = submit.points, list(submit.commanded)
+    if submit.acceleration and not submit.velocity:
+        raise ValueError("accelerations need velocities")
+    if not all(0 <= joint < count for joint in joints):
+        raise ValueError(f"joints {joints}: this robot has 0..{count - 1}")
     blocks = 1 + int(submit.velocity) + int(submit.acceleration)
     numbers: Floats = np.frombuffer(data, np.float64)
     if k < 1 or numbers.size != k * (1 + blocks * count):
         raise ValueError(f"trajectory of {k} points x {count} joints: got {numbers.size} numbers")
     columns = [block.reshape(k, count) for block in np.split(numbers[k:], blocks)]
     commanded = np.zeros(count, np.bool_)
-    commanded[list(submit.commanded)] = True
-    return Trajectory(
-        time=numbers[:k],
-        position=columns[0],
-        commanded=commanded,
-        velocity=columns[1] if submit.velocity else None,
-        acceleration=columns[2] if submit.acceleration else None,
-    )
+    commanded[joints] = True
+    return Trajectory(numbers[:k], columns[0], commanded, *columns[1:])
