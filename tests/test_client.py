@@ -1,5 +1,6 @@
 """The client turns bytes into answers and errors, and never waits for ever."""
 
+import contextlib
 import json
 import socket
 import threading
@@ -29,7 +30,7 @@ class Peer:
 
     def _run(self) -> None:
         connection, _ = self._listener.accept()
-        with connection:
+        with connection, contextlib.suppress(OSError):  # a client may leave in the middle
             buffer = b""
             while data := connection.recv(65536):
                 buffer += data
