@@ -1,71 +1,165 @@
-"""sd_notify: what the service manager is told, and when, over a real socket."""
+"""What the service manager is told, over a real datagram socket: ready, alive, the status, the end."""
 
 import os
 import socket
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from math import inf
 from pathlib import Path
+from typing import Any
 
 import pytest
+from processes import Daemon, until
 
-from twind.loop.notify import Notifier
+from twind.loop.notify import STATUS, Notifier
+
+FAR = str(os.getpid() + 1)
+
+
+class Manager:
+    """A bound notify socket."""
+
+    def __init__(self, address: str) -> None:
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind("\0" + address[1:] if address.startswith("@") else address)
+        self.socket.setblocking(False)
+        self.address = address
+
+    def notifier(self, **more: str) -> Notifier:
+        return Notifier({"NOTIFY_SOCKET": self.address, **more})
+
+    def told(self) -> list[str]:
+        found = []
+        while True:
+            try:
+                found.append(self.socket.recv(4096).decode())
+            except BlockingIOError:
+                return found
+
+
+@pytest.fixture(params=["path", "abstract"])
+def manager(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Manager]:
+    address = str(tmp_path / "notify") if request.param == "path" else f"@twind-test-{os.getpid()}"
+    manager = Manager(address)
+    yield manager
+    manager.socket.close()
 
 
 @pytest.fixture
-def manager(tmp_path: Path) -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
-        listener.bind(str(tmp_path / "notify"))
-        listener.setblocking(False)
-        yield listener
+def close(request: pytest.FixtureRequest) -> Iterator[Any]:
+    """Close what a notifier opened: the daemon keeps its own until it ends."""
+    opened: list[Notifier] = []
+    yield lambda notifier: opened.append(notifier) or notifier
+    for notifier in opened:
+        notifier.close()
 
 
-@pytest.fixture
-def told() -> Iterator[Callable[..., Notifier]]:
-    """A notifier in an environment, closed afterwards."""
-    with ExitStack() as stack:
-        yield lambda **environment: stack.enter_context(closing(Notifier(environment)))
+def test_a_message_is_one_datagram_of_lines(manager: Manager, close: Any) -> None:
+    close(manager.notifier()).send(READY="1", STATUS="live, armed")
+    assert manager.told() == ["READY=1\nSTATUS=live, armed"]
 
 
-def heard(manager: socket.socket) -> list[str]:
-    found = []
-    while True:
-        try:
-            found.append(manager.recv(4096).decode())
-        except BlockingIOError:
-            return found
+def test_ready_is_said_once_and_after_the_first_whole_tick_only(manager: Manager, close: Any) -> None:
+    notifier = close(manager.notifier())
+    assert manager.told() == []
+    for now in range(5):
+        notifier.alive(float(now))
+    assert manager.told() == ["READY=1"]
 
 
-def test_ready_is_said_once_by_the_first_whole_tick(
-    manager: socket.socket, told: Callable[..., Notifier]
+def test_the_watchdog_is_fed_four_times_an_interval_and_by_ticks_alone(manager: Manager, close: Any) -> None:
+    notifier = close(manager.notifier(WATCHDOG_USEC="2000000", WATCHDOG_PID=str(os.getpid())))
+    for tick in range(200):
+        notifier.alive(tick * 0.01)
+    assert manager.told() == ["READY=1"] + ["WATCHDOG=1"] * 4
+    assert notifier.watchdog == pytest.approx(0.5)
+
+
+def test_without_a_pid_the_watchdog_is_ours(manager: Manager, close: Any) -> None:
+    assert close(manager.notifier(WATCHDOG_USEC="2000000")).watchdog == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": FAR},
+        {"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": ""},
+        {"WATCHDOG_USEC": "0"},
+        {"WATCHDOG_USEC": "-5"},
+        {"WATCHDOG_USEC": "2s"},
+        {"WATCHDOG_USEC": "²"},
+        {},
+    ],
+)
+def test_a_watchdog_of_another_process_or_none_at_all_is_not_fed(
+    manager: Manager, close: Any, environment: dict[str, str]
 ) -> None:
-    notifier = told(NOTIFY_SOCKET=manager.getsockname())
-    assert heard(manager) == []
-    for tick in range(5):
-        notifier.alive(0.01 * tick)
-    assert heard(manager) == ["READY=1"]
-
-
-def test_the_watchdog_is_fed_four_times_an_interval_while_ticks_are_whole(
-    manager: socket.socket, told: Callable[..., Notifier]
-) -> None:
-    interval, address = "2000000", manager.getsockname()
-    notifier = told(NOTIFY_SOCKET=address, WATCHDOG_USEC=interval, WATCHDOG_PID=str(os.getpid()))
-    for tick in range(200):  # 1.99 s
-        notifier.alive(0.01 * tick)
-    assert heard(manager) == ["READY=1", *["WATCHDOG=1"] * 4]
-
-
-def test_a_watchdog_meant_for_another_process_is_not_fed(
-    manager: socket.socket, told: Callable[..., Notifier]
-) -> None:
-    interval, address = "2000000", manager.getsockname()
-    notifier = told(NOTIFY_SOCKET=address, WATCHDOG_USEC=interval, WATCHDOG_PID=str(os.getpid() + 1))
+    notifier = close(manager.notifier(**environment))
+    assert notifier.watchdog == inf
     notifier.alive(0.0)
-    notifier.alive(5.0)
-    assert heard(manager) == ["READY=1"]
+    notifier.alive(1e6)
+    assert manager.told() == ["READY=1"]
 
 
-def test_a_manager_that_is_gone_costs_nothing(tmp_path: Path, told: Callable[..., Notifier]) -> None:
-    notifier = told(NOTIFY_SOCKET=str(tmp_path / "nobody"))
+def test_the_status_is_told_when_it_changed_and_not_more_than_once_a_second(
+    manager: Manager, close: Any
+) -> None:
+    notifier = close(manager.notifier())
+    for step in range(11):
+        notifier.status("24 heard", step * 0.1)
+    assert manager.told() == ["STATUS=24 heard"]
+    for step in range(30):  # a servo with a loose connector
+        notifier.status(f"{23 + step % 2} heard", 5.0 + step * STATUS / 10)
+    assert 1 <= len(manager.told()) <= 3
+    notifier.status("at rest", 20.0)
+    assert manager.told() == ["STATUS=at rest"]
+
+
+def test_nobody_listening_costs_nothing(tmp_path: Path, close: Any) -> None:
+    for address in (str(tmp_path / "gone"), "@twind-test-nobody", "relative", "/" + "x" * 200):
+        close(Notifier({"NOTIFY_SOCKET": address})).send(READY="1")
+
+
+def test_without_a_service_manager_nothing_is_opened_or_said() -> None:
+    before = os.listdir("/proc/self/fd")
+    notifier = Notifier({})
+    notifier.send(READY="1")
     notifier.alive(0.0)
-    notifier.send(STOPPING="1")
+    notifier.status("x", 0.0)
+    assert os.listdir("/proc/self/fd") == before
+
+
+def test_a_manager_that_does_not_read_never_stops_the_loop(manager: Manager, close: Any) -> None:
+    notifier = close(manager.notifier())
+    for number in range(2000):
+        notifier.send(STATUS=str(number))
+    told = manager.told()
+    assert 0 < len(told) < 2000  # the kernel's queue is bounded; the rest was dropped, not waited for
+
+
+@pytest.mark.realtime
+def test_a_daemon_is_ready_once_it_answers_and_says_that_it_stops(tmp_path: Path) -> None:
+    manager = Manager(str(tmp_path / "notify"))
+    told: list[str] = []
+
+    def said(what: str) -> bool:
+        told.extend(manager.told())
+        return any(line.startswith(what) for line in told)
+
+    environment = {"NOTIFY_SOCKET": manager.address, "WATCHDOG_USEC": "400000"}
+    daemon = Daemon(tmp_path / "run", "--mode", "sim", environment=environment)
+    try:
+        until(lambda: said("READY=1"), 20.0, "READY=1")
+        assert (daemon.sockets / "control.sock").is_socket()
+        until(lambda: said("STATUS=sim, disconnected, 0 of 24 joints heard, 100 Hz"), 5.0, "STATUS")
+        until(lambda: said("") and told.count("WATCHDOG=1") > 2, 5.0, "WATCHDOG=1")
+        front = Path(f"/proc/{daemon.front()}/environ").read_bytes()
+        assert b"NOTIFY_SOCKET" not in front
+        assert b"WATCHDOG" not in front
+        assert daemon.end() == 0
+        assert said("STOPPING=1")
+        assert told.count("READY=1") == 1
+    finally:
+        if daemon.process.poll() is None:
+            daemon.process.kill()
+        daemon.process.wait(10)
+        manager.socket.close()

@@ -1,8 +1,13 @@
-"""sd_notify: one datagram a message to $NOTIFY_SOCKET (sd_notify(3)). Without it, nothing."""
+"""sd_notify: one datagram a message to $NOTIFY_SOCKET (sd_notify(3)). Without it, nothing.
+
+READY does not say that the servos answer: an unplugged robot must not fail the start. The status does.
+"""
 
 import contextlib
 import os
 import socket
+
+STATUS = 1.0  # s between two status lines: a servo that comes and goes must not flood the manager
 
 
 class Notifier:
@@ -13,7 +18,8 @@ class Notifier:
         address = env.get("NOTIFY_SOCKET", "")
         self._socket: socket.socket | None = None
         self.watchdog = self._interval(env)  # s between WATCHDOG=1; inf: not wanted
-        self._next = 0.0
+        self._next = self._status_next = 0.0
+        self._status = ""
         self._ready = False
         if address:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
@@ -24,7 +30,7 @@ class Notifier:
     def _interval(env: dict[str, str]) -> float:
         wanted = env.get("WATCHDOG_USEC", "")
         mine = env.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
-        return int(wanted) / 4e6 if mine and wanted.isdigit() and int(wanted) > 0 else float("inf")
+        return int(wanted) / 4e6 if mine and wanted.isdecimal() and int(wanted) > 0 else float("inf")
 
     def send(self, **fields: str) -> None:
         """KEY=VALUE lines in one datagram; dropped when nobody listens or the buffer is full."""
@@ -52,3 +58,9 @@ class Notifier:
             self._next = now + self.watchdog
             if self.watchdog != float("inf"):
                 self.send(WATCHDOG="1")
+
+    def status(self, text: str, now: float) -> None:
+        """STATUS= for people, one line; sent when it changed, at most once a second."""
+        if text != self._status and now >= self._status_next:
+            self._status, self._status_next = text, now + STATUS
+            self.send(STATUS=text)

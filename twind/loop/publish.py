@@ -34,6 +34,7 @@ class Publisher:
         if self.urgent or now >= self._next:
             self.urgent, self._next = False, now + OVERVIEW
             loop.link.state(self.overview(now))
+            loop.parts.notifier.status(self.status(), now)
         loop.link.state(self.tick(now))
         loop.link.flush()
 
@@ -58,6 +59,14 @@ class Publisher:
             goal=self._unknown if reference is None else np.ascontiguousarray(reference.position).tobytes(),
             simulated=loop.simulated.position.tobytes(),
             dropped=loop.link.dropped,
+        )
+
+    def status(self) -> str:
+        """One line for the service manager."""
+        loop = self._loop
+        heard, rate = int(loop.measured.heard.sum()), 1.0 / loop.period
+        return (
+            f"{loop.mode.value}, {loop.state.value}, {heard} of {len(loop.joints)} joints heard, {rate:g} Hz"
         )
 
     def overview(self, now: float) -> link.Overview:
