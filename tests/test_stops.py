@@ -150,6 +150,8 @@ def test_whatever_is_aimed_at_no_limit_is_ever_broken(
     assert position.min() >= -2.0 - 1e-9
     assert position.max() <= 2.0 + 1e-9
     assert np.diff(position) == pytest.approx(velocity[1:] * PERIOD, abs=1e-12)
+    acceleration = np.array([reference.acceleration[0] for reference in track[1:]])
+    assert np.diff(velocity) == pytest.approx(acceleration * PERIOD, abs=1e-12)
 
 
 def test_from_outside_its_limits_the_follower_only_comes_in() -> None:

@@ -1,0 +1,99 @@
+"""What the guard says of what it sees: once while it lasts, and a latch until it is latched."""
+
+from math import inf, nan
+
+import numpy as np
+import pytest
+from guard_world import FINE, LIMITS, PERIOD, N, codes, facts, judge, reading
+
+from twind.robot.finding import Code
+from twind.robot.modes import Mode, State
+from twind.safety.guard import Guard, Judgement, Reaction, Thresholds
+
+# --------------------------------------------------------------------------------------- what is told
+
+
+def ticks(guard: Guard, count: int, start: float = 10.0, **over: object) -> list[Judgement]:
+    return [
+        guard.judge(facts(now=start + tick * PERIOD, measured=reading(time=start + tick * PERIOD), **over))
+        for tick in range(count)
+    ]
+
+
+def test_what_lasts_is_told_once_and_reacted_to_all_the_time() -> None:
+    judgements = ticks(Guard(LIMITS), 500, lease_ok=False)
+    assert [len(judgement.findings) for judgement in judgements] == [1] + [0] * 499
+    assert {judgement.reaction for judgement in judgements} == {Reaction.HOLD}
+
+
+def test_what_comes_again_is_told_again_but_not_within_a_second() -> None:
+    guard = Guard(LIMITS)
+    told = 0
+    for tick in range(300):  # every second tick is late
+        told += len(ticks(guard, 1, 10.0 + tick * PERIOD, lateness=0.01 * (tick % 2))[0].findings)
+    assert told == 3
+    assert ticks(guard, 1, 19.0) == [FINE]
+    assert len(ticks(guard, 1, 20.0, lateness=0.01)[0].findings) == 1
+
+
+def test_a_worse_level_is_told_at_once() -> None:
+    guard = Guard(LIMITS)
+    found = []
+    for tick in range(60):
+        now = 10.0 + tick * PERIOD
+        state = reading(age=[0.0, tick * PERIOD, 0.0], time=now)
+        found += guard.judge(facts(mode=Mode.MIRROR, now=now, measured=state)).findings
+    assert [finding.bound for finding in found] == [0.03, 0.1, 0.5]
+
+
+def test_a_robot_that_is_watched_without_its_servos_does_not_flood_the_log() -> None:
+    guard = Guard(LIMITS)
+    count = 0
+    for tick in range(1000):
+        now = 10.0 + tick * PERIOD
+        state = reading([nan] * N, [inf] * N, now)
+        count += len(guard.judge(facts(mode=Mode.MIRROR, now=now, measured=state, discarded=3)).findings)
+    assert count == N + 1
+
+
+def test_what_must_be_latched_comes_alone_and_again_until_it_is_latched() -> None:
+    guard = Guard(LIMITS)
+    watchdog = np.array([255, 0, 0], np.int16)
+    for _ in range(3):
+        judgement = guard.judge(facts(watchdog=watchdog, lateness=0.01, discarded=1))
+        assert (judgement.latches, codes(judgement)) == (True, [Code.WATCHDOG_TRIPPED])
+    latched = guard.judge(facts(watchdog=watchdog, lateness=0.01, discarded=1, state=State.FAULT))
+    assert (latched.latches, codes(latched)) == (False, [Code.LOOP_LATE, Code.RX_SHAPE])
+
+
+@pytest.mark.parametrize("state", [State.FAULT, State.ESTOP])
+def test_a_second_fault_is_latched_beside_the_first(state: State) -> None:
+    guard = Guard(LIMITS)
+    watchdog = np.array([255, 0, 0], np.int16)
+    guard.judge(facts(watchdog=watchdog))
+    both = {"watchdog": watchdog, "measured": reading([0.0, 3.0, 0.0]), "state": state}
+    first, second = guard.judge(facts(**both)), guard.judge(facts(**both))
+    assert (first.latches, codes(first)) == (True, [Code.OUT_OF_LIMIT])
+    assert (second.latches, second.findings) == (False, ())
+
+
+def test_the_hardest_reaction_counts_and_names_its_cause() -> None:
+    judgement = judge(
+        lease_ok=False, measured=reading(age=[0.0, 0.9, 0.2]), watchdog=np.array([255, 0, 0], np.int16)
+    )
+    assert judgement.reaction is Reaction.SETTLE
+    found = {(finding.code, finding.joint) for finding in judgement.findings}
+    assert found == {(Code.STATE_STALE, 1), (Code.WATCHDOG_TRIPPED, 0)}
+    inhibited = Guard(LIMITS)
+    for _ in range(3):
+        judgement = inhibited.judge(facts(state=State.CONNECTED, torque_expected=False, lease_ok=False))
+        assert (judgement.reaction, codes(judgement)) == (Reaction.INHIBIT, [Code.INTERNAL])
+
+
+def test_thresholds_can_be_other_ones() -> None:
+    strict = Thresholds(late=0.0, missed_hold=1, disagreements=1)
+    guard = Guard(LIMITS, strict)
+    assert codes(guard.judge(facts())) == [Code.LOOP_LATE]
+    assert guard.judge(facts(missed_in_a_row=1)).reaction is Reaction.HOLD
+    off = np.array([1, 0, 1], np.int8)
+    assert guard.judge(facts(torque=off, status_time=np.full(N, 11.0))).latches
