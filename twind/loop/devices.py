@@ -38,12 +38,13 @@ def _writable(loop: Loop, command: link.Command, port: Port, what: str) -> bool:
     return True
 
 
-def _answer(loop: Loop, command: link.Command, port: Port, task: Task[Any], result: str) -> Procedure:
+def _answer(
+    loop: Loop, command: link.Command, port: Port, task: Task[Any], result: str, name: str = ""
+) -> Procedure:
     try:
         yield from all_of([task])
-    except KeyError as error:
-        near = str(error.args[0]) if error.args else ""
-        loop.error(command, "NotFound", what="register", name=near, known=[])
+    except KeyError as error:  # its text names the nearest spellings
+        loop.error(command, "NotFound", what="register", name=name, known=[str(error.args[0])])
     except (BusError, ValueError) as error:
         loop.error(command, "BusFailed", bus=port.name, message=str(error))
     else:
@@ -61,7 +62,7 @@ def read(loop: Loop, command: link.ReadRegister, now: float) -> None:
     port = _port(loop, command, command.bus)
     if port is not None and port.reader is not None:
         task = port.run(port.reader.read(command.id, command.name))
-        loop.procedures.beside(_answer(loop, command, port, task, "register"))
+        loop.procedures.beside(_answer(loop, command, port, task, "register", command.name))
 
 
 def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
@@ -73,7 +74,7 @@ def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
     loop.event(
         "info", "REGISTER", f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value}"
     )
-    loop.procedures.beside(_answer(loop, command, port, task, "register"))
+    loop.procedures.beside(_answer(loop, command, port, task, "register", command.name))
 
 
 def reboot(loop: Loop, command: link.Reboot, now: float) -> None:

@@ -18,6 +18,21 @@ if TYPE_CHECKING:
 
 STALE_VERDICT = 0.5  # s: the front's share of the verdict may be this old (design 6.4)
 PROGRESS = 0.1  # s between two reports of progress
+ABOUT_NOW = frozenset(  # S05–S11, S28: what another moment would judge otherwise
+    {
+        Code.LEASE_MISSING,
+        Code.ESTOP_LATCHED,
+        Code.FAULT_LATCHED,
+        Code.NOT_ARMED,
+        Code.CALIB_MISSING,
+        Code.CALIB_MISMATCH,
+        Code.DEVICE_MISSING,
+        Code.DEVICE_MISMATCH,
+        Code.HW_DISCONNECTED,
+        Code.LATENCY_BLOCK,
+        Code.BUSY,
+    }
+)
 
 
 class Submissions:
@@ -43,11 +58,12 @@ class Submissions:
             loop.refuse(command, (Finding(Code.BAD_SHAPE, message=str(error)),))
             return
         asked = loop.snapshot(command.client, now)
-        if command.start_in > 0.0 and loop.executor.reference is not None:
+        soon = 0.0 < command.start_in <= loop.parts.thresholds.max_duration
+        if soon and loop.executor.reference is not None:
             asked = replace(asked, reference=loop.executor.ahead(command.start_in))
         demand = gate.Demand(command.policy, command.append_stop, command.start_in)
         steps = gate.checking(path, asked, loop.limits, demand, loop.parts.thresholds)
-        self.busy, sliced = True, False
+        mine, self.busy, sliced = not self.busy, True, False
         try:
             while True:
                 try:
@@ -58,15 +74,17 @@ class Submissions:
                 sliced = True
                 now = yield
         finally:
-            self.busy = False
+            if mine:
+                self.busy = False
+        if command.check_only:
+            loop.reply(command, verdict=plain(of_the_path(judged.verdict)))
+            return
         refusals = judged.verdict.refusals
         if sliced and not refusals:
             refusals = self._still_true(command, asked, path.commanded, now)
         verdict = Verdict(refusals, judged.verdict.warnings, judged.verdict.changes)
         self._tell(command, verdict, now)
-        if command.check_only:
-            loop.reply(command, verdict=plain(verdict))
-        elif verdict.refusals:
+        if verdict.refusals:
             loop.refuse(command, verdict.refusals)
         else:
             self._follow(command, judged, verdict, now)
@@ -198,6 +216,13 @@ class Submissions:
         if command is not None:
             self._loop.lease.unpin(command.client, name)
         return command
+
+
+def of_the_path(verdict: Verdict) -> Verdict:
+    """What a check says: who asks and in which state the robot is are no fault of the path, so they warn."""
+    about_now = [finding for finding in verdict.refusals if finding.code in ABOUT_NOW]
+    refusals = [finding for finding in verdict.refusals if finding.code not in ABOUT_NOW]
+    return Verdict(tuple(refusals), (*verdict.warnings, *about_now), verdict.changes)
 
 
 def plain(verdict: Verdict) -> dict[str, Any]:
