@@ -11,7 +11,7 @@ from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Code, Finding, Verdict
 from twind.robot.limits import Limits
 
-LONGEST = 1.0  # s a setpoint may stay valid: a stream that is slower than that is a trajectory
+LONGEST = 0.1  # s a setpoint may stay valid (R04): what is slower than that is a trajectory
 
 
 @dataclass(frozen=True, slots=True)
