@@ -5,6 +5,7 @@ import pytest
 from rig import Rig
 
 from twind import link
+from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode, Motion, State
 from twind_drivers.virtual.muscles import FirstOrder
 
@@ -204,3 +205,24 @@ def test_sigterm_leaves_inherited_torque_as_it_was_found() -> None:
     assert rig.loop.finished
     assert (rig.register("torque_enable") == 1).all()
     rig.close()
+
+
+def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
+    armed.loop.inhibit(Finding(Code.INTERNAL), armed.clock.now())
+    armed.ticks(5)
+    assert (armed.register("torque_enable") == 1).all()
+    reply = armed.call(link.Disarm, ticks=50)
+    assert (reply.error, reply.parameters["state"]) == (None, "inhibited")
+    assert (armed.register("torque_enable") == 0).all()
+    assert armed.call(link.Reset).parameters["state"] == "disconnected"
+    armed.connect()  # everybody was asked anew who they are
+    armed.lease()
+    assert armed.call(link.Arm).error is None
+
+
+def test_sigterm_ends_an_inhibited_daemon_and_writes_nothing(armed: Rig) -> None:
+    armed.loop.inhibit(Finding(Code.INTERNAL), armed.clock.now())
+    armed.loop.stop_wanted = True
+    armed.ticks(5)
+    assert armed.loop.finished
+    assert (armed.register("torque_enable") == 1).all()

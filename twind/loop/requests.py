@@ -155,6 +155,9 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
     for code in [code for code in loop.latches if code.value in wanted]:
         del loop.latches[code]
     if not loop.latches:
+        if loop.inhibited:
+            for port in loop.hardware.ports:  # who they are was not watched: ask anew
+                port.identify()
         loop.inhibited = False
         if loop.condition.latched or loop.state is State.INHIBITED:
             loop.change(Event.RESET, now)

@@ -158,8 +158,8 @@ def _back_out(loop: Loop, inherited: bool) -> Procedure:
 
 
 def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
-    """SETTLE, then torque off. Answers when torque is read back off."""
-    latched = loop.state in (State.FAULT, State.ESTOP)
+    """SETTLE, then torque off. Answers when torque is read back off. Inhibited: torque off alone."""
+    latched = loop.state in (State.FAULT, State.ESTOP, State.INHIBITED)
     if not loop.energised:
         loop.reply(command, state=loop.state.value)
         return
@@ -276,8 +276,9 @@ def fault(loop: Loop, now: float) -> Procedure:
 
 
 def shutdown(loop: Loop, now: float) -> Procedure:
-    """SIGTERM: lower the robot if we hold it, then end. What was found energised is left as it is."""
-    if loop.armed:
+    """SIGTERM: lower the robot if we hold it, then end. What was found energised, or may not be written
+    to any more, is left as it is."""
+    if loop.armed and not loop.inhibited:
         if loop.state not in (State.FAULT, State.ESTOP):
             loop.change(Event.SETTLE, now)
         yield from fault(loop, now)
