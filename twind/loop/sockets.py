@@ -27,8 +27,10 @@ def handed_over() -> dict[str, socket.socket]:
     if not count.isdigit() or mine != str(os.getpid()):
         return {}
     found = {}
-    for fd, name in zip(range(_FIRST, _FIRST + int(count)), names, strict=False):
+    handed = range(_FIRST, _FIRST + int(count))
+    for fd in handed:
         os.set_inheritable(fd, False)
+    for fd, name in zip(handed, names, strict=False):
         if name in NAMES:
             found[name] = socket.socket(fileno=fd)
     return found
@@ -40,18 +42,26 @@ def listen(directory: Path, name: str) -> socket.socket:
     try:
         directory.mkdir(mode=0o755, parents=True, exist_ok=True)
         _clear_stale(path)
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
-        old = os.umask(0o117)
-        try:
-            listener.bind(str(path))
-        finally:
-            os.umask(old)
-        listener.listen(32)
+        listener = _bind(path)
     except OSError as error:
         remedy = "choose another folder with --socket DIR"
         raise SocketError(f"{path}: {error.strerror or error}; {remedy}") from None
     with contextlib.suppress(KeyError, PermissionError):
         os.chown(path, -1, grp.getgrnam(GROUPS[name]).gr_gid)
+    return listener
+
+
+def _bind(path: Path) -> socket.socket:
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_CLOEXEC)
+    old = os.umask(0o117)
+    try:
+        listener.bind(str(path))
+        listener.listen(32)
+    except OSError:
+        listener.close()
+        raise
+    finally:
+        os.umask(old)
     return listener
 
 
@@ -62,11 +72,14 @@ def _clear_stale(path: Path) -> None:
     if not path.exists():
         return
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.setblocking(False)  # a daemon that hangs lets its queue fill, and is there nevertheless
         try:
             probe.connect(str(path))
         except ConnectionRefusedError:
             path.unlink()
             return
+        except BlockingIOError:
+            pass
     raise SocketError(
         f"{path}: another twind answers there; stop it or choose another folder with --socket DIR"
     )

@@ -1,0 +1,227 @@
+"""The listening sockets: nobody else's are taken, none is ever open to all, and only the dead make room."""
+
+import json
+import os
+import socket
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from twind.loop.sockets import SocketError, handed_over, listen
+
+
+@contextmanager
+def umask(mask: int) -> Iterator[None]:
+    old = os.umask(mask)
+    try:
+        yield
+    finally:
+        assert os.umask(old) == mask  # nobody changed it meanwhile
+
+
+@pytest.fixture
+def keep() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+# ------------------------------------------------------------------------------------- our own
+
+
+def test_a_socket_is_made_with_its_folder_and_answers(tmp_path: Path, keep: ExitStack) -> None:
+    folder = tmp_path / "run" / "twind"
+    with umask(0o022):
+        listener = keep.enter_context(listen(folder, "control"))
+    client = keep.enter_context(socket.socket(socket.AF_UNIX))
+    client.connect(str(folder / "control.sock"))
+    accepted, _ = listener.accept()
+    accepted.close()
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o755
+    assert not listener.get_inheritable()
+
+
+@pytest.mark.parametrize("mask", [0o000, 0o022, 0o077, 0o777])
+def test_the_mode_is_0660_whatever_the_umask(tmp_path: Path, keep: ExitStack, mask: int) -> None:
+    with umask(mask):
+        keep.enter_context(listen(tmp_path, "observe"))
+    assert stat.S_IMODE((tmp_path / "observe.sock").stat().st_mode) == 0o660
+
+
+BIRTH = """
+import os, socket, stat, sys
+from pathlib import Path
+from twind.loop.sockets import listen
+
+folder, seen = Path(sys.argv[1]), []
+
+def watch(event, args):  # a chmod would be an audited step after the birth
+    if (folder / "control.sock").exists():
+        seen.append(oct(stat.S_IMODE(os.stat(folder / "control.sock").st_mode)))
+
+os.umask(0)
+sys.addaudithook(watch)
+listen(folder, "control").close()
+sys.audit("born")
+print(*sorted(set(seen)))
+"""
+
+
+def test_the_mode_is_0660_from_the_moment_of_birth(tmp_path: Path) -> None:
+    assert child(BIRTH, str(tmp_path)).split() == ["0o660"]
+
+
+def test_a_socket_that_nobody_listens_on_makes_room(tmp_path: Path, keep: ExitStack) -> None:
+    listen(tmp_path, "control").close()
+    keep.enter_context(listen(tmp_path, "control"))
+    client = keep.enter_context(socket.socket(socket.AF_UNIX))
+    client.connect(str(tmp_path / "control.sock"))  # it got through: the name is the same, the socket new
+
+
+def test_a_second_daemon_is_refused_and_the_first_goes_on(tmp_path: Path, keep: ExitStack) -> None:
+    first = keep.enter_context(listen(tmp_path, "control"))
+    with pytest.raises(SocketError, match="another twind answers there; stop it or choose"):
+        listen(tmp_path, "control")
+    client = keep.enter_context(socket.socket(socket.AF_UNIX))
+    client.connect(str(tmp_path / "control.sock"))
+    first.setblocking(False)
+    for _ in range(2):  # the one that looked, and ours
+        first.accept()[0].close()
+
+
+def test_a_daemon_that_hangs_is_still_there_and_nobody_waits_for_it(tmp_path: Path, keep: ExitStack) -> None:
+    hanging = keep.enter_context(socket.socket(socket.AF_UNIX))
+    hanging.bind(str(tmp_path / "control.sock"))
+    hanging.listen(0)
+    while True:  # until its queue is full
+        client = keep.enter_context(socket.socket(socket.AF_UNIX))
+        client.setblocking(False)
+        if client.connect_ex(str(tmp_path / "control.sock")):
+            break
+    with pytest.raises(SocketError, match="another twind answers there"):
+        listen(tmp_path, "control")
+    assert (tmp_path / "control.sock").is_socket()
+
+
+def test_what_is_no_socket_is_never_removed(tmp_path: Path) -> None:
+    path = tmp_path / "control.sock"
+    path.write_text("precious")
+    with pytest.raises(SocketError, match=r"control\.sock: is not a socket"):
+        listen(tmp_path, "control")
+    assert path.read_text() == "precious"
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(SocketError, match="is not a socket"):
+        listen(tmp_path, "control")
+    assert path.is_dir()
+
+
+@pytest.mark.parametrize("target", ["dead", "precious", "nothing"])
+def test_a_symbolic_link_is_refused_wherever_it_points(tmp_path: Path, target: str) -> None:
+    if target == "dead":
+        listen(tmp_path, "dead").close()
+    (tmp_path / "precious").write_text("precious")
+    (tmp_path / "control.sock").symlink_to(tmp_path / {"dead": "dead.sock"}.get(target, target))
+    before = sorted(path.name for path in tmp_path.iterdir())
+    with pytest.raises(SocketError, match="is not a socket"):
+        listen(tmp_path, "control")
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+
+
+def test_a_socket_of_another_kind_is_refused(tmp_path: Path, keep: ExitStack) -> None:
+    other = keep.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+    other.bind(str(tmp_path / "control.sock"))
+    with pytest.raises(SocketError, match=r"control\.sock: .*--socket DIR"):
+        listen(tmp_path, "control")
+    assert (tmp_path / "control.sock").is_socket()
+
+
+def test_a_folder_that_cannot_be_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SocketError, match=r"file/run/control\.sock: .*--socket DIR"):
+        listen(tmp_path / "file" / "run", "control")
+
+
+def test_a_path_too_long_for_a_socket_is_refused_and_nothing_stays_open(tmp_path: Path) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    with umask(0o022), pytest.raises(SocketError, match="too long; choose another folder"):
+        listen(tmp_path / ("x" * 120), "control")
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+# ------------------------------------------------------------------------------------- handed over
+
+
+HANDED = """
+import fcntl, json, os, socket, sys
+from twind.loop.sockets import handed_over
+
+setting = json.loads(sys.argv[1])
+made = []
+for place, name in enumerate(setting["made"]):
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(name)
+    listener.listen()
+    made.append(fcntl.fcntl(listener.fileno(), fcntl.F_DUPFD, 64))
+for place, fd in enumerate(made):
+    os.dup2(fd, 3 + place, inheritable=True)
+os.environ |= {"LISTEN_FDS": str(len(made)), "LISTEN_PID": str(os.getpid())} | setting["environment"]
+found = handed_over()
+print(json.dumps({
+    "found": {name: one.getsockname() for name, one in found.items()},
+    "inheritable": [os.get_inheritable(3 + place) for place in range(len(made))],
+    "left": [key for key in os.environ if key.startswith("LISTEN_")],
+}))
+"""
+
+
+def child(code: str, *arguments: str, cwd: Path | None = None) -> str:
+    """What a process of its own prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=30, cwd=cwd
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def handed(folder: Path, made: list[str], **environment: str) -> dict[str, Any]:
+    setting = json.dumps({"made": made, "environment": environment})
+    answer: dict[str, Any] = json.loads(child(HANDED, setting, cwd=folder))
+    return answer
+
+
+def test_sockets_are_taken_by_name_and_not_by_place(tmp_path: Path) -> None:
+    answer = handed(tmp_path, ["o", "x", "c"], LISTEN_FDNAMES="observe:varlink:control")
+    assert answer["found"] == {"observe": "o", "control": "c"}
+    assert answer["inheritable"] == [False] * 3
+    assert answer["left"] == []
+
+
+def test_sockets_without_names_are_not_ours_and_are_not_passed_on_either(tmp_path: Path) -> None:
+    answer = handed(tmp_path, ["a", "b"])
+    assert answer == {"found": {}, "inheritable": [False] * 2, "left": []}
+
+
+def test_sockets_meant_for_another_process_are_left_alone(tmp_path: Path) -> None:
+    answer = handed(tmp_path, ["c"], LISTEN_FDNAMES="control", LISTEN_PID="1")
+    assert answer == {"found": {}, "inheritable": [True], "left": []}
+
+
+@pytest.mark.parametrize("count", ["", "-1", "two", "0"])
+def test_a_count_that_is_none_hands_nothing_over(monkeypatch: pytest.MonkeyPatch, count: str) -> None:
+    monkeypatch.setenv("LISTEN_FDS", count)
+    monkeypatch.setenv("LISTEN_PID", str(os.getpid()))
+    monkeypatch.setenv("LISTEN_FDNAMES", "control:observe")
+    assert handed_over() == {}
+    assert not any(key.startswith("LISTEN_") for key in os.environ)
+
+
+def test_without_a_service_manager_nothing_is_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    for key in ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES"):
+        monkeypatch.delenv(key, raising=False)
+    assert handed_over() == {}
