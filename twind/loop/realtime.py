@@ -24,7 +24,8 @@ def enter(priority: int = PRIORITY) -> dict[str, str]:
 
 def fifo(priority: int) -> str:
     """SCHED_FIFO for this process, not for its children. What was got."""
-    if os.sched_getscheduler(0) == os.SCHED_FIFO:  # the unit's CPUSchedulingPolicy= came first
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    if policy == os.SCHED_FIFO:  # the unit's CPUSchedulingPolicy= came first
         return f"fifo {os.sched_getparam(0).sched_priority}"
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))

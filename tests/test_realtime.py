@@ -1,0 +1,93 @@
+"""What was asked of the kernel and what was really got, seen from outside, in a process of its own."""
+
+import json
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from twind.loop.realtime import PRIORITY
+
+CODE = """
+import gc, json, os, resource, sys
+from pathlib import Path
+from twind.loop import realtime
+
+rights, before = sys.argv[1:]
+if rights == "none":
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+    resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
+    if os.geteuid() == 0:
+        os.setuid(65534)
+if before:
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(int(before)))
+    except PermissionError:
+        print(json.dumps(None))
+        sys.exit()
+got = realtime.enter()
+status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+child = os.fork()
+if not child:
+    os._exit(os.sched_getscheduler(0))
+_, code = os.waitpid(child, 0)
+print(json.dumps({
+    "got": got,
+    "fifo": os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO,
+    "priority": os.sched_getparam(0).sched_priority,
+    "locked": int(status["VmLck"].split()[0]),
+    "collecting": gc.isenabled(),
+    "frozen": gc.get_freeze_count(),
+    "child": os.waitstatus_to_exitcode(code),
+}))
+"""
+
+
+def entered(rights: str = "ours", before: str = "") -> dict[str, Any]:
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, rights, before], capture_output=True, text=True, timeout=30
+    )
+    assert done.returncode == 0, done.stderr
+    told: dict[str, Any] | None = json.loads(done.stdout)
+    if told is None:
+        pytest.skip("FIFO is not allowed here")
+    return told
+
+
+def test_what_is_reported_is_what_the_kernel_says() -> None:
+    told = entered()
+    got = told["got"]
+    assert set(got) == {"scheduler", "memory", "timerslack", "gc"}
+    assert told["fifo"] == (got["scheduler"] == f"fifo {PRIORITY}") != got["scheduler"].startswith("no: ")
+    assert told["priority"] == (PRIORITY if told["fifo"] else 0)
+    assert (told["locked"] > 0) == (got["memory"] == "locked") != got["memory"].startswith("no: ")
+    assert got["timerslack"] == "1 ns"
+
+
+def test_the_collector_is_off_and_what_is_there_is_frozen() -> None:
+    told = entered()
+    assert not told["collecting"]
+    assert told["frozen"] > 1000
+    assert told["got"]["gc"] == "frozen, off"
+
+
+def test_without_rights_it_runs_and_says_what_would_help() -> None:
+    told = entered("none")
+    assert not told["fifo"]
+    assert told["locked"] == 0
+    assert f"LimitRTPRIO={PRIORITY}" in told["got"]["scheduler"]
+    assert told["got"]["scheduler"].startswith("no: ")
+    assert "LimitMEMLOCK=infinity" in told["got"]["memory"]
+    assert told["got"]["memory"].startswith("no: ")
+    assert not told["collecting"]
+
+
+def test_a_child_of_the_loop_is_an_ordinary_process() -> None:
+    assert entered()["child"] == 0  # SCHED_OTHER
+
+
+def test_the_priority_that_the_unit_gave_stays() -> None:
+    told = entered(before="7")
+    assert told["got"]["scheduler"] == "fifo 7"
+    assert told["priority"] == 7
