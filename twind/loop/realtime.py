@@ -6,6 +6,7 @@ import os
 
 PRIORITY = 40  # SCHED_FIFO: above the usual desktop services, below the kernel's own interrupt threads
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # <sys/mman.h>
+_M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # <malloc.h>
 _PR_SET_TIMERSLACK = 29  # <sys/prctl.h>
 
 
@@ -14,7 +15,7 @@ def enter(priority: int = PRIORITY) -> dict[str, str]:
 
     Returns what was got, for `GetStatus`: "fifo 40", "locked", or "no: <reason>".
     """
-    got = {"scheduler": fifo(priority), "memory": _lock(), "timerslack": _slack()}
+    got = {"scheduler": fifo(priority), "heap": _heap(), "memory": _lock(), "timerslack": _slack()}
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -32,6 +33,15 @@ def fifo(priority: int) -> str:
     except OSError as error:
         return f"no: {error.strerror} (LimitRTPRIO={priority} in the unit, or CAP_SYS_NICE)"
     return f"fifo {priority}"
+
+
+def _heap() -> str:
+    """Freed memory stays ours: else every array of 100 kB is mapped, faulted in and given back anew."""
+    libc = ctypes.CDLL(None)
+    if not hasattr(libc, "mallopt"):  # not glibc
+        return "no: this C library has no mallopt"
+    kept = libc.mallopt(_M_TRIM_THRESHOLD, -1) and libc.mallopt(_M_MMAP_MAX, 0)
+    return "kept" if kept else "no: mallopt refused"
 
 
 def _lock() -> str:
