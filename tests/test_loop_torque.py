@@ -226,3 +226,66 @@ def test_sigterm_ends_an_inhibited_daemon_and_writes_nothing(armed: Rig) -> None
     armed.ticks(5)
     assert armed.loop.finished
     assert (armed.register("torque_enable") == 1).all()
+
+
+DURING_ARMING = range(1, 18)  # ticks after the call: before torque, the tick in which it comes on, after it
+
+
+@pytest.mark.parametrize("level", ["settle", "cut"])
+def test_an_estop_at_any_moment_of_arming_tells_the_truth_about_torque(level: str) -> None:
+    for moment in DURING_ARMING:
+        rig = Rig()
+        rig.connect()
+        rig.lease()
+        rig.send(link.Arm)
+        rig.ticks(moment)
+        reply = rig.call(link.EStop, level=level)
+        on = (rig.register("torque_enable") == 1).any()
+        assert reply.parameters["torque_off"] is not on, (moment, reply)
+        rig.seconds(2.0)
+        assert (rig.register("torque_enable") == 0).all(), moment
+        rig.close()
+
+
+def test_disarming_at_any_moment_of_arming_ends_connected_without_torque() -> None:
+    for moment in DURING_ARMING:
+        rig = Rig()
+        rig.connect()
+        rig.lease()
+        rig.send(link.Arm)
+        rig.ticks(moment)
+        assert rig.call(link.Disarm, ticks=900).parameters["state"] == "connected", moment
+        assert (rig.register("torque_enable") == 0).all(), moment
+        rig.close()
+
+
+@pytest.mark.parametrize("found_on", [False, True])
+def test_sigterm_at_any_moment_of_arming_leaves_no_torque_but_what_was_found(found_on: bool) -> None:
+    for moment in range(1, 15):
+        rig = Rig()
+        if found_on:
+            for row in range(24):
+                rig.virtual["main"].servos.torque(row, True)
+        rig.connect()
+        rig.lease()
+        rig.send(link.Arm)
+        rig.ticks(moment)
+        assert rig.loop.state is State.ARMING
+        rig.loop.stop_wanted = True
+        rig.ticks(10)
+        assert rig.loop.finished
+        assert (rig.register("torque_enable") == int(found_on)).all(), moment
+        rig.close()
+
+
+def test_a_bus_that_goes_at_any_moment_of_arming_leaves_no_torque_on_the_other() -> None:
+    for moment in range(1, 15):
+        rig = Rig("h24-split")
+        rig.connect()
+        rig.lease()
+        rig.send(link.Arm)
+        rig.ticks(moment)
+        rig.virtual["upper"].faults.unplug()
+        rig.seconds(1.0)
+        assert not any(rig.virtual["lower"].servos["torque_enable"]), moment
+        rig.close()

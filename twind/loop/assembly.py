@@ -74,7 +74,7 @@ def build(
         executor=Executor(binding.limits, period),
         guard=Guard(binding.limits),
         lease=Lease(),
-        health=Health(len(ports)),
+        health=Health(len(ports), thresholds.latency_warn),
         thresholds=thresholds,
         link=link,
         notifier=notifier,

@@ -125,7 +125,7 @@ class Identity:
         finding = Finding(Code.PORT_LOST, message=f"{bus}: {error}")
         loop.event("error", Code.PORT_LOST, finding.message, (finding,))
         self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
-        held = loop.armed
+        held = loop.armed or loop.energising
         if held:
             loop.latch(finding)
             loop.change(Event.FAULT, now)
@@ -134,7 +134,7 @@ class Identity:
             loop.procedures.own(Rank.FAULT, lambda: torque.fault(loop, now))
             return
         loop.procedures.abandon()
-        loop.armed = loop.inherited = False
+        loop.armed = loop.inherited = loop.energising = False
         if loop.mode is Mode.LIVE:
             loop.executor.idle()
         loop.change(Event.PORT_LOST, now)

@@ -92,6 +92,7 @@ class Loop:
         self.latches: dict[Code, Finding] = {}
         self.identity = Identity(self, parts.judge)
         self.armed = self.inherited = self.inhibited = self.finished = False
+        self.energising = False  # torque-on was ordered, and neither read back nor taken back
         self.stop_wanted = False  # SIGTERM: lower the robot, then end
         self.untouched = True  # nobody has moved the simulation since the mode was entered
         self.written: Floats | None = None  # the last goal that really left, rad (n,)
@@ -265,7 +266,8 @@ class Loop:
     @property
     def energised(self) -> bool:
         """Some joint has torque, as far as we know."""
-        return self.armed or self.inherited or bool((self.hardware.slow.torque == 1).any())
+        ours = self.armed or self.inherited or self.energising
+        return ours or bool((self.hardware.slow.torque == 1).any())
 
     @property
     def torque_off(self) -> bool | None:

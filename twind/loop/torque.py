@@ -64,9 +64,12 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
         loop.refuse(command, (found,))
         return
     except GeneratorExit:
+        loop.hardware.clear()  # no torque-on of ours may leave after this
+        if loop.state is State.ARMING:
+            loop.change(Event.ARM_FAILED, loop.clock.now())
         loop.error(command, "Busy", what="arming was ended by something more urgent")
         raise
-    loop.armed, loop.inherited = True, False
+    loop.armed, loop.inherited, loop.energising = True, False, False
     loop.twin.place(position)
     loop.executor.begin(position)
     loop.written = position  # goal := present was written and read back
@@ -97,6 +100,7 @@ def _energise(loop: Loop) -> Generator[None, float, Floats]:
                 message="still moving: let it hang quiet, then arm again",
             )
         )
+    loop.energising = not loop.inherited  # what was found energised is not ours to take away
     yield from all_of(hardware.torque(True))
     yield from ticks(3)
     jump = np.abs(loop.measured.position - held)
@@ -152,6 +156,8 @@ def _back_out(loop: Loop, inherited: bool) -> Procedure:
             yield from all_of(loop.hardware.torque(False))
         except BusError as error:
             loop.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
+            return
+    loop.energising = False
 
 
 # ----------------------------------------------------------------------------------------------- release
@@ -225,7 +231,7 @@ def loosen(loop: Loop) -> Procedure:
     try:
         yield from all_of(loop.hardware.torque(False))
     finally:
-        loop.armed = loop.inherited = False
+        loop.armed = loop.inherited = loop.energising = False
 
 
 # ----------------------------------------------------------------------------------------------- e-stop
@@ -284,6 +290,8 @@ def shutdown(loop: Loop, now: float) -> Procedure:
         yield from fault(loop, now)
         if loop.state is State.SETTLING:
             loop.change(Event.SETTLED, loop.clock.now())
+    elif loop.energising:  # told in the middle of arming
+        yield from fault(loop, now)
     loop.finished = True
 
 
