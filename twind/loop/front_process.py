@@ -82,7 +82,7 @@ class FrontProcess:
         if self.pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, signal.SIGKILL)
-            self._start_at = now + AGAIN
+        self._start_at = now + AGAIN
 
     def reap(self) -> bool:
         """Collect an ended front without waiting; True when it had ended."""

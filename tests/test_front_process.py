@@ -1,0 +1,175 @@
+"""The front as a child: what it is started with, what it is kept away from, and how its end is noticed."""
+
+import os
+import signal
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+import msgspec
+import pytest
+import stand_in
+from processes import until
+
+from twind import link
+from twind.loop.front_process import AGAIN, GRACE, HEARTBEAT, FrontProcess
+
+pytestmark = pytest.mark.realtime
+SERVICE = {"NOTIFY_SOCKET": "@nobody", "LISTEN_FDS": "2", "LISTEN_PID": "1", "WATCHDOG_USEC": "1000"}
+
+
+class World:
+    """A front process and what it is handed: a briefing and two listening sockets."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        briefing = link.seal("briefing", msgspec.msgpack.encode(stand_in.briefing()))
+        stack.callback(os.close, briefing)
+        self.listeners = {}
+        for name in ("control", "observe"):
+            listener = stack.enter_context(socket.socket(socket.AF_UNIX))
+            listener.bind(str(folder / name))
+            listener.listen()
+            self.listeners[name] = listener
+        self.front = FrontProcess(briefing, self.listeners["control"], self.listeners["observe"])
+
+    @property
+    def pid(self) -> int:
+        assert self.front.pid is not None
+        return self.front.pid
+
+    def heard(self) -> bool:
+        """Has it said anything yet?"""
+        assert self.front.socket is not None
+        with suppress(BlockingIOError):
+            return isinstance(link.decode_command(self.front.socket.recv(link.DATAGRAM)), link.Heartbeat)
+        return False
+
+    def close(self) -> None:
+        pid = self.front.pid
+        self.front.end(0.0)
+        if pid is not None:
+            os.waitpid(pid, 0)
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[World]:
+    with ExitStack() as stack:
+        world = World(folder, stack)
+        world.front.start(100.0)
+        try:
+            yield world
+        finally:
+            world.close()
+
+
+def descriptors(pid: int) -> dict[int, str]:
+    found = {}
+    for fd in os.listdir(f"/proc/{pid}/fd"):
+        with suppress(FileNotFoundError):  # the one that lists
+            found[int(fd)] = os.readlink(f"/proc/{pid}/fd/{fd}")
+    return found
+
+
+def test_a_front_is_started_apart_from_the_bus_the_terminal_and_the_service_manager(tmp_path: Path) -> None:
+    with ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
+        for key, value in SERVICE.items():
+            patch.setenv(key, value)
+        inner, outer = os.openpty()  # a bus of ours
+        for fd in (inner, outer):
+            stack.callback(os.close, fd)
+        with suppress(PermissionError):  # as the loop has it where it may
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        stack.callback(os.sched_setscheduler, 0, os.SCHED_OTHER, os.sched_param(0))
+        world = stack.enter_context(started(tmp_path))
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        until(world.heard, 20.0, "the front's first heartbeat")
+
+        assert os.getsid(world.pid) == world.pid != os.getsid(0)
+        assert os.getpgid(world.pid) == world.pid  # Ctrl-C of our terminal goes to our group alone
+        assert os.sched_getscheduler(world.pid) == os.SCHED_OTHER
+        environment = Path(f"/proc/{world.pid}/environ").read_bytes().decode().split("\0")
+        assert not [one for one in environment if one.startswith(tuple(SERVICE))]
+        assert f"PATH={os.environ['PATH']}" in environment
+
+        theirs, ours = descriptors(world.pid), descriptors(os.getpid())
+        sockets = [ours[listener.fileno()] for listener in world.listeners.values()]
+        assert [theirs[5], theirs[6]] == sockets
+        shared = {theirs[fd] for fd in (0, 1, 2)} | {"/dev/null", "anon_inode:[eventpoll]"}
+        kept = {target for fd, target in ours.items() if not os.get_inheritable(fd)} - shared
+        common = kept & set(theirs.values())
+        assert common == set(sockets)
+        assert os.ttyname(outer) in kept
+
+
+def test_a_front_ends_by_itself_when_the_loops_end_of_the_link_closes(tmp_path: Path) -> None:
+    with started(tmp_path) as world:
+        until(world.heard, 20.0, "the front's first heartbeat")
+        assert world.front.socket is not None
+        os.kill(world.pid, signal.SIGINT)  # neither of these ends it
+        os.kill(world.pid, signal.SIGTERM)
+        until(world.heard, 5.0, "another heartbeat")
+        assert not world.front.reap()
+        world.front.socket.close()
+        world.front.socket = None
+        until(world.front.reap, 10.0, "its end")
+        assert world.front.pid is None
+
+
+def test_a_killed_front_is_noticed_and_the_next_one_waits_a_moment(tmp_path: Path) -> None:
+    with started(tmp_path) as world:
+        first = world.pid
+        assert not world.front.due(1e9)
+        os.kill(first, signal.SIGKILL)
+        until(world.front.reap, 10.0, "its end")
+        assert not world.front.reap()  # told once
+        world.front.end(100.0)
+        assert not world.front.due(100.0 + AGAIN * 0.99)
+        assert world.front.due(100.0 + AGAIN)
+        world.front.start(101.0)
+        assert world.pid != first
+        assert world.front.starts == 2
+        until(world.heard, 20.0, "the second front's first heartbeat")
+
+
+def test_ending_a_front_kills_it_and_closes_the_link(tmp_path: Path) -> None:
+    with started(tmp_path) as world:
+        sock, pid = world.front.socket, world.pid
+        assert sock is not None
+        world.front.end(200.0)
+        world.front.end(200.0)  # twice is no harm
+        assert sock.fileno() == -1
+        assert world.front.socket is None
+        until(world.front.reap, 10.0, "its end")
+        assert not Path(f"/proc/{pid}").exists()
+        assert not world.front.due(200.0 + AGAIN * 0.99)
+        assert world.front.due(200.0 + AGAIN)
+
+
+def test_a_front_has_time_to_start_and_then_must_show_life(tmp_path: Path) -> None:
+    with started(tmp_path) as world:  # at 100 s
+        assert not world.front.overdue(100.0 + GRACE)
+        assert world.front.overdue(100.0 + GRACE + 0.001)
+        world.front.alive(101.0)
+        assert not world.front.overdue(101.0 + HEARTBEAT)
+        assert world.front.overdue(101.0 + HEARTBEAT + 0.001)
+
+
+def test_the_link_does_not_block_and_keeps_datagrams_apart(tmp_path: Path) -> None:
+    with started(tmp_path) as world:
+        sock = world.front.socket
+        assert sock is not None
+        assert sock.type == socket.SOCK_SEQPACKET
+        assert not sock.getblocking()
+        assert not sock.get_inheritable()
+
+
+def test_before_the_first_start_there_is_none_and_one_is_due(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        front = World(tmp_path, stack).front
+        assert (front.socket, front.pid, front.starts) == (None, None, 0)
+        assert front.due(0.0)
+        assert not front.overdue(1e9)
+        assert not front.reap()
+        front.end(5.0)
+        assert front.due(5.0 + AGAIN)
