@@ -1,0 +1,135 @@
+"""Time that waits for nobody, and time that moves only when somebody waits."""
+
+import os
+import time
+from collections.abc import Iterator
+from math import inf
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind_drivers.clock import Clock, FakeClock, MonotonicClock
+
+TIMES = st.floats(-1e6, 1e6) | st.just(inf) | st.just(-inf)
+
+
+class Coming:
+    """Bytes that arrive at a known time."""
+
+    def __init__(self, at: float) -> None:
+        self.at = at
+
+    def fileno(self) -> int:
+        return -1
+
+    def arrival(self) -> float:
+        return self.at
+
+
+class Pipe:
+    """The reading end of a real pipe."""
+
+    def __init__(self) -> None:
+        self.ours, self.theirs = os.pipe()
+
+    def fileno(self) -> int:
+        return self.ours
+
+    def arrival(self) -> float:
+        return inf
+
+    def close(self) -> None:
+        for fd in (self.ours, self.theirs):
+            if fd >= 0:
+                os.close(fd)
+
+
+@pytest.fixture
+def pipe() -> Iterator[Pipe]:
+    pipe = Pipe()
+    yield pipe
+    pipe.close()
+
+
+# ------------------------------------------------------------------------------------- the fake one
+
+
+@given(st.lists(st.tuples(st.booleans(), TIMES, st.lists(TIMES, max_size=3)), max_size=10))
+def test_fake_time_never_goes_back_and_stops_at_the_first_thing_to_happen(
+    waits: list[tuple[bool, float, list[float]]],
+) -> None:
+    clock: Clock = FakeClock(5.0)
+    for sleeps, deadline, arrivals in waits:
+        before = clock.now()
+        if sleeps:
+            clock.sleep_until(deadline)
+            assert clock.now() == max(before, deadline)
+        else:
+            clock.wait([Coming(at) for at in arrivals], deadline)
+            assert clock.now() == max(before, min([deadline, *arrivals]))
+
+
+def test_fake_time_stands_while_nobody_waits() -> None:
+    clock = FakeClock(3.0)
+    assert [clock.now() for _ in range(3)] == [3.0] * 3
+
+
+# ------------------------------------------------------------------------------------- the kernel's
+
+
+def test_monotonic_time_is_the_kernels() -> None:
+    clock = MonotonicClock()
+    assert time.monotonic() <= clock.now() <= time.monotonic()
+
+
+@pytest.mark.realtime
+def test_a_sleep_ends_at_its_deadline_or_later_and_a_past_one_at_once() -> None:
+    clock = MonotonicClock()
+    deadline = clock.now() + 0.005
+    clock.sleep_until(deadline)
+    assert clock.now() >= deadline
+    clock.sleep_until(deadline - 100.0)
+    clock.sleep_until(-inf)
+
+
+@pytest.mark.realtime
+def test_a_wait_without_bytes_ends_at_its_deadline(pipe: Pipe) -> None:
+    clock = MonotonicClock()
+    deadline = clock.now() + 0.003
+    clock.wait([pipe], deadline)
+    assert clock.now() >= deadline - 0.0005  # poll counts whole milliseconds and may wake half a one early
+
+
+def test_bytes_a_hang_up_or_a_past_deadline_end_a_wait_long_before_its_time(pipe: Pipe) -> None:
+    clock, idle = MonotonicClock(), Pipe()
+    begin = clock.now()
+    clock.wait([idle, pipe], begin - 1.0)
+    os.write(pipe.theirs, b"x")
+    clock.wait([idle, pipe], begin + 600.0)
+    os.read(pipe.ours, 1)
+    os.close(pipe.theirs)
+    pipe.theirs = -1
+    clock.wait([pipe, idle], begin + 600.0)
+    idle.close()
+    assert clock.now() < begin + 60.0
+
+
+def test_a_descriptor_that_was_closed_wakes_its_reader_so_that_the_read_can_say_so() -> None:
+    clock, pipe = MonotonicClock(), Pipe()
+    pipe.close()
+    begin = clock.now()
+    clock.wait([pipe], begin + 600.0)
+    assert clock.now() < begin + 60.0
+
+
+def test_ports_replugged_again_and_again_do_not_grow_without_end() -> None:
+    clock, ours = MonotonicClock(), []
+    for _ in range(100):
+        ours.append(pipe := Pipe())
+        clock.wait([pipe], 0.0)
+    assert len(clock._polls) <= 65
+    os.write(pipe.theirs, b"x")
+    clock.wait([pipe], clock.now() + 600.0)  # still polled rightly
+    for pipe in ours:
+        pipe.close()
