@@ -1,0 +1,181 @@
+"""The command line of `twind`: which port is whose, why live is denied, and what the exit code says."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from twind import cli
+from twind.cli import FAILED, USAGE, UsageError, bus_ports, live_denied
+from twind.config.located import ConfigError
+from twind.config.settings import Settings, load_settings
+from twind.robot.finding import Code
+
+TWO = ["legs", "arms"]
+
+
+def settings(*ports: str, file: dict[str, str] | None = None) -> Settings:
+    """Settings of nowhere in particular, with ports of a file below those of the command line."""
+    found = load_settings(None, {"HOME": "/nowhere"}, uid=12345)
+    return found.override(ports=[f"{bus}={port}" for bus, port in (file or {}).items()]).override(ports=ports)
+
+
+# ------------------------------------------------------------------------------------- ports
+
+
+def test_a_bare_port_is_that_of_the_only_bus() -> None:
+    assert bus_ports(settings("/dev/ttyUSB0"), ["main"], {"main": None}) == {"main": "/dev/ttyUSB0"}
+
+
+def test_a_bare_port_of_several_buses_is_refused_with_what_to_type() -> None:
+    with pytest.raises(UsageError, match="2 buses, say which: --port legs=PORT --port arms=PORT"):
+        bus_ports(settings("/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
+
+
+def test_each_bus_of_several_has_its_port() -> None:
+    named = settings("arms=/dev/ttyUSB1", "legs=/dev/ttyUSB0")
+    assert bus_ports(named, TWO, dict.fromkeys(TWO)) == {"legs": "/dev/ttyUSB0", "arms": "/dev/ttyUSB1"}
+
+
+def test_a_bus_that_the_robot_does_not_have_is_answered_with_those_it_has() -> None:
+    with pytest.raises(UsageError, match="no bus 'leg'; the buses of this robot: legs, arms"):
+        bus_ports(settings("leg=/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
+
+
+def test_the_command_line_wins_over_the_settings_and_they_over_the_robot_file() -> None:
+    described = {"legs": "robot", "arms": "robot"}
+    assert bus_ports(settings(), TWO, described) == described
+    of_file = settings(file={"arms": "file", "legs": "file"})
+    assert bus_ports(of_file, TWO, described) == {"legs": "file", "arms": "file"}
+    both = settings("legs=line", file={"arms": "file", "legs": "file"})
+    assert bus_ports(both, TWO, described) == {"legs": "line", "arms": "file"}
+    assert bus_ports(settings("line", file={"main": "file"}), ["main"], {"main": "robot"}) == {"main": "line"}
+
+
+def test_a_bus_without_a_port_stays_without() -> None:
+    ports = bus_ports(settings("legs=/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
+    assert ports == {"legs": "/dev/ttyUSB0", "arms": None}
+
+
+def test_the_settings_are_not_changed_by_being_read() -> None:
+    given, described = settings("/dev/ttyUSB0"), {"main": None}
+    bus_ports(given, ["main"], described)
+    assert dict(given.ports) == {"": "/dev/ttyUSB0"}
+    assert described == {"main": None}
+
+
+@pytest.mark.parametrize(
+    ("ports", "message"),
+    [
+        (["a", "b"], "given twice"),
+        (["main=a", "main=b"], "for bus main twice"),
+        ([""], "empty"),
+        (["can:socketcan:can0"], "CAN ports are not supported"),
+        (["main=can:socketcan:can0"], "CAN ports are not supported"),
+    ],
+)
+def test_a_port_that_cannot_be_meant_is_refused(ports: Sequence[str], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        settings(*ports)
+
+
+def test_a_path_with_an_equals_sign_is_a_path() -> None:
+    by_id = "/dev/serial/by-id/usb-FTDI=1"
+    assert bus_ports(settings(by_id), ["main"], {"main": None}) == {"main": by_id}
+
+
+# ------------------------------------------------------------------------------------- live
+
+
+def test_live_needs_a_port_for_every_bus() -> None:
+    denied = live_denied("h24", {"legs": "/dev/ttyUSB0", "arms": None}, calibrated=True)
+    assert denied is not None
+    assert denied.code is Code.HW_DISCONNECTED
+    assert "--port arms=PORT" in denied.message
+
+
+def test_live_needs_a_calibration() -> None:
+    denied = live_denied("h24", {"main": "/dev/ttyUSB0"}, calibrated=False)
+    assert denied is not None
+    assert denied.code is Code.CALIB_MISSING
+    assert "--calibration FILE" in denied.message
+
+
+def test_with_both_nothing_stands_in_the_way() -> None:
+    assert live_denied("h24", {"main": "/dev/ttyUSB0"}, calibrated=True) is None
+
+
+# ------------------------------------------------------------------------------------- exit codes
+
+
+@pytest.fixture(autouse=True)
+def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No settings, calibration or folder of this machine."""
+    for key in ("XDG_CONFIG_HOME", "XDG_STATE_HOME", "XDG_RUNTIME_DIR", "HOME"):
+        monkeypatch.setenv(key, str(tmp_path / key))
+    monkeypatch.setattr("os.geteuid", lambda: 12345)
+    monkeypatch.setattr("faulthandler.enable", lambda: None)  # the test run has its own
+
+
+def ended(capfd: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    """Exit code and standard error."""
+    try:
+        code: Any = cli.main(list(arguments))
+    except SystemExit as end:  # argparse
+        code = end.code
+    return code, capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--mode", "fly"], "invalid choice: 'fly'"),
+        (["--fast"], "unrecognized arguments: --fast"),
+        (["--rate", "quick"], "invalid float value"),
+        (["--rate", "5000"], "outside 10 to 1000 Hz"),
+        (["--rate", "nan"], "outside 10 to 1000 Hz"),
+        (["--rate", "1000"], "main"),
+        (["--config", "/nowhere/twind.yaml"], "/nowhere/twind.yaml"),
+        (["--robot", "h25"], "h24"),
+        (["--robot", "h24-split", "--port", "/dev/ttyUSB0"], "2 buses"),
+        (["--port", "mian=/dev/ttyUSB0"], "no bus 'mian'"),
+        (["--calibration", "/nowhere/c.yaml"], "/nowhere/c.yaml"),
+        (["--mode", "live"], "--port main=PORT"),
+        (["--mode", "live", "--port", "/dev/ttyUSB0"], "--calibration FILE"),
+    ],
+)
+def test_what_cannot_be_meant_ends_with_2_and_says_what_is_wrong(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    code, said = ended(capfd, "--socket", str(tmp_path / "run"), *arguments)
+    assert code == USAGE == 2
+    assert message in said
+    assert "Traceback" not in said
+    assert not (tmp_path / "run").exists()  # nothing was begun
+
+
+def test_a_port_that_cannot_be_had_ends_with_1_and_gives_the_sockets_back(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    code, said = ended(capfd, "--socket", str(tmp_path / "run"), "--port", str(tmp_path / "file"))
+    assert code == FAILED == 1
+    assert "not a character device" in said
+    again, said = ended(capfd, "--socket", str(tmp_path / "run"), "--port", str(tmp_path / "file"))
+    assert (again, "another twind" in said) == (FAILED, False)
+
+
+def test_a_folder_that_cannot_be_ends_with_1(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    code, said = ended(capfd, "--mode", "sim", "--socket", str(tmp_path / "file"))
+    assert code == FAILED
+    assert "control.sock" in said
+    assert "--socket DIR" in said
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(["--version"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out.startswith("twind ")
