@@ -4,6 +4,7 @@ import bisect
 import random
 import time
 from collections.abc import Mapping
+from functools import partial
 
 from bench.daemon import Asker, Daemon, await_state, live, scratch, twind
 from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, interleaved, medians, quantile, spread
@@ -31,7 +32,7 @@ def take_status() -> Mapping[str, Figure]:
             rounds[name].append(quantile(trips, 0.99))
             return quantile(trips, 0.5)
 
-        found = interleaved(ROUNDS, {name: lambda name=name: ask(name) for name in askers})
+        found = interleaved(ROUNDS, {name: partial(ask, name) for name in askers})
         size = askers["live"].ask()
         for asker in askers.values():
             asker.close()
@@ -86,7 +87,7 @@ def _round(client: Client, daemon: Daemon, tap: Tap) -> list[float]:
     for k in range(SETPOINTS):
         time.sleep(PAUSE + pauses.random() * SCATTER)
         sent.append(time.monotonic())
-        client.call("Setpoint", joint_names=names, positions=places[(k + 1) % 2], valid_for=0.2)
+        client.call("Setpoint", joint_names=names, positions=places[(k + 1) % 2], valid_for=0.1)
     time.sleep(0.1)
     return _matched(sent, tap)
 

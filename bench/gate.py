@@ -1,6 +1,7 @@
 """`gate.check_1000x24`: a thousand waypoints of all joints through every rule of the curve."""
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
@@ -37,19 +38,16 @@ def take() -> Mapping[str, Figure]:
     }
     snapshot, thresholds = _snapshot(whole), gate.Thresholds()
 
+    def judged(path: Trajectory) -> float:
+        return cpu_per_call(lambda _: judge(path), CALLS) * 1e3
+
     def judge(path: Trajectory) -> None:
         refusals = gate.check(path, snapshot, limits, gate.Demand(), thresholds).verdict.refusals
         if refusals:
             raise RuntimeError(f"the path was refused: {refusals[0]}")
 
     with as_in_the_loop():
-        found = interleaved(
-            ROUNDS,
-            {
-                name: lambda path=path: cpu_per_call(lambda _: judge(path), CALLS) * 1e3
-                for name, path in paths.items()
-            },
-        )
+        found = interleaved(ROUNDS, {name: partial(judged, path) for name, path in paths.items()})
     middle = medians(found)
     worst = max(middle, key=middle.__getitem__)
     each = ", ".join(f"{name} {value:.2f}" for name, value in middle.items())

@@ -32,7 +32,7 @@ def take() -> Mapping[str, Figure]:
         ticks = {name: robot.loop.figures.ticks for name, robot in robots.items()}
     middle = medians(found)
     notes = {
-        name: f"armed, 24 joints moving, {ticks[name]} ticks in {ROUNDS} rounds of {ROUND[name]:g} s of robot; "
+        name: f"armed, 24 joints moving, {ROUNDS} rounds of {ROUND[name]:g} s of robot, {ticks[name]} ticks; "
         f"CPU time, {middle[name] / HOUR * 1e4:.0f} µs a tick; {spread(found[name], 's')}"
         for name in found
     }

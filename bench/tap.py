@@ -21,8 +21,9 @@ class Tap:
     """Bytes both ways, at once; `writes` are the daemon's: (s, when the first byte was there, bytes)."""
 
     def __init__(self, port: str, baud: int) -> None:
-        self._far = serial.Serial(port, baud, timeout=0, exclusive=True)
-        os.set_blocking(self._far.fd, False)
+        self._serial = serial.Serial(port, baud, timeout=0, exclusive=True)
+        self._far: int = self._serial.fileno()
+        os.set_blocking(self._far, False)
         self._near, other = pty.openpty()
         tty.setraw(other)
         self.path = os.ttyname(other)
@@ -37,22 +38,22 @@ class Tap:
         """Let go of both ends."""
         self._ended = True
         self._thread.join()
-        self._far.close()
+        self._serial.close()
         os.close(self._near)
 
     def _relay(self) -> None:
         poll = select.poll()
         poll.register(self._near, select.POLLIN)
-        poll.register(self._far.fd, select.POLLIN)
+        poll.register(self._far, select.POLLIN)
         while not self._ended:
             ready = dict(poll.poll(100))
             now = time.monotonic()
             if ready.get(self._near, 0) & select.POLLIN and (data := _read(self._near)):
                 self.writes.append((now, data))
-                os.write(self._far.fd, data)
+                os.write(self._far, data)
             elif self._near in ready:
                 time.sleep(0.005)  # nobody at the other end: a hang-up cannot be waited for
-            if ready.get(self._far.fd, 0) & select.POLLIN and (data := _read(self._far.fd)):
+            if ready.get(self._far, 0) & select.POLLIN and (data := _read(self._far)):
                 _write(self._near, data)
 
     def goals(self) -> list[tuple[float, bytes]]:
