@@ -1,0 +1,207 @@
+"""Calls on single devices: who there is, what is in a register, and a clear answer where that cannot be."""
+
+from collections.abc import Iterator
+
+import pytest
+from rig import Rig
+
+from twind import link
+from twind.robot.modes import Mode
+
+
+@pytest.fixture
+def split() -> Iterator[Rig]:
+    rig = Rig("h24-split")
+    yield rig
+    rig.close()
+
+
+@pytest.fixture
+def mirror() -> Iterator[Rig]:
+    rig = Rig(mode=Mode.MIRROR)
+    yield rig
+    rig.close()
+
+
+def scan(rig: Rig, bus: str | None = None) -> list[link.Reply]:
+    ticket = rig.send(link.Scan, bus=bus)
+    for _ in range(200):
+        rig.ticks(1)
+        replies = rig.replies(ticket)
+        if replies and not replies[-1].continues:
+            return replies
+    raise AssertionError("no last reply")
+
+
+# ------------------------------------------------------------------------------------- which bus
+
+
+def test_an_unknown_bus_is_answered_with_those_there_are(split: Rig) -> None:
+    split.connect()
+    known = [bus.name for bus in split.robot.buses]
+    for reply in (
+        split.call(link.ReadRegister, bus="main", id=1, name="led"),
+        split.call(link.WriteRegister, bus="main", id=1, name="led", value=1),
+        split.call(link.Reboot, bus="main", id=1),
+        split.call(link.Scan, bus="main"),
+    ):
+        assert reply.error == "NotFound"
+        assert reply.parameters == {"what": "bus", "name": "main", "known": known}
+
+
+def test_without_a_name_the_only_bus_is_meant_and_of_several_none(live: Rig, split: Rig) -> None:
+    live.connect()
+    split.connect()
+    assert scan(live)[-1].error is None
+    (reply,) = scan(split)
+    assert reply.error == "NotFound"
+
+
+def test_a_bus_that_is_not_open_is_answered_with_the_reason(live: Rig) -> None:
+    live.virtual["main"].faults.unplug()
+    live.ticks(5)
+    reply = live.call(link.ReadRegister, bus="main", id=1, name="led")
+    assert reply.error == "BusFailed"
+    assert reply.parameters["bus"] == "main"
+    assert "no such port" in reply.parameters["message"]
+
+
+def test_in_sim_no_bus_is_open() -> None:
+    rig = Rig(mode=Mode.SIM)
+    reply = rig.call(link.Scan)
+    assert reply.error == "BusFailed"
+    rig.close()
+
+
+# ------------------------------------------------------------------------------------- registers
+
+
+def test_a_register_is_read_in_mirror_too(mirror: Rig) -> None:
+    mirror.connect()
+    reply = mirror.call(link.ReadRegister, bus="main", id=7, name="Model Number")
+    assert reply.parameters["register"] == {"name": "Model Number", "address": 0, "size": 2, "value": 1020}
+
+
+def test_a_misspelt_register_is_answered_with_the_nearest(live: Rig) -> None:
+    live.connect()
+    reply = live.call(link.ReadRegister, bus="main", id=7, name="postion_p_gain")
+    assert reply.error == "NotFound"
+    assert reply.parameters["what"] == "register"
+    assert "position_p_gain" in str(reply.parameters)
+
+
+def test_a_device_that_is_not_of_this_bus_is_answered_with_those_that_are(live: Rig) -> None:
+    live.connect()
+    reply = live.call(link.ReadRegister, bus="main", id=99, name="led")
+    assert reply.error == "NotFound"
+    assert "no id 99; its ids are [1, 2, 3," in str(reply.parameters)
+
+
+def test_a_silent_device_is_an_answer_and_not_a_wait(live: Rig) -> None:
+    live.connect()
+    live.virtual["main"].faults.silence(7)
+    reply = live.call(link.ReadRegister, bus="main", id=7, name="led", ticks=20)
+    assert reply.error == "BusFailed"
+    assert "[7]" in reply.parameters["message"]
+
+
+def test_a_lost_bus_ends_the_call(live: Rig) -> None:
+    live.connect()
+    ticket = live.send(link.Scan)
+    live.ticks(2)
+    live.virtual["main"].faults.unplug()
+    live.ticks(3)
+    (reply,) = live.replies(ticket)
+    assert reply.error == "BusFailed"
+    assert "unplugged" in reply.parameters["message"]
+
+
+def test_a_value_that_a_register_cannot_hold_is_refused_and_not_written(live: Rig) -> None:
+    live.connect()
+    reply = live.call(link.WriteRegister, bus="main", id=7, name="led", value=2)
+    assert reply.error == "BusFailed"
+    assert "2" in reply.parameters["message"]
+    assert live.call(link.ReadRegister, bus="main", id=7, name="led").parameters["register"]["value"] == 0
+
+
+@pytest.mark.parametrize("name", ["torque_enable", "goal_position", "id", "baud_rate"])
+def test_registers_that_belong_to_somebody_else_are_not_written(live: Rig, name: str) -> None:
+    live.connect()
+    reply = live.call(link.WriteRegister, bus="main", id=7, name=name, value=1)
+    assert reply.error == "BusFailed"
+    assert "is not written here" in reply.parameters["message"]
+
+
+def test_a_write_is_told_to_the_log_with_who_asked(live: Rig) -> None:
+    live.connect()
+    reply = live.call(link.WriteRegister, bus="main", id=7, name="led", value=1)
+    assert reply.parameters["register"]["value"] == 1
+    (event,) = live.events("REGISTER")
+    assert event.message == "test: main/7 led := 1"
+
+
+@pytest.mark.parametrize(
+    ("kind", "more"), [(link.WriteRegister, {"name": "led", "value": 1}), (link.Reboot, {})]
+)
+def test_in_mirror_nothing_is_written(mirror: Rig, kind: type[link.Command], more: dict[str, object]) -> None:
+    mirror.connect()
+    reply = mirror.call(kind, bus="main", id=7, **more)
+    assert reply.error == "WrongState"
+    assert reply.parameters["state"] == "mode mirror"
+    led = mirror.call(link.ReadRegister, bus="main", id=7, name="led")
+    assert led.parameters["register"]["value"] == 0
+
+
+def test_while_any_servo_has_torque_no_device_is_restarted(armed: Rig) -> None:
+    reply = armed.call(link.Reboot, bus="main", id=7)
+    assert reply.error == "WrongState"
+    assert "torque on" in reply.parameters["state"]
+    assert armed.register("torque_enable").tolist() == [1] * 24
+
+
+# ------------------------------------------------------------------------------------- restart and scan
+
+
+def test_a_restarted_device_has_lost_its_memory_and_everybody_is_identified_again(live: Rig) -> None:
+    live.connect()
+    live.call(link.WriteRegister, bus="main", id=7, name="led", value=1)
+    reply = live.call(link.Reboot, bus="main", id=7)
+    assert reply.error is None
+    assert live.call(link.ReadRegister, bus="main", id=7, name="led").parameters["register"]["value"] == 0
+    live.ticks(60)
+    assert live.loop.hardware.connected
+
+
+def test_a_device_that_does_not_come_back_is_an_answer(live: Rig) -> None:
+    live.connect()
+    live.virtual["main"].faults.silence(7)
+    reply = live.call(link.Reboot, bus="main", id=7)
+    assert reply.error == "BusFailed"
+    assert "[7]" in reply.parameters["message"]
+
+
+def test_a_scan_tells_one_device_a_reply_and_which_is_the_last(live: Rig) -> None:
+    live.connect()
+    live.virtual["main"].faults.silence(7)
+    replies = scan(live)
+    assert [reply.parameters["id"] for reply in replies] == [id for id in range(1, 25) if id != 7]
+    assert [reply.continues for reply in replies] == [True] * 22 + [False]
+    assert {reply.parameters["model_name"] for reply in replies} == {"XM430-W350"}
+    assert {reply.parameters["bus"] for reply in replies} == {"main"}
+
+
+def test_a_scan_of_a_bus_without_power_names_who_was_asked(live: Rig) -> None:
+    live.connect()
+    for id in range(1, 25):
+        live.virtual["main"].faults.silence(id)
+    (reply,) = scan(live)
+    assert reply.error == "BusFailed"
+    assert "no reply to ping from [1, 2, 3," in reply.parameters["message"]
+
+
+def test_calls_on_devices_do_not_stop_the_motion_of_the_loop(armed: Rig) -> None:
+    armed.call(link.ReadRegister, bus="main", id=7, name="led")
+    scan(armed)
+    assert armed.loop.measured.heard.all()
+    assert armed.loop.state == "armed"
+    assert armed.loop.figures.missed == 0
