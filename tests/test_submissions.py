@@ -13,9 +13,9 @@ JOINT = "l_elbow"
 
 
 def path(rig: Rig, *way: float, step: float = 0.5) -> Trajectory:
-    """Places of one joint, rad from where it is, `step` s apart."""
+    """Places of one joint, rad of bending from where it is, `step` s apart."""
     here = float(rig.loop.measured.position[rig.names.index(JOINT)])
-    return rig.path(JOINT, [here + each for each in way], [step * (k + 1) for k in range(len(way))])
+    return rig.path(JOINT, [here - each for each in way], [step * (k + 1) for k in range(len(way))])
 
 
 def last(rig: Rig, ticket: int, ticks: int = 400) -> list[link.Reply]:
@@ -169,7 +169,7 @@ def test_with_more_progress_grows_from_accepted_to_the_end(armed: Rig) -> None:
 
 @pytest.mark.parametrize("phase", ["cancelled", "replaced"])
 def test_one_that_is_ended_early_says_how_far_it_came(armed: Rig, phase: str) -> None:
-    ticket = armed.submit(path(armed, 0.06, 0.12, step=1.0), more=True)
+    ticket = armed.submit(path(armed, 0.1, 0.2, step=1.0), more=True)
     armed.seconds(0.5)
     if phase == "cancelled":
         armed.send(link.Cancel)
