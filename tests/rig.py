@@ -51,6 +51,9 @@ class HandFront:
     def due(self, now: float) -> bool:
         return False
 
+    def finish(self) -> None:
+        self.end(0.0)
+
     def end(self, now: float) -> None:
         if self.socket is not None:
             self.socket.close()

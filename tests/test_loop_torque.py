@@ -214,8 +214,9 @@ def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
     reply = armed.call(link.Disarm, ticks=50)
     assert (reply.error, reply.parameters["state"]) == (None, "inhibited")
     assert (armed.register("torque_enable") == 0).all()
-    assert armed.call(link.Reset).parameters["state"] == "disconnected"
+    assert armed.call(link.Reset).parameters["state"] == "identifying"
     armed.connect()  # everybody was asked anew who they are
+    armed.seconds(0.6)  # half a second of good latency (S11)
     armed.lease()
     assert armed.call(link.Arm).error is None
 
@@ -289,3 +290,46 @@ def test_a_bus_that_goes_at_any_moment_of_arming_leaves_no_torque_on_the_other()
         rig.seconds(1.0)
         assert not any(rig.virtual["lower"].servos["torque_enable"]), moment
         rig.close()
+
+
+def test_torque_found_on_in_mirror_is_not_said_to_be_off_and_can_be_taken_off_in_live() -> None:
+    rig = Rig(mode=Mode.MIRROR)
+    for row in range(24):
+        rig.virtual["main"].servos.torque(row, True)
+    rig.connect()
+    rig.ticks(20)
+    before = rig.counts
+    assert codes(rig.call(link.Disarm)) == ["MODE_DENIES"]
+    assert codes(rig.call(link.SetMode, mode="sim")) == ["MODE_DENIES"]
+    assert rig.call(link.SetMode, mode="live").error is None
+    rig.seconds(1.0)
+    assert (rig.register("torque_enable") == 1).all()
+    assert np.array_equal(rig.counts, before)
+    assert codes(rig.call(link.SetMode, mode="mirror")) == ["MODE_DENIES"]
+    assert rig.call(link.Disarm).parameters["state"] == "connected"
+    assert (rig.register("torque_enable") == 0).all()
+    rig.close()
+
+
+def test_one_of_two_buses_lost_lowers_the_joints_of_the_other_and_lets_them_go() -> None:
+    rig = Rig("h24-split")
+    rig.arm()
+    rig.submit(rig.path("l_knee", [0.6], [1.0]))
+    rig.seconds(1.5)
+    rig.virtual["upper"].faults.unplug()
+    rig.seconds(6.0)
+    assert rig.loop.state is State.FAULT
+    assert "PORT_LOST" in rig.loop.latches
+    assert rig.loop.armed is False
+    assert not any(rig.virtual["lower"].servos["torque_enable"])
+    assert abs(rig.truth[rig.names.index("l_knee")]) < 0.05
+    rig.virtual["upper"].faults.replug()
+    rig.seconds(3.0)
+    assert rig.loop.state is State.FAULT
+    assert rig.loop.inherited is True  # the servos of the lost bus kept their torque
+    rig.call(link.Disarm, ticks=50)
+    assert (rig.register("torque_enable") == 0).all()
+    rig.call(link.Reset)
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    rig.close()

@@ -143,9 +143,11 @@ def test_a_closed_port_ends_its_tasks_too(world: TwoBuses, port: Port) -> None:
 # ------------------------------------------------------------------------------------- scripts
 
 
-def test_a_script_takes_one_transaction_a_tick_and_hands_over_its_result(world: TwoBuses, port: Port) -> None:
+def test_an_urgent_script_takes_one_transaction_a_tick_and_hands_over_its_result(
+    world: TwoBuses, port: Port
+) -> None:
     world.virtual["left"].faults.silence(2)
-    task = port.run(pings(1, 2, 3))
+    task = port.run(pings(1, 2, 3), urgent=True)
     steps = []
     for _ in range(4):
         steps.append(task.done)
@@ -187,9 +189,9 @@ def test_what_a_script_never_promised_to_raise_is_not_swallowed(port: Port) -> N
 
 def test_scripts_run_in_the_order_they_came_but_one_that_must_be_first(world: TwoBuses, port: Port) -> None:
     early, late = port.run(pings(1, 2)), port.run(pings(1))
-    urgent = port.run(pings(3), first=True)
+    urgent = port.run(pings(3), urgent=True)
     order = []
-    for _ in range(5):
+    for _ in range(10):
         world.tick()
         order += [name for name, task in zip("elu", (early, late, urgent), strict=True) if task.done]
     assert "".join(dict.fromkeys(order)) == "uel"
@@ -253,7 +255,7 @@ def test_a_read_only_port_refuses_every_order_and_the_servos_hear_nothing(order:
         yield order
 
     task = port.run(script())
-    world.tick(count=2)
+    world.tick(count=3)
     assert task.done
     assert f"opened read-only, {type(order).__name__} refused" in str(task.error)
     assert world.virtual["left"].servos["torque_enable"].tolist() == [0, 0, 0]
@@ -277,11 +279,32 @@ def test_an_order_that_fails_the_last_check_ends_its_script_and_the_reading_goes
 # ------------------------------------------------------------------------------------- time
 
 
-def test_upkeep_waits_for_a_roomier_tick_and_a_script_does_not(world: TwoBuses, port: Port) -> None:
+def test_what_changes_torque_waits_for_no_room_and_no_script_waits_for_ever(
+    world: TwoBuses, port: Port
+) -> None:
     now = world.clock.now()
-    assert not port.begin_rare(now, now + 0.0016)
+    assert not port.begin_rare(now, now + 0.0016)  # upkeep
     port.run(pings(1))
-    assert port.begin_rare(now, now + 0.0016)
+    tries = [port.begin_rare(now, now + 0.0016) for _ in range(12)]
+    assert True in tries
+    assert not tries[0]
+
+
+def test_an_urgent_script_begins_at_once_however_late_the_tick_is(world: TwoBuses, port: Port) -> None:
+    now = world.clock.now()
+    port.run(pings(1), urgent=True)
+    assert port.begin_rare(now, now - 1.0)
+
+
+def test_scripts_that_keep_coming_do_not_starve_the_upkeep(world: TwoBuses, port: Port) -> None:
+    assert port.reader is not None
+    before = port.reader.registers.status_time.copy()
+    for _ in range(20):
+        port.run(pings(1))
+        port.run(pings(2))
+        world.tick()
+    assert (port.reader.registers.status_time > before).all()
+    assert port.full
 
 
 def test_upkeep_reads_the_slow_registers_while_no_script_waits(world: TwoBuses, port: Port) -> None:

@@ -6,7 +6,7 @@ Joints alternate between the buses, signs and gear ratios differ, so that a mixe
 import numpy as np
 
 from twind.loop.hardware import Hardware
-from twind.loop.ports import Port
+from twind.loop.ports import Link, Port
 from twind.robot.arrays import Floats
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
@@ -94,6 +94,8 @@ class TwoBuses:
         assert all(port.identification is not None and port.identification.done for port in self.ports)
         for port in self.ports:
             port.identification = None
+            port.link = Link.CONNECTED
+        self.hardware.hold(True)
 
     def goals(self) -> list[int]:
         """The goal registers in joint order."""

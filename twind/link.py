@@ -375,11 +375,13 @@ def seal(name: str, data: bytes) -> int:
     return fd
 
 
-def unseal(fd: int) -> bytes:
-    """What `seal` put there. Raises ValueError when it could still be changed. Does not close `fd`."""
+def unseal(fd: int, most: int | None = None) -> bytes:
+    """What `seal` put there. Raises ValueError: changeable, or over `most` bytes. Does not close `fd`."""
     if fcntl.fcntl(fd, fcntl.F_GET_SEALS) & SEALS != SEALS:
         raise ValueError(f"memfd {fd} is not sealed: its contents could change after they were checked")
     size = os.fstat(fd).st_size
+    if most is not None and size > most:
+        raise ValueError(f"memfd {fd} holds {size} bytes, at most {most} are taken")
     if size == 0:
         return b""
     with mmap.mmap(fd, size, prot=mmap.PROT_READ) as view:

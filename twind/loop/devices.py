@@ -20,20 +20,27 @@ def _port(loop: Loop, command: link.Command, name: str | None) -> Port | None:
     for port in loop.hardware.ports:
         if port.name == name or (name is None and len(known) == 1):
             if port.reader is None:
-                loop.error(command, "BusFailed", bus=port.name, message=port.trouble or "the bus is not open")
+                loop.say.error(
+                    command, "BusFailed", bus=port.name, message=port.trouble or "the bus is not open"
+                )
+                return None
+            if port.full or loop.procedures.rank is not None:
+                loop.say.error(command, "Busy", what=f"bus {port.name}")
                 return None
             return port
-    loop.error(command, "NotFound", what="bus", name=name or "", known=known)
+    loop.say.error(command, "NotFound", what="bus", name=name or "", known=known)
     return None
 
 
 def _writable(loop: Loop, command: link.Command, port: Port, what: str) -> bool:
     """Only in live, only while nobody has torque."""
     if loop.mode is not Mode.LIVE or port.writer is None:
-        loop.error(command, "WrongState", state=f"mode {loop.mode.value}", allowed=[f"mode live, to {what}"])
+        loop.say.error(
+            command, "WrongState", state=f"mode {loop.mode.value}", allowed=[f"mode live, to {what}"]
+        )
         return False
     if loop.energised:
-        loop.error(command, "WrongState", state=f"{loop.state.value}, torque on", allowed=["disarmed"])
+        loop.say.error(command, "WrongState", state=f"{loop.state.value}, torque on", allowed=["disarmed"])
         return False
     return True
 
@@ -44,11 +51,11 @@ def _answer(
     try:
         yield from all_of([task])
     except KeyError as error:  # its text names the nearest spellings
-        loop.error(command, "NotFound", what="register", name=name, known=[str(error.args[0])])
+        loop.say.error(command, "NotFound", what="register", name=name, known=[str(error.args[0])])
     except (BusError, ValueError) as error:
-        loop.error(command, "BusFailed", bus=port.name, message=str(error))
+        loop.say.error(command, "BusFailed", bus=port.name, message=str(error))
     else:
-        loop.reply(command, **{result: _plain(task.result, loop)})
+        loop.say.reply(command, **{result: _plain(task.result, loop)})
 
 
 def _plain(value: Register | None, loop: Loop) -> Any:
@@ -71,7 +78,7 @@ def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
     if port is None or not _writable(loop, command, port, "write a register") or port.writer is None:
         return
     task = port.run(port.writer.write(command.id, command.name, command.value))
-    loop.event(
+    loop.say.event(
         "info", "REGISTER", f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value}"
     )
     loop.procedures.beside(_answer(loop, command, port, task, "register", command.name))
@@ -104,15 +111,15 @@ def _scan(loop: Loop, command: link.Scan, port: Port) -> Procedure:
     try:
         yield from all_of([task])
     except BusError as error:
-        loop.error(command, "BusFailed", bus=port.name, message=str(error))
+        loop.say.error(command, "BusFailed", bus=port.name, message=str(error))
         return
     found = list(task.result or ())
     if not found:
         silent = NoReply(port.name, port.reader.ids, 0.0, "ping") if port.reader else port.trouble
-        loop.error(command, "BusFailed", bus=port.name, message=str(silent))
+        loop.say.error(command, "BusFailed", bus=port.name, message=str(silent))
         return
     for device in found:
-        loop.reply(
+        loop.say.reply(
             command,
             continues=device is not found[-1],
             bus=port.name,

@@ -7,12 +7,15 @@ only) and without any bus descriptor (all of ours are close-on-exec).
 import contextlib
 import fcntl
 import os
+import select
 import signal
 import socket
 import sys
 
 HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started anew (design 2)
 GRACE = 10.0  # s a new front may take to its first sign of life
+LATER = 1.0  # s until the next try when a front could not be started
+LAST_WORDS = 1.0  # s that a front has to end by itself
 AGAIN = 0.2  # s between a front's end and the next start
 _LINK, _BRIEFING, _CONTROL, _OBSERVE = 3, 4, 5, 6  # descriptors in the child
 
@@ -83,6 +86,24 @@ class FrontProcess:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, signal.SIGKILL)
         self._start_at = now + AGAIN
+
+    def finish(self) -> None:
+        """End-of-file on the link: it writes its last lines and goes; killed if it does not."""
+        if self.socket is not None:
+            self.socket.close()
+            self.socket = None
+        if self.pid is not None:
+            pidfd = os.pidfd_open(self.pid)
+            gone, _, _ = select.select([pidfd], [], [], LAST_WORDS)
+            os.close(pidfd)
+            if not gone:
+                os.kill(self.pid, signal.SIGKILL)
+            os.waitpid(self.pid, 0)
+            self.pid = None
+
+    def postpone(self, now: float) -> None:
+        """It could not be started: not again at once."""
+        self._start_at = now + LATER
 
     def reap(self) -> bool:
         """Collect an ended front without waiting; True when it had ended."""

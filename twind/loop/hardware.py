@@ -10,7 +10,7 @@ from math import inf, nan
 
 import numpy as np
 
-from twind.loop.ports import SLACK, Link, Port, Task
+from twind.loop.ports import Link, Port, Task
 from twind.robot.arrays import Bools, Floats
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
@@ -49,6 +49,9 @@ class Hardware:
         self.pairs: tuple[tuple[Port, BusMap], ...] = tuple(zip(self.ports, joints.buses, strict=True))
         self.slow = Slow(len(joints))
         self.lost: list[Lost] = []  # ports lost since the last look
+        self.clamped: WireClamp | None = None  # why the last goals were not sent
+        self.left = False  # the last goals went out, to every bus that holds
+        self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
         self.discarded = 0  # bytes thrown away in the last exchange (R07)
         self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
@@ -87,21 +90,34 @@ class Hardware:
         """Every bus is open and every device identified."""
         return all(port.link is Link.CONNECTED for port in self.ports)
 
-    def prepare(self, position: Floats, *, first: bool = False) -> list[Task[None]]:
+    def prepare(self, position: Floats) -> list[Task[None]]:
         """Device watchdogs cleared with goal := position (n,), then armed; gains; all read back."""
-        return self._order(lambda writer, bus: writer.prepare(self.ticks(bus, position)), first)
+        return self._order(lambda writer, bus: writer.prepare(self.ticks(bus, position)))
 
     def aim(self, position: Floats) -> list[Task[None]]:
         """Goal := position (n,), read back."""
-        return self._order(lambda writer, bus: writer.aim(self.ticks(bus, position)), first=False)
+        return self._order(lambda writer, bus: writer.aim(self.ticks(bus, position)))
 
     def torque(self, on: bool) -> list[Task[None]]:
-        """Torque of every device, read back; off does not wait for anything else."""
-        return self._order(lambda writer, _: writer.torque(on), first=not on)
+        """Torque of every device, read back."""
+        return self._order(lambda writer, _: writer.torque(on))
 
-    def _order(self, script: Callable[[Writer, BusMap], Script[None]], first: bool) -> list[Task[None]]:
-        """The same script on the writer of every open bus."""
-        return [port.run(script(port.writer, bus), first=first) for port, bus in self.pairs if port.writer]
+    def _order(self, script: Callable[[Writer, BusMap], Script[None]]) -> list[Task[None]]:
+        """The same script on the writer of every open bus, before anything else there."""
+        return [port.run(script(port.writer, bus), urgent=True) for port, bus in self.pairs if port.writer]
+
+    def hold(self, on: bool) -> None:
+        """From now on goals go to the buses that are open and identified, or to none."""
+        for port in self.ports:
+            port.holding = on and port.link is Link.CONNECTED
+
+    @property
+    def open(self) -> Bools:
+        """Joints (n,) on a bus that is open."""
+        found = np.zeros(len(self.joints), np.bool_)
+        for port, bus in self.pairs:
+            found[bus.joints] = port.reader is not None
+        return found
 
     def clear(self) -> None:
         """Drop whatever is queued or pending: after a stop nothing stale may leave."""
@@ -163,10 +179,11 @@ class Hardware:
     def exchange(self, goal: Floats | None, now: float) -> JointState:
         """Goals out (None: read only), readings in. Arrays of the result are (n,) and read-only.
 
-        Raises WireClamp (R22) before anything was sent.
+        Afterwards `left` says whether the goals went out, `clamped` why they may not (R22).
         """
         end = now + self.period
         self._open(now)
+        self.clamped, self.left = None, False
         if goal is not None:
             self._aim(goal)
         return self._read(now, end)
@@ -174,12 +191,13 @@ class Hardware:
     def _aim(self, goal: Floats) -> None:
         try:
             for port, bus in self.pairs:
-                if port.writer is not None:
+                if port.writer is not None and port.holding:
                     port.writer.goals(self.ticks(bus, goal))
-        except WireClamp:  # all or nothing: no bus moves on a goal that another may not have
+                    self.left = True
+        except WireClamp as error:  # all or nothing: no bus moves on a goal that another may not have
+            self.clamped, self.left = error, False
             for writer in self.writers:
                 writer.clear()
-            raise
 
     def _open(self, now: float) -> None:
         if self._access[0]:
@@ -189,7 +207,8 @@ class Hardware:
 
     def _read(self, now: float, end: float) -> JointState:
         self.discarded = 0
-        asked = [pair for pair in self.pairs if self._try(pair, "request")]
+        quiet = now < self.quiet_until
+        asked = [] if quiet else [pair for pair in self.pairs if self._try(pair, "request")]
         sent = self.clock.now()
         first = self._collect(asked)
         received, heard = sent, np.zeros(len(self.joints), np.bool_)
@@ -203,14 +222,12 @@ class Hardware:
                     received = max(received, sample.received)
                     self.trips[self.ports.index(port)] = sample.received - sample.sent
         self.hops = (first - sent, received - first) if heard.any() else (nan, nan)
-        self._rare(end)
+        if not quiet:
+            self._rare(end)
         return self._state(heard, sent, received)
 
     def _rare(self, end: float) -> None:
         """One further transaction per bus, all at once, in what is left of the tick."""
-        now = self.clock.now()
-        if now + SLACK > end:
-            return
         asked = [pair for pair in self.pairs if self._try(pair, "rare", end)]
         self._collect(asked)
         for port, bus in asked:
@@ -231,6 +248,7 @@ class Hardware:
                 self._lose(pair, error)
             else:  # the output is full: this packet is not sent, and the reading is missed
                 port.counts.errors += 1
+                self.left = self.left and not port.holding
             return False
         return True
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop import torque
+from twind.loop import release
 from twind.loop.ports import IDENTIFY_AGAIN, Link, Port
 from twind.loop.procedures import Rank
 from twind.robot.finding import Code, Finding, Verdict
@@ -34,6 +34,7 @@ class Identity:
         self._devices: dict[tuple[str, int], Device] = {}
         self._again: dict[str, float] = {}
         self._said: dict[str, str] = {}  # bus -> the trouble last told
+        self._told = False  # that torque was found on
         self.missing: dict[str, tuple[Finding, ...]] = {}  # bus -> who is absent or another model
         self.mismatches: tuple[Finding, ...] = ()  # S09
 
@@ -50,8 +51,26 @@ class Identity:
         loop.hardware.lost.clear()
         for port, bus in loop.hardware.pairs:
             self._tend(port, bus, now)
-        if loop.inherited and not loop.armed and (loop.hardware.slow.torque == 0).all():
-            loop.inherited = False
+        self.settle_state(now)
+        if loop.inherited and not self._told:
+            message = "torque was found on; nothing is written until an operator arms or disarms"
+            loop.say.event("warning", Code.TORQUE_INHERITED, message)
+        self._told = loop.inherited
+
+    def settle_state(self, now: float) -> None:
+        """Bring the robot's state in line with its ports, whatever came between."""
+        loop = self._loop
+        ports = loop.hardware.ports
+        if loop.mode is Mode.SIM or loop.state is State.INHIBITED:
+            return
+        identified = loop.hardware.connected
+        if loop.condition.identified and not identified and loop.state is State.CONNECTED:
+            loop.change(Event.PORT_LOST, now)  # a latched state says so until it is reset
+        if loop.state is State.DISCONNECTED and any(port.reader for port in ports):
+            loop.change(Event.PORT_OPENED, now)
+        waits = loop.state in (State.IDENTIFYING, State.FAULT, State.ESTOP)
+        if identified and not loop.condition.identified and waits:
+            loop.change(Event.IDENTIFIED, now)
 
     # ----------------------------------------------------------------------------- coming
 
@@ -60,11 +79,9 @@ class Identity:
         if port.link is Link.CLOSED:
             if port.trouble and self._said.get(port.name) != port.trouble:
                 self._said[port.name] = port.trouble
-                loop.event("error", Code.PORT_UNAVAILABLE, port.trouble)
+                loop.say.event("error", Code.PORT_UNAVAILABLE, port.trouble)
             return
         self._said.pop(port.name, None)
-        if loop.state is State.DISCONNECTED and loop.mode is not Mode.SIM:
-            loop.change(Event.PORT_OPENED, now)
         if port.link is Link.IDENTIFYING:
             self._identify(port, bus, now)
 
@@ -83,7 +100,7 @@ class Identity:
         findings = self._unfit(bus)
         if findings != self.missing.get(port.name, ()):
             for finding in findings:
-                self._loop.event("error", finding.code, finding.message, (finding,))
+                self._loop.say.event("error", finding.code, finding.message, (finding,))
         self.missing[port.name] = findings
         if findings:
             self._again[port.name] = now + IDENTIFY_AGAIN
@@ -105,16 +122,7 @@ class Identity:
         verdict = self._judge(self._devices)
         self.mismatches = verdict.refusals
         for finding in (*verdict.refusals, *verdict.warnings):
-            loop.event("warning", finding.code, finding.message, (finding,))
-        if (
-            any(device.settings.get("torque_enable") == 1 for device in self._devices.values())
-            and not loop.armed
-        ):
-            loop.inherited = True
-            message = "torque was found on; nothing is written until an operator arms or disarms"
-            loop.event("warning", Code.TORQUE_INHERITED, message)
-        if loop.state is State.IDENTIFYING:
-            loop.change(Event.IDENTIFIED, now)
+            loop.say.event("warning", finding.code, finding.message, (finding,))
         if loop.mode is Mode.MIRROR and np.isfinite(loop.measured.position).all() and loop.untouched:
             loop.enter(loop.mode)  # the simulation starts from the measured pose
 
@@ -123,18 +131,19 @@ class Identity:
     def _lost(self, bus: str, error: str, now: float) -> None:
         loop = self._loop
         finding = Finding(Code.PORT_LOST, message=f"{bus}: {error}")
-        loop.event("error", Code.PORT_LOST, finding.message, (finding,))
+        loop.say.event("error", Code.PORT_LOST, finding.message, (finding,))
         self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
-        held = loop.armed or loop.energising
+        self.missing.pop(bus, None)
+        held = loop.armed or loop.energising or loop.procedures.rank is Rank.ARM
         if held:
             loop.latch(finding)
             loop.change(Event.FAULT, now)
-        if loop.hardware.writers and held:  # the others hold, then settle
-            loop.executor.stop()
-            loop.procedures.own(Rank.FAULT, lambda: torque.fault(loop, now))
-            return
-        loop.procedures.abandon()
-        loop.armed = loop.inherited = loop.energising = False
-        if loop.mode is Mode.LIVE:
-            loop.executor.idle()
-        loop.change(Event.PORT_LOST, now)
+        if held and loop.hardware.writers:  # the others hold, then settle
+            loop.executor.stop("aborted", (finding,))
+            loop.procedures.own(Rank.FAULT, lambda: release.fault(loop, now))
+        elif not any(port.reader for port in loop.hardware.ports):
+            loop.procedures.abandon()  # nobody is left to write to
+            loop.armed = loop.energising = False
+            if loop.mode is Mode.LIVE:
+                loop.executor.idle()
+            loop.change_if(Event.PORT_LOST, now)

@@ -28,6 +28,7 @@ from twind.link import (
 from twind.loop.front_process import FrontProcess
 
 QUEUE = 512  # replies and events owed; a front that far behind is not coming back
+LARGEST = 8 << 20  # bytes of a trajectory's arrays
 PER_TICK = 64  # commands taken in one tick: a flood waits in the pipe, not in the loop
 
 
@@ -58,7 +59,15 @@ class Link:
         if self.front.reap():
             self._bury(now)
         if self.front.due(now):
-            self.front.start(now)
+            try:
+                self.front.start(now)
+            except OSError:  # no process or descriptor to be had: the loop goes on, and tries again
+                self.front.postpone(now)
+
+    def close(self) -> None:
+        """Let the front read what it is owed, then end it."""
+        self.flush()
+        self.front.finish()
 
     def _bury(self, now: float) -> None:
         self.lost = self.lost or self.front.socket is not None
@@ -97,7 +106,7 @@ class Link:
         try:
             if not data:
                 return None
-            return Incoming(decode_command(data), unseal(fds[0]) if fds else b"")
+            return Incoming(decode_command(data), unseal(fds[0], LARGEST) if fds else b"")
         except (msgspec.MsgspecError, ValueError):
             return None  # a front that cannot spell is as good as dead
         finally:

@@ -31,6 +31,8 @@ Enabler = Callable[[Reader], Writer]  # the write half, made in live only
 
 REOPEN_FIRST, REOPEN_MOST = 0.1, 0.5  # s, between tries to open (design 6.4)
 IDENTIFY_AGAIN = 1.0  # s, between identifications while devices are missing
+QUEUE = 16  # scripts that may wait on one bus
+PATIENCE = 10  # ticks without room that a script waits
 SLACK = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it
 
 
@@ -47,6 +49,7 @@ class Task(Generic[T]):
     """A script on its way: one transaction a tick. `done` with a result, or with the error that ended it."""
 
     script: Script[T]
+    urgent: bool = False  # changes torque: goes before all else, and does not wait for a roomier tick
     request: Request | None = None
     result: T | None = None
     error: BusError | KeyError | ValueError | None = None
@@ -59,7 +62,8 @@ class Task(Generic[T]):
         except StopIteration as stop:
             self.result, self.done, self.request = stop.value, True, None
         except (BusError, KeyError, ValueError) as error:
-            self.error, self.done, self.request = error, True, None
+            # Without its traceback: that would keep every frame alive, and nothing collects cycles here.
+            self.error, self.done, self.request = error.with_traceback(None), True, None
 
     def cancel(self, error: BusError) -> None:
         """End it from outside: the port went, or something more urgent came."""
@@ -89,6 +93,7 @@ class Port:
     link: Link = Link.CLOSED
     reader: Reader | None = None
     writer: Writer | None = None
+    holding: bool = False  # goals go here: armed, and not lost since
     devices: tuple[Device, ...] = ()
     trouble: str = ""  # why it is not open, for people
     counts: Counts = field(default_factory=Counts)
@@ -97,6 +102,8 @@ class Port:
     _retry: float = -inf
     _wait: float = REOPEN_FIRST
     _asked: Task[Any] | None = None
+    _upkeep: bool = False
+    _waited: int = 0
 
     # ------------------------------------------------------------------------------- open and lost
 
@@ -144,6 +151,7 @@ class Port:
         if self.reader is not None:
             self.reader.transport.close()
         self.reader = self.writer = None
+        self.holding = False
         self.link, self.devices = Link.CLOSED, ()
         self._asked = self.identification = None
         for task in self.tasks:
@@ -152,13 +160,18 @@ class Port:
 
     # ------------------------------------------------------------------------------- scripts
 
-    def run(self, script: Script[T], *, first: bool = False) -> Task[T]:
-        """Queue a script; `first` puts it before the others (an e-stop does not wait)."""
-        task = Task(script)
+    def run(self, script: Script[T], *, urgent: bool = False) -> Task[T]:
+        """Queue a script; an urgent one goes before the others."""
+        task = Task(script, urgent)
         task.advance(None)
         if not task.done:
-            self.tasks.insert(0 if first else len(self.tasks), task)
+            self.tasks.insert(0 if urgent else len(self.tasks), task)
         return task
+
+    @property
+    def full(self) -> bool:
+        """So many scripts wait that another one is refused."""
+        return len(self.tasks) >= QUEUE
 
     def drop(self, reason: str) -> None:
         """Cancel every queued script but identification."""
@@ -172,16 +185,26 @@ class Port:
         if reader is None:
             return False
         self.tasks[:] = [task for task in self.tasks if not task.done]
-        task = self.tasks[0] if self.tasks else None
+        task = self._turn()
         request: Request = reader.upkeep() if task is None or task.request is None else task.request
-        if task is None and now + reader.span(request) + SLACK > until:
-            return False  # upkeep can wait for a roomier tick; a procedure cannot wait for ever
-        self._asked = task
+        room = now + reader.span(request) + SLACK <= until
+        if not room and (task is None or (not task.urgent and self._waited < PATIENCE)):
+            self._waited += 1  # a roomier tick may come; no script waits for ever
+            return False
+        self._waited, self._asked = 0, task
         if isinstance(request, Ping | Read):
             reader.begin(request, now)
         elif task is not None:
             return self._order(request, task, now)
         return True
+
+    def _turn(self) -> Task[Any] | None:
+        """Whose turn it is: an urgent script's, else scripts and upkeep one after the other."""
+        task = self.tasks[0] if self.tasks else None
+        if task is None or task.urgent or self.link is Link.IDENTIFYING:
+            return task
+        self._upkeep = not self._upkeep  # what tells of lost torque is never starved by those who ask
+        return None if self._upkeep else task
 
     def _order(self, order: Order, task: Task[Any], now: float) -> bool:
         """Begin what a script wants written; one that may not leave ends its script, not the tick."""

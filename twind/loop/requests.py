@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from twind import link
-from twind.loop import devices, torque
+from twind.loop import arming, devices, release
 from twind.loop.link import Incoming
 from twind.loop.procedures import Procedure, Rank
 from twind.loop.submissions import Submissions
@@ -20,16 +20,41 @@ if TYPE_CHECKING:
 __all__ = ["Submissions", "begin"]
 
 
+def serve(loop: Loop, now: float) -> None:
+    """Everything that asks something of the loop in this tick. An e-stop goes before all else."""
+    incoming = loop.link.commands(now)
+    incoming.sort(key=lambda each: not isinstance(each.command, link.EStop))
+    for each in incoming:
+        try:
+            begin(loop, each, now)
+        except Exception as error:  # noqa: BLE001 - one call must not cost the others theirs
+            loop.fail(Finding(Code.INTERNAL, message=repr(error)), now)
+            if isinstance(each.command, link.Command):
+                loop.say.error(each.command, "Busy", what=f"failed inside: {error!r}")
+    if loop.link.lost:
+        front_lost(loop)
+    if loop.stop_wanted:
+        loop.procedures.own(Rank.SHUTDOWN, lambda: release.shutdown(loop, now))
+
+
 def begin(loop: Loop, incoming: Incoming, now: float) -> None:
     """Answer a command, or start what will answer it."""
     command = incoming.command
     if isinstance(command, link.Submit):
         loop.submissions.begin(command, incoming.data, now)
     elif isinstance(command, link.Gone):
-        loop.lease.gone(command.client)
-        loop.submissions.gone(command.client)
+        _gone(loop, command.client)
     elif not isinstance(command, link.Heartbeat):
         _ANSWERS[type(command)](loop, command, now)
+
+
+def _gone(loop: Loop, client: int) -> None:
+    """A connection closed: its lease lapses, and what it began to arm is let go."""
+    loop.lease.gone(client)
+    loop.submissions.gone(client)
+    loop.stops.gone(client)
+    if loop.procedures.rank is Rank.ARM and loop.arming_client == client:
+        loop.procedures.own(Rank.DISARM, lambda: arming.give_up(loop))
 
 
 def front_lost(loop: Loop) -> None:
@@ -37,9 +62,11 @@ def front_lost(loop: Loop) -> None:
     loop.link.lost = False
     loop.lease.front_lost()
     loop.submissions.forget()
-    if loop.procedures.rank is None and loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING):
+    if loop.procedures.rank is Rank.ARM:
+        loop.procedures.own(Rank.DISARM, lambda: arming.give_up(loop))
+    elif loop.procedures.rank is None and loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING):
         loop.executor.stop("aborted", (Finding(Code.LEASE_LOST, message="the front was lost"),))
-    loop.event("error", Code.LEASE_LOST, "the front was lost; a new one is started")
+    loop.say.event("error", Code.LEASE_LOST, "the front was lost; a new one is started")
 
 
 # ------------------------------------------------------------------------------------------- mode, lease
@@ -48,21 +75,22 @@ def front_lost(loop: Loop) -> None:
 def _set_mode(loop: Loop, command: link.SetMode, now: float) -> None:
     if command.mode not in [mode.value for mode in Mode]:
         known = [mode.value for mode in Mode]
-        loop.error(command, "NotFound", what="mode", name=command.mode, known=known)
+        loop.say.error(command, "NotFound", what="mode", name=command.mode, known=known)
         return
     wanted = Mode(command.mode)
     refusal = mode_change(loop.mode, wanted, loop.state, loop.executor.motion)
-    if refusal is None and loop.energised and wanted is not loop.mode:
+    to_live = loop.mode is Mode.MIRROR and wanted is Mode.LIVE  # where torque found on can be taken off
+    if refusal is None and loop.energised and wanted is not loop.mode and not to_live:
         refusal = Finding(Code.MODE_DENIES, message="torque is on: disarm first")
     if refusal is None and wanted is Mode.LIVE:
         refusal = loop.parts.live_denied
     if refusal is not None:
-        loop.refuse(command, (refusal,))
+        loop.say.refuse(command, (refusal,))
         return
     if wanted is not loop.mode:
         loop.enter(wanted)
         loop.publisher.urgent = True
-    loop.reply(command, mode=loop.mode.value)
+    loop.say.reply(command, mode=loop.mode.value)
 
 
 def _lease(loop: Loop, client: int, now: float) -> dict[str, Any]:
@@ -79,21 +107,21 @@ def link_dict(info: link.LeaseInfo) -> dict[str, Any]:
 def _acquire(loop: Loop, command: link.AcquireLease, now: float) -> None:
     held_by_other = loop.lease.holder_client(now) not in (0, command.client)
     if not loop.lease.acquire(command.client, command.holder, command.uid, now, take=command.take):
-        loop.error(command, "LeaseHeld", lease=_lease(loop, command.client, now))
+        loop.say.error(command, "LeaseHeld", lease=_lease(loop, command.client, now))
         return
     if held_by_other and loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING):
         loop.executor.stop()  # taken from another: motion holds first
     if held_by_other:
-        loop.event("warning", Code.LEASE_LOST, f"lease taken by {command.holder}")
+        loop.say.event("warning", Code.LEASE_LOST, f"lease taken by {command.holder}")
     loop.publisher.urgent = True
-    loop.reply(command, lease=_lease(loop, command.client, now))
+    loop.say.reply(command, lease=_lease(loop, command.client, now))
 
 
 def _renew(loop: Loop, command: link.RenewLease, now: float) -> None:
     if loop.lease.renew(command.client, now):
-        loop.reply(command, lease=_lease(loop, command.client, now))
+        loop.say.reply(command, lease=_lease(loop, command.client, now))
     else:
-        loop.refuse(
+        loop.say.refuse(
             command, (Finding(Code.LEASE_MISSING, message="this connection does not hold the lease"),)
         )
 
@@ -103,7 +131,7 @@ def _release(loop: Loop, command: link.ReleaseLease, now: float) -> None:
         loop.executor.stop()
     loop.lease.release(command.client)
     loop.publisher.urgent = True
-    loop.reply(command)
+    loop.say.reply(command)
 
 
 # ------------------------------------------------------------------------------------------- torque
@@ -113,36 +141,42 @@ def _arm(loop: Loop, command: link.Arm, now: float) -> None:
     everyone = list(range(len(loop.joints)))
     if command.joints is not None and sorted(command.joints) != everyone:
         finding = Finding(Code.BAD_SHAPE, message="arming some joints is not supported: name all, or none")
-        loop.refuse(command, (finding,))
+        loop.say.refuse(command, (finding,))
         return
-    _own(loop, command, Rank.ARM, lambda: torque.arm(loop, command, now))
+    _own(loop, command, Rank.ARM, lambda: arming.arm(loop, command, now))
 
 
 def _disarm(loop: Loop, command: link.Disarm, now: float) -> None:
-    _own(loop, command, Rank.DISARM, lambda: torque.disarm(loop, command, now))
+    if loop.torque_on and not loop.hardware.writers:
+        message = f"mode {loop.mode} has nothing that writes: torque was found on; disarm in mode live"
+        loop.say.refuse(command, (Finding(Code.MODE_DENIES, message=message),))
+        return
+    _own(loop, command, Rank.DISARM, lambda: release.disarm(loop, command, now))
 
 
 def _estop(loop: Loop, command: link.EStop, now: float) -> None:
-    if command.level not in torque.RANKS:
-        known = list(torque.RANKS)
-        loop.error(command, "NotFound", what="level", name=command.level, known=known)
+    if command.level not in release.RANKS:
+        known = list(release.RANKS)
+        loop.say.error(command, "NotFound", what="level", name=command.level, known=known)
         return
-    rank = torque.RANKS[command.level]
-    if not loop.procedures.own(rank, lambda: torque.estop(loop, command, now)):
-        # Already stopping, as hard or harder: the answer is how far it is.
-        loop.reply(command, state=loop.state.value, torque_off=loop.torque_off, done=False)
+    loop.latch(Finding(Code.ESTOP, message=command.reason or f"e-stop ({command.level})"))
+    loop.stops.ask(command)
+    rank = release.RANKS[command.level]
+    if loop.procedures.rank is None or loop.procedures.rank < rank:
+        loop.stops.begin()
+        loop.procedures.own(rank, lambda: release.estop(loop, command.level, now))
 
 
 def _own(loop: Loop, command: link.Command, rank: Rank, start: Callable[[], Procedure]) -> None:
     if not loop.procedures.own(rank, start):
         running = loop.procedures.rank
-        loop.error(command, "Busy", what=running.name.lower() if running is not None else "starting")
+        loop.say.error(command, "Busy", what=running.name.lower() if running is not None else "starting")
 
 
 def _reset(loop: Loop, command: link.Reset, now: float) -> None:
-    """Acknowledge latches whose cause is gone. Never arms."""
-    if loop.energised:
-        loop.error(
+    """Acknowledge latches; torque must be off. Never arms: what is still wrong refuses the next Arm."""
+    if loop.torque_on:
+        loop.say.error(
             command, "WrongState", state=f"{loop.state.value}, torque on", allowed=["torque off: disarm"]
         )
         return
@@ -150,7 +184,7 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
     unknown = wanted - {code.value for code in loop.latches}
     if unknown:
         known = [code.value for code in loop.latches]
-        loop.error(command, "NotFound", what="latched code", name=sorted(unknown)[0], known=known)
+        loop.say.error(command, "NotFound", what="latched code", name=sorted(unknown)[0], known=known)
         return
     for code in [code for code in loop.latches if code.value in wanted]:
         del loop.latches[code]
@@ -161,10 +195,11 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
         loop.inhibited = False
         if loop.condition.latched or loop.state is State.INHIBITED:
             loop.change(Event.RESET, now)
+            loop.identity.settle_state(now)
         if loop.mode is not Mode.LIVE and (loop.executor.motion is Motion.IDLE or loop.twin.halted):
             loop.enter(loop.mode)  # the simulation takes goals again, from where it stopped
     loop.publisher.urgent = True
-    loop.reply(command, state=loop.state.value)
+    loop.say.reply(command, state=loop.state.value)
 
 
 # ------------------------------------------------------------------------------------------- motion
@@ -173,7 +208,7 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
 def _cancel(loop: Loop, command: link.Cancel, now: float) -> None:
     if loop.procedures.rank is None:  # a settling robot is already stopping
         loop.executor.stop()
-    loop.reply(command, state=loop.state.value)
+    loop.say.reply(command, state=loop.state.value)
 
 
 def _setpoint(loop: Loop, command: link.Setpoint, now: float) -> None:
@@ -181,7 +216,7 @@ def _setpoint(loop: Loop, command: link.Setpoint, now: float) -> None:
 
 
 def _set_parameters(loop: Loop, command: link.SetParameters, now: float) -> None:
-    loop.reply(command, parameters={}, needs_restart=sorted(command.parameters))
+    loop.say.reply(command, parameters={}, needs_restart=sorted(command.parameters))
 
 
 _ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {

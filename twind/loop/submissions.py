@@ -56,7 +56,12 @@ class Submissions:
         try:
             path = link.unpack_path(data, command, len(loop.joints))
         except ValueError as error:
-            loop.refuse(command, (Finding(Code.BAD_SHAPE, message=str(error)),))
+            loop.say.refuse(command, (Finding(Code.BAD_SHAPE, message=str(error)),))
+            return
+        waiting = command.start_in > 0.0 and loop.executor.waiting > 0
+        if self.busy or (waiting and not command.check_only):
+            message = "another trajectory is being judged" if self.busy else "one already waits for its start"
+            loop.say.refuse(command, (Finding(Code.BUSY, message=f"{message}: try again, or cancel"),))
             return
         asked = loop.snapshot(command.client, now)
         soon = 0.0 < command.start_in <= loop.parts.thresholds.max_duration
@@ -64,7 +69,7 @@ class Submissions:
             asked = replace(asked, reference=loop.executor.ahead(command.start_in))
         demand = gate.Demand(command.policy, command.append_stop, command.start_in)
         steps = gate.checking(path, asked, loop.limits, demand, loop.parts.thresholds, SLICE)
-        mine, self.busy, sliced = not self.busy, True, False
+        self.busy, sliced = True, False
         try:
             while True:
                 try:
@@ -75,10 +80,9 @@ class Submissions:
                 sliced = True
                 now = yield
         finally:
-            if mine:
-                self.busy = False
+            self.busy = False
         if command.check_only:
-            loop.reply(command, verdict=plain(of_the_path(judged.verdict)))
+            loop.say.reply(command, verdict=plain(of_the_path(judged.verdict)))
             return
         refusals = judged.verdict.refusals
         if sliced and not refusals:
@@ -86,7 +90,7 @@ class Submissions:
         verdict = Verdict(refusals, judged.verdict.warnings, judged.verdict.changes)
         self._tell(command, verdict, now)
         if verdict.refusals:
-            loop.refuse(command, verdict.refusals)
+            loop.say.refuse(command, verdict.refusals)
         else:
             self._follow(command, judged, verdict, now)
 
@@ -110,7 +114,7 @@ class Submissions:
             finding = Finding(
                 Code.CMD_EXPIRED, value=age, bound=STALE_VERDICT, message="the front's verdict is old"
             )
-            loop.refuse(command, (finding,))
+            loop.say.refuse(command, (finding,))
             return
         tolerances = Tolerances.of(len(loop.joints), command.tolerances) if command.tolerances else None
         if command.client:
@@ -123,14 +127,14 @@ class Submissions:
             goal_time=command.goal_time,
         )
         if refused is not None:
-            loop.refuse(command, (refused,))
+            loop.say.refuse(command, (refused,))
             return
-        loop.untouched = False
+        loop.untouched, loop.motion_epoch = False, loop.lease.epoch
         loop.publisher.urgent = True
         if command.more:
             self._followed[command.id] = command
             loop.lease.pin(command.client, command.id)
-        loop.reply(
+        loop.say.reply(
             command,
             continues=command.more,
             id=command.id,
@@ -146,7 +150,9 @@ class Submissions:
         )
         if verdict.refusals:
             codes = sorted({finding.code.value for finding in verdict.refusals})
-            loop.event("warning", codes[0], f"refused {command.id}: {', '.join(codes)}", verdict.refusals[:8])
+            loop.say.event(
+                "warning", codes[0], f"refused {command.id}: {', '.join(codes)}", verdict.refusals[:8]
+            )
 
     # --------------------------------------------------------------------------- setpoints
 
@@ -167,16 +173,16 @@ class Submissions:
         )
         refusals = (*verdict.refusals, *judged.verdict.refusals)
         if refusals:
-            loop.refuse(command, refusals)
+            loop.say.refuse(command, refusals)
             return
         loop.lease.renew(command.client, now, streaming=True)
         refused = loop.executor.setpoint(judged.joints, judged.position, judged.velocity, command.valid_for)
         if refused is not None:
-            loop.refuse(command, (refused,))
+            loop.say.refuse(command, (refused,))
             return
-        loop.untouched = False
+        loop.untouched, loop.motion_epoch = False, loop.lease.epoch
         changes = [asdict(finding) for finding in judged.verdict.changes]
-        loop.reply(command, sequence=loop.figures.ticks, changes=changes)
+        loop.say.reply(command, sequence=loop.figures.ticks, changes=changes)
 
     # --------------------------------------------------------------------------- outcomes
 
@@ -199,18 +205,18 @@ class Submissions:
             self._report_at = now + PROGRESS
             command = self._followed.get(running[0])
             if command is not None:
-                loop.reply(command, continues=True, id=command.id, phase="running", progress=running[1])
+                loop.say.reply(command, continues=True, id=command.id, phase="running", progress=running[1])
 
     def _end(self, outcome: Outcome) -> None:
         loop = self._loop
         level = "info" if outcome.phase in ("succeeded", "replaced", "cancelled") else "warning"
-        loop.event(level, "MOTION", f"{outcome.id} {outcome.phase}", outcome.findings)
+        loop.say.event(level, "MOTION", f"{outcome.id} {outcome.phase}", outcome.findings)
         loop.publisher.urgent = True
         command = self._unfollow(outcome.id)
         if command is not None:
             found = [asdict(finding) for finding in outcome.findings]
             done = 1.0 if outcome.phase == "succeeded" else loop.executor.fraction(outcome.id)
-            loop.reply(command, id=command.id, phase=outcome.phase, progress=done, findings=found)
+            loop.say.reply(command, id=command.id, phase=outcome.phase, progress=done, findings=found)
 
     def _unfollow(self, name: str) -> link.Submit | None:
         command = self._followed.pop(name, None)

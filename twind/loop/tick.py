@@ -5,19 +5,20 @@ No asyncio, no files, no logging: news leave by the link. Time is an argument be
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from math import floor, nan
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind import link as messages
-from twind.loop import requests, torque
+from twind.loop import release, requests
 from twind.loop.figures import Figures
 from twind.loop.identity import Identity, Judge
 from twind.loop.procedures import Procedures, Rank
 from twind.loop.publish import Publisher
+from twind.loop.stops import Stops
+from twind.loop.voice import Voice
 from twind.robot.arrays import Floats
 from twind.robot.finding import Code, Finding, Verdict
 from twind.robot.modes import Mode, Motion, State
@@ -25,12 +26,9 @@ from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety import gate
 from twind.safety.guard import Facts, Guard, Judgement, Reaction
-from twind.safety.states import LATCHED, Event, Latch
-from twind_drivers.bus import WireClamp
+from twind.safety.states import LATCHED, TABLE, Event, Latch
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from twind.loop.hardware import Hardware
     from twind.loop.link import Link
     from twind.loop.notify import Notifier
@@ -42,6 +40,8 @@ if TYPE_CHECKING:
     from twind.twin.twin import Twin
     from twind_drivers.clock import Clock
 
+GONE = 0.5  # s: a servo that silent says nothing about its torque any more
+QUIET = 0.3  # s without a packet after an inhibit: the servos' watchdogs are set to 0.1 s
 PATIENCE = 3  # ticks in a row that may fail with an exception before the daemon gives up (R26)
 
 
@@ -83,7 +83,9 @@ class Loop:
         self.rest, self.support = parts.rest, parts.support
         self.hardware, self.twin, self.executor = parts.hardware, parts.twin, parts.executor
         self.lease, self.health, self.link = parts.lease, parts.health, parts.link
+        self.say = Voice(parts.link, parts.clock)
         self.procedures = Procedures()
+        self.stops = Stops(self)
         self.submissions = requests.Submissions(self)
         self.figures = Figures(parts.period, parts.realtime)
         self.publisher = Publisher(self)
@@ -91,8 +93,10 @@ class Loop:
         self.condition = Latch()
         self.latches: dict[Code, Finding] = {}
         self.identity = Identity(self, parts.judge)
-        self.armed = self.inherited = self.inhibited = self.finished = False
-        self.energising = False  # torque-on was ordered, and neither read back nor taken back
+        self.armed = self.inhibited = self.finished = False
+        self.energising = False  # torque was ordered on or off, and is not read back yet
+        self.arming_client = 0  # whose Arm is under way
+        self.motion_epoch = -1  # of the lease under which the motion was accepted
         self.stop_wanted = False  # SIGTERM: lower the robot, then end
         self.untouched = True  # nobody has moved the simulation since the mode was entered
         self.written: Floats | None = None  # the last goal that really left, rad (n,)
@@ -114,7 +118,7 @@ class Loop:
             self.clock.sleep_until(deadline)
             now = self.clock.now()
             self.lateness = now - deadline
-            self.attempt(now)
+            self._attempt(now)
             deadline += self.period
             behind = floor((self.clock.now() - deadline) / self.period) + 1
             self.missed_in_a_row = max(0, behind)
@@ -123,30 +127,22 @@ class Loop:
 
     def tick(self, now: float) -> None:
         """One period: commands, procedures, gate, exchange, twin, news."""
-        for incoming in self.link.commands(now):
-            requests.begin(self, incoming, now)
-        if self.link.lost:
-            requests.front_lost(self)
-        if self.stop_wanted:
-            self.procedures.own(Rank.SHUTDOWN, lambda: torque.shutdown(self, now))
+        requests.serve(self, now)
         self.procedures.step(now)
         live = self.mode is Mode.LIVE
         target = self.measured if live else self.simulated  # whom commands go to, and who judges them
         goal = self.guard(self.executor.goal(now), target, now)
-        self.written = goal if goal is not None else self.written
-        self.measured = self.hardware.exchange(goal if live else None, now)
+        self.measured = self.hardware.exchange(goal if live and self.armed else None, now)
+        self.written = goal if goal is not None and (self.hardware.left or not live) else self.written
         read = self.clock.now()
         self.simulated = self.twin.update(self.measured, goal, now)
-        self.identity.watch(now)
-        self.observe(now, read)
+        self._observe(now, read)
         self.publisher.publish(now)
 
-    def attempt(self, now: float) -> None:
-        """A tick, and the loop's single catch-all: hold the last goal; give up when that fails too (R26)."""
+    def _attempt(self, now: float) -> None:
+        """A tick, and the loop's catch-all: hold the last goal; give up when that fails again (R26)."""
         try:
             self.tick(now)
-        except WireClamp as error:
-            self.fail(Finding(Code.WIRE_CLAMP, value=float(error.value), message=str(error)), now)
         except Exception as error:
             self._failures += 1
             if self._failures >= PATIENCE:
@@ -161,7 +157,7 @@ class Loop:
 
     def guard(self, reference: Reference | None, target: JointState, now: float) -> Floats | None:
         """What may be written this tick: the goal, the last goal again, or nothing."""
-        held = self.lease.holds(now) or self.procedures.rank is not None
+        held = self.lease.holds(now) and self.lease.epoch == self.motion_epoch
         slow = self.hardware.slow
         judgement = self.parts.guard.judge(
             Facts(
@@ -175,7 +171,7 @@ class Loop:
                 measured=target if np.isfinite(target.age).any() else None,  # nobody was ever heard
                 goal=reference,
                 previous=self.written if reference is not None else None,
-                lease_ok=held,
+                lease_ok=held or self.procedures.rank is not None,
                 setpoint_age=self.executor.setpoint_age(now),
                 torque=slow.torque,
                 torque_expected=self.armed,
@@ -185,22 +181,21 @@ class Loop:
                 discarded=self.hardware.discarded,
             )
         )
-        return self.react(judgement, reference, now)
+        return self._react(judgement, reference, now)
 
-    def react(self, judgement: Judgement, reference: Reference | None, now: float) -> Floats | None:
+    def _react(self, judgement: Judgement, reference: Reference | None, now: float) -> Floats | None:
         """Do what the guard says. A goal that may not leave becomes the last goal again."""
         for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
             same = tuple(findings)
-            self.event("warning", code, same[0].message, same)
+            self.say.event("warning", code, same[0].message, same)
         if judgement.latches:
             for finding in judgement.findings:
                 self.latch(finding)
-            if self.state is not State.ESTOP:
-                self.change(Event.FAULT, now)
+            self.change(Event.FAULT, now)
         if judgement.reaction >= Reaction.INHIBIT:
             self.inhibit(judgement.findings[0], now)
         elif judgement.reaction >= Reaction.SETTLE and self.armed:
-            self.procedures.own(Rank.FAULT, lambda: torque.fault(self, now))
+            self.procedures.own(Rank.FAULT, lambda: release.fault(self, now))
         elif judgement.reaction >= Reaction.HOLD and self.executor.motion is not Motion.HOLDING:
             self.executor.stop("aborted", judgement.findings)
         if self.inhibited or reference is None:
@@ -233,7 +228,13 @@ class Loop:
         self.condition = self.condition.after(event)
         if self.state is not before:
             self.publisher.urgent = True
-            self.event("info", self.state.value, f"{before.value} → {self.state.value} ({event.value})")
+            said = f"{before.value} → {self.state.value} ({event.value})"
+            self.say.event("info", self.state.value, said)
+
+    def change_if(self, event: Event, now: float) -> None:
+        """The same where the state allows it; torque that goes off is never held up by a state."""
+        if self.state in TABLE[event]:
+            self.change(event, now)
 
     def latch(self, finding: Finding) -> None:
         """Keep a fault until an operator acknowledges it."""
@@ -242,20 +243,24 @@ class Loop:
             self.publisher.urgent = True
 
     def fail(self, finding: Finding, now: float) -> None:
-        """A fault of our own: hold the last goal, latch, say so."""
-        self.event("error", finding.code, finding.message, (finding,))
+        """A fault of our own: hold the last goal, latch, say so. A robot on its way down goes on."""
+        self.say.event("error", finding.code, finding.message, (finding,))
         self.latch(finding)
-        if self.written is not None and self.executor.motion is not Motion.IDLE:
-            self.executor.begin(self.written)
-        if self.state is not State.ESTOP:
-            self.change(Event.FAULT, now)
+        self.change(Event.FAULT, now)
+        if self.procedures.rank is None or self.procedures.rank <= Rank.ARM:
+            if self.written is not None and self.executor.motion is not Motion.IDLE:
+                self.executor.begin(self.written)
+            if self.energising:
+                self.procedures.own(Rank.FAULT, lambda: release.fault(self, now))
 
     def inhibit(self, finding: Finding, now: float) -> None:
-        """Nothing more is written; the servos' own watchdogs end the motion, torque stays."""
+        """Nothing leaves until the servos' own watchdogs have ended the motion; torque stays."""
         self.inhibited = True
         self.latch(finding)
         self.executor.idle()
         self.hardware.clear()
+        self.hardware.hold(False)
+        self.hardware.quiet_until = now + QUIET
         self.change(Event.INHIBIT, now)
 
     @property
@@ -264,23 +269,34 @@ class Loop:
         return self.condition.state
 
     @property
+    def torque_on(self) -> bool:
+        """Torque is on somewhere: ours, or read back on from a servo that still answers."""
+        return self.armed or self.energising or self.inherited
+
+    @property
+    def inherited(self) -> bool:
+        """Torque read back on that is not ours: found at start, or left where it could not be taken off."""
+        if self.armed or self.energising:
+            return False
+        return bool(((self.hardware.slow.torque == 1) & (self.measured.age <= GONE)).any())
+
+    @property
     def energised(self) -> bool:
-        """Some joint has torque, as far as we know."""
-        ours = self.armed or self.inherited or self.energising
-        return ours or bool((self.hardware.slow.torque == 1).any())
+        """Torque may be on: on, or of a device on an open bus that has not said yet."""
+        return self.torque_on or bool((self.hardware.slow.torque[self.hardware.open] != 0).any())
 
     @property
     def torque_off(self) -> bool | None:
         """Read back off everywhere; None where there is no bus to ask."""
-        if self.mode is Mode.SIM or not self.hardware.connected:
+        if self.mode is Mode.SIM or not self.hardware.open.any():
             return None
-        return bool((self.hardware.slow.torque == 0).all())
+        return not self.energising and bool((self.hardware.slow.torque[self.hardware.open] == 0).all())
 
     def close(self) -> None:
         """Let go of the ports, and of the front."""
-        self.link.flush()
+        self.publisher.publish(self.clock.now())
         self.hardware.close()
-        self.link.front.end(self.clock.now())
+        self.link.close()
 
     # ------------------------------------------------------------------------------- judging
 
@@ -297,7 +313,7 @@ class Loop:
             motion=self.executor.motion,
             latched=tuple(self.latches),
             lease_held=self.lease.held_by(client, now),
-            mismatches=self.identity.mismatches,
+            mismatches=tuple(self.identity.troubles),
             calibrated=np.array(self.joints.calibrated),
             age=now - target.time + target.age,
             latency=self.health.latency(now),
@@ -308,42 +324,24 @@ class Loop:
 
     def may_arm(self, client: int, now: float) -> Verdict:
         """S05–S11 for the verb Arm."""
-        return gate.arming(self.snapshot(client, now), self.parts.thresholds)
+        verdict = gate.arming(self.snapshot(client, now), self.parts.thresholds)
+        if self.mode is Mode.LIVE and not self.hardware.connected:
+            finding = Finding(Code.HW_DISCONNECTED, message="not every bus is open and identified")
+            verdict = replace(verdict, refusals=(*verdict.refusals, finding))
+        return verdict
 
-    def observe(self, now: float, read: float) -> None:
-        """Health, tolerances and outcomes; `read` is when the exchange was over (s)."""
+    def _observe(self, now: float, read: float) -> None:
+        """What the exchange brought: devices, health, outcomes; `read` is when it was over (s)."""
+        if self.hardware.clamped is not None:
+            error = self.hardware.clamped
+            self.fail(Finding(Code.WIRE_CLAMP, value=float(error.value), message=str(error)), now)
+        self.identity.watch(now)
         if self.measured.heard.any():
             self.health.hop("state", read - self.measured.time, now)
             self.health.hop("twin", self.clock.now() - read, now)
         found = self.health.update(self.measured, self.hardware, now, live=self.mode is not Mode.SIM)
         for finding in found:
-            self.event("warning", finding.code, "latency is above the warning threshold", (finding,))
+            self.say.event("warning", finding.code, "latency is above the warning threshold", (finding,))
         self.executor.observe(self.measured if self.mode is Mode.LIVE else self.simulated)
         self.submissions.report(now)
-
-    # ------------------------------------------------------------------------------- answers and news
-
-    def reply(self, command: messages.Command, *, continues: bool = False, **parameters: Any) -> None:
-        """An answer to a call."""
-        self.link.reply(messages.Reply(ticket=command.ticket, parameters=parameters, continues=continues))
-
-    def error(self, command: messages.Command, error: str, /, **parameters: Any) -> None:
-        """A call that failed: the interface's `error`."""
-        self.link.reply(messages.Reply(ticket=command.ticket, parameters=parameters, error=error))
-
-    def refuse(self, command: messages.Command, findings: Sequence[Finding]) -> None:
-        """A call that the gate refused."""
-        self.error(command, "Refused", findings=list(findings))
-
-    def event(self, level: str, code: str, message: str, findings: Sequence[Finding] = ()) -> None:
-        """Something a person may want to know."""
-        self.link.event(
-            messages.Event(
-                time=self.clock.now(),
-                sequence=self.link.sequence(),
-                level=level,
-                code=str(code),
-                message=message,
-                findings=list(findings),
-            )
-        )
+        self.stops.answer()

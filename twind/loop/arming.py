@@ -1,0 +1,151 @@
+"""Arming: torque on, all or nothing.
+
+Device watchdogs armed and read back, goal := present read back, torque on and read back, nobody jumped. Any
+failure, interruption or lost client on the way ends with torque off again. What was found energised keeps
+its torque when arming fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind import link
+from twind.loop.procedures import Procedure, all_of, ticks
+from twind.robot.finding import Code, Finding
+from twind.robot.modes import State
+from twind.safety.states import Event
+from twind_drivers.bus import BusError
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+    from twind.robot.arrays import Floats
+
+FRESH = 0.05  # s, the oldest reading that a goal at torque-on may rest on (W4)
+STILL = 2.5  # ticks a joint may have moved between the reading and the torque (W4: 2 counts)
+TRIES = 20  # goal := present, for a robot that still swings
+JUMP = 0.05  # rad a joint may move within the first ticks of torque
+
+
+class ArmFailed(Exception):
+    """Arming stopped half-way; the finding says where."""
+
+    def __init__(self, code: Code, joint: int | None, value: float, bound: float, message: str) -> None:
+        super().__init__(message)
+        self.finding = Finding(code, joint, value=value, bound=bound, message=message)
+
+
+def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
+    """Goal := present, read back, then torque, read back, then hold. Answers when armed, or why not."""
+    verdict = loop.may_arm(command.client, now)
+    if verdict.refusals:
+        loop.say.refuse(command, verdict.refusals)
+        return
+    inherited = loop.inherited
+    loop.arming_client = command.client
+    loop.change(Event.ARM, now)
+    try:
+        held = yield from _energise(loop, inherited)
+    except (BusError, ArmFailed) as error:
+        yield from back_out(loop, inherited)
+        failed = Finding(Code.ARM_FAILED, message=str(error))
+        loop.say.refuse(command, (error.finding if isinstance(error, ArmFailed) else failed,))
+        return
+    except GeneratorExit:  # what took over finds `energising` set, and lets go
+        loop.hardware.clear()
+        loop.change_if(Event.ARM_FAILED, loop.clock.now())
+        loop.say.error(command, "Busy", what="arming was ended by something more urgent")
+        raise
+    take(loop, held)
+    loop.twin.place(held)
+    loop.change(Event.ARMED, loop.clock.now())
+    loop.say.reply(command, joints=list(range(len(loop.joints))))
+
+
+def take(loop: Loop, held: Floats) -> None:
+    """From here on the goals (n,) are ours: every bus holds at `held`, which was written and read back."""
+    loop.armed, loop.energising = True, False
+    loop.hardware.hold(True)
+    loop.executor.begin(held)
+    loop.written = held
+
+
+def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
+    """Everything from the watchdogs to torque read back; the position (n,) that is now held."""
+    hardware = loop.hardware
+    _require_all_or_none(loop)
+    yield from all_of(hardware.prepare(present(loop)))
+    held = yield from _aimed(loop)
+    if loop.state is not State.ARMING or loop.latches:
+        raise ArmFailed(Code.ARM_FAILED, None, 0.0, 0.0, f"the robot went to {loop.state.value} meanwhile")
+    loop.energising = not inherited  # what was found energised is not ours to take away
+    yield from all_of(hardware.torque(True))
+    yield from ticks(3)
+    jump = np.abs(loop.measured.position - held)
+    if not (jump <= JUMP).all():
+        joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
+        message = "jumped at torque-on; torque is off again"
+        raise ArmFailed(Code.ARM_FAILED, joint, float(jump[joint]), JUMP, message)
+    return held
+
+
+def _aimed(loop: Loop) -> Generator[None, float, Floats]:
+    """Goal := present, read back, of a robot that hangs quiet; the goal (n,)."""
+    hardware = loop.hardware
+    for _ in range(TRIES):
+        held = hardware.quantised(present(loop))
+        yield from all_of(hardware.aim(held))
+        moved = np.abs(loop.measured.position - held) / hardware.resolution
+        if (moved <= STILL).all():
+            return held
+    joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
+    message = "still moving (ticks): let it hang quiet, then arm again"
+    raise ArmFailed(Code.ARM_FAILED, joint, float(moved[joint]), STILL, message)
+
+
+def _require_all_or_none(loop: Loop) -> None:
+    on = loop.hardware.slow.torque == 1
+    if on.any() and not on.all():
+        joint = int(np.argmax(on))
+        message = f"torque is on in {int(on.sum())} of {len(on)} joints, this one first: disarm, then arm"
+        raise ArmFailed(Code.ARM_FAILED, joint, float(on.sum()), 0.0, message)
+
+
+def present(loop: Loop) -> Floats:
+    """The position (n,) to begin from: fresh, whole and inside the hard limits, or ArmFailed."""
+    state, limits = loop.measured, loop.limits
+    age = loop.clock.now() - state.time + state.age
+    if not (age <= FRESH).all():
+        joint = int(np.argmax(age))
+        message = "no fresh reading (s): check cable and power"
+        raise ArmFailed(Code.HW_DISCONNECTED, joint, float(age[joint]), FRESH, message)
+    inside = (state.position >= limits.hard_lower) & (state.position <= limits.hard_upper)
+    if not inside.all():
+        joint = int(np.argmin(inside))
+        value = float(state.position[joint])
+        low = value < limits.hard_lower[joint]
+        bound = float((limits.hard_lower if low else limits.hard_upper)[joint])
+        raise ArmFailed(Code.OUT_OF_LIMIT, joint, value, bound, "move it inside by hand, then arm")
+    return state.position
+
+
+def back_out(loop: Loop, inherited: bool) -> Procedure:
+    """Those just energised are let go again, read back; what was found energised keeps its torque."""
+    loop.executor.idle()
+    loop.hardware.clear()
+    if not inherited:
+        for writer in loop.hardware.writers:
+            writer.cut()
+        try:
+            yield from all_of(loop.hardware.torque(False))
+        except BusError as error:
+            loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
+    loop.energising = False
+    loop.change_if(Event.ARM_FAILED, loop.clock.now())
+
+
+def give_up(loop: Loop) -> Procedure:
+    """Whoever asked for torque is gone before it was there."""
+    yield from back_out(loop, inherited=not loop.energising)

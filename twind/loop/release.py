@@ -1,0 +1,161 @@
+"""Letting go: disarm, fault, shutdown, e-stop. Each goes the way to the rest pose where the robot can be
+held, then takes the torque off, twice, and reads it back. Only an explicit cut skips the way.
+
+What a procedure says of torque it has read back. What could not be read back is said to be so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind import link
+from twind.loop.arming import ArmFailed, present, take
+from twind.loop.procedures import Procedure, Rank, all_of, ticks
+from twind.motion.settle import settle
+from twind.robot.finding import Code
+from twind.robot.modes import Mode, Motion
+from twind.safety.states import Event
+from twind_drivers.bus import BusError
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+
+SETTLE = 4.0  # s for the way to the rest pose (docs/safety.md)
+LATE = 1.0  # s beyond the planned way before it is given up
+WAYS = 2  # ways that are tried: a fault on the first one ends it where it stands
+ARRIVED = 0.02  # rad from the rest pose
+SLOW = 0.05  # rad/s: a free-standing robot is let go only when it has come to rest ...
+SLOW_FOR, SLOW_MOST = 1.0, 5.0  # s ... for this long, or after this long at the latest
+RANKS = {"settle": Rank.ESTOP, "cut": Rank.CUT}
+
+
+def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
+    """SETTLE, then torque off. Answers when torque is read back off."""
+    if not loop.energised:
+        loop.say.reply(command, state=loop.state.value)
+        return
+    loop.change_if(Event.SETTLE, now)
+    try:
+        yield from release(loop)
+    except BusError as error:
+        loop.say.error(command, "BusFailed", bus="", message=str(error))
+    except GeneratorExit:
+        loop.say.error(command, "Busy", what="disarming was ended by something more urgent")
+        raise
+    else:
+        loop.change_if(Event.SETTLED, loop.clock.now())
+        loop.say.reply(command, state=loop.state.value)
+        return
+    loop.change_if(Event.SETTLED, loop.clock.now())  # `inherited` and `torque` tell who is still on
+
+
+def fault(loop: Loop, now: float) -> Procedure:
+    """After a fault that cannot be held: settle and let go. The state stays FAULT until a reset."""
+    try:
+        yield from release(loop)
+    except BusError as error:
+        loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
+
+
+def shutdown(loop: Loop, now: float) -> Procedure:
+    """SIGTERM: lower the robot if its torque is ours, then end. What was found energised, or may not be
+    written to any more, is left as it is."""
+    if (loop.armed or loop.energising) and not loop.inhibited:
+        loop.change_if(Event.SETTLE, now)
+        yield from fault(loop, now)
+        loop.change_if(Event.SETTLED, loop.clock.now())
+    loop.finished = True
+
+
+def estop(loop: Loop, level: str, now: float) -> Procedure:
+    """Stop, by level. `Loop.stops` answers those who asked: when it has begun, and when it is over."""
+    loop.change(Event.ESTOP, now)
+    if loop.mode is not Mode.LIVE or not loop.hardware.writers:
+        loop.executor.stop()
+        loop.twin.halt()
+        return
+    try:
+        if level == "cut":
+            yield from loosen(loop)
+        else:
+            yield from release(loop)
+    except BusError as error:
+        loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
+
+
+# ----------------------------------------------------------------------------------------------- the parts
+
+
+def release(loop: Loop) -> Procedure:
+    """Down to the rest pose if the robot can be held, then torque off and read back. Raises BusError."""
+    try:
+        if not loop.inhibited and (yield from _held(loop)):
+            yield from _settle(loop)
+    except (BusError, ArmFailed) as error:
+        loop.say.event("error", Code.INTERNAL, f"the way to the rest pose was cut short: {error}")
+    yield from loosen(loop)
+
+
+def _held(loop: Loop) -> Generator[None, float, bool]:
+    """We hold the robot, or took over what was found on or tripped. False: it is limp, or was just about to
+    be energised: then there is nothing to lower."""
+    tripped = bool((loop.hardware.slow.watchdog == 255).any())
+    if loop.armed and not tripped:
+        return True
+    if loop.energising or not loop.torque_on:
+        return False
+    here = present(loop)
+    loop.executor.idle()
+    yield from all_of(loop.hardware.prepare(here))  # clears watchdogs with goal := present
+    take(loop, here)
+    return True
+
+
+def _settle(loop: Loop) -> Procedure:
+    for _ in range(WAYS):
+        reference = loop.executor.reference
+        if reference is None:
+            return
+        way = settle(reference, loop.rest, loop.limits, SETTLE)
+        refused = loop.executor.submit("settle", way)
+        if refused is not None:
+            loop.say.event("error", refused.code, f"no way to the rest pose: {refused.message}", (refused,))
+            return
+        now = yield from ticks(2)
+        loop.stops.begun = loop.stops.begun or bool(loop.measured.heard.any())
+        until = now + float(way.time[-1]) + LATE
+        while loop.executor.motion is Motion.ACTIVE and now < until:
+            now = yield
+        reference = loop.executor.reference
+        if reference is not None and (np.abs(reference.position - loop.rest) <= ARRIVED).all():
+            break
+    if loop.support == "free":
+        yield from _come_to_rest(loop)
+
+
+def _come_to_rest(loop: Loop) -> Procedure:
+    now = loop.clock.now()
+    quiet_since, until = now, now + SLOW_MOST
+    while now < until and now - quiet_since < SLOW_FOR:
+        now = yield
+        if not (np.abs(loop.measured.velocity) <= SLOW).all():
+            quiet_since = now
+
+
+def loosen(loop: Loop) -> Procedure:
+    """Torque off, read back. Raises BusError naming who did not confirm."""
+    loop.executor.idle()
+    loop.hardware.clear()
+    loop.hardware.hold(False)
+    for writer in loop.hardware.writers:
+        writer.cut()  # twice, with the next packet of any kind
+    loop.armed, loop.energising = False, True  # not known to be off until it is read back
+    try:
+        yield from all_of(loop.hardware.torque(False))
+    except BusError:
+        loop.energising = False  # who is still on stands in the registers, and is reported as inherited
+        raise
+    loop.energising = False

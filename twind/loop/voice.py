@@ -1,0 +1,41 @@
+"""What the loop says: answers to calls, and events for whoever watches. Everything leaves by the link."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from twind import link
+from twind.loop.link import Link
+from twind.robot.finding import Finding
+from twind_drivers.clock import Clock
+
+
+class Voice:
+    """Answers and events."""
+
+    def __init__(self, out: Link, clock: Clock) -> None:
+        self._link, self._clock = out, clock
+
+    def reply(self, command: link.Command, *, continues: bool = False, **parameters: Any) -> None:
+        """An answer to a call."""
+        self._link.reply(link.Reply(ticket=command.ticket, parameters=parameters, continues=continues))
+
+    def error(self, command: link.Command, error: str, /, **parameters: Any) -> None:
+        """A call that failed: the interface's `error`."""
+        self._link.reply(link.Reply(ticket=command.ticket, parameters=parameters, error=error))
+
+    def refuse(self, command: link.Command, findings: Sequence[Finding]) -> None:
+        """A call that the gate refused."""
+        self.error(command, "Refused", findings=list(findings))
+
+    def event(self, level: str, code: str, message: str, findings: Sequence[Finding] = ()) -> None:
+        """Something a person may want to know."""
+        self._link.event(
+            link.Event(
+                time=self._clock.now(),
+                sequence=self._link.sequence(),
+                level=level,
+                code=str(code),
+                message=message,
+                findings=list(findings),
+            )
+        )
