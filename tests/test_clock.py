@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import inf
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind_drivers.clock import Clock, FakeClock, MonotonicClock
@@ -55,6 +55,7 @@ def pipe() -> Iterator[Pipe]:
 # ------------------------------------------------------------------------------------- the fake one
 
 
+@settings(max_examples=50, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), TIMES, st.lists(TIMES, max_size=3)), max_size=10))
 def test_fake_time_never_goes_back_and_stops_at_the_first_thing_to_happen(
     waits: list[tuple[bool, float, list[float]]],

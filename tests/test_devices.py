@@ -124,12 +124,12 @@ def test_a_value_that_a_register_cannot_hold_is_refused_and_not_written(live: Ri
     assert live.call(link.ReadRegister, bus="main", id=7, name="led").parameters["register"]["value"] == 0
 
 
-@pytest.mark.parametrize("name", ["torque_enable", "goal_position", "id", "baud_rate"])
-def test_registers_that_belong_to_somebody_else_are_not_written(live: Rig, name: str) -> None:
+def test_registers_that_belong_to_somebody_else_are_not_written(live: Rig) -> None:
     live.connect()
-    reply = live.call(link.WriteRegister, bus="main", id=7, name=name, value=1)
-    assert reply.error == "BusFailed"
-    assert "is not written here" in reply.parameters["message"]
+    for name in ("torque_enable", "goal_position", "id", "baud_rate"):
+        reply = live.call(link.WriteRegister, bus="main", id=7, name=name, value=1)
+        assert reply.error == "BusFailed"
+        assert "is not written here" in reply.parameters["message"]
 
 
 def test_a_write_is_told_to_the_log_with_who_asked(live: Rig) -> None:

@@ -27,6 +27,15 @@ if before:
         print(json.dumps(None))
         sys.exit()
 got = realtime.enter()
+
+def churn():  # arrays that the allocator would map and give back each time
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(3):
+        b"x" * (40 << 20)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+churn()
+faults = churn()
 status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
 child = os.fork()
 if not child:
@@ -39,6 +48,7 @@ print(json.dumps({
     "locked": int(status["VmLck"].split()[0]),
     "collecting": gc.isenabled(),
     "frozen": gc.get_freeze_count(),
+    "faults": faults,
     "child": os.waitstatus_to_exitcode(code),
 }))
 """
@@ -58,7 +68,7 @@ def entered(rights: str = "ours", before: str = "") -> dict[str, Any]:
 def test_what_is_reported_is_what_the_kernel_says() -> None:
     told = entered()
     got = told["got"]
-    assert set(got) == {"scheduler", "memory", "timerslack", "gc"}
+    assert set(got) == {"scheduler", "memory", "timerslack", "heap", "gc"}
     assert told["fifo"] == (got["scheduler"] == f"fifo {PRIORITY}") != got["scheduler"].startswith("no: ")
     assert told["priority"] == (PRIORITY if told["fifo"] else 0)
     assert (told["locked"] > 0) == (got["memory"] == "locked") != got["memory"].startswith("no: ")
@@ -70,6 +80,14 @@ def test_the_collector_is_off_and_what_is_there_is_frozen() -> None:
     assert not told["collecting"]
     assert told["frozen"] > 1000
     assert told["got"]["gc"] == "frozen, off"
+
+
+def test_memory_that_was_freed_is_not_faulted_in_again() -> None:
+    told = entered("none")  # unlocked, where it costs most
+    if told["got"]["heap"] == "kept":
+        assert told["faults"] < 3 * 10  # 3 x 20 in the largest pages there are, else 3 x 10240
+    else:
+        assert told["got"]["heap"].startswith("no: ")
 
 
 def test_without_rights_it_runs_and_says_what_would_help() -> None:

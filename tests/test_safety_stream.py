@@ -50,7 +50,7 @@ def codes(aim: Aim) -> list[Code]:
     return [finding.code for finding in aim.verdict.refusals]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(setpoints(), st.booleans(), st.one_of(st.floats(), st.floats(0.0, 1.0)))
 def test_nothing_outside_the_limits_passes(
     asked: tuple[np.ndarray, np.ndarray, np.ndarray | None], clamp: bool, valid_for: float
@@ -73,7 +73,7 @@ def test_nothing_outside_the_limits_passes(
     assert clamp or not moved
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(st.lists(st.floats(0.0, 1.0), min_size=N, max_size=N), st.booleans())
 def test_what_is_inside_passes_unchanged(shares: list[float], clamp: bool) -> None:
     position = LIMITS.lower + np.array(shares) * (LIMITS.upper - LIMITS.lower)

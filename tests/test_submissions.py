@@ -82,25 +82,22 @@ def test_every_verdict_is_told_to_all_who_watch(armed: Rig) -> None:
     assert event.level == "warning"
 
 
-@pytest.mark.parametrize(
-    ("data", "fields"),
-    [
+def test_bytes_that_do_not_fit_are_refused_and_no_fault_of_the_daemon(armed: Rig) -> None:
+    whole = bytes(8 * (2 + 2 * 24))
+    misfits: list[tuple[bytes, dict[str, Any]]] = [
         (b"", {}),
         (bytes(7), {}),
-        (bytes(8 * (2 + 2 * 24 - 1)), {}),
-        (bytes(8 * (2 + 2 * 24)), {"velocity": True}),
-        (bytes(8 * (2 + 2 * 24)), {"commanded": [24]}),
+        (whole[8:], {}),
+        (whole, {"velocity": True}),
+        (whole, {"commanded": [24]}),
         (bytes(8 * (2 + 4 * 24)), {"acceleration": True}),
-    ],
-)
-def test_bytes_that_do_not_fit_are_refused_and_no_fault_of_the_daemon(
-    armed: Rig, data: bytes, fields: dict[str, Any]
-) -> None:
-    (reply,) = last(armed, raw(armed, data, **fields))
-    assert reply.error == "Refused"
-    assert codes(reply) == ["BAD_SHAPE"]
-    assert armed.loop.state == "armed"
-    assert not armed.loop.submissions.busy
+    ]
+    for data, fields in misfits:
+        (reply,) = last(armed, raw(armed, data, **fields))
+        assert reply.error == "Refused"
+        assert codes(reply) == ["BAD_SHAPE"]
+        assert armed.loop.state == "armed"
+        assert not armed.loop.submissions.busy
 
 
 def test_the_longest_verdict_there_can_be_fits_one_datagram(armed: Rig) -> None:
@@ -193,6 +190,7 @@ def test_whoever_is_gone_gets_no_reports_and_another_may_take_over(armed: Rig) -
 
 def test_reports_of_two_goals_do_not_mix(armed: Rig) -> None:
     first = armed.submit(path(armed, 0.05), more=True)
+    armed.ticks(5)
     second = armed.submit(path(armed, 0.1, 0.1), more=True, start_in=1.0)
     ends = {ticket: last(armed, ticket) for ticket in (first, second)}
     for ticket, replies in ends.items():
@@ -225,25 +223,21 @@ def test_a_clamped_setpoint_says_which_joint_and_by_how_much(armed: Rig) -> None
     assert (change["value"], change["bound"]) == (pytest.approx(upper + 0.5), pytest.approx(upper))
 
 
-@pytest.mark.parametrize(
-    ("joints", "positions", "code"),
-    [
+def test_a_malformed_setpoint_is_refused_and_no_fault_of_the_daemon(armed: Rig) -> None:
+    malformed: list[tuple[list[int], list[float], str]] = [
         ([], [], "NO_JOINTS"),
         ([0, 0], [0.0, 0.0], "DUP_JOINT"),
         ([24], [0.0], "UNKNOWN_JOINT"),
         ([-1], [0.0], "UNKNOWN_JOINT"),
         ([0], [], "BAD_SHAPE"),
         ([0], [float("nan")], "NONFINITE"),
-    ],
-)
-def test_a_malformed_setpoint_is_refused_and_no_fault_of_the_daemon(
-    armed: Rig, joints: list[int], positions: list[float], code: str
-) -> None:
-    reply = setpoint(armed, *positions, joints=joints)
-    assert reply.error == "Refused"
-    assert code in codes(reply)
-    assert armed.loop.executor.motion == "holding"
-    assert armed.loop.state == "armed"
+    ]
+    for joints, positions, code in malformed:
+        reply = setpoint(armed, *positions, joints=joints)
+        assert reply.error == "Refused"
+        assert code in codes(reply)
+        assert armed.loop.executor.motion == "holding"
+        assert armed.loop.state == "armed"
 
 
 def test_a_setpoint_of_somebody_without_the_lease_is_refused(armed: Rig) -> None:

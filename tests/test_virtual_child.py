@@ -76,13 +76,3 @@ def test_a_robot_that_does_not_start_is_an_error_and_leaves_nothing(
         pass
     assert children() == before
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_child_that_died_meanwhile_is_no_error_at_the_end() -> None:
-    before = children()
-    with VirtualChild("h24") as child:
-        (pid,) = children() - before
-        os.kill(int(pid), signal.SIGKILL)
-        folder = child.calibration.parent
-    assert not folder.exists()
-    assert children() == before
