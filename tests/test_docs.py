@@ -1,0 +1,277 @@
+"""The documents say what can be done: links lead somewhere, commands exist, examples run."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from pages import FENCE, PAGES, README, ROOT, fenced, name
+from processes import until
+
+from twind import cli
+from twind.client import Client, ClientError
+from twind.config import settings
+from twind.ctl import main as ctl
+from twind.virtual import main as virtual
+
+BIN = Path(sys.executable).parent
+
+
+# ----------------------------------------------------------------------------------------------- links
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_relative_link_leads_somewhere(page: Path) -> None:
+    prose = FENCE.sub("", page.read_text())
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", prose) if "://" not in link]
+    broken = [link for link in links if not (page.parent / link.partition("#")[0]).exists()]
+    assert not broken
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_path_of_this_repository_that_is_named_exists(page: Path) -> None:
+    spans = re.findall(
+        r"`((?:tests|docs|systemd|twind|drivers|calibration|bench)/[\w./-]+)`", page.read_text()
+    )
+    assert not [span for span in spans if not (ROOT / span).exists()]
+
+
+# ----------------------------------------------------------------------------------------------- commands
+
+PROGRAMS = ("twindctl", "twind", "twind-virtual")
+PLACEHOLDERS = {"ID": "1", "VERB": "status"}  # where a parser wants a number, or a name that exists
+
+
+def commands(text: str) -> Iterator[list[str]]:
+    """Every call of one of our programs: lines of `sh` blocks, and code spans."""
+    lines = [line for block in fenced(text, "sh") for line in block.splitlines()]
+    lines += re.findall(r"`([^`\n]+)`", FENCE.sub("", text).replace("\\|", "|"))
+    for line in lines:
+        for part in re.split(r"&&|\|\||\||;", line):
+            if part.split()[:1] and part.split()[0] in PROGRAMS:
+                words = shlex.split(part, comments=True)
+                yield [PLACEHOLDERS.get(word, word) for word in words]
+
+
+def parses(words: list[str]) -> bool:
+    """The program's own parser takes them."""
+    program, *given = words
+    if "..." in given or any(word.startswith("[") for word in given):
+        return True  # a synopsis
+    try:
+        if program == "twind":
+            cli.parser().parse_args(given)
+        elif program == "twind-virtual":
+            virtual.parser().parse_args(given)
+        else:
+            verb_name = ctl._verb_name(given)
+            parser = ctl._parser(verb_name)
+            if verb_name is not None:
+                verb = ctl._find(verb_name, parser)
+                assert verb is not None
+                ctl._add_verb(parser, verb_name, verb)
+            parser.parse_args(given)
+    except SystemExit as end:
+        return end.code == 0  # --help
+    return True
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_command_with_its_options_exists(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong = [words for words in commands(page.read_text()) if not parses(words)]
+    assert not wrong, capsys.readouterr().err
+
+
+def test_the_commands_are_found_in_the_pages_at_all() -> None:
+    found = [" ".join(words) for page in PAGES for words in commands(page.read_text())]
+    assert "twindctl arm" in found and "twindctl reboot main 1" in found and len(found) > 60
+    assert not parses(["twindctl", "dance"]) and not parses(["twindctl", "arm", "--cut"])
+
+
+def test_every_make_command_is_a_target() -> None:
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    asked = [
+        line for page in PAGES for block in fenced(page.read_text(), "sh") for line in block.splitlines()
+    ]
+    asked += [span for page in PAGES for span in re.findall(r"`(make [^`]+)`", page.read_text())]
+    makes = [line.split()[1] for line in asked if line.startswith("make ")]
+    assert {"demo", "test"} <= set(makes) <= targets
+
+
+# ---------------------------------------------------------------------------------------------- examples, run
+
+# What a test cannot run as it stands, and why.
+NEEDS = {
+    "make": "runs the tests themselves; checked to be a target",
+    "sudo": "root",
+    "pip": "would replace what is being tested",
+    "twind": "a real robot; its options are checked",
+}
+
+
+@contextmanager
+def daemon(runtime: Path, *options: str) -> Iterator[dict[str, str]]:
+    """A daemon where the examples look for one; the environment in which they find it."""
+    environment = {
+        **os.environ,
+        "XDG_RUNTIME_DIR": str(runtime),
+        "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}",
+    }
+    command = [sys.executable, "-m", "twind.cli", *options, "--socket", str(runtime / "twind")]
+    with (runtime / "log").open("wb") as log:
+        process = subprocess.Popen(command, stderr=log, stdin=subprocess.DEVNULL, env=environment)
+    try:
+        yield environment
+        process.terminate()
+        assert process.wait(20.0) == 0, (runtime / "log").read_text()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait(10.0)
+
+
+def wait_for(runtime: Path, **wanted: object) -> None:
+    def there() -> bool:
+        try:
+            with Client(runtime / "twind") as client:
+                status = client.call("GetStatus")["status"]
+        except ClientError:
+            return False
+        return all(status[key] == value for key, value in wanted.items())
+
+    until(there, 30.0, f"{wanted}: {(runtime / 'log').read_text()}")
+
+
+def run(command: str, folder: Path, environment: dict[str, str], seconds: float = 40.0) -> str:
+    done = subprocess.run(
+        ["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, timeout=seconds
+    )
+    assert done.returncode == 0, (command, done.stdout, done.stderr)
+    return done.stdout
+
+
+def readme_lines() -> list[str]:
+    return [line for block in fenced(README, "sh") for line in block.splitlines()]
+
+
+@pytest.mark.realtime
+def test_the_commands_of_the_readme_do_what_they_say_on_a_virtual_robot(tmp_path: Path) -> None:
+    left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
+    verbs = [line for line in left if line.startswith("twindctl ") and not line.startswith("twindctl check")]
+    assert [line.split()[1] for line in verbs] == [
+        "status",
+        "arm",
+        "move",
+        "play",
+        "estop",
+        "reset",
+        "disarm",
+    ]
+    with daemon(tmp_path, "--virtual", "--mode", "live") as environment:
+        wait_for(tmp_path, state="connected")
+        for line in verbs:
+            verb = line.split()[1]
+            if verb == "play":  # long: what comes next, the e-stop, ends it
+                playing = subprocess.Popen(["bash", "-c", f"exec {line}"], cwd=tmp_path, env=environment)
+                wait_for(tmp_path, motion="active")
+                continue
+            if verb == "reset":  # it says: once torque is off
+                assert playing.wait(10.0) == 1
+                wait_for(tmp_path, armed=False)
+            run(line, tmp_path, environment)
+        wait_for(tmp_path, state="connected", armed=False)
+
+
+@pytest.mark.realtime
+def test_the_other_commands_of_the_readme_run_as_printed(tmp_path: Path) -> None:
+    left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
+    check, servos = [line for line in left if line.split()[:2] == ["twindctl", "check"] or "virtual" in line]
+    robots = Path(str(resources.files("twind.robots")))
+    shutil.copy(robots / "h24.yaml", tmp_path / "my_robot.yaml")
+    shutil.copy(robots / "h24.xml", tmp_path)
+    environment = {**os.environ, "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}"}
+    assert run(check, tmp_path, environment).endswith("ok\n")
+    assert "/tmp/" in servos
+    process = subprocess.Popen(
+        ["bash", "-c", "exec " + servos.replace("/tmp/", f"{tmp_path}/")],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None and process.stdout is not None
+    assert process.stdout.readline().startswith("bus main ")
+    assert process.stdout.readline() == "ready\n"
+    assert (tmp_path / "robot" / "main").exists() and (tmp_path / "robot-faults").is_socket()
+    process.stdin.close()
+    assert process.wait(10.0) == 0
+    process.stdout.close()
+
+
+@pytest.mark.realtime
+def test_the_python_example_of_the_readme_moves_the_simulation(tmp_path: Path) -> None:
+    (example,) = fenced(README, "python")
+    with daemon(tmp_path, "--mode", "sim") as environment:
+        wait_for(tmp_path, mode="sim")
+        (tmp_path / "example.py").write_text(example)
+        said = run(f"{shlex.quote(sys.executable)} example.py", tmp_path, environment).splitlines()
+    assert said[0].startswith("accepted") and said[-1] == "succeeded 1.0"
+
+
+def test_the_settings_of_the_readme_are_settings(tmp_path: Path) -> None:
+    (yaml,) = fenced(README, "yaml")
+    (tmp_path / "twind.yaml").write_text(yaml)
+    read = settings.load_settings(tmp_path / "twind.yaml", environ={}, uid=0)
+    assert (read.mode, read.robot, list(read.ports)) == ("mirror", "h24", ["main"])
+
+
+def test_the_files_that_root_copies_are_there_and_the_unit_starts_what_is_installed() -> None:
+    for line in readme_lines():
+        if line.startswith("sudo cp "):
+            assert (ROOT / line.split()[2]).is_file()
+    unit = (ROOT / "systemd" / "twind.service").read_text()
+    given = dict(re.findall(r"(XDG_\w+)=(\S+)", unit))
+    places = settings.places({**given, "STATE_DIRECTORY": "/var/lib/twind"}, uid=990)
+    assert [str(place) for place in (places.config, places.state, places.sockets)] == [
+        "/etc/twind",
+        "/var/lib/twind",
+        "/run/twind",
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.realtime
+def test_the_calibration_example_makes_a_file_that_live_takes(tmp_path: Path) -> None:
+    (tmp_path / "first_calibration.py").write_text(
+        fenced((ROOT / "calibration" / "README.md").read_text(), "python")[0]
+    )
+    ports_folder = tmp_path / "ports"
+    servos = subprocess.Popen(
+        [sys.executable, "-m", "twind.virtual", "--link", str(ports_folder), "--muscles", "first-order"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert servos.stdin is not None and servos.stdout is not None
+    try:
+        while servos.stdout.readline() != b"ready\n":
+            assert servos.poll() is None
+        port = f"main={ports_folder / 'main'}"
+        with daemon(tmp_path, "--mode", "mirror", "--port", port) as environment:
+            wait_for(tmp_path, state="connected")
+            example = f"{shlex.quote(sys.executable)} first_calibration.py h24 . mine {tmp_path / 'twind'}"
+            file = run(example, tmp_path, environment).strip()
+        options = ["--mode", "live", "--calibration", str(tmp_path / file), "--port", port]
+        with daemon(tmp_path, *options) as environment:
+            wait_for(tmp_path, state="connected", faults=[])
+            run("twindctl arm && twindctl disarm", tmp_path, environment)
+    finally:
+        servos.stdin.close()
+        servos.wait(10.0)
+        servos.stdout.close()

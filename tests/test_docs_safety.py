@@ -1,0 +1,151 @@
+"""docs/safety.md says what the code does: reason codes, states, numbers, proofs."""
+
+import re
+
+from pages import ROOT, SAFETY, table
+from rig import Rig
+
+from twind.config import settings
+from twind.front import server
+from twind.loop import arming, front_process, ports, release, submissions, tick
+from twind.robot.finding import Code
+from twind.robot.modes import State
+from twind.safety import gate, guard, lease, stream
+from twind.safety.states import TABLE, Event
+from twind.twin import binding
+from twind_drivers.dynamixel import budget
+
+# ----------------------------------------------------------------------------------------------- reason codes
+
+NONE = "–"
+CODES = table(SAFETY, "code", "rule", "when", "what to do")
+
+
+def rules() -> dict[str, str]:
+    """Code -> its rule, as the comment beside it says."""
+    source = (ROOT / "twind" / "robot" / "finding.py").read_text()
+    found = re.findall(r'^    ([A-Z_]+) = "\1"(?:  # ([SR]\d\d))?', source, re.MULTILINE)
+    return {code: rule or NONE for code, rule in found}
+
+
+def test_every_code_has_one_row_with_its_rule_a_cause_and_a_remedy() -> None:
+    assert {code.strip("`"): rule for code, rule, _, _ in CODES} == rules()
+    assert sorted(code for code, *_ in CODES) == sorted(f"`{code}`" for code in Code)
+    assert all(len(when) > 10 and len(remedy) > 5 for _, _, when, remedy in CODES)
+
+
+def test_a_code_that_nothing_raises_is_said_to_be_so_and_no_other() -> None:
+    sources = "".join(
+        path.read_text() for path in (ROOT / "twind").rglob("*.py") if path.name != "finding.py"
+    )
+    unused = {code.value for code in Code if not re.search(rf"Code\.{code.name}\b", sources)}
+    assert {code.strip("`") for code, _, when, _ in CODES if "not raised yet" in when} == unused
+
+
+# ----------------------------------------------------------------------------------------------- states
+
+
+def steps(cell: str) -> set[tuple[str, str]]:
+    """`a`, `b` → `c`; `d` → `e`. `any` is every state but those named after it, and but the end itself."""
+    found = set()
+    for one in cell.split(";"):
+        before, _, after = one.partition("→")
+        end, named = after.strip().strip("`"), set(re.findall(r"`(\w+)`", before))
+        starts = (
+            {state.value for state in State} - named - {end} if before.strip().startswith("any") else named
+        )
+        found |= {(start, end) for start in starts}
+    return found
+
+
+def test_the_table_of_states_is_that_of_the_code() -> None:
+    rows = {event: steps(cell) for event, _, cell in table(SAFETY, "event", "who", "from → to")}
+    assert set(rows) == {event.value for event in Event}
+    for event, follows in TABLE.items():
+        moves = {(start.value, end.value) for start, end in follows.items() if start is not end}
+        assert rows[event.value] == moves, event
+
+
+# ----------------------------------------------------------------------------------------------- numbers
+
+GATE, GUARD = gate.Thresholds(), guard.Thresholds()
+
+
+def ms(seconds: float) -> str:
+    return f"{seconds * 1e3:g} ms"
+
+
+def unit(key: str) -> str:
+    """A number of the service's unit."""
+    found = re.search(rf"^{key}=(\d+)$", (ROOT / "systemd" / "twind.service").read_text(), re.MULTILINE)
+    assert found
+    return f"{found[1]} s"
+
+
+NUMBERS = {
+    "latency (state age + bus round trip): told": ms(GATE.latency_warn),
+    "latency: motion and arming refused": ms(GATE.latency_block),
+    "joint not heard: motion and arming refused": ms(GATE.stale),
+    "joint silent, armed: told": ms(GUARD.stale_warn),
+    "joint silent, armed: HOLD": ms(GUARD.stale_hold),
+    "joint silent, armed: fault, SETTLE": ms(GUARD.stale_fault),
+    "tick late: told": ms(GUARD.late),
+    "ticks missed in a row: told": f"{GUARD.missed_warn}",
+    "ticks missed in a row: HOLD": f"{GUARD.missed_hold}",
+    "torque read back off in a row: fault": f"{GUARD.disagreements} readings",
+    "ticks failed in a row: inhibit, end": f"{tick.PATIENCE}",
+    "after an inhibit: no packet": f"{tick.QUIET:g} s",
+    "the same is told again of the same joint": f"{GUARD.quiet:g} s",
+    "trajectory, longest": f"{GATE.max_duration:g} s, {GATE.max_points} points",
+    "trajectory points, least distance": ms(GATE.min_dt),
+    "trajectory judged beside the tick": f"{submissions.SLICE} points a tick",
+    "front's share of a verdict, oldest": f"{submissions.STALE_VERDICT:g} s",
+    "hard limit beyond the robot file's": f"{binding.BEYOND:g} rad",
+    "measured beyond the hard limit: fault": f"{GUARD.beyond_hard:g} rad",
+    "start jump": f"{GATE.start_jump:g} rad",
+    "brake: always allowed": f"{GATE.brake_floor:g} rad/s",
+    "brake: kept back": f"{GATE.brake_margin:g} rad/s",
+    "end counts as rest": f"{GATE.end_velocity:g} rad/s",
+    "jerk: told": f"{GATE.jerk_warn:g} rad/s³",
+    "trajectories of one process": f"{server.Front.SUBMITS_PER_SECOND} a second",
+    "lease": f"{lease.TRAJECTORY:g} s",
+    "lease while streaming": f"{lease.STREAMING:g} s",
+    "newest setpoint, oldest": f"{GUARD.setpoint_age:g} s",
+    "setpoint `valid_for`, longest": f"{stream.LONGEST:g} s",
+    "arming: reading, oldest": ms(arming.FRESH),
+    "arming: still moving": f"{arming.STILL:g} ticks of the encoder, {arming.TRIES} tries",
+    "arming: jump at torque-on": f"{arming.JUMP:g} rad",
+    "way to the rest pose, wanted within": f"{release.SETTLE:g} s",
+    "way to the rest pose, given up": f"{release.LATE:g} s after its planned end, {release.WAYS} tries",
+    "`support: free`: at rest": f"{release.SLOW:g} rad/s for {release.SLOW_FOR:g} s, "
+    f"{release.SLOW_MOST:g} s at most",
+    "servo watchdog": "100 ms",  # compared with the register below
+    "torque, hardware error, watchdog read": f"{budget.STATUS_HZ:g} Hz or more",
+    "voltage, temperature read": f"{budget.HEALTH_HZ:g} Hz or more",
+    "lost port reopened": f"after {ports.REOPEN_FIRST:g} s, then up to every {ports.REOPEN_MOST:g} s",
+    "missing devices asked again": f"every {ports.IDENTIFY_AGAIN:g} s",
+    "front silent: killed, started anew": f"{front_process.HEARTBEAT:g} s",
+    "service manager's watchdog": unit("WatchdogSec"),
+    "service manager waits for the lowering": unit("TimeoutStopSec"),
+}
+
+
+def test_every_number_is_that_of_the_code() -> None:
+    assert dict(table(SAFETY, "what", "value")) == NUMBERS
+
+
+def test_the_servos_watchdog_is_what_the_page_says(armed: Rig) -> None:
+    assert set(armed.register("bus_watchdog").tolist()) == {5}  # x 20 ms
+
+
+def test_the_formulas_of_the_page_are_those_of_the_gate() -> None:
+    text = " ".join(SAFETY.split())
+    assert f"max({GATE.brake_floor:g}, √(2·a·d) − {GATE.brake_margin:g}) rad/s" in text
+    assert f"{GATE.start_jump:g} rad plus velocity limit × time of the first point" in text
+    warn, block = settings.LATENCY_WARN_MS, settings.LATENCY_BLOCK_MS
+    assert (warn, block) == (GATE.latency_warn * 1e3, GATE.latency_block * 1e3)
+
+
+def test_the_tests_that_prove_it_exist() -> None:
+    named = [path for _, cell in table(SAFETY, "claim", "tests") for path in re.findall(r"`([^`]+)`", cell)]
+    assert len(named) > 12 and not [path for path in named if not (ROOT / path).is_file()]
