@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from twind import link
+from twind import link, memfd
 from twind.config.counts import ticks_of
 from twind.config.robot_file import load_robot
 from twind.loop import assembly
@@ -170,7 +170,7 @@ class Rig:
             acceleration=path.acceleration is not None,
             **parameters,
         )
-        fd = link.seal("path", link.pack_path(path))
+        fd = memfd.seal("path", link.pack_path(path))
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)
         return self._ticket

@@ -17,7 +17,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from twind import link
+from twind import link, memfd
 from twind.robot.finding import Code, Finding
 from twind.version import __version__
 
@@ -102,7 +102,7 @@ class StandIn:
         self.heartbeats = 0
         self.inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.inner.setblocking(False)
-        fd = link.seal("briefing", msgspec.msgpack.encode(briefing()))
+        fd = memfd.seal("briefing", msgspec.msgpack.encode(briefing()))
         listeners = {name: self._listen(name) for name in ("control", "observe")}
         handed = {"link": outer.fileno(), "briefing": fd}
         handed |= {name: listener.fileno() for name, listener in listeners.items()}
@@ -168,7 +168,7 @@ class StandIn:
             for _, _, payload in extra:
                 fds.frombytes(payload)
             for fd in fds:
-                self.paths.append(link.unseal(fd))
+                self.paths.append(memfd.unseal(fd))
                 os.close(fd)
             command = link.decode_command(data)
             if isinstance(command, link.Heartbeat):

@@ -12,7 +12,7 @@ import pytest
 import stand_in
 from processes import until
 
-from twind import link
+from twind import link, memfd
 from twind.loop.front_process import AGAIN, GRACE, HEARTBEAT, FrontProcess
 
 pytestmark = pytest.mark.realtime
@@ -23,7 +23,7 @@ class World:
     """A front process and what it is handed: a briefing and two listening sockets."""
 
     def __init__(self, folder: Path, stack: ExitStack) -> None:
-        briefing = link.seal("briefing", msgspec.msgpack.encode(stand_in.briefing()))
+        briefing = memfd.seal("briefing", msgspec.msgpack.encode(stand_in.briefing()))
         stack.callback(os.close, briefing)
         self.listeners = {}
         for name in ("control", "observe"):

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from twind import link
+from twind import link, memfd
 from twind.front.naming import Names
 from twind.front.submit import Looser, Sealed, fields, judge, policy
 from twind.robot.finding import Code
@@ -40,7 +40,7 @@ def test_what_is_asked_reaches_the_loop_in_joint_order() -> None:
         7.0,
     )
     with Sealed(path) as fd:
-        there = link.unpack_path(link.unseal(fd), submit, 3)
+        there = link.unpack_path(memfd.unseal(fd), submit, 3)
     assert there.position[0, [0, 2]].tolist() == [0.2, 0.1]
     assert np.isnan(there.position[0, 1])
     assert there.velocity is not None

@@ -46,7 +46,7 @@ def test_nothing_to_write_is_always_fine() -> None:
 
 
 def test_reactions_are_ordered_by_severity() -> None:
-    order = [Reaction.NONE, Reaction.HOLD, Reaction.SETTLE, Reaction.CUT, Reaction.INHIBIT]
+    order = [Reaction.NONE, Reaction.HOLD, Reaction.SETTLE, Reaction.INHIBIT]
     assert sorted(Reaction) == order
 
 

@@ -20,7 +20,6 @@ def test_at_first_nobody_holds_it() -> None:
     assert not lease.holds(0.0)
     assert (lease.holder_client(0.0), lease.info(0.0), lease.epoch) == (0, None, 0)
     assert not lease.held_by(0, 0.0)
-    assert not lease.expired(0.0)
 
 
 def test_who_takes_it_holds_it_and_another_is_told_no() -> None:
@@ -84,24 +83,11 @@ def test_only_the_holder_renews_and_only_in_time() -> None:
     assert not lease.renew(A, 13.1)
 
 
-def test_the_lapse_is_told_once() -> None:
-    lease = held()
-    assert not lease.expired(10.9)
-    assert lease.expired(11.1)
-    assert not lease.expired(11.2)
-    lease = held()
-    assert lease.holder_client(12.0) == 0  # whoever notices first
-    assert lease.expired(12.0)
-    assert lease.acquire(A, "", 0, 12.0)
-    assert not lease.expired(12.0)
-
-
-def test_giving_it_back_frees_it_and_is_no_lapse() -> None:
+def test_giving_it_back_frees_it() -> None:
     lease = held()
     assert not lease.release(B)
     assert lease.release(A)
     assert not lease.release(A)
-    assert not lease.expired(20.0)
     assert lease.acquire(B, "", 0, 10.0)
     assert lease.epoch == 3
 

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind import link
+from twind import link, memfd
 from twind.robot.finding import Code, Finding
 from twind.robot.trajectory import Trajectory
 
@@ -139,7 +139,7 @@ def test_a_command_is_no_news() -> None:
 
 @pytest.fixture
 def sealed() -> Iterator[int]:
-    fd = link.seal("test", b"the robot")
+    fd = memfd.seal("test", b"the robot")
     yield fd
     os.close(fd)
 
@@ -147,10 +147,10 @@ def sealed() -> Iterator[int]:
 @settings(max_examples=20, deadline=None)
 @given(st.binary(max_size=100_000))
 def test_what_was_sealed_is_what_is_read(data: bytes) -> None:
-    fd = link.seal("test", data)
+    fd = memfd.seal("test", data)
     try:
-        assert link.unseal(fd) == data
-        assert link.unseal(fd) == data  # reading takes nothing away
+        assert memfd.unseal(fd) == data
+        assert memfd.unseal(fd) == data  # reading takes nothing away
     finally:
         os.close(fd)
 
@@ -170,7 +170,7 @@ def test_a_sealed_memfd_cannot_be_changed_in_any_way(sealed: int) -> None:
     with pytest.raises(PermissionError):
         os.write(again, b"X")
     os.close(again)
-    assert link.unseal(sealed) == b"the robot"
+    assert memfd.unseal(sealed) == b"the robot"
 
 
 def test_a_sealed_memfd_is_not_inherited(sealed: int) -> None:
@@ -178,22 +178,22 @@ def test_a_sealed_memfd_is_not_inherited(sealed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "missing", [fcntl.F_SEAL_SHRINK, fcntl.F_SEAL_GROW, fcntl.F_SEAL_WRITE, fcntl.F_SEAL_SEAL, link.SEALS]
+    "missing", [fcntl.F_SEAL_SHRINK, fcntl.F_SEAL_GROW, fcntl.F_SEAL_WRITE, fcntl.F_SEAL_SEAL, memfd.SEALS]
 )
 def test_a_memfd_that_could_still_change_is_not_read(missing: int) -> None:
     fd = os.memfd_create("test", os.MFD_ALLOW_SEALING)
     try:
         os.write(fd, b"the robot")
-        fcntl.fcntl(fd, fcntl.F_ADD_SEALS, link.SEALS & ~missing)
+        fcntl.fcntl(fd, fcntl.F_ADD_SEALS, memfd.SEALS & ~missing)
         with pytest.raises(ValueError, match="not sealed"):
-            link.unseal(fd)
+            memfd.unseal(fd)
     finally:
         os.close(fd)
 
 
 def test_what_is_no_memfd_is_not_read() -> None:
     with open(__file__, "rb") as file, pytest.raises(OSError):
-        link.unseal(file.fileno())
+        memfd.unseal(file.fileno())
 
 
 # ------------------------------------------------------------------------------------- trajectories

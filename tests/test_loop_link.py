@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from twind import link
+from twind import link, memfd
 from twind.loop.link import PER_TICK, QUEUE, Link
 
 
@@ -156,7 +156,7 @@ def test_a_heartbeat_is_a_sign_of_life_and_no_command(front: Front, end: Link) -
 def test_the_bytes_of_a_memfd_come_with_their_command_and_the_descriptor_is_let_go(
     front: Front, end: Link
 ) -> None:
-    fd = link.seal("path", b"numbers")
+    fd = memfd.seal("path", b"numbers")
     before = open_descriptors()
     front.send(cancel(1), fd)
     front.send(cancel(2), fd, fd, fd)

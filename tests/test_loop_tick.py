@@ -276,6 +276,16 @@ def test_registers_are_read_while_the_loop_runs_and_written_only_while_disarmed(
     assert denied.error == "WrongState"
 
 
+def test_the_alert_of_a_servo_reaches_the_news(live: Rig) -> None:
+    live.connect()
+    live.virtual["main"].faults.damage(4, 0x04)
+    live.seconds(0.3)
+    overview = [news for news in live.news if isinstance(news, link.Overview)][-1]
+    bits = np.frombuffer(overview.fault_bits, np.int16)
+    assert bits[3] == 0x104
+    assert (np.delete(bits, 3) == 0).all()
+
+
 @pytest.mark.slow
 def test_an_hour_of_robot_without_a_refusal_a_fault_or_a_missed_reading() -> None:
     rig = Rig()

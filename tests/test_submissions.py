@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rig import CLIENT, Rig
 
-from twind import link
+from twind import link, memfd
 from twind.robot.trajectory import Trajectory
 
 JOINT = "l_elbow"
@@ -40,7 +40,7 @@ def raw(rig: Rig, data: bytes, **fields: Any) -> int:
     rig._ticket += 1
     given = {"id": f"t{rig._ticket}", "points": 2, "commanded": [0]} | fields
     command = link.Submit(ticket=rig._ticket, client=CLIENT, **given)
-    fd = link.seal("path", data)
+    fd = memfd.seal("path", data)
     socket.send_fds(rig.front.outer, [link.encode(command)], [fd])
     os.close(fd)
     return rig._ticket

@@ -7,9 +7,6 @@ arrays of a trajectory travel as a sealed memfd beside it (SCM_RIGHTS), never th
 Joints are indices here; the front names them. Times are the loop's monotonic seconds.
 """
 
-import fcntl
-import mmap
-import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,7 +18,6 @@ from twind.robot.finding import Finding
 from twind.robot.trajectory import Trajectory
 
 DATAGRAM = 1 << 17  # bytes: largest datagram of the link
-SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE | fcntl.F_SEAL_SEAL
 
 
 class Base(msgspec.Struct, frozen=True, kw_only=True, tag=True, tag_field="kind"):
@@ -277,7 +273,7 @@ class Overview(Base, frozen=True, kw_only=True):
     temperature: bytes  # °C, float64 of n joints
     voltage: bytes  # V
     torque: bytes  # int8 of n joints: 1 on, 0 off, -1 unknown
-    fault_bits: bytes  # int16 of n joints, -1 unknown
+    fault_bits: bytes  # int16 of n joints: hardware error, bit 8 alert; -1 unknown
 
 
 class Reply(Base, frozen=True, kw_only=True):
@@ -359,33 +355,6 @@ def decode_news(data: bytes) -> Outward:
     """A datagram from the loop. Raises msgspec.DecodeError."""
     news: Outward = _outward.decode(data)
     return news
-
-
-def seal(name: str, data: bytes) -> int:
-    """A memfd with `data` that nobody can change any more. The caller closes it."""
-    fd = os.memfd_create(name, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
-    try:
-        view = memoryview(data)
-        while view:
-            view = view[os.write(fd, view) :]
-        fcntl.fcntl(fd, fcntl.F_ADD_SEALS, SEALS)
-    except BaseException:
-        os.close(fd)
-        raise
-    return fd
-
-
-def unseal(fd: int, most: int | None = None) -> bytes:
-    """What `seal` put there. Raises ValueError: changeable, or over `most` bytes. Does not close `fd`."""
-    if fcntl.fcntl(fd, fcntl.F_GET_SEALS) & SEALS != SEALS:
-        raise ValueError(f"memfd {fd} is not sealed: its contents could change after they were checked")
-    size = os.fstat(fd).st_size
-    if most is not None and size > most:
-        raise ValueError(f"memfd {fd} holds {size} bytes, at most {most} are taken")
-    if size == 0:
-        return b""
-    with mmap.mmap(fd, size, prot=mmap.PROT_READ) as view:
-        return view[:]
 
 
 def pack_path(path: Trajectory) -> bytes:

@@ -15,7 +15,8 @@ import msgspec
 
 from twind.front.log import Log, Writer, at_journal
 from twind.front.server import Front
-from twind.link import Briefing, unseal
+from twind.link import Briefing
+from twind.memfd import unseal
 
 
 def main() -> int:

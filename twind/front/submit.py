@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from twind.front.naming import Names
-from twind.link import pack_path, seal
+from twind.link import pack_path
+from twind.memfd import seal
 from twind.robot.finding import Code, Finding
 from twind.robot.trajectory import Trajectory
 from twind.safety.form import Row, form

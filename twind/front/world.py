@@ -10,8 +10,15 @@ import msgspec
 from twind.front.naming import Names
 from twind.link import Briefing, Event, Moment, Overview, Tick
 
-# Bits of a servo's hardware error register (Protocol 2.0, address 70).
-FAULT_BITS = {0: "input_voltage", 2: "overheating", 3: "encoder", 4: "electrical_shock", 5: "overload"}
+# Bits of a servo's hardware error register (Protocol 2.0, address 70); bit 8: its last answer's alert.
+FAULT_BITS = {
+    0: "input_voltage",
+    2: "overheating",
+    3: "encoder",
+    4: "electrical_shock",
+    5: "overload",
+    8: "alert",
+}
 _TORQUE = {1: True, 0: False}
 
 _json = msgspec.json.Encoder()  # writes NaN and the infinities as null

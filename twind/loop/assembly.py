@@ -10,13 +10,14 @@ import numpy as np
 from twind.config.calibration_file import Calibration
 from twind.config.device_check import compare
 from twind.config.robot_file import RobotFile
-from twind.link import Briefing, JointInfo, seal
+from twind.link import Briefing, JointInfo
 from twind.loop.front_process import FrontProcess
 from twind.loop.hardware import Hardware
 from twind.loop.link import Link
 from twind.loop.notify import Notifier
 from twind.loop.ports import Enabler, Opener, Port
 from twind.loop.tick import Loop, Parts
+from twind.memfd import seal
 from twind.motion.executor import Executor
 from twind.robot.finding import Finding, Verdict
 from twind.robot.modes import Mode

@@ -32,28 +32,32 @@ class FrontProcess:
         self._start_at = 0.0
 
     def start(self, now: float) -> None:
-        """Start a front. The old one must be gone."""
+        """Start a front. The old one must be gone. Raises OSError; then nothing of it is left."""
         inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            with outer:
+                self.pid = self._spawn(inner, outer)
+        except OSError:
+            inner.close()
+            raise
+        self.socket, self.starts = inner, self.starts + 1
+        self._alive_until = now + GRACE
+
+    def _spawn(self, inner: socket.socket, outer: socket.socket) -> int:
         inner.setblocking(False)
         for end in (inner, outer):
             with contextlib.suppress(OSError):
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
-        sources = (outer.fileno(), *self._handed)
-        # Up and out of the way first: dup2 onto 3..6 must not overwrite a source that is still to come.
-        high = [_dup_high(fd) for fd in sources]
-        try:
-            actions = [(os.POSIX_SPAWN_DUP2, fd, _LINK + place) for place, fd in enumerate(high)]
-            arguments = [
-                sys.executable,
-                "-m",
-                "twind.front",
-                "--link",
-                str(_LINK),
-                "--briefing",
-                str(_BRIEFING),
-            ]
-            arguments += ["--control", str(_CONTROL), "--observe", str(_OBSERVE)]
-            self.pid = os.posix_spawn(
+        arguments = [sys.executable, "-m", "twind.front", "--link", str(_LINK), "--briefing", str(_BRIEFING)]
+        arguments += ["--control", str(_CONTROL), "--observe", str(_OBSERVE)]
+        with contextlib.ExitStack() as copies:
+            actions = []
+            for place, fd in enumerate((outer.fileno(), *self._handed)):
+                # Up and out of the way: dup2 onto 3..6 must not overwrite a source that is still to come.
+                high = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 64)
+                copies.callback(os.close, high)
+                actions.append((os.POSIX_SPAWN_DUP2, high, _LINK + place))
+            return os.posix_spawn(
                 sys.executable,
                 arguments,
                 _environment(),
@@ -62,12 +66,6 @@ class FrontProcess:
                 setsigdef=[signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
                 scheduler=(os.SCHED_OTHER, os.sched_param(0)),
             )
-        finally:
-            for fd in high:
-                os.close(fd)
-            outer.close()
-        self.socket, self.starts = inner, self.starts + 1
-        self._alive_until = now + GRACE
 
     def alive(self, now: float) -> None:
         """A sign of life came."""
@@ -120,10 +118,6 @@ class FrontProcess:
     def due(self, now: float) -> bool:
         """No front, and it is time for one."""
         return self.pid is None and now >= self._start_at
-
-
-def _dup_high(fd: int) -> int:
-    return fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 64)
 
 
 def _environment() -> dict[str, str]:

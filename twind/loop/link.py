@@ -23,9 +23,9 @@ from twind.link import (
     Tick,
     decode_command,
     encode,
-    unseal,
 )
 from twind.loop.front_process import FrontProcess
+from twind.memfd import unseal
 
 QUEUE = 512  # replies and events owed; a front that far behind is not coming back
 LARGEST = 8 << 20  # bytes of a trajectory's arrays

@@ -6,6 +6,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twind import link
 from twind.loop.ports import Link
@@ -15,6 +16,7 @@ from twind.safety.health import Window
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
+ALERT = 0x80  # of a status' error byte: read the hardware error
 OVERVIEW = 0.1  # s between two overviews
 
 
@@ -90,8 +92,17 @@ class Publisher:
             temperature=slow.temperature.tobytes(),
             voltage=slow.voltage.tobytes(),
             torque=slow.torque.tobytes(),
-            fault_bits=slow.fault.tobytes(),
+            fault_bits=self._faults().tobytes(),
         )
+
+    def _faults(self) -> NDArray[np.int16]:
+        """Hardware error bits (n,), -1 unknown; bit 8: the last answer carried the alert, whatever it is."""
+        hardware = self._loop.hardware
+        alert = (hardware.alerts & ALERT) != 0
+        faults: NDArray[np.int16] = np.where(
+            alert, np.maximum(hardware.slow.fault, 0) | 0x100, hardware.slow.fault
+        )
+        return faults.astype(np.int16)
 
     def _windows(self) -> list[tuple[str, Window]]:
         health = self._loop.health

@@ -126,6 +126,8 @@ class Follower:
         copy.aim(self._target, self._drift)
         reference = self._last
         for _ in range(round(t / self._period)):
+            if copy.resting:  # nothing more changes, however far ahead
+                break
             reference = copy.step()
         return reference
 

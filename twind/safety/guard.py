@@ -33,8 +33,7 @@ class Reaction(IntEnum):
     NONE = 0
     HOLD = 1  # brake, then repeat the last goal
     SETTLE = 2  # move to the rest pose, then torque off
-    CUT = 3  # torque off now
-    INHIBIT = 4  # write nothing more
+    INHIBIT = 3  # write nothing more
 
 
 @dataclass(frozen=True, slots=True)

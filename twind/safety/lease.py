@@ -28,7 +28,6 @@ class Lease:
         self._renewed, self._term = 0.0, TRAJECTORY
         self._pins: set[str] = set()
         self._seen = 0.0  # s, the last time anybody asked
-        self._lapsed = False  # since the last `expired`
 
     def acquire(self, client: int, holder: str, uid: int, now: float, *, take: bool = False) -> bool:
         """Take it if it is free or one's own, with `take` from anybody. False: another holds it.
@@ -78,12 +77,6 @@ class Lease:
             self._pins.remove(name)
             self._renewed, self._term = self._seen, TRAJECTORY
 
-    def expired(self, now: float) -> bool:
-        """True once after the lease has lapsed; it is free then."""
-        self.holds(now)
-        lapsed, self._lapsed = self._lapsed, False
-        return lapsed
-
     def holds(self, now: float) -> bool:
         """Somebody holds it now."""
         self._seen = now
@@ -92,7 +85,6 @@ class Lease:
         if self._pins or 0.0 <= now - self._renewed <= self._term:
             return True
         self._drop()
-        self._lapsed = True
         return False
 
     def held_by(self, client: int, now: float) -> bool:
