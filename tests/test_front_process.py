@@ -1,6 +1,7 @@
 """The front as a child: what it is started with, what it is kept away from, and how its end is noticed."""
 
 import os
+import resource
 import signal
 import socket
 from collections.abc import Iterator
@@ -13,7 +14,8 @@ import stand_in
 from processes import until
 
 from twind import link, memfd
-from twind.loop.front_process import AGAIN, GRACE, HEARTBEAT, FrontProcess
+from twind.loop import front_process
+from twind.loop.front_process import AGAIN, GRACE, HEARTBEAT, LATER, FrontProcess
 
 pytestmark = pytest.mark.realtime
 SERVICE = {"NOTIFY_SOCKET": "@nobody", "LISTEN_FDS": "2", "LISTEN_PID": "1", "WATCHDOG_USEC": "1000"}
@@ -144,6 +146,45 @@ def test_ending_a_front_kills_it_and_closes_the_link(tmp_path: Path) -> None:
         assert not Path(f"/proc/{pid}").exists()
         assert not world.front.due(200.0 + AGAIN * 0.99)
         assert world.front.due(200.0 + AGAIN)
+
+
+def test_a_front_that_is_finished_ends_by_itself_and_is_collected(tmp_path: Path) -> None:
+    with started(tmp_path) as world:
+        until(world.heard, 20.0, "the front's first heartbeat")
+        pid = world.pid
+        world.front.finish()
+        assert (world.front.pid, world.front.socket) == (None, None)
+        assert not Path(f"/proc/{pid}").exists()
+        world.front.finish()  # twice is no harm
+
+
+def test_a_front_that_hangs_is_not_waited_for_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(front_process, "LAST_WORDS", 0.05)
+    with started(tmp_path) as world:
+        pid = world.pid
+        os.kill(pid, signal.SIGSTOP)
+        world.front.finish()
+        assert not Path(f"/proc/{pid}").exists()
+
+
+def test_a_front_that_cannot_be_started_leaves_nothing_behind(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        front = World(tmp_path, stack).front
+        before = sorted(os.listdir("/proc/self/fd"))
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (66, hard))  # room for two of the four copies
+        try:
+            with pytest.raises(OSError):
+                front.start(1.0)
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        assert sorted(os.listdir("/proc/self/fd")) == before
+        assert (front.pid, front.socket, front.starts) == (None, None, 0)
+        front.postpone(1.0)
+        assert not front.due(1.0 + LATER * 0.99)
+        assert front.due(1.0 + LATER)
 
 
 def test_a_front_has_time_to_start_and_then_must_show_life(tmp_path: Path) -> None:

@@ -1,11 +1,8 @@
-"""Messages survive the way there and back; what cannot be right is refused; a sealed memfd stays as it is."""
+"""Messages survive the way there and back, and what cannot be right is refused."""
 
-import fcntl
 import math
-import mmap
-import os
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from enum import Enum
 from typing import Any, Union, get_args, get_origin
 
@@ -15,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind import link, memfd
+from twind import link
 from twind.robot.finding import Code, Finding
 from twind.robot.trajectory import Trajectory
 
@@ -132,68 +129,6 @@ def test_what_is_no_command_is_refused(data: bytes) -> None:
 def test_a_command_is_no_news() -> None:
     with pytest.raises(msgspec.MsgspecError):
         link.decode_news(link.encode(link.Heartbeat()))
-
-
-# ------------------------------------------------------------------------------------- sealed memfds
-
-
-@pytest.fixture
-def sealed() -> Iterator[int]:
-    fd = memfd.seal("test", b"the robot")
-    yield fd
-    os.close(fd)
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.binary(max_size=100_000))
-def test_what_was_sealed_is_what_is_read(data: bytes) -> None:
-    fd = memfd.seal("test", data)
-    try:
-        assert memfd.unseal(fd) == data
-        assert memfd.unseal(fd) == data  # reading takes nothing away
-    finally:
-        os.close(fd)
-
-
-def test_a_sealed_memfd_cannot_be_changed_in_any_way(sealed: int) -> None:
-    with pytest.raises(PermissionError):
-        os.pwrite(sealed, b"X", 0)
-    with pytest.raises(PermissionError):
-        os.ftruncate(sealed, 1)
-    with pytest.raises(PermissionError):
-        os.ftruncate(sealed, 100)
-    with pytest.raises(PermissionError):
-        mmap.mmap(sealed, 9)
-    with pytest.raises(PermissionError):
-        fcntl.fcntl(sealed, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SEAL)
-    again = os.open(f"/proc/self/fd/{sealed}", os.O_RDWR)
-    with pytest.raises(PermissionError):
-        os.write(again, b"X")
-    os.close(again)
-    assert memfd.unseal(sealed) == b"the robot"
-
-
-def test_a_sealed_memfd_is_not_inherited(sealed: int) -> None:
-    assert not os.get_inheritable(sealed)
-
-
-@pytest.mark.parametrize(
-    "missing", [fcntl.F_SEAL_SHRINK, fcntl.F_SEAL_GROW, fcntl.F_SEAL_WRITE, fcntl.F_SEAL_SEAL, memfd.SEALS]
-)
-def test_a_memfd_that_could_still_change_is_not_read(missing: int) -> None:
-    fd = os.memfd_create("test", os.MFD_ALLOW_SEALING)
-    try:
-        os.write(fd, b"the robot")
-        fcntl.fcntl(fd, fcntl.F_ADD_SEALS, memfd.SEALS & ~missing)
-        with pytest.raises(ValueError, match="not sealed"):
-            memfd.unseal(fd)
-    finally:
-        os.close(fd)
-
-
-def test_what_is_no_memfd_is_not_read() -> None:
-    with open(__file__, "rb") as file, pytest.raises(OSError):
-        memfd.unseal(file.fileno())
 
 
 # ------------------------------------------------------------------------------------- trajectories

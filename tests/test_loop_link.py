@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from twind import link, memfd
-from twind.loop.link import PER_TICK, QUEUE, Link
+from twind.loop.link import LARGEST, PER_TICK, QUEUE, Link
 
 
 class Front:
@@ -19,12 +19,14 @@ class Front:
         self.said: list[str] = []
         self.socket: socket.socket | None = None
         self.outer: socket.socket | None = None
-        self.is_due, self.is_overdue, self.has_ended = False, False, False
+        self.is_due, self.is_overdue, self.has_ended, self.cannot_start = False, False, False, False
         self.start(0.0)
         self.said.clear()
 
     def start(self, now: float) -> None:
         self.said.append("start")
+        if self.cannot_start:
+            raise OSError("no process to be had")
         if self.outer is not None:
             self.outer.close()
         self.socket, self.outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -37,6 +39,15 @@ class Front:
         if self.socket is not None:
             self.socket.close()
         self.socket, self.is_overdue = None, False
+
+    def finish(self) -> None:
+        self.said.append("finish")
+        if self.socket is not None:
+            self.socket.close()
+
+    def postpone(self, now: float) -> None:
+        self.said.append("postpone")
+        self.is_due = False
 
     def alive(self, now: float) -> None:
         self.said.append(f"alive at {now:g}")
@@ -296,6 +307,32 @@ def test_a_front_that_ended_by_itself_is_noticed_and_started_anew_when_due(front
     end.tend(1.2)
     assert front.said == ["end", "start"]
     assert not end.lost
+
+
+def test_a_front_that_cannot_be_started_is_tried_again_later_and_the_loop_goes_on(
+    front: Front, end: Link
+) -> None:
+    front.end(0.0)
+    front.is_due = front.cannot_start = True
+    end.tend(1.0)
+    end.tend(1.1)
+    end.state(tick(1))
+    assert front.said == ["end", "start", "postpone"]
+
+
+def test_at_the_end_a_front_gets_what_it_is_owed(front: Front, end: Link) -> None:
+    end.reply(reply(1))
+    end.close()
+    assert front.said == ["finish"]
+    assert [news.ticket for news in front.news()] == [1]
+
+
+def test_a_memfd_beyond_all_trajectories_costs_the_front_its_life(front: Front, end: Link) -> None:
+    fd = memfd.seal("path", bytes(LARGEST + 1))
+    front.send(cancel(1), fd)
+    assert end.commands(1.0) == []
+    assert end.lost
+    os.close(fd)
 
 
 def test_a_living_front_is_left_alone(front: Front, end: Link) -> None:
