@@ -12,7 +12,7 @@ from math import ceil
 
 import numpy as np
 
-from twind import link
+from twind import link, memfd
 from twind.config.robot_file import load_robot
 from twind.loop import assembly
 from twind.loop.link import Link
@@ -55,6 +55,10 @@ class HandFront:
     def due(self, now: float) -> bool:
         """Never."""
         return False
+
+    def finish(self) -> None:
+        """Nothing is owed."""
+        self.end(0.0)
 
     def end(self, now: float) -> None:
         """Close both ends."""
@@ -120,7 +124,7 @@ class Indoors:
             "acceleration": path.acceleration is not None,
             "more": True,
         }
-        fd = link.seal("path", link.pack_path(path))
+        fd = memfd.seal("path", link.pack_path(path))
         try:
             data = link.encode(self._command(link.Submit, parameters))
             socket.send_fds(self._front.outer, [data], [fd])
