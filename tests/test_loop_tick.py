@@ -276,6 +276,22 @@ def test_registers_are_read_while_the_loop_runs_and_written_only_while_disarmed(
     assert denied.error == "WrongState"
 
 
+def test_a_bus_on_which_nobody_answers_counts_as_disconnected_and_is_asked_anew(live: Rig) -> None:
+    live.connect()
+    for id in range(1, 25):
+        live.virtual["main"].faults.silence(id)
+    live.seconds(1.5)
+    assert live.loop.hardware.connected
+    live.seconds(1.5)
+    assert not live.loop.hardware.connected
+    assert live.loop.state is State.IDENTIFYING
+    for id in range(1, 25):
+        live.virtual["main"].faults.silence(id, False)
+    live.seconds(3.0)
+    assert live.loop.state is State.CONNECTED
+    assert not live.loop.identity.troubles
+
+
 def test_the_alert_of_a_servo_reaches_the_news(live: Rig) -> None:
     live.connect()
     live.virtual["main"].faults.damage(4, 0x04)

@@ -284,6 +284,9 @@ class Writer(Protocol):
     def aim(self, ticks: Ints) -> Script[None]:
         """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs."""
 
+    def aimed(self) -> Script[Ints]:
+        """The goals (m,) that the devices hold now, in ticks. Writes nothing. Raises NoReply."""
+
     def torque(self, on: bool) -> Script[None]:
         """Torque of all devices, read back. Off is written twice. Raises DeviceRefused, NoReply."""
 

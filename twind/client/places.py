@@ -3,14 +3,15 @@
 import os
 import stat
 
-DIRECTORY = "/run/twind"
+from twind.protocol.places import SYSTEM, own_folder
+
 HOW_TO_START = "start one with `twind` (or `systemctl start twind`), or name its folder with --socket DIR"
 
 
 def socket_path(place: str | os.PathLike[str] | None = None, name: str = "control") -> str:
     """Path of a socket. `place` is its folder, or the socket itself.
 
-    Without `place`: the first of $XDG_RUNTIME_DIR/twind and /run/twind that has one; /run/twind if none has.
+    Without `place`: the first of this user's own folder and /run/twind that has one; /run/twind if none has.
     """
     if place is not None:
         path = os.fspath(place)
@@ -19,13 +20,14 @@ def socket_path(place: str | os.PathLike[str] | None = None, name: str = "contro
         path = os.path.join(directory, f"{name}.sock")
         if _is_socket(path):
             return path
-    return os.path.join(DIRECTORY, f"{name}.sock")
+    return os.path.join(SYSTEM, f"{name}.sock")
 
 
 def directories() -> list[str]:
     """Folders that are looked at, in order."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR")
-    return [os.path.join(runtime, "twind"), DIRECTORY] if runtime else [DIRECTORY]
+    runtime = os.environ.get("XDG_RUNTIME_DIR")  # root too may have started one in a session
+    session = [os.path.join(runtime, "twind")] if runtime else []
+    return list(dict.fromkeys([*session, own_folder(os.environ, os.getuid()), SYSTEM]))
 
 
 def _is_socket(path: str) -> bool:

@@ -103,7 +103,7 @@ def _model(section: Section, path: Path) -> tuple[Path, str, str]:
 
 def _loop(section: Section) -> tuple[float, float]:
     rate = section.number("rate_hz", 100.0, least=10.0, most=1000.0)
-    timeout = section.number("command_timeout_ms", 100.0, least=20.0, most=5000.0)
+    timeout = section.number("command_timeout_ms", 100.0, least=20.0, most=100.0)
     section.close()
     return rate, timeout
 

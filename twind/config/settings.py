@@ -11,6 +11,7 @@ from pathlib import Path
 
 from twind.config.located import parse, read_text
 from twind.config.section import Plain, Section, file_error
+from twind.protocol.places import own_folder
 
 MODES = ("sim", "mirror", "live")
 LEVELS = ("debug", "info", "warning", "error")
@@ -102,8 +103,7 @@ def places(environ: Mapping[str, str], uid: int) -> Places:
         home = Path(environ.get("HOME") or "/")
         config = Path(environ.get("XDG_CONFIG_HOME") or home / ".config")
         state = Path(environ.get("XDG_STATE_HOME") or home / ".local/state")
-        sockets = Path(environ.get("XDG_RUNTIME_DIR") or state / "twind")  # no session: beside the state
-        found = Places(config / "twind", state / "twind", sockets / "twind")
+        found = Places(config / "twind", state / "twind", Path(own_folder(environ, uid)))
     if state_directory := environ.get("STATE_DIRECTORY"):
         found = replace(found, state=Path(state_directory.partition(":")[0]))
     return found

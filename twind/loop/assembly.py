@@ -23,6 +23,7 @@ from twind.robot.finding import Finding, Verdict
 from twind.robot.modes import Mode
 from twind.safety.gate import Thresholds
 from twind.safety.guard import Guard
+from twind.safety.guard import Thresholds as Bounds
 from twind.safety.health import Health
 from twind.safety.lease import Lease
 from twind.twin.binding import Binding
@@ -73,7 +74,7 @@ def build(
         hardware=Hardware(binding.joint_map, ports, clock, period),
         twin=Twin(binding, period),
         executor=Executor(binding.limits, period),
-        guard=Guard(binding.limits),
+        guard=Guard(binding.limits, Bounds(setpoint_age=robot.file.command_timeout_ms / 1e3)),
         lease=Lease(),
         health=Health(len(ports), thresholds.latency_warn),
         thresholds=thresholds,

@@ -4,13 +4,14 @@
 bus at most one further transaction in the time that is left. One silent servo is `heard = False`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from math import inf, nan
 
 import numpy as np
 
 from twind.loop.ports import Link, Port, Task
+from twind.loop.procedures import all_of
 from twind.robot.arrays import Bools, Floats
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
@@ -101,6 +102,20 @@ class Hardware:
     def torque(self, on: bool) -> list[Task[None]]:
         """Torque of every device, read back."""
         return self._order(lambda writer, _: writer.torque(on))
+
+    def aimed(self) -> Generator[None, float, Floats]:
+        """The goals (n,) that the servos hold, rad; NaN on buses that are not open. Raises BusError."""
+        asked = [(port.run(port.writer.aimed(), urgent=True), bus) for port, bus in self.pairs if port.writer]
+        yield from all_of([task for task, _ in asked])
+        held = np.full(len(self.joints), nan)
+        for task, bus in asked:
+            if task.result is not None:
+                held[bus.joints] = (task.result - bus.zero) * bus.scale
+        return held
+
+    def silence(self, bus: BusMap, now: float) -> float:
+        """Seconds since anybody on that bus answered; inf never."""
+        return now - float(self._heard_at[bus.joints].max())
 
     def _order(self, script: Callable[[Writer, BusMap], Script[None]]) -> list[Task[None]]:
         """The same script on the writer of every open bus, before anything else there."""

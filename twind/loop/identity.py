@@ -22,6 +22,8 @@ from twind_drivers.bus import Device
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
+SILENT = 2.0  # s without an answer from anybody: the bus counts as disconnected (design 6.4)
+
 # (bus name, id) -> device, for every device that answered -> what S09 says of them, joints as indices
 Judge = Callable[[Mapping[tuple[str, int], Device]], Verdict]
 
@@ -82,6 +84,10 @@ class Identity:
                 loop.say.event("error", Code.PORT_UNAVAILABLE, port.trouble)
             return
         self._said.pop(port.name, None)
+        if port.link is Link.CONNECTED and loop.hardware.silence(bus, now) > SILENT:
+            message = f"{port.name}: nobody answers any more: check power; everybody is asked anew"
+            loop.say.event("error", Code.HW_DISCONNECTED, message)
+            port.identify()
         if port.link is Link.IDENTIFYING:
             self._identify(port, bus, now)
 

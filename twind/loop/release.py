@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 SETTLE = 4.0  # s for the way to the rest pose (docs/safety.md)
 LATE = 1.0  # s beyond the planned way before it is given up
 WAYS = 2  # ways that are tried: a fault on the first one ends it where it stands
+OBEYED = 6  # ticks that a goal read back may be behind the one being written
 ARRIVED = 0.02  # rad from the rest pose
 SLOW = 0.05  # rad/s: a free-standing robot is let go only when it has come to rest ...
 SLOW_FOR, SLOW_MOST = 1.0, 5.0  # s ... for this long, or after this long at the latest
@@ -124,9 +125,9 @@ def _settle(loop: Loop) -> Procedure:
         if refused is not None:
             loop.say.event("error", refused.code, f"no way to the rest pose: {refused.message}", (refused,))
             return
-        now = yield from ticks(2)
-        loop.stops.begun = loop.stops.begun or bool(loop.measured.heard.any())
-        until = now + float(way.time[-1]) + LATE
+        until = loop.clock.now() + float(way.time[-1]) + LATE
+        loop.stops.begun = loop.stops.begun or (yield from _obeyed(loop))
+        now = yield
         while loop.executor.motion is Motion.ACTIVE and now < until:
             now = yield
         reference = loop.executor.reference
@@ -134,6 +135,20 @@ def _settle(loop: Loop) -> Procedure:
             break
     if loop.support == "free":
         yield from _come_to_rest(loop)
+
+
+def _obeyed(loop: Loop) -> Generator[None, float, bool]:
+    """The servos hold the goals that the last ticks wrote: the way has begun where it counts."""
+    yield from ticks(2)
+    try:
+        held = yield from loop.hardware.aimed()
+    except BusError as error:
+        loop.say.event("error", Code.INTERNAL, f"the goals of the way could not be read back: {error}")
+        return False
+    if loop.written is None:
+        return False
+    lag = OBEYED * loop.limits.velocity * loop.period + loop.hardware.resolution
+    return bool((np.abs(held - loop.written)[loop.hardware.open] <= lag[loop.hardware.open]).all())
 
 
 def _come_to_rest(loop: Loop) -> Procedure:

@@ -7,6 +7,8 @@ words inside the raw range.
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from twind_drivers.bus import (
     Burst,
     DeviceRefused,
@@ -156,6 +158,13 @@ class DynamixelWriter:
         goal = self._goal_rows(ticks)
         yield Burst((goal,))
         yield from self._same("goal position", self._layout.goal, goal.data)
+
+    def aimed(self) -> Script[Ints]:
+        """The goals (m,) that the devices hold now, in ticks. Raises NoReply."""
+        goal = self._layout.goal
+        found = yield from self._reader.collect(self._ids, goal.address, goal.size)
+        words = b"".join(found[id] for id in self._ids)
+        return np.frombuffer(words, "<i4").astype(np.int64)
 
     def torque(self, on: bool) -> Script[None]:
         """Torque of all, read back. Off is written twice. Raises DeviceRefused, NoReply."""
