@@ -5,13 +5,16 @@ BIN := $(VENV)/bin
 SECONDS ?=
 FIGURE ?=
 
-.PHONY: demo test test-slow check format lint types imports bench clean
+.PHONY: demo test test-fast test-slow check format lint types imports bench clean
 
 demo: $(VENV)/.ready
 	$(BIN)/twindctl demo $(if $(SECONDS),--seconds $(SECONDS))
 
 test: $(VENV)/.ready
 	$(BIN)/pytest
+
+test-fast: $(VENV)/.ready
+	$(BIN)/pytest -m 'not slow and not realtime'
 
 test-slow: $(VENV)/.ready
 	$(BIN)/pytest -m slow
