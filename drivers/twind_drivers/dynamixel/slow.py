@@ -1,6 +1,7 @@
 """The slowly read registers of one bus: which slice is next, and what a reply says of them. Pure."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import NDArray
@@ -11,6 +12,24 @@ from twind_drivers.dynamixel.layout import Block, Layout
 from twind_drivers.dynamixel.tables import Field, Table
 
 VOLT = 0.1  # V per raw unit of the input voltage register
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A register within a block: which bytes of it, where they are kept, and their unit."""
+
+    first: int
+    last: int  # exclusive
+    store: NDArray[Any]
+    unit: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a block holds of these registers, and the times of the groups that are whole in it."""
+
+    parts: tuple[Part, ...]
+    times: tuple[NDArray[Any], ...]
 
 
 class SlowRegisters:
@@ -29,6 +48,7 @@ class SlowRegisters:
             (fields["present_input_voltage"], state.voltage, VOLT),
             (fields["present_temperature"], state.temperature, 1.0),
         ]
+        self._plans: dict[tuple[int, int], Plan] = {}  # by address and size of the blocks read so far
         status = _slices(ids, plan.status, layout.status)
         health = _slices(ids, plan.health, layout.health)
         self._turns = _turns(status, health, plan.slots - 1)
@@ -43,20 +63,30 @@ class SlowRegisters:
 
     def fold(self, query: Read, data: Mapping[int, bytes], time: float) -> None:
         """Keep what a reply says of these registers, whoever asked."""
-        block = Block(query.address, query.size)
-        status = [(field.size, block.offset(field), store, unit) for field, store, unit in self._status]
-        health = [(field.size, block.offset(field), store, unit) for field, store, unit in self._health]
+        plan = self._plan(query.address, query.size)
         for id, raw in data.items():
             place = self._index.get(id)
             if place is None:
                 continue
-            for size, at, store, unit in (*status, *health):
-                if at is not None:
-                    store[place] = int.from_bytes(raw[at : at + size], "little") * unit
-            if all(at is not None for _, at, _, _ in status):
-                self.registers.status_time[place] = time
-            if all(at is not None for _, at, _, _ in health):
-                self.registers.health_time[place] = time
+            for part in plan.parts:
+                part.store[place] = int.from_bytes(raw[part.first : part.last], "little") * part.unit
+            for when in plan.times:
+                when[place] = time
+
+    def _plan(self, address: int, size: int) -> Plan:
+        plan = self._plans.get((address, size))
+        if plan is None:
+            block, parts, times = Block(address, size), [], []
+            groups = ((self._status, self.registers.status_time), (self._health, self.registers.health_time))
+            for fields, when in groups:
+                found = [(block.offset(field), field.size, store, unit) for field, store, unit in fields]
+                parts += [
+                    Part(at, at + size, store, unit) for at, size, store, unit in found if at is not None
+                ]
+                if all(at is not None for at, _, _, _ in found):
+                    times.append(when)
+            plan = self._plans[address, size] = Plan(tuple(parts), tuple(times))
+        return plan
 
     def forget(self, id: int) -> None:
         """A restarted device: what was read of it no longer holds."""
