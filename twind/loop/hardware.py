@@ -12,7 +12,7 @@ import numpy as np
 
 from twind.loop.ports import Link, Port, Task
 from twind.loop.procedures import all_of
-from twind.robot.arrays import Bools, Floats
+from twind.robot.arrays import Bools, Floats, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
 from twind_drivers.bus import PortError, Sample, Script, WireClamp, Writer
@@ -164,10 +164,11 @@ class Hardware:
 
     def _take(self, bus: BusMap, sample: Sample) -> None:
         heard = sample.heard
-        places = bus.joints[heard]
-        self._position[places] = (sample.position[heard] - bus.zero[heard]) * bus.scale[heard]
-        self._velocity[places] = sample.velocity[heard] * bus.velocity_scale[heard]
-        self._effort[places] = sample.effort[heard] * bus.effort_scale[heard]
+        rows = slice(None) if every(heard) else heard
+        places = bus.joints[rows]
+        self._position[places] = (sample.position[rows] - bus.zero[rows]) * bus.scale[rows]
+        self._velocity[places] = sample.velocity[rows] * bus.velocity_scale[rows]
+        self._effort[places] = sample.effort[rows] * bus.effort_scale[rows]
         self._heard_at[places] = sample.received
         self.alerts[bus.joints] = np.where(heard, sample.error, 0)
         self.discarded += sample.discarded
@@ -233,10 +234,10 @@ class Hardware:
             if sample is not None:
                 self._take(bus, sample)
                 heard[bus.joints] = sample.heard
-                if sample.heard.any():
+                if some(sample.heard):
                     received = max(received, sample.received)
                     self.trips[self.ports.index(port)] = sample.received - sample.sent
-        self.hops = (first - sent, received - first) if heard.any() else (nan, nan)
+        self.hops = (first - sent, received - first) if some(heard) else (nan, nan)
         if not quiet:
             self._rare(end)
         return self._state(heard, sent, received)
@@ -300,8 +301,9 @@ class Hardware:
         self.lost.append(Lost(port.name, error))
 
     def _state(self, heard: Bools, sent: float, received: float) -> JointState:
-        time = received if heard.any() else self.clock.now()
-        trip = received - sent if heard.any() else nan
+        somebody = some(heard)
+        time = received if somebody else self.clock.now()
+        trip = received - sent if somebody else nan
         state = JointState(
             time,
             self._position.copy(),

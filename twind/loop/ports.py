@@ -9,6 +9,7 @@ from enum import Enum, auto
 from math import inf
 from typing import Any, Generic, TypeVar
 
+from twind.robot.arrays import every
 from twind_drivers.bus import (
     BusError,
     Device,
@@ -237,7 +238,7 @@ class Port:
             return None
         sample = self.reader.finish(now)
         self.counts.exchanges += 1
-        self.counts.errors += int(not sample.heard.all())
+        self.counts.errors += int(not every(sample.heard))
         self.counts.discarded += sample.discarded
         self.counts.busy = now - sample.sent
         return sample

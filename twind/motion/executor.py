@@ -13,7 +13,7 @@ import numpy as np
 from twind.motion.goals import STOPPED, Outcome, Tolerances, without_past
 from twind.motion.layers import Goal, Layer, begun, choose, laid_over, without
 from twind.motion.stops import Follower, Ramp, still
-from twind.robot.arrays import Bools, Floats, Ints
+from twind.robot.arrays import Bools, Floats, Ints, some
 from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
 from twind.robot.modes import Motion
@@ -221,12 +221,12 @@ class Executor:
         t, duration, tolerances = layer.elapsed(self._tick), layer.curve.duration, layer.goal.tolerances
         if t < duration:
             out = self._outside(layer, error, tolerances.path)
-            if out.any():
+            if some(out):
                 self._give_up(layer, Code.PATH_TOLERANCE, out, error, tolerances.path, state)
             return
         fast = ~(np.abs(state.velocity) <= STOPPED) & (tolerances.goal != inf) & layer.goal.path.commanded
         out = self._outside(layer, error, tolerances.goal) | fast
-        if not out.any():
+        if not some(out):
             self._end(layer.goal, "succeeded", fraction=1.0)
             self._running = None
         elif layer.goal.goal_time and t > duration + layer.goal.goal_time:

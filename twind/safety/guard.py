@@ -12,7 +12,7 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Floats, every, some
 from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
 from twind.robot.modes import Mode, Motion, State
@@ -167,7 +167,7 @@ class Guard:
         elif facts.previous is not None:
             step = np.abs(goal - facts.previous)
             fits = step <= self._limits.velocity * facts.period + ROUNDING
-            if not fits.all():
+            if not every(fits):
                 joint = int(np.argmin(fits))
                 bound = float(self._limits.velocity[joint]) * facts.period
                 message = "rad in one tick: holding the last goal (a bug of ours)"
@@ -184,10 +184,10 @@ class Guard:
                 yield Said(Finding(Code.STATE_STALE, message="no reading at all: holding"), _hold(facts))
             return
         age = measured.age + (facts.now - measured.time)
-        if not (age <= self._bounds.stale_warn).all():
+        if not every(age <= self._bounds.stale_warn):
             yield from self._stale(facts, age)
         position = measured.position
-        if not ((position >= limits.lower) & (position <= limits.upper)).all():
+        if not every((position >= limits.lower) & (position <= limits.upper)):
             yield from self._beyond(facts, position)
             yield from self._outward(facts, position)
 
@@ -246,7 +246,7 @@ class Guard:
             self._disagreed[:] = 0
             return
         tripped = facts.watchdog == TRIPPED
-        if tripped.any():
+        if some(tripped):
             for joint in np.flatnonzero(tripped).tolist():
                 message = "its watchdog tripped and it takes no goals: disarm, reset, arm"
                 finding = Finding(Code.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
@@ -256,13 +256,13 @@ class Guard:
     def _torque(self, facts: Facts) -> Iterator[Said]:
         """R10: torque that reads back off, or unknown, in too many refreshes in a row."""
         fresh = facts.status_time > self._refreshed
-        if fresh.any():
+        if some(fresh):
             self._refreshed = facts.status_time.copy()
             counted = np.where(facts.torque != 1, self._disagreed + 1, 0)
             self._disagreed = np.where(fresh, counted, self._disagreed)
         if not facts.torque_settled:
             self._disagreed[:] = 0
-        elif self._disagreed.any():
+        elif some(self._disagreed > 0):
             for joint in np.flatnonzero(self._disagreed >= self._bounds.disagreements).tolist():
                 message = "torque reads back off (0) or unknown (-1) while armed"
                 value = float(facts.torque[joint])

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Floats, some
 from twind.robot.finding import Code, Finding
 from twind.robot.state import JointState
 
@@ -161,7 +161,7 @@ class Health:
             window.add(trip, now)
         for name, duration in zip(HOPS, exchange.hops, strict=False):
             self.hop(name, duration, now)
-        if np.count_nonzero(measured.heard):
+        if some(measured.heard):
             self._time, self._trip = measured.time, measured.round_trip
         return found
 

@@ -9,7 +9,7 @@ import copy
 import mujoco
 import numpy as np
 
-from twind.robot.arrays import Bools, Floats, Ints
+from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.state import JointState
 from twind.twin.binding import Binding
 
@@ -51,10 +51,10 @@ class Mirror:
         """Take a reading. Joints not heard, or not believable, keep their last."""
         position, velocity = measured.position, measured.velocity
         fresh = believable(position, velocity)
-        if not (fresh.all() and measured.heard.all()):
+        if not (every(fresh) and every(measured.heard)):
             self.refused += int(np.count_nonzero(measured.heard & ~fresh))
             fresh &= measured.heard
-            if not fresh.any():
+            if not some(fresh):
                 return
             position = np.where(fresh, position, self._qpos[self._place])
             velocity = np.where(fresh, velocity, self._qvel[self._speed])

@@ -173,14 +173,14 @@ class MujocoMuscles:
             return
         self._time += steps * STEP
         data = self.data
-        if self._ki.any():
+        if np.count_nonzero(self._ki):
             for _ in range(steps):
                 self._integrate()
                 mujoco.mj_step(self.model, data)
         else:
             data.qfrc_applied[self._v] = 0.0
             mujoco.mj_step(self.model, data, steps)
-        if data.warning.number.any():
+        if np.count_nonzero(data.warning.number):
             raise Diverged(f"virtual body at {self._time:.3f} s: {self._warnings[:1] or 'a MuJoCo warning'}")
         self._read()
 

@@ -5,7 +5,7 @@ import copy
 import mujoco
 import numpy as np
 
-from twind.robot.arrays import Bools, Floats, Ints
+from twind.robot.arrays import Bools, Floats, Ints, every
 from twind.robot.state import JointState
 from twind.twin.binding import Binding
 from twind.twin.mirror import MAX_ANGLE, index
@@ -76,9 +76,9 @@ class Simulation:
         """One period. Without a goal (None, or not a finite angle) a joint holds its last."""
         if goal is not None and not self.frozen:
             fit: Bools = np.abs(goal) < MAX_ANGLE
-            self._ctrl[self._goal] = goal if fit.all() else np.where(fit, goal, self._ctrl[self._goal])
+            self._ctrl[self._goal] = goal if every(fit) else np.where(fit, goal, self._ctrl[self._goal])
         mujoco.mj_step(self.model, self.data, nstep=self._substeps)
-        if self._warned.any():
+        if np.count_nonzero(self._warned):
             self._warning()
         else:
             self._good[0][:], self._good[1][:] = self._qpos, self._ctrl

@@ -56,7 +56,7 @@ class GoalPacket:
         rows = np.frombuffer(plain, ROW, len(self._ids), FIRST)
         words: NDArray[np.int32] = rows["goal"]
         right = (words == ticks) & (words >= self.lower) & (words <= self.upper) & (rows["id"] == self._ids)
-        if right.all() and plain[BODY:FIRST] == self._head[BODY:]:
+        if np.count_nonzero(right) == len(right) and plain[BODY:FIRST] == self._head[BODY:]:
             return
         place = int(np.argmin(right))
         lower, upper = int(self.lower[place]), int(self.upper[place])

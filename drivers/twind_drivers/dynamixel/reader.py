@@ -103,7 +103,7 @@ class DynamixelReader:
             raise RuntimeError(f"{self.name}: finish without request")
         rows = reply.data.view(CYCLIC)[:, 0]
         heard = reply.heard.copy()
-        self._trust(exchange is self._fast, bool(heard.all()))
+        self._trust(exchange is self._fast, np.count_nonzero(heard) == len(heard))
         return Sample(
             sent=self.line.sent,
             received=self.line.received,
@@ -138,8 +138,9 @@ class DynamixelReader:
         waited = now - self.line.sent
         if reply is None:
             return Reply({}, {}, waited)
-        data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if reply.heard[i]}
-        error = {id: int(reply.error[i]) for i, id in enumerate(reply.ids) if reply.answered[i]}
+        heard, answered, errors = reply.heard.tolist(), reply.answered.tolist(), reply.error.tolist()
+        data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
+        error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
         if isinstance(self._query, Read):
             self.slow.fold(self._query, data, self.line.received)
         self._query = None

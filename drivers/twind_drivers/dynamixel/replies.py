@@ -131,9 +131,12 @@ class PlainReply:
     def _whole(self) -> bool:
         """All rows are there, in order, intact; what follows them is stray."""
         records = self._records
-        if not (records["head"] == self._head).all() or self._bytes.find(STUFFED, 0, self.expected) >= 0:
+        if (
+            np.count_nonzero(records["head"] != self._head)
+            or self._bytes.find(STUFFED, 0, self.expected) >= 0
+        ):
             return False
-        if not (records["crc"] == self._crc(self._rows[:, :-2])).all():
+        if np.count_nonzero(records["crc"] != self._crc(self._rows[:, :-2])):
             return False
         self.heard.fill(True)
         self.answered.fill(True)
@@ -236,7 +239,7 @@ class FastReply:
 
     def _intact(self) -> int:
         """How many devices' blocks, from the first, are there and right."""
-        whole = self._got >= self.expected and (self._rows[:, 1] == self._wanted).all()
+        whole = self._got >= self.expected and not np.count_nonzero(self._rows[:, 1] != self._wanted)
         if whole and int(self._crc(self._all)) == int.from_bytes(
             self._view[self.expected - 2 : self.expected], "little"
         ):

@@ -190,12 +190,12 @@ class Servos:
         """Goal positions (k,) for `rows`; those that a rule refuses are dropped, as by a sync write."""
         fine = (goals >= self._lower[rows]) & (goals <= self._upper[rows])
         fine &= self.listening[rows] & ~self.tripped[rows]
-        if not fine.all():
+        if np.count_nonzero(fine) < len(fine):
             rows = np.arange(self.tripped.size)[rows][fine]
             goals = goals[fine]
         self.registers.put("goal_position", goals, rows)
         by_goal = (self["drive_mode"] & TORQUE_BY_GOAL) != 0
-        if by_goal.any():
+        if np.count_nonzero(by_goal):
             self._torque_by_goal(by_goal, rows)
         self._retarget()
 
@@ -214,7 +214,7 @@ class Servos:
     def _retarget(self) -> None:
         """Let the position loops pull to the goal registers; a tripped servo keeps where it stopped."""
         target = (self["goal_position"] - self.shift) * self.direction
-        if self.tripped.any():
+        if np.count_nonzero(self.tripped):
             target[self.tripped] = self._target[self.tripped]
         self._target = target
         if not self.profile.shaped:
