@@ -37,7 +37,7 @@ class Spline:
 
     def segment(self, t: float) -> int:
         """Index of the segment that `t` falls in; the last one at and after the end."""
-        passed = int(np.searchsorted(self.time, t, side="right")) - 1
+        passed = int(self.time.searchsorted(t, side="right")) - 1
         return min(max(passed, 0), len(self.coefficients) - 1)
 
     def sample(self, t: float) -> Reference | None:
@@ -51,14 +51,19 @@ class Spline:
 
     def inside(self, index: int, t: float) -> Reference:
         """The polynomial of segment `index` at `t` s from start; at a knot the limit from its side."""
-        s = t - self.time[index]
         rows = self.coefficients[index]
-        position, velocity, acceleration = rows[-1].copy(), np.zeros_like(self.end), np.zeros_like(self.end)
-        for row in rows[-2::-1]:  # Horner, with both derivatives
-            acceleration = acceleration * s + 2.0 * velocity
-            velocity = velocity * s + position
-            position = position * s + row
-        return Reference(position, velocity, acceleration)
+        powers = _powers(t - float(self.time[index]), len(rows))
+        return Reference(*(powers @ rows))
+
+
+def _powers(s: float, count: int) -> Floats:
+    """What the first `count` coefficients count for at `s`: in the value and in both derivatives."""
+    value = [1.0] * count
+    for power in range(1, count):
+        value[power] = value[power - 1] * s
+    first = [0.0] + [power * value[power - 1] for power in range(1, count)]
+    second = [0.0] + [power * first[power - 1] for power in range(1, count)]
+    return np.array([value, first, second])
 
 
 def passed(path: Trajectory, t: float) -> int:

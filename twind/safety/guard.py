@@ -258,8 +258,9 @@ class Guard:
         fresh = facts.status_time > self._refreshed
         if some(fresh):
             self._refreshed = facts.status_time.copy()
-            counted = np.where(facts.torque != 1, self._disagreed + 1, 0)
-            self._disagreed = np.where(fresh, counted, self._disagreed)
+            wrong = facts.torque != 1
+            self._disagreed[fresh & wrong] += 1
+            self._disagreed[fresh & ~wrong] = 0
         if not facts.torque_settled:
             self._disagreed[:] = 0
         elif some(self._disagreed > 0):

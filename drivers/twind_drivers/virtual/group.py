@@ -67,7 +67,9 @@ class FastGroup:
         self._lead = lead
         self._blocks = np.zeros((count, block), np.uint8)
         self._blocks[:, 1] = np.frombuffer(ids, np.uint8)
-        self._crc, self._first, self._carry = Crc(block - 2), Crc(len(lead) + block - 2), carry(block - 2)
+        self._check = self._blocks[:, -2:].view("<u2")[:, 0]
+        self._crc, self._carry = Crc(block - 2), carry(block - 2)
+        self._lead_crc = crc16(lead + bytes(block - 2))  # what the lead contributes to the first block's CRC
         sizes = [len(lead) + block] + [block] * (count - 1)
         self.cuts = [len(lead) + block * (place + 1) for place in range(count)]
         self.ends = wire.ends([servos.registers.delays(rows[:1])[0]] + [0.0] * (count - 1), sizes)
@@ -77,13 +79,13 @@ class FastGroup:
         blocks, carry = self._blocks, self._carry
         blocks[:, 0] = self._servos.alert[self._rows]
         blocks[:, 2:-2] = self._servos.memory.raw[:, self._span][self._rows]
-        own = self._crc(blocks[:, :-2]).tolist()
-        crc = crc16(self._lead + blocks[0, :-2].tobytes())
+        crc, *own = self._crc(blocks[:, :-2]).tolist()
+        crc ^= self._lead_crc
         checks = [crc]
-        for each in own[1:]:
+        for each in own:
             crc = carry[(crc ^ (crc >> 8)) & 0xFF] ^ each
             checks.append(crc)
-        blocks[:, -2:] = np.array(checks, "<u2").view(np.uint8).reshape(-1, 2)
+        self._check[:] = checks
         return self._lead + blocks.tobytes()
 
 

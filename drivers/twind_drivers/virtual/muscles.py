@@ -56,6 +56,7 @@ class FirstOrder:
         self._time = now
         self._on = np.zeros(self.position.size, np.bool_)
         self._rate = np.zeros_like(self.position)  # 1/s; 0 where nothing pulls
+        self._slowest = np.full_like(self.position, 1e-9)  # the rate, but never 0: to divide by
         self._p = np.zeros_like(self.position)
         self._cap = np.zeros_like(self.position)
 
@@ -66,6 +67,7 @@ class FirstOrder:
         pulls = on & (pwm_cap > 0.0) & (current_cap > 0.0)
         self._on = on.copy()
         self._rate = np.where(pulls, p / (self._gain * self._lag), 0.0)
+        self._slowest = np.maximum(self._rate, 1e-9)
         self._p, self._cap = np.where(pulls, p / 128.0, 0.0), pwm_cap.copy()
 
     def aim(self, goal: Floats) -> None:
@@ -81,9 +83,9 @@ class FirstOrder:
         rate = self._rate
         error = self._goal - self.position
         size = np.abs(error)
-        cruise = np.maximum(size * rate - self._speed, 0.0) / np.maximum(rate, 1e-9)  # ticks at full speed
+        cruise = np.maximum(size * rate - self._speed, 0.0) / self._slowest  # ticks at full speed
         moved = np.minimum(cruise, self._speed * dt)
-        left = (size - moved) * np.exp(-rate * (dt - moved / self._speed))
+        left = (size - moved) * np.exp(rate * (moved / self._speed - dt))
         way = np.copysign(1.0, error)
         np.copyto(self.position, self._goal - way * left, where=rate > 0.0)
         raw = np.minimum(left * rate, self._speed) * way

@@ -86,6 +86,7 @@ class Servos:
         self._lower, self._upper = np.zeros(count, np.int64), np.zeros(count, np.int64)
         self._timeout, self._shortest, self._event = np.full(count, inf), inf, inf
         self._fresh, self._simple = -inf, True
+        self._by_goal: NDArray[np.bool_] | None = None  # whose torque a goal turns on; None: nobody's
         for row, spec in enumerate(specs):
             memory.fill(row)
             own = {
@@ -166,6 +167,8 @@ class Servos:
         self._simple = bool(self.listening.all() and np.isinf(self.boots_at).all())
         self._event = self._next()
         self.alert = np.where(self["hardware_error_status"] != 0, ALERT, 0).astype(np.uint8)
+        by_goal = (self["drive_mode"] & TORQUE_BY_GOAL) != 0
+        self._by_goal = by_goal if by_goal.any() else None
         self._lower = np.where(mode == 3, self["min_position_limit"], -WIDE).astype(np.int64)
         self._upper = np.where(mode == 3, self["max_position_limit"], WIDE).astype(np.int64)
         pwm = np.minimum(np.abs(self["goal_pwm"]), self["pwm_limit"]).astype(np.float64)
@@ -194,9 +197,8 @@ class Servos:
             rows = np.arange(self.tripped.size)[rows][fine]
             goals = goals[fine]
         self.registers.put("goal_position", goals, rows)
-        by_goal = (self["drive_mode"] & TORQUE_BY_GOAL) != 0
-        if np.count_nonzero(by_goal):
-            self._torque_by_goal(by_goal, rows)
+        if self._by_goal is not None:
+            self._torque_by_goal(self._by_goal, rows)
         self._retarget()
 
     def allows(self, row: int, goal: int) -> bool:
