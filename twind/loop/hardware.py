@@ -15,7 +15,7 @@ from twind.loop.procedures import all_of
 from twind.robot.arrays import Bools, Floats, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
-from twind_drivers.bus import PortError, Sample, Script, WireClamp, Writer
+from twind_drivers.bus import PortError, Reader, Sample, Script, WireClamp, Writer
 from twind_drivers.clock import Clock
 
 NOWHERE = 1 << 40  # ticks: beyond every goal register
@@ -245,7 +245,7 @@ class Hardware:
     def _rare(self, end: float) -> None:
         """One further transaction per bus, all at once, in what is left of the tick."""
         asked = [pair for pair in self.pairs if self._try(pair, "rare", end)]
-        self._collect(asked)
+        self._collect(asked, look=not all(port.querying for port, _ in asked))
         for port, bus in asked:
             port.end_rare(self.clock.now())
             self._take_registers(port, bus)
@@ -268,10 +268,17 @@ class Hardware:
             return False
         return True
 
-    def _collect(self, asked: list[tuple[Port, BusMap]]) -> float:
-        """Feed every asked bus until it is done or its deadline passes; time of the first bytes (s)."""
+    def _collect(self, asked: list[tuple[Port, BusMap]], *, look: bool = False) -> float:
+        """Feed every asked bus until it is done or its deadline passes; time of the first bytes (s).
+
+        `look`: before the first wait. An answer is not there while the question still leaves (half-duplex),
+        and a look costs a system call; what is never answered is done at once, and must not be waited for.
+        """
         waiting = list(asked)
         first = inf
+        if waiting and not look:
+            self._await([port.reader for port, _ in waiting if port.reader is not None])
+            first = self.clock.now()
         while waiting:
             now = self.clock.now()
             still = []
@@ -289,10 +296,14 @@ class Hardware:
                     still.append((reader, pair))
             waiting = [pair for _, pair in still]
             if still:
-                deadline = min(reader.deadline for reader, _ in still)
-                self.clock.wait([reader.transport for reader, _ in still], deadline)
+                self._await([reader for reader, _ in still])
                 first = min(first, self.clock.now())
         return min(first, self.clock.now())
+
+    def _await(self, readers: list[Reader]) -> None:
+        """Until one of them has bytes, or its time is over."""
+        deadline = min(reader.deadline for reader in readers)
+        self.clock.wait([reader.transport for reader in readers], deadline)
 
     def _lose(self, pair: tuple[Port, BusMap], error: PortError) -> None:
         port, bus = pair

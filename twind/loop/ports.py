@@ -103,6 +103,7 @@ class Port:
     _retry: float = -inf
     _wait: float = REOPEN_FIRST
     _asked: Task[Any] | None = None
+    querying: bool = False  # the rare transaction asks something: it is answered, and not at once
     _upkeep: bool = False
     _waited: int = 0
 
@@ -193,6 +194,7 @@ class Port:
             self._waited += 1  # a roomier tick may come; no script waits for ever
             return False
         self._waited, self._asked = 0, task
+        self.querying = isinstance(request, Ping | Read)
         if isinstance(request, Ping | Read):
             reader.begin(request, now)
         elif task is not None:

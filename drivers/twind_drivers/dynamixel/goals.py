@@ -27,7 +27,7 @@ class GoalPacket:
         self._packet = bytearray(sync_write(goal.address, {id: bytes(goal.size) for id in ids}))
         self._head = bytes(self._packet[:FIRST])
         self._all = np.frombuffer(self._packet, np.uint8, len(self._packet) - 2)
-        self._rows = np.frombuffer(self._packet, ROW, len(ids), FIRST)
+        self._goals = np.frombuffer(self._packet, ROW, len(ids), FIRST)["goal"]
         self._check = np.frombuffer(self._packet, "<u2", 1, len(self._packet) - 2)
         self._crc = Crc(len(self._packet) - 2)
 
@@ -35,7 +35,7 @@ class GoalPacket:
         """The packet for goals (m,) in ticks, stuffed where needed. Raises WireClamp, ValueError (shape)."""
         if ticks.shape != self._ids.shape or ticks.dtype.kind != "i":
             raise ValueError(f"{self._name}: {len(self._ids)} whole ticks needed, got {ticks!r}")
-        self._rows["goal"] = ticks
+        self._goals[:] = ticks
         if self._packet.find(PATTERN, BODY, -2) < 0:
             self._check[0] = self._crc(self._all)
             packet = plain = bytes(self._packet)
