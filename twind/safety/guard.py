@@ -258,9 +258,10 @@ class Guard:
         fresh = facts.status_time > self._refreshed
         if some(fresh):
             self._refreshed = facts.status_time.copy()
-            wrong = facts.torque != 1
-            self._disagreed[fresh & wrong] += 1
+            wrong = fresh & (facts.torque != 1)
             self._disagreed[fresh & ~wrong] = 0
+            if some(wrong):
+                self._disagreed[wrong] += 1
         if not facts.torque_settled:
             self._disagreed[:] = 0
         elif some(self._disagreed > 0):
