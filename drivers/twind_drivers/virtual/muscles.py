@@ -83,9 +83,13 @@ class FirstOrder:
         rate = self._rate
         error = self._goal - self.position
         size = np.abs(error)
-        cruise = np.maximum(size * rate - self._speed, 0.0) / self._slowest  # ticks at full speed
-        moved = np.minimum(cruise, self._speed * dt)
-        left = (size - moved) * np.exp(rate * (moved / self._speed - dt))
+        beyond = size * rate - self._speed
+        if np.count_nonzero(beyond > 0.0):
+            cruise = np.maximum(beyond, 0.0) / self._slowest  # ticks at full speed
+            moved = np.minimum(cruise, self._speed * dt)
+            left = (size - moved) * np.exp(rate * (moved / self._speed - dt))
+        else:
+            left = size * np.exp(rate * -dt)
         way = np.copysign(1.0, error)
         np.copyto(self.position, self._goal - way * left, where=rate > 0.0)
         raw = np.minimum(left * rate, self._speed) * way
