@@ -11,7 +11,16 @@ from typing import Any
 
 import pytest
 
-from twind.client import CallError, Client, Disconnected, NoAnswer, NoDaemon, Refused, socket_path
+from twind.client import (
+    CallError,
+    Client,
+    ClientError,
+    Disconnected,
+    NoAnswer,
+    NoDaemon,
+    Refused,
+    socket_path,
+)
 
 FINDING = {"code": "POS_LIMIT", "joint": "knee", "message": "knee: position 3 rad, bound 2 rad"}
 
@@ -207,7 +216,7 @@ def test_a_daemon_that_hangs_up_is_told_apart_from_none(start: Start, tmp_path: 
 
 def test_nan_never_leaves(start: Start, tmp_path: Path) -> None:
     peer = start(lambda call: [reply(parameters={})])
-    with Client(tmp_path) as client, pytest.raises(ValueError, match="not JSON compliant"):
+    with Client(tmp_path) as client, pytest.raises(ClientError, match="NaN or infinite"):
         client.call("Setpoint", positions=[float("nan")])
     assert not peer.calls
 

@@ -66,7 +66,7 @@ def test_every_recorded_register_is_compared_with_both_values_named(register: st
     assert [(each.joint, each.value, each.bound) for each in found] == [
         (KNEE, float(value), float(SETTINGS[register]))
     ]
-    assert f"l_knee: {register} is {value}, was {SETTINGS[register]}" in found[0].message
+    assert f"{register} is {value}, was {SETTINGS[register]}" in found[0].message
 
 
 @pytest.mark.parametrize("register", ["homing_offset", "drive_mode", "operating_mode", "min_position_limit"])
@@ -98,7 +98,7 @@ def test_what_makes_a_servo_unusable_is_refused_whatever_the_calibration_says(
     verdict = check_devices(ROBOT, {**DEVICES, KEY: change(DEVICES[KEY])})
     assert [(each.code, each.joint) for each in verdict.refusals] == [(Code.DEVICE_MISMATCH, KNEE)]
     assert words in verdict.refusals[0].message
-    assert "l_knee: id 16 on bus main" in verdict.refusals[0].message
+    assert "id 16 on bus main" in verdict.refusals[0].message
 
 
 def test_restoring_ram_at_boot_alone_is_no_torque_at_boot() -> None:

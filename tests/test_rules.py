@@ -271,7 +271,8 @@ def test_slices_find_what_the_whole_finds(path: Trajectory, before: Reference, s
     assert {(f.code, f.joint) for f in whole.refusals} == {(f.code, f.joint) for f in parts.refusals}
     for one, other in zip(whole.refusals, parts.refusals, strict=True):
         if one.joint == other.joint and one.value is not None:
-            assert one.value == pytest.approx(other.value, rel=1e-6, abs=1e-6)
+            # Two places may be equally bad on either side: which one is told is chance.
+            assert abs(one.value) == pytest.approx(abs(other.value), rel=1e-6, abs=1e-6)
 
 
 def test_a_path_that_is_wrong_everywhere_names_each_joint_once_per_rule_at_its_worst() -> None:

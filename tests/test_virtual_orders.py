@@ -12,7 +12,7 @@ from twind.virtual.orders import Order, OrderError, OrderSocket, arguments
 @pytest.mark.parametrize(
     ("order", "says"),
     [
-        ({}, "no fault None; there are silence, drop"),
+        ({}, "an order names a fault or a query"),
         ({"fault": "melt"}, "no fault 'melt'"),
         ({"fault": "drop"}, "drop needs count"),
         ({"fault": "drop", "count": True}, "count is True"),

@@ -86,6 +86,8 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         settings, [bus.name for bus in robot.buses], {bus.name: bus.port for bus in robot.buses}
     )
     calibration_path = settings.calibration_path(robot.name)
+    if options.virtual and (options.port or options.calibration):
+        raise UsageError("--virtual brings its own port and calibration: leave out --port and --calibration")
     if options.virtual:
         child = stack.enter_context(VirtualChild(settings.robot))
         ports, calibration_path = dict(child.ports), child.calibration
@@ -137,6 +139,9 @@ def run(loop: Loop, notifier: Notifier) -> int:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    where = ", ".join(f"{port.name} on {port.where or 'no port'}" for port in loop.hardware.ports)
+    said = f"twind {__version__}, mode {loop.mode.value}, {1 / loop.period:g} Hz, {where}"
+    loop.say.event("info", "START", said)
     try:
         loop.run()
     finally:
@@ -180,7 +185,7 @@ def live_denied(robot: str, ports: Mapping[str, str | None], calibrated: bool) -
         message = f"mode live needs a port for bus {missing[0]!r}: --port {missing[0]}=PORT"
         return Finding(Code.HW_DISCONNECTED, message=message)
     if not calibrated:
-        message = f"mode live needs a calibration of {robot} (CALIB_MISSING): --calibration FILE"
+        message = f"mode live needs a calibration of {robot}: start the daemon with --calibration FILE"
         return Finding(Code.CALIB_MISSING, message=message)
     return None
 

@@ -8,7 +8,7 @@ from collections.abc import Generator, Mapping
 from types import TracebackType
 from typing import Any
 
-from twind.client.errors import Disconnected, NoAnswer, NoDaemon, as_error
+from twind.client.errors import ClientError, Disconnected, NoAnswer, NoDaemon, as_error
 from twind.client.places import HOW_TO_START, socket_path
 
 INTERFACE = "io.twind.Control"
@@ -105,7 +105,12 @@ class Client:
         }
         if more:
             message["more"] = True
-        data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode() + b"\0"
+        try:
+            data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode() + b"\0"
+        except ValueError:
+            raise ClientError(
+                f"{method}: a number is NaN or infinite; only finite ones can be sent"
+            ) from None
         self.connect()
         assert self._socket is not None
         try:

@@ -11,6 +11,8 @@ ClientError
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+SHOWN = 3  # findings of one code that get a line each
+
 
 class ClientError(Exception):
     """A call did not do what was asked."""
@@ -61,7 +63,7 @@ def _text(error: str, parameters: Mapping[str, Any]) -> str:
     """One readable line per reason."""
     name = error.rpartition(".")[2]
     if name == "Refused":
-        return "\n".join(finding_text(finding) for finding in parameters.get("findings") or ()) or name
+        return "\n".join(line.strip() for line in finding_lines(parameters.get("findings") or (), "")) or name
     said = _SENTENCES.get(name)
     if said is not None:
         try:
@@ -77,6 +79,19 @@ def finding_text(finding: Mapping[str, Any]) -> str:
     return f"{finding.get('code')}: {finding.get('message')}"
 
 
+def finding_lines(findings: Sequence[Mapping[str, Any]], mark: str) -> list[str]:
+    """`refused  POS_LIMIT: l_knee, point 0: position 3 rad, bound 2.4 rad`; many of one code share a line."""
+    codes: dict[str, list[Mapping[str, Any]]] = {}
+    for finding in findings:
+        codes.setdefault(str(finding.get("code")), []).append(finding)
+    lines = []
+    for same in codes.values():
+        shown = same if len(same) <= SHOWN else same[:1]
+        rest = f" (and {len(same) - 1} more joints)" if len(same) > SHOWN else ""
+        lines += [f"{mark:<8} {finding_text(finding)}{rest}" for finding in shown]
+    return lines
+
+
 def _not_found(p: Mapping[str, Any]) -> str:
     known = ", ".join(map(str, p["known"]))
     return f"no {p['what']} {p['name']!r}" + (f"; known: {known}" if known else "")
@@ -88,7 +103,8 @@ def _wrong_state(p: Mapping[str, Any]) -> str:
 
 def _lease_held(p: Mapping[str, Any]) -> str:
     lease = p["lease"]
-    return f"the lease is held by {lease['holder']} for another {lease['expires_in']:.2f} s"
+    held = f"the lease is held by {lease['holder']} for another {lease['expires_in']:.2f} s"
+    return f"{held}; `take` wrests it (twindctl: --take)"
 
 
 _SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {

@@ -36,10 +36,10 @@ def check_devices(robot: RobotFile, devices: Devices) -> Verdict:
     for place, joint in enumerate(robot.joints):
         device = devices.get((joint.bus, joint.id))
         if device is None:
-            message = f"{joint.name}: nothing answers as id {joint.id} on bus {joint.bus}"
+            message = f"nothing answers as id {joint.id} on bus {joint.bus}"
             refusals.append(Finding(Code.DEVICE_MISSING, place, message=message))
         else:
-            where = f"{joint.name}: id {joint.id} on bus {joint.bus}"
+            where = f"id {joint.id} on bus {joint.bus}"
             unfit = [f"{where}: {why}" for why in _unfit(joint, device)]
             refusals.extend(Finding(Code.DEVICE_MISMATCH, place, message=text) for text in unfit)
             warnings.extend(_slow(place, joint, device))
@@ -58,7 +58,7 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
     for place, joint in enumerate(robot.joints):
         entry, device = known.get(joint.name), devices.get((joint.bus, joint.id))
         if entry is None:
-            refusals.append(Finding(Code.CALIB_MISSING, place, message=f"{joint.name}: not calibrated"))
+            refusals.append(Finding(Code.CALIB_MISSING, place, message="not calibrated"))
             continue
         warnings.extend(_travel(place, joint, entry))
         if device is not None:
@@ -102,16 +102,14 @@ def _slow(place: int, joint: JointSpec, device: Device) -> Iterator[Finding]:
     register = device.settings.get("return_delay_time")
     described = joint.type.return_delay_us
     if register is not None and 2 * register > described:
-        text = (
-            f"{joint.name}: return delay is {2 * register} us, the robot file says {described}: rate at risk"
-        )
+        text = f"return delay is {2 * register} us, the robot file says {described}: rate at risk"
         bound = float(described)
         yield Finding(Code.DEVICE_MISMATCH, place, value=2.0 * register, bound=bound, message=text)
 
 
 def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> Iterator[Finding]:
     def differs(register: str, value: int | None, recorded: int) -> Finding:
-        text = f"{joint.name}: {register} is {value}, was {recorded} when calibrated: restore it, or redo"
+        text = f"{register} is {value}, was {recorded} when calibrated: restore it, or calibrate anew"
         number = None if value is None else float(value)
         return Finding(Code.CALIB_MISMATCH, place, value=number, bound=float(recorded), message=text)
 
@@ -125,9 +123,7 @@ def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> I
 
 def _firmware(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> Iterator[Finding]:
     if now.firmware != then.firmware:
-        text = (
-            f"{joint.name}: firmware is {now.firmware}, was {then.firmware} when calibrated: prove it again"
-        )
+        text = f"firmware is {now.firmware}, was {then.firmware} when calibrated: prove it again"
         value, bound = float(now.firmware), float(then.firmware)
         yield Finding(Code.CALIB_MISMATCH, place, value=value, bound=bound, message=text)
 
@@ -137,6 +133,6 @@ def _travel(place: int, joint: JointSpec, entry: JointCalibration) -> Iterator[F
     share = travel / (joint.upper - joint.lower)
     if not PLAUSIBLE_SWEEP[0] <= share <= PLAUSIBLE_SWEEP[1]:
         low, high = (f"{100 * bound:.0f}" for bound in PLAUSIBLE_SWEEP)
-        text = f"{joint.name}: travel is {100 * share:.0f} % of the limits, not {low}..{high} %: wrong joint?"
+        text = f"travel is {100 * share:.0f} % of the limits, not {low}..{high} %: wrong joint?"
         bound = PLAUSIBLE_SWEEP[0] if share < PLAUSIBLE_SWEEP[0] else PLAUSIBLE_SWEEP[1]
         yield Finding(Code.CALIB_MISMATCH, place, value=share, bound=bound, message=text)

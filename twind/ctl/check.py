@@ -3,8 +3,9 @@
 import argparse
 from pathlib import Path
 
+from twind.client.errors import finding_lines
 from twind.ctl.motions import load_motion
-from twind.ctl.verb import DONE, REFUSED, Rejected, finding_lines, operator, show
+from twind.ctl.verb import DONE, REFUSED, Rejected, operator, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,6 +4,7 @@ Starts a daemon of its own on sockets of its own and ends it, so it can never to
 """
 
 import argparse
+import ctypes
 import math
 import signal
 import subprocess
@@ -15,13 +16,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from twind.client import Client, ClientError, Refused
+from twind.client.errors import finding_lines
 from twind.ctl.monitor import table
 from twind.ctl.motions import load_motion, motion_names
 from twind.ctl.table import status_lines
-from twind.ctl.verb import DONE, Rejected, finding_lines
+from twind.ctl.verb import DONE, Rejected, UsageError
 
 START = 30.0  # s the daemon may take until its robot is connected
 TRIES = 3  # of one motion
@@ -40,9 +43,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show it. Exit code 0 when everything was shown and the robot was lowered."""
+    if options.seconds is not None and not options.seconds > 0.0:
+        raise UsageError(f"--seconds {options.seconds:g} must be positive")
+    for number in (signal.SIGTERM, signal.SIGHUP):  # a closed terminal lowers the robot as Ctrl-C does
+        signal.signal(number, _interrupt)
     until = None if options.seconds is None else time.monotonic() + options.seconds
-    with tempfile.TemporaryDirectory(prefix="twind-demo-") as folder, _daemon(folder, options.robot):
-        _await_robot(folder)
+    with (
+        tempfile.TemporaryDirectory(prefix="twind-demo-") as folder,
+        _daemon(folder, options.robot) as daemon,
+    ):
+        _await_robot(folder, daemon)
         with Client(folder) as client:
             _show(client, folder)
             try:
@@ -57,17 +67,32 @@ def run(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _end_with_us() -> None:
+    """In the child, before exec: SIGTERM when this process goes, however it goes (prctl(2))."""
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM, 0, 0, 0)
+
+
 @contextmanager
-def _daemon(folder: str, robot: str) -> Iterator[None]:
+def _daemon(folder: str, robot: str) -> Iterator["subprocess.Popen[bytes]"]:
     """A `twind --virtual --mode live` of our own; ended by SIGTERM, which lowers the robot."""
     log = Path(folder) / "twind.log"
     command = [sys.executable, "-m", "twind.cli", "--virtual", "--mode", "live"]
     command += ["--robot", robot, "--socket", folder]
     print(f"starting  twind --virtual --mode live --robot {robot}")
     with log.open("wb") as output:
-        daemon = subprocess.Popen(command, stderr=output, stdin=subprocess.DEVNULL, start_new_session=True)
+        daemon = subprocess.Popen(
+            command,
+            stderr=output,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            preexec_fn=_end_with_us,
+        )
     try:
-        yield
+        yield daemon
     except DemoFailed:
         sys.stderr.write(log.read_text(errors="replace"))
         raise
@@ -83,10 +108,12 @@ def _daemon(folder: str, robot: str) -> Iterator[None]:
         raise DemoFailed(f"the daemon ended with {daemon.returncode}")
 
 
-def _await_robot(folder: str) -> None:
+def _await_robot(folder: str, daemon: "subprocess.Popen[bytes]") -> None:
     deadline = time.monotonic() + START
     state = "starting"
     while time.monotonic() < deadline:
+        if daemon.poll() is not None:
+            raise DemoFailed(f"the daemon did not start: it ended with {daemon.returncode}")
         try:
             with Client(folder) as client:
                 status = client.call("GetStatus")["status"]

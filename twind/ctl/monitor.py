@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shutil
 import sys
 from collections.abc import Mapping
 from typing import Any
@@ -11,7 +12,7 @@ from twind.ctl.verb import DONE, Plain, observer
 
 _HOME, _REST = "\x1b[H", "\x1b[J"  # to the upper left corner; forget what is below
 _LINE = "\x1b[K\n"  # forget the rest of the line
-_CLEAR = "\x1b[2J"
+_ENTER, _LEAVE = "\x1b[?1049h\x1b[2J", "\x1b[?1049l"  # a screen of its own, and back to what was there
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,21 +37,36 @@ def table(news: Any, count: int | None) -> int:
     """Pictures of the status that came last with each state, `count` of them or without end."""
     live = sys.stdout.isatty()
     if live:
-        sys.stdout.write(_CLEAR)
+        sys.stdout.write(_ENTER)
     status, shown = None, 0
-    for message in news:
-        if message["topic"] == "status":
-            status = message["status"]
-            continue
-        if status is None:
-            continue
-        text = render(status, message["joints"])
-        sys.stdout.write(_HOME + text.replace("\n", _LINE) + _LINE + _REST if live else text + "\n\n")
-        sys.stdout.flush()
-        shown += 1
-        if shown == count:
-            break
+    try:
+        for message in news:
+            if message["topic"] == "status":
+                status = message["status"]
+                continue
+            if status is None:
+                continue
+            text = render(status, message["joints"])
+            sys.stdout.write(_picture(text) if live else text + "\n\n")
+            sys.stdout.flush()
+            shown += 1
+            if shown == count:
+                break
+    finally:
+        if live:
+            sys.stdout.write(_LEAVE)
+            sys.stdout.flush()
     return DONE
+
+
+def _picture(text: str) -> str:
+    """As much as the terminal has room for, drawn over what was there."""
+    columns, rows = shutil.get_terminal_size()
+    lines = [line[:columns] for line in text.split("\n")]
+    if len(lines) > rows - 1:
+        hidden = len(lines) - rows + 2
+        lines = [*lines[: rows - 2], f"... {hidden} more lines: make the terminal taller"[:columns]]
+    return _HOME + _LINE.join(lines) + _REST
 
 
 def _watch_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,8 +12,9 @@ from types import FrameType
 from typing import Any
 
 from twind.client import Client
+from twind.client.errors import finding_lines
 from twind.ctl.motions import load_motion
-from twind.ctl.verb import DONE, REFUSED, Plain, UsageError, finding_lines, lease, operator, show
+from twind.ctl.verb import DONE, REFUSED, Plain, UsageError, lease, operator, show
 
 SHORTEST = 1.0  # s, of a move without --time
 PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from twind.client.errors import finding_lines
+
 Answer = Mapping[str, Any]
 COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
 
@@ -37,8 +39,7 @@ def status_lines(status: Answer) -> list[str]:
             f"bus      {bus['name']} on {bus['port'] or 'no port'}: {state}, {_ms(bus['latency_ms'])}, "
             f"{bus['utilisation']:.0%} of the tick, {bus['errors']} errors in {bus['exchanges']} exchanges"
         )
-    lines += [f"fault    {fault['code']}: {fault['message']}" for fault in status["faults"]]
-    return lines
+    return [*lines, *finding_lines(status["faults"], "fault")]
 
 
 def joint_lines(joints: Sequence[Answer]) -> list[str]:

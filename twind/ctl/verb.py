@@ -4,7 +4,7 @@ import argparse
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -89,8 +89,3 @@ def complain(options: argparse.Namespace, error: Exception) -> None:
         print(json.dumps({"error": error.error, "parameters": error.parameters}, ensure_ascii=False))
     else:
         print(json.dumps({"error": type(error).__name__, "parameters": {"message": str(error)}}))
-
-
-def finding_lines(findings: Sequence[Mapping[str, Any]], mark: str) -> list[str]:
-    """`refused  POS_LIMIT: l_knee, point 0: position 3 rad, bound 2.4 rad`, one line each."""
-    return [f"{mark:<8} {finding['code']}: {finding['message']}" for finding in findings]

@@ -17,11 +17,12 @@ class Report:
         self._last: Overview | None = None  # of the last report
 
     def event(self, event: Event, names: Names) -> None:
-        """One line per event; its first finding names joint, value and bound."""
+        """One line per event. Of its findings the first is told in words: joint, value, bound, reason."""
         found = names.findings(event.findings)
-        first = found[0]["message"] if found else None
+        spoken = found[0]["message"] if found and event.findings[0].message == event.message else None
+        first = found[0]["message"] if found and spoken is None else None
         more = len(found) - 1 if len(found) > 1 else None
-        fields = {"message": event.message, "finding": first, "more": more}
+        fields = {"message": spoken or event.message, "finding": first, "more": more}
         said = {key: value for key, value in fields.items() if value is not None}
         self._log.say(event.level, event.code, event.time, **said)
 

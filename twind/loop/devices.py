@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
 
-def _port(loop: Loop, command: link.Command, name: str | None) -> Port | None:
+def _port(loop: Loop, command: link.Command, name: str | None, id: int | None = None) -> Port | None:
     """The open port of a bus; None after answering why there is none."""
     known = [port.name for port in loop.hardware.ports]
     for port in loop.hardware.ports:
@@ -23,6 +23,10 @@ def _port(loop: Loop, command: link.Command, name: str | None) -> Port | None:
                 loop.say.error(
                     command, "BusFailed", bus=port.name, message=port.trouble or "the bus is not open"
                 )
+                return None
+            if id is not None and id not in port.reader.ids:
+                ids = [str(each) for each in port.reader.ids]
+                loop.say.error(command, "NotFound", what=f"id on bus {port.name}", name=str(id), known=ids)
                 return None
             if port.full or loop.procedures.rank is not None:
                 loop.say.error(command, "Busy", what=f"bus {port.name}")
@@ -51,7 +55,9 @@ def _answer(
     try:
         yield from all_of([task])
     except KeyError as error:  # its text names the nearest spellings
-        loop.say.error(command, "NotFound", what="register", name=name, known=[str(error.args[0])])
+        _, _, near = str(error.args[0]).partition("near: ")
+        known = near.split(", ") if near else []
+        loop.say.error(command, "NotFound", what="register", name=name, known=known)
     except (BusError, ValueError) as error:
         loop.say.error(command, "BusFailed", bus=port.name, message=str(error))
     else:
@@ -66,7 +72,7 @@ def _plain(value: Register | None, loop: Loop) -> Any:
 
 def read(loop: Loop, command: link.ReadRegister, now: float) -> None:
     """One register of one device, in mirror and live."""
-    port = _port(loop, command, command.bus)
+    port = _port(loop, command, command.bus, command.id)
     if port is not None and port.reader is not None:
         task = port.run(port.reader.read(command.id, command.name))
         loop.procedures.beside(_answer(loop, command, port, task, "register", command.name))
@@ -74,19 +80,23 @@ def read(loop: Loop, command: link.ReadRegister, now: float) -> None:
 
 def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
     """Write one register and read it back."""
-    port = _port(loop, command, command.bus)
+    port = _port(loop, command, command.bus, command.id)
     if port is None or not _writable(loop, command, port, "write a register") or port.writer is None:
         return
     task = port.run(port.writer.write(command.id, command.name, command.value))
-    loop.say.event(
-        "info", "REGISTER", f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value}"
-    )
-    loop.procedures.beside(_answer(loop, command, port, task, "register", command.name))
+    loop.procedures.beside(_written(loop, command, port, task))
+
+
+def _written(loop: Loop, command: link.WriteRegister, port: Port, task: Task[Register]) -> Procedure:
+    yield from _answer(loop, command, port, task, "register", command.name)
+    done = "was refused" if task.error is not None else "is written"
+    said = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
+    loop.say.event("info", "REGISTER", said)
 
 
 def reboot(loop: Loop, command: link.Reboot, now: float) -> None:
     """Restart one device and identify everybody again."""
-    port = _port(loop, command, command.bus)
+    port = _port(loop, command, command.bus, command.id)
     if port is None or not _writable(loop, command, port, "reboot a device") or port.writer is None:
         return
     task = port.run(port.writer.reboot(command.id))
@@ -95,7 +105,8 @@ def reboot(loop: Loop, command: link.Reboot, now: float) -> None:
 
 def _reboot(loop: Loop, command: link.Reboot, port: Port, task: Task[None]) -> Procedure:
     yield from _answer(loop, command, port, task, "state")
-    port.identify()
+    if task.error is None:
+        port.identify()
 
 
 def scan(loop: Loop, command: link.Scan, now: float) -> None:

@@ -5,7 +5,8 @@ Watches the ports after each exchange and turns what happened into states and fi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,8 +106,7 @@ class Identity:
         self._devices |= {(port.name, device.id): device for device in port.devices}
         findings = self._unfit(bus)
         if findings != self.missing.get(port.name, ()):
-            for finding in findings:
-                self._loop.say.event("error", finding.code, finding.message, (finding,))
+            self._tell("error", findings)
         self.missing[port.name] = findings
         if findings:
             self._again[port.name] = now + IDENTIFY_AGAIN
@@ -127,10 +127,15 @@ class Identity:
             return
         verdict = self._judge(self._devices)
         self.mismatches = verdict.refusals
-        for finding in (*verdict.refusals, *verdict.warnings):
-            loop.say.event("warning", finding.code, finding.message, (finding,))
+        self._tell("warning", (*verdict.refusals, *verdict.warnings))
         if loop.mode is Mode.MIRROR and np.isfinite(loop.measured.position).all() and loop.untouched:
             loop.enter(loop.mode)  # the simulation starts from the measured pose
+
+    def _tell(self, level: str, findings: Sequence[Finding]) -> None:
+        """One event per code, however many joints it is about."""
+        for code, same in groupby(sorted(findings, key=lambda each: each.code), key=lambda each: each.code):
+            group = tuple(same)
+            self._loop.say.event(level, code, group[0].message, group)
 
     # ----------------------------------------------------------------------------- going
 
@@ -151,5 +156,6 @@ class Identity:
             loop.procedures.abandon()  # nobody is left to write to
             loop.armed = loop.energising = False
             if loop.mode is Mode.LIVE:
+                loop.executor.stop("aborted", (finding,))
                 loop.executor.idle()
             loop.change_if(Event.PORT_LOST, now)

@@ -15,7 +15,7 @@ from twind import link
 from twind.loop.arming import ArmFailed, present, take
 from twind.loop.procedures import Procedure, Rank, all_of, ticks
 from twind.motion.settle import settle
-from twind.robot.finding import Code
+from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode, Motion
 from twind.safety.states import Event
 from twind_drivers.bus import BusError
@@ -40,7 +40,7 @@ def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
         return
     loop.change_if(Event.SETTLE, now)
     try:
-        yield from release(loop)
+        yield from release(loop, Finding(Code.NOT_ARMED, message="the robot was disarmed"))
     except BusError as error:
         loop.say.error(command, "BusFailed", bus="", message=str(error))
     except GeneratorExit:
@@ -55,8 +55,13 @@ def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
 
 def fault(loop: Loop, now: float) -> Procedure:
     """After a fault that cannot be held: settle and let go. The state stays FAULT until a reset."""
+    latched = next(iter(loop.latches.values()), Finding(Code.FAULT_LATCHED, message="a fault"))
+    yield from _down(loop, latched)
+
+
+def _down(loop: Loop, why: Finding) -> Procedure:
     try:
-        yield from release(loop)
+        yield from release(loop, why)
     except BusError as error:
         loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
 
@@ -66,7 +71,7 @@ def shutdown(loop: Loop, now: float) -> Procedure:
     written to any more, is left as it is."""
     if (loop.armed or loop.energising) and not loop.inhibited:
         loop.change_if(Event.SETTLE, now)
-        yield from fault(loop, now)
+        yield from _down(loop, Finding(Code.NOT_ARMED, message="the daemon ends: the robot is lowered"))
         loop.change_if(Event.SETTLED, loop.clock.now())
     loop.finished = True
 
@@ -74,15 +79,15 @@ def shutdown(loop: Loop, now: float) -> Procedure:
 def estop(loop: Loop, level: str, now: float) -> Procedure:
     """Stop, by level. `Loop.stops` answers those who asked: when it has begun, and when it is over."""
     loop.change(Event.ESTOP, now)
+    loop.executor.stop("aborted", (loop.latches[Code.ESTOP],))
     if loop.mode is not Mode.LIVE or not loop.hardware.writers:
-        loop.executor.stop()
         loop.twin.halt()
         return
     try:
         if level == "cut":
             yield from loosen(loop)
         else:
-            yield from release(loop)
+            yield from release(loop, loop.latches[Code.ESTOP])
     except BusError as error:
         loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
 
@@ -90,8 +95,12 @@ def estop(loop: Loop, level: str, now: float) -> Procedure:
 # ----------------------------------------------------------------------------------------------- the parts
 
 
-def release(loop: Loop) -> Procedure:
-    """Down to the rest pose if the robot can be held, then torque off and read back. Raises BusError."""
+def release(loop: Loop, why: Finding) -> Procedure:
+    """Down to the rest pose if the robot can be held, then torque off and read back. Raises BusError.
+
+    What was under way ends as aborted, for the reason `why`.
+    """
+    loop.executor.stop("aborted", (why,))
     try:
         if not loop.inhibited and (yield from _held(loop)):
             yield from _settle(loop)

@@ -33,8 +33,8 @@ def serve(loop: Loop, now: float) -> None:
                 loop.say.error(each.command, "Busy", what=f"failed inside: {error!r}")
     if loop.link.lost:
         front_lost(loop)
-    if loop.stop_wanted:
-        loop.procedures.own(Rank.SHUTDOWN, lambda: release.shutdown(loop, now))
+    if loop.stop_wanted and loop.procedures.own(Rank.SHUTDOWN, lambda: release.shutdown(loop, now)):
+        loop.say.event("info", "STOPPING", "told to end" + (": lowering the robot" if loop.armed else ""))
 
 
 def begin(loop: Loop, incoming: Incoming, now: float) -> None:
@@ -110,7 +110,8 @@ def _acquire(loop: Loop, command: link.AcquireLease, now: float) -> None:
         loop.say.error(command, "LeaseHeld", lease=_lease(loop, command.client, now))
         return
     if held_by_other and loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING):
-        loop.executor.stop()  # taken from another: motion holds first
+        reason = Finding(Code.LEASE_LOST, message=f"the lease was taken by {command.holder}")
+        loop.executor.stop("aborted", (reason,))  # taken from another: motion holds first
     if held_by_other:
         loop.say.event("warning", Code.LEASE_LOST, f"lease taken by {command.holder}")
     loop.publisher.urgent = True

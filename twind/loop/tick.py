@@ -294,6 +294,7 @@ class Loop:
 
     def close(self) -> None:
         """Let go of the ports, and of the front."""
+        self.say.event("info", "END", f"torque {_torque_text(self.torque_off)}")
         self.publisher.publish(self.clock.now())
         self.hardware.close()
         self.link.close()
@@ -345,3 +346,7 @@ class Loop:
         self.executor.observe(self.measured if self.mode is Mode.LIVE else self.simulated)
         self.submissions.report(now)
         self.stops.answer()
+
+
+def _torque_text(off: bool | None) -> str:
+    return {None: "unknown: no bus is open", True: "is off", False: "is left on"}[off]

@@ -45,5 +45,6 @@ class JointMap:
         try:
             return self._places[name]
         except KeyError:
-            near = difflib.get_close_matches(name, self.names, 3) or list(self.names)
-            raise KeyError(f"no joint {name!r}; nearest: {', '.join(near)}") from None
+            near = difflib.get_close_matches(name, self.names, 3)
+            known = f"nearest: {', '.join(near)}" if near else f"the joints are {', '.join(self.names)}"
+            raise KeyError(f"no joint {name!r}; {known}") from None

@@ -15,6 +15,8 @@ from twind.robot.arrays import Floats, Ints
 
 DEPTH = 26  # halvings: the hull is then within 4**-26 of its first width, below rounding
 CROWD = 16  # open pieces per column: a polynomial of degree 8 touches a bound in fewer places
+COARSE = np.linspace(0.0, 1.0, 11)  # of a quintic's acceleration, or a brake reach, no peak hides between
+PROMISING = 4  # columns of a group that are looked at closely
 ZOOMS = 6  # rounds of closing in on a highest point: to 1e-5 of a segment, so to 1e-10 in height
 GRID = np.linspace(-1.0, 1.0, 13)
 GRID.setflags(write=False)
@@ -98,12 +100,12 @@ def summit(score: Callable[[Ints, Floats], Floats], found: Floats, group: Ints) 
     by zooming; what comes back is a point of the curve, at least as high as every u it looked at.
     """
     columns = np.arange(len(found))
-    coarse = np.stack([found, np.zeros_like(found), np.full_like(found, 0.5), np.ones_like(found)], axis=1)
+    coarse = np.column_stack([found, np.broadcast_to(COARSE, (len(found), len(COARSE)))])
     heights = _high(score(columns, coarse))
     best = heights.max(axis=1)
     order = np.lexsort((-best, group))
     rank = np.arange(len(order)) - np.searchsorted(group[order], group[order], side="left")
-    columns = order[rank < 3]
+    columns = order[rank < PROMISING]
     u, height = coarse[columns, heights[columns].argmax(axis=1)], best[columns]
     center, reach = np.full(len(columns), 0.5), 0.5
     for _ in range(ZOOMS):

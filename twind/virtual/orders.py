@@ -37,7 +37,9 @@ class OrderError(ValueError):
 
 def arguments(order: Order) -> tuple[str, dict[str, Any]]:
     """Fault and its arguments. Raises OrderError."""
-    name = order.get("fault")
+    if "fault" not in order:
+        raise OrderError('an order names a fault or a query, as {"fault": "drop", "count": 3}')
+    name = order["fault"]
     if not isinstance(name, str) or name not in FAULTS:
         raise OrderError(f"no fault {name!r}; there are {', '.join(FAULTS)}")
     kinds = FAULTS[name]
@@ -53,6 +55,17 @@ def arguments(order: Order) -> tuple[str, dict[str, Any]]:
     return name, given
 
 
+def _refuse_taken(path: Path) -> None:
+    """Raises OSError when somebody answers there; a socket that nobody listens on is left over."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.settimeout(1.0)
+        try:
+            probe.connect(str(path))
+        except OSError:
+            return
+    raise OSError(f"{path}: another twind-virtual takes orders there; end it, or name another socket")
+
+
 class OrderSocket:
     """The socket and its clients. `answer` carries out one order; OrderError and KeyError become answers."""
 
@@ -60,6 +73,7 @@ class OrderSocket:
         """Raises OSError: the path cannot be bound."""
         self._path, self._answer = path, answer
         if path.is_socket():
+            _refuse_taken(path)
             path.unlink()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
