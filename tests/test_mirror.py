@@ -150,3 +150,13 @@ def test_a_jump_of_the_pose_leaves_no_trace() -> None:
         jumped.update(reading(pose))
     direct.update(reading(bent))
     assert np.array_equal(jumped.effort, direct.effort)
+
+
+def test_whoever_looks_between_two_readings_changes_nothing_for_whoever_looks_later() -> None:
+    looked, unseen = Mirror(BINDING), Mirror(BINDING)
+    for place in (0.3, -0.2, 0.1):
+        looked.update(reading(np.full(COUNT, place)))
+        unseen.update(reading(np.full(COUNT, place)))
+        assert np.isfinite(looked.effort).all()
+    assert np.array_equal(looked.effort, unseen.effort)
+    assert np.array_equal(looked.data.xpos, unseen.data.xpos)
