@@ -137,6 +137,11 @@ def daemon(runtime: Path, *options: str) -> Iterator[dict[str, str]]:
             process.wait(10.0)
 
 
+# A shared machine may stop everybody for a tenth of a second; the daemon then holds and says so, as it must.
+# What is claimed here is that the commands do what the page says on a machine that lets them.
+STALLED, TRIES = ("LOOP_LATE", "STATE_STALE", "LATENCY_BLOCK"), 3
+
+
 def wait_for(runtime: Path, **wanted: object) -> None:
     def there() -> bool:
         try:
@@ -150,9 +155,17 @@ def wait_for(runtime: Path, **wanted: object) -> None:
 
 
 def run(command: str, folder: Path, environment: dict[str, str], seconds: float = 40.0) -> str:
-    done = subprocess.run(
-        ["bash", "-c", command], cwd=folder, env=environment, capture_output=True, text=True, timeout=seconds
-    )
+    for _ in range(TRIES):
+        done = subprocess.run(
+            ["bash", "-c", command],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=seconds,
+        )
+        if not any(code in done.stderr for code in STALLED):
+            break
     assert done.returncode == 0, (command, done.stdout, done.stderr)
     return done.stdout
 
