@@ -235,7 +235,7 @@ def test_the_python_example_of_the_readme_moves_the_simulation(tmp_path: Path) -
         wait_for(tmp_path, mode="sim")
         (tmp_path / "example.py").write_text(example)
         said = run(f"{shlex.quote(sys.executable)} example.py", tmp_path, environment).splitlines()
-    assert said[0].startswith("accepted") and said[-1] == "succeeded 1.0"
+    assert said[0].startswith("accepted") and said[-1] == "succeeded 100%"
 
 
 def test_the_settings_of_the_readme_are_settings(tmp_path: Path) -> None:
