@@ -1,8 +1,7 @@
 """The measured robot in the model: pose, and the torque that the model says it takes to be there. No physics.
 
-A pose is written with every reading, and worked out when somebody looks at it: with `mj_inverse`, never with
-`mj_forward`. Measured poses jump, which defeats the solver, and a foot a millimetre inside the floor would be
-forces that nobody feels.
+A pose is written and evaluated with `mj_inverse`, never `mj_forward`: measured poses jump, which defeats the
+solver, and a foot a millimetre inside the floor would be forces that nobody feels.
 """
 
 import copy
@@ -26,22 +25,14 @@ class Mirror:
         self.model = copy.copy(binding.model)  # its own: contacts and joint stops are off here
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
-        self._data = mujoco.MjData(self.model)
+        self.data = mujoco.MjData(self.model)
         self.refused = 0  # readings that were heard but not believable
         self._place, self._speed = index(binding.qpos), index(binding.dof)
-        self._qpos, self._qvel = self._data.qpos, self._data.qvel
+        self._qpos, self._qvel, self._force = self.data.qpos, self.data.qvel, self.data.qfrc_inverse
         self._seen = np.zeros(len(binding.qpos), np.bool_)
         self._whole = False  # every joint has been seen
         self._qpos[self._place] = binding.rest
-        self._pending = True  # the pose has changed since it was worked out
-
-    @property
-    def data(self) -> mujoco.MjData:
-        """The model at the last reading, everything in it worked out."""
-        if self._pending:
-            self._pending = False
-            mujoco.mj_inverse(self.model, self._data)  # qacc is zero and stays zero
-        return self._data
+        mujoco.mj_inverse(self.model, self.data)  # qacc is zero and stays zero
 
     @property
     def position(self) -> Floats:
@@ -51,7 +42,7 @@ class Mirror:
     @property
     def effort(self) -> Floats:
         """Torque (n,), N·m, that keeps the measured pose at its speed; NaN for joints never heard."""
-        force = np.array(self.data.qfrc_inverse[self._speed])
+        force = np.array(self._force[self._speed])
         if not self._whole:
             force[~self._seen] = np.nan
         return force
@@ -72,7 +63,7 @@ class Mirror:
             self._whole = bool(self._seen.all())
         self._qpos[self._place] = position
         self._qvel[self._speed] = velocity
-        self._pending = True
+        mujoco.mj_inverse(self.model, self.data)
 
 
 def believable(position: Floats, velocity: Floats) -> Bools:
