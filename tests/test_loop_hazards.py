@@ -95,7 +95,7 @@ def test_one_command_that_fails_inside_costs_no_other_its_answer(armed: Rig, mon
 def test_all_servos_mute_an_estop_says_that_torque_is_not_known_to_be_off(armed: Rig) -> None:
     for id in range(1, 25):
         armed.virtual["main"].faults.silence(id)
-    reply = armed.call(link.EStop, ticks=100, level="cut")
+    reply = armed.call(link.EStop, ticks=300, level="cut")
     assert reply.parameters["torque_off"] is not True
     assert armed.events("TORQUE_MISMATCH")
 

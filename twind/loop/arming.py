@@ -44,6 +44,7 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
         loop.say.refuse(command, verdict.refusals)
         return
     inherited = loop.inherited
+    loop.hardware.clear()  # a register write or a reboot that waits must not land on a robot with torque
     loop.arming_client = command.client
     loop.change(Event.ARM, now)
     try:
@@ -66,7 +67,7 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
 
 def take(loop: Loop, held: Floats) -> None:
     """From here on the goals (n,) are ours: every bus holds at `held`, which was written and read back."""
-    loop.armed, loop.energising = True, False
+    loop.armed, loop.energising, loop.owed = True, False, False
     loop.hardware.hold(True)
     loop.executor.begin(held)
     loop.written = held
@@ -78,11 +79,11 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
     _require_all_or_none(loop)
     yield from all_of(hardware.prepare(present(loop)))
     held = yield from _aimed(loop)
-    if loop.state is not State.ARMING or loop.latches:
-        raise ArmFailed(Code.ARM_FAILED, None, 0.0, 0.0, f"the robot went to {loop.state.value} meanwhile")
+    _require_undisturbed(loop)
     loop.energising = not inherited  # what was found energised is not ours to take away
     yield from all_of(hardware.torque(True))
     yield from ticks(3)
+    _require_undisturbed(loop)
     jump = np.abs(loop.measured.position - held)
     if not (jump <= JUMP).all():
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
@@ -103,6 +104,11 @@ def _aimed(loop: Loop) -> Generator[None, float, Floats]:
     joint = int(np.argmax(np.nan_to_num(moved, nan=np.inf)))
     message = "still moving (ticks): let it hang quiet, then arm again"
     raise ArmFailed(Code.ARM_FAILED, joint, float(moved[joint]), STILL, message)
+
+
+def _require_undisturbed(loop: Loop) -> None:
+    if loop.state is not State.ARMING or loop.latches:
+        raise ArmFailed(Code.ARM_FAILED, None, 0.0, 0.0, f"the robot went to {loop.state.value} meanwhile")
 
 
 def _require_all_or_none(loop: Loop) -> None:

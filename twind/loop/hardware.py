@@ -122,9 +122,9 @@ class Hardware:
         return [port.run(script(port.writer, bus), urgent=True) for port, bus in self.pairs if port.writer]
 
     def hold(self, on: bool) -> None:
-        """From now on goals go to the buses that are open and identified, or to none."""
+        """From now on goals go to the buses that are open now, and stay so; or to none."""
         for port in self.ports:
-            port.holding = on and port.link is Link.CONNECTED
+            port.holding = on and port.writer is not None
 
     @property
     def open(self) -> Bools:

@@ -67,13 +67,18 @@ class Identity:
         if loop.mode is Mode.SIM or loop.state is State.INHIBITED:
             return
         identified = loop.hardware.connected
-        if loop.condition.identified and not identified and loop.state is State.CONNECTED:
+        if not identified and loop.state is State.CONNECTED:
             loop.change(Event.PORT_LOST, now)  # a latched state says so until it is reset
         if loop.state is State.DISCONNECTED and any(port.reader for port in ports):
             loop.change(Event.PORT_OPENED, now)
         waits = loop.state in (State.IDENTIFYING, State.FAULT, State.ESTOP)
         if identified and not loop.condition.identified and waits:
             loop.change(Event.IDENTIFIED, now)
+        if loop.torque_off:
+            loop.owed = False
+        idle = loop.procedures.rank is None and loop.mode is Mode.LIVE
+        if loop.stop_level is not None and idle and loop.inherited and not loop.stop_wanted:
+            release.stop(loop, loop.stop_level, now)  # it came back with torque on under a latched stop
 
     # ----------------------------------------------------------------------------- coming
 
@@ -147,6 +152,7 @@ class Identity:
         self.missing.pop(bus, None)
         held = loop.armed or loop.energising or loop.procedures.rank is Rank.ARM
         if held:
+            loop.owed = True
             loop.latch(finding)
             loop.change(Event.FAULT, now)
         if held and loop.hardware.writers:  # the others hold, then settle

@@ -9,6 +9,7 @@ import os
 import socket
 from collections import deque
 from dataclasses import dataclass
+from math import inf
 
 import msgspec
 
@@ -27,6 +28,7 @@ from twind.link import (
 from twind.loop.front_process import FrontProcess
 from twind.memfd import unseal
 
+BEHIND = 1.0  # s that a front may leave more than QUEUE unread
 QUEUE = 512  # replies and events owed; a front that far behind is not coming back
 LARGEST = 8 << 20  # bytes of a trajectory's arrays
 PER_TICK = 64  # commands taken in one tick: a flood waits in the pipe, not in the loop
@@ -48,13 +50,16 @@ class Link:
         self.dropped = 0
         self._queue: deque[bytes] = deque()
         self._events = 0
+        self._behind_since = inf  # s, since when more is owed than a living front leaves
         self.lost = False  # the front went since the last look
 
     # ----------------------------------------------------------------------------- the front's life
 
     def tend(self, now: float) -> None:
         """Start, watch and bury the front; at most one of these a tick."""
-        if self.front.overdue(now) or len(self._queue) > QUEUE:
+        self.flush()
+        self._behind_since = min(self._behind_since, now) if len(self._queue) > QUEUE else inf
+        if self.front.overdue(now) or now - self._behind_since > BEHIND:
             self._bury(now)
         if self.front.reap():
             self._bury(now)

@@ -12,21 +12,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind import link
-from twind.loop.arming import ArmFailed, present, take
+from twind.loop.arming import take
 from twind.loop.procedures import Procedure, Rank, all_of, ticks
 from twind.motion.settle import settle
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode, Motion
 from twind.safety.states import Event
-from twind_drivers.bus import BusError
+from twind_drivers.bus import BusError, NoReply
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
+    from twind.robot.arrays import Floats
 
 SETTLE = 4.0  # s for the way to the rest pose (docs/safety.md)
 LATE = 1.0  # s beyond the planned way before it is given up
 WAYS = 2  # ways that are tried: a fault on the first one ends it where it stands
 OBEYED = 6  # ticks that a goal read back may be behind the one being written
+INSIST = 1.0  # s that torque off is repeated to those who do not confirm it
+AWAITED = 1.5  # s that an ending daemon waits for a bus that went away with torque of ours
 ARRIVED = 0.02  # rad from the rest pose
 SLOW = 0.05  # rad/s: a free-standing robot is let go only when it has come to rest ...
 SLOW_FOR, SLOW_MOST = 1.0, 5.0  # s ... for this long, or after this long at the latest
@@ -36,7 +39,7 @@ RANKS = {"settle": Rank.ESTOP, "cut": Rank.CUT}
 def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
     """SETTLE, then torque off. Answers when torque is read back off."""
     if not loop.energised:
-        loop.say.reply(command, state=loop.state.value)
+        _say_disarmed(loop, command)
         return
     loop.change_if(Event.SETTLE, now)
     try:
@@ -48,9 +51,19 @@ def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
         raise
     else:
         loop.change_if(Event.SETTLED, loop.clock.now())
-        loop.say.reply(command, state=loop.state.value)
+        _say_disarmed(loop, command)
         return
     loop.change_if(Event.SETTLED, loop.clock.now())  # `inherited` and `torque` tell who is still on
+
+
+def _say_disarmed(loop: Loop, command: link.Disarm) -> None:
+    """Done, unless there is a bus that nobody could ask."""
+    closed = [port for port in loop.hardware.ports if port.reader is None]
+    if loop.mode is Mode.LIVE and closed:
+        message = f"{closed[0].trouble or 'the bus is not open'}; whether torque is on there is not known"
+        loop.say.error(command, "BusFailed", bus=closed[0].name, message=message)
+    else:
+        loop.say.reply(command, state=loop.state.value)
 
 
 def fault(loop: Loop, now: float) -> Procedure:
@@ -68,12 +81,25 @@ def _down(loop: Loop, why: Finding) -> Procedure:
 
 def shutdown(loop: Loop, now: float) -> Procedure:
     """SIGTERM: lower the robot if its torque is ours, then end. What was found energised, or may not be
-    written to any more, is left as it is."""
-    if (loop.armed or loop.energising) and not loop.inhibited:
+    written to any more, is left as it is; torque of ours that went with a bus is waited for."""
+    until = now + AWAITED
+    while loop.owed and not loop.hardware.connected and now < until:
+        now = yield
+    if (loop.armed or loop.energising or (loop.owed and loop.torque_on)) and not loop.inhibited:
         loop.change_if(Event.SETTLE, now)
         yield from _down(loop, Finding(Code.NOT_ARMED, message="the daemon ends: the robot is lowered"))
         loop.change_if(Event.SETTLED, loop.clock.now())
     loop.finished = True
+
+
+def stop(loop: Loop, level: str, now: float) -> None:
+    """Begin an e-stop, unless one as hard is under way. While it is latched it is begun again for every bus
+    that comes back with torque on."""
+    loop.stop_level = "cut" if "cut" in (level, loop.stop_level) else level
+    rank = RANKS[level]
+    if loop.procedures.rank is None or loop.procedures.rank < rank:
+        loop.stops.begin()
+        loop.procedures.own(rank, lambda: estop(loop, level, now))
 
 
 def estop(loop: Loop, level: str, now: float) -> Procedure:
@@ -104,7 +130,7 @@ def release(loop: Loop, why: Finding) -> Procedure:
     try:
         if not loop.inhibited and (yield from _held(loop)):
             yield from _settle(loop)
-    except (BusError, ArmFailed) as error:
+    except BusError as error:
         loop.say.event("error", Code.INTERNAL, f"the way to the rest pose was cut short: {error}")
     yield from loosen(loop)
 
@@ -117,11 +143,22 @@ def _held(loop: Loop) -> Generator[None, float, bool]:
         return True
     if loop.energising or not loop.torque_on:
         return False
-    here = present(loop)
+    here = _where_it_is(loop)
     loop.executor.idle()
-    yield from all_of(loop.hardware.prepare(here))  # clears watchdogs with goal := present
+    loop.hardware.clear()
+    try:
+        yield from all_of(loop.hardware.prepare(here))  # clears watchdogs with goal := present
+    except NoReply as error:  # the others took it: to lower what listens is better than to drop it
+        loop.say.event("error", Code.DEVICE_MISSING, f"lowered without everybody's answer: {error}")
     take(loop, here)
     return True
+
+
+def _where_it_is(loop: Loop) -> Floats:
+    """Where (n,) to hold from: as measured, within the hard limits; the rest pose of who never answered."""
+    measured, limits = loop.measured, loop.limits
+    known = np.where(np.isfinite(measured.position), measured.position, loop.rest)
+    return np.clip(known, limits.hard_lower, limits.hard_upper)
 
 
 def _settle(loop: Loop) -> Procedure:
@@ -177,9 +214,15 @@ def loosen(loop: Loop) -> Procedure:
     for writer in loop.hardware.writers:
         writer.cut()  # twice, with the next packet of any kind
     loop.armed, loop.energising = False, True  # not known to be off until it is read back
-    try:
-        yield from all_of(loop.hardware.torque(False))
-    except BusError:
-        loop.energising = False  # who is still on stands in the registers, and is reported as inherited
-        raise
-    loop.energising = False
+    until = loop.clock.now() + INSIST
+    while True:
+        try:
+            yield from all_of(loop.hardware.torque(False))
+        except BusError:
+            if loop.clock.now() < until and loop.hardware.writers:
+                yield
+                continue
+            loop.energising = False  # who is still on stands in the registers, and is reported as inherited
+            raise
+        loop.energising = False
+        return

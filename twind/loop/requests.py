@@ -109,7 +109,8 @@ def _acquire(loop: Loop, command: link.AcquireLease, now: float) -> None:
     if not loop.lease.acquire(command.client, command.holder, command.uid, now, take=command.take):
         loop.say.error(command, "LeaseHeld", lease=_lease(loop, command.client, now))
         return
-    if held_by_other and loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING):
+    moving = loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING)
+    if held_by_other and moving and loop.procedures.rank is None:  # never the way to the rest pose
         reason = Finding(Code.LEASE_LOST, message=f"the lease was taken by {command.holder}")
         loop.executor.stop("aborted", (reason,))  # taken from another: motion holds first
     if held_by_other:
@@ -128,7 +129,8 @@ def _renew(loop: Loop, command: link.RenewLease, now: float) -> None:
 
 
 def _release(loop: Loop, command: link.ReleaseLease, now: float) -> None:
-    if loop.lease.held_by(command.client, now) and loop.executor.motion is Motion.STREAMING:
+    streaming = loop.executor.motion is Motion.STREAMING and loop.procedures.rank is None
+    if loop.lease.held_by(command.client, now) and streaming:
         loop.executor.stop()
     loop.lease.release(command.client)
     loop.publisher.urgent = True
@@ -162,10 +164,9 @@ def _estop(loop: Loop, command: link.EStop, now: float) -> None:
         return
     loop.latch(Finding(Code.ESTOP, message=command.reason or f"e-stop ({command.level})"))
     loop.stops.ask(command)
-    rank = release.RANKS[command.level]
-    if loop.procedures.rank is None or loop.procedures.rank < rank:
-        loop.stops.begin()
-        loop.procedures.own(rank, lambda: release.estop(loop, command.level, now))
+    if loop.stop_wanted and loop.torque_off:
+        return  # nothing is left to stop, and the end of the daemon must not be put off for ever
+    release.stop(loop, command.level, now)
 
 
 def _own(loop: Loop, command: link.Command, rank: Rank, start: Callable[[], Procedure]) -> None:
@@ -189,6 +190,8 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
         return
     for code in [code for code in loop.latches if code.value in wanted]:
         del loop.latches[code]
+    if Code.ESTOP not in loop.latches:
+        loop.stop_level = None
     if not loop.latches:
         if loop.inhibited:
             for port in loop.hardware.ports:  # who they are was not watched: ask anew

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from twind import link
 from twind.loop.procedures import Rank
+from twind.robot.modes import Mode
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -45,7 +46,8 @@ class Stops:
         running = self._loop.procedures.rank in (Rank.ESTOP, Rank.CUT)
         for waiting in list(self._waiting):
             if not running:
-                self._tell(waiting, done=True)
+                known = self._loop.mode is not Mode.LIVE or self._loop.torque_off is not None
+                self._tell(waiting, done=known)
                 self._waiting.remove(waiting)
             elif self.begun and not waiting.told:
                 waiting.told = True
@@ -55,6 +57,6 @@ class Stops:
 
     def _tell(self, waiting: Waiting, *, done: bool) -> None:
         loop = self._loop
-        more = waiting.command.more and not done
+        more = waiting.command.more and self._loop.procedures.rank in (Rank.ESTOP, Rank.CUT)
         off = loop.torque_off
         loop.say.reply(waiting.command, continues=more, state=loop.state.value, torque_off=off, done=done)

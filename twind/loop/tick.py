@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop import release, requests
+from twind.loop import arming, release, requests
 from twind.loop.figures import Figures
 from twind.loop.identity import Identity, Judge
 from twind.loop.procedures import Procedures, Rank
@@ -95,6 +95,8 @@ class Loop:
         self.identity = Identity(self, parts.judge)
         self.armed = self.inhibited = self.finished = False
         self.energising = False  # torque was ordered on or off, and is not read back yet
+        self.owed = False  # a bus went away with torque that was ours
+        self.stop_level: str | None = None  # of the e-stop that is latched
         self.arming_client = 0  # whose Arm is under way
         self.motion_epoch = -1  # of the lease under which the motion was accepted
         self.stop_wanted = False  # SIGTERM: lower the robot, then end
@@ -250,12 +252,14 @@ class Loop:
         if self.procedures.rank is None or self.procedures.rank <= Rank.ARM:
             if self.written is not None and self.executor.motion is not Motion.IDLE:
                 self.executor.begin(self.written)
-            if self.energising:
-                self.procedures.own(Rank.FAULT, lambda: release.fault(self, now))
+            if self.procedures.rank is Rank.ARM:
+                self.procedures.own(Rank.DISARM, lambda: arming.give_up(self))
 
     def inhibit(self, finding: Finding, now: float) -> None:
         """Nothing leaves until the servos' own watchdogs have ended the motion; torque stays."""
         self.inhibited = True
+        if self.procedures.rank is Rank.ARM:
+            self.procedures.abandon()
         self.latch(finding)
         self.executor.idle()
         self.hardware.clear()
@@ -287,10 +291,11 @@ class Loop:
 
     @property
     def torque_off(self) -> bool | None:
-        """Read back off everywhere; None where there is no bus to ask."""
-        if self.mode is Mode.SIM or not self.hardware.open.any():
-            return None
-        return not self.energising and bool((self.hardware.slow.torque[self.hardware.open] == 0).all())
+        """Read back off everywhere; False: on somewhere; None: not known of some joint."""
+        torque = self.hardware.slow.torque
+        if self.energising or bool((torque == 1).any()):
+            return False
+        return True if self.mode is not Mode.SIM and bool((torque == 0).all()) else None
 
     def close(self) -> None:
         """Let go of the ports, and of the front."""
@@ -349,4 +354,4 @@ class Loop:
 
 
 def _torque_text(off: bool | None) -> str:
-    return {None: "unknown: no bus is open", True: "is off", False: "is left on"}[off]
+    return {None: "unknown: not every servo has said", True: "is off", False: "is left on"}[off]

@@ -67,7 +67,8 @@ TABLE: Mapping[Event, Mapping[State, State]] = MappingProxyType(
         | _STAYS,
         # Torque off is never refused where anything can be written at all.
         Event.SETTLE: {
-            _S.CONNECTED: _S.SETTLING,  # torque found on at start
+            _S.IDENTIFYING: _S.SETTLING,  # torque found on at start
+            _S.CONNECTED: _S.SETTLING,
             _S.CALIBRATING: _S.SETTLING,
             _S.ARMING: _S.SETTLING,
             _S.ARMED: _S.SETTLING,
@@ -124,9 +125,9 @@ class Latch:
             identified = True
         elif event in (Event.PORT_LOST, Event.INHIBIT):
             identified = False
-        if state is State.CONNECTED and latched:
+        if state in (State.CONNECTED, State.SETTLING) and latched:
             state = State.FAULT  # back on a port that was lost with a latch set
-        if event is Event.RESET and state is State.CONNECTED and not identified:
+        if event in (Event.RESET, Event.SETTLED) and state is State.CONNECTED and not identified:
             state = State.DISCONNECTED
         return Latch(state, latched, identified)
 
