@@ -1,5 +1,6 @@
 """The listening sockets: nobody else's are taken, none is ever open to all, and only the dead make room."""
 
+import grp
 import json
 import os
 import socket
@@ -13,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from twind.loop.sockets import SocketError, handed_over, listen
+from twind.loop.sockets import GROUPS, SocketError, group_of, handed_over, listen
 
 
 @contextmanager
@@ -44,6 +45,85 @@ def test_a_socket_is_made_with_its_folder_and_answers(tmp_path: Path, keep: Exit
     accepted.close()
     assert stat.S_IMODE(folder.stat().st_mode) == 0o755
     assert not listener.get_inheritable()
+
+
+@pytest.mark.parametrize("mask", [0o000, 0o027, 0o077])
+def test_the_groups_can_enter_a_folder_of_ours_and_one_that_was_there_stays(
+    tmp_path: Path, keep: ExitStack, mask: int
+) -> None:
+    there = tmp_path / "there"
+    there.mkdir(mode=0o700)
+    with umask(mask):
+        keep.enter_context(listen(tmp_path / "made", "control"))
+        keep.enter_context(listen(there, "control"))
+    assert stat.S_IMODE((tmp_path / "made").stat().st_mode) == 0o755
+    assert stat.S_IMODE(there.stat().st_mode) == 0o700
+
+
+def test_the_group_that_a_socket_got_can_be_told(
+    tmp_path: Path, keep: ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours = grp.getgrgid(os.getegid()).gr_name
+    monkeypatch.setitem(GROUPS, "control", "no-such-group")
+    assert group_of(keep.enter_context(listen(tmp_path, "control"))) == ours
+    if os.geteuid() == 0:
+        other = grp.getgrgid(65534).gr_name
+        monkeypatch.setitem(GROUPS, "observe", other)
+        assert group_of(keep.enter_context(listen(tmp_path, "observe"))) == other
+    (tmp_path / "control.sock").unlink()
+    assert [group_of(one) for one in (keep.enter_context(socket.socket(socket.AF_UNIX)),)] == [""]
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o757, 0o1777])
+def test_a_folder_that_others_may_write_to_is_refused(tmp_path: Path, mode: int) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    folder.chmod(mode)
+    with pytest.raises(SocketError, match=rf"others may write there \(mode {mode:04o}\); `chmod go-w`"):
+        listen(folder, "control")
+    assert list(folder.iterdir()) == []
+
+
+def test_a_folder_that_our_own_group_may_write_to_is_ours(tmp_path: Path, keep: ExitStack) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    os.chown(folder, -1, os.getegid())
+    folder.chmod(0o775)
+    keep.enter_context(listen(folder, "control"))
+
+
+def test_a_folder_that_is_a_symbolic_link_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    with pytest.raises(SocketError, match="is a symbolic link; give the folder it points to"):
+        listen(tmp_path / "link", "control")
+    assert list((tmp_path / "real").iterdir()) == []
+
+
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
+
+
+@needs_root
+@pytest.mark.parametrize("place", ["folder", "socket"])
+def test_what_belongs_to_somebody_else_is_refused_and_stays(tmp_path: Path, place: str) -> None:
+    folder = tmp_path / "run"
+    listen(folder, "control").close()
+    path = folder / "control.sock"
+    os.chown(folder if place == "folder" else path, 65534, -1)
+    before = path.lstat()
+    with pytest.raises(SocketError, match=r"belongs to .*uid 65534.*run twind as that user, `chown` it"):
+        listen(folder, "control")
+    assert path.lstat() == before
+
+
+@needs_root
+def test_a_folder_that_another_group_may_write_to_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    os.chown(folder, -1, 65534)
+    folder.chmod(0o775)
+    with pytest.raises(SocketError, match="others may write there"):
+        listen(folder, "control")
 
 
 @pytest.mark.parametrize("mask", [0o000, 0o022, 0o077, 0o777])

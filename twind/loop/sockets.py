@@ -6,7 +6,9 @@ The mode is set by the umask before `bind`, never by chmod after it: between the
 import contextlib
 import grp
 import os
+import pwd
 import socket
+import stat
 from pathlib import Path
 
 NAMES = ("control", "observe")
@@ -37,10 +39,14 @@ def handed_over() -> dict[str, socket.socket]:
 
 
 def listen(directory: Path, name: str) -> socket.socket:
-    """Bind `directory/name.sock`, mode 0660. Raises SocketError naming who or what is in the way."""
+    """Bind `directory/name.sock`, mode 0660, for its group where there is one and we may give it.
+
+    Which it became says `group_of`. Raises SocketError naming who or what is in the way.
+    """
     path = directory / f"{name}.sock"
     try:
-        directory.mkdir(mode=0o755, parents=True, exist_ok=True)
+        _make(directory)
+        _check_folder(directory)
         _clear_stale(path)
         listener = _bind(path)
     except OSError as error:
@@ -49,6 +55,50 @@ def listen(directory: Path, name: str) -> socket.socket:
     with contextlib.suppress(KeyError, PermissionError):
         os.chown(path, -1, grp.getgrnam(GROUPS[name]).gr_gid)
     return listener
+
+
+def group_of(listener: socket.socket) -> str:
+    """The group that may use this socket, by name; its number where it has none, "" where nobody can say."""
+    try:
+        gid = os.stat(listener.getsockname()).st_gid
+    except (OSError, ValueError):  # bound to no path: abstract, or handed over and removed since
+        return ""
+    try:
+        return grp.getgrgid(gid).gr_name
+    except KeyError:
+        return str(gid)
+
+
+def _make(directory: Path) -> None:
+    """A folder that the groups can enter, whatever our umask; one that is there stays as it is."""
+    old = os.umask(0o022)
+    try:
+        directory.mkdir(mode=0o755, parents=True, exist_ok=True)
+    finally:
+        os.umask(old)
+
+
+def _check_folder(directory: Path) -> None:
+    """Refuse a folder in which somebody else could put a socket in the place of ours."""
+    if directory.is_symlink():
+        raise SocketError(f"{directory}: is a symbolic link; give the folder it points to with --socket DIR")
+    found = directory.stat()
+    _check_owner(directory, found)
+    group = found.st_mode & stat.S_IWGRP and found.st_gid not in (0, os.getegid())
+    if group or found.st_mode & stat.S_IWOTH:
+        mode = f"{stat.S_IMODE(found.st_mode):04o}"
+        remedy = "`chmod go-w` it or choose another folder with --socket DIR"
+        raise SocketError(f"{directory}: others may write there (mode {mode}); {remedy}")
+
+
+def _check_owner(path: Path, found: os.stat_result) -> None:
+    if found.st_uid in (0, os.geteuid()):
+        return
+    owner = f"uid {found.st_uid}"
+    with contextlib.suppress(KeyError):
+        owner = f"{pwd.getpwuid(found.st_uid).pw_name} ({owner})"
+    remedy = "run twind as that user, `chown` it, or choose another folder with --socket DIR"
+    raise SocketError(f"{path}: belongs to {owner}, not to us (uid {os.geteuid()}) or root; {remedy}")
 
 
 def _bind(path: Path) -> socket.socket:
@@ -71,6 +121,7 @@ def _clear_stale(path: Path) -> None:
         raise SocketError(f"{path}: is not a socket; remove it or choose another folder with --socket DIR")
     if not path.exists():
         return
+    _check_owner(path, path.lstat())
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.setblocking(False)  # a daemon that hangs lets its queue fill, and is there nevertheless
         try:
