@@ -15,7 +15,7 @@ from processes import until
 
 from twind import link, memfd
 from twind.loop import front_process
-from twind.loop.front_process import AGAIN, GRACE, HEARTBEAT, LATER, FrontProcess
+from twind.loop.front_process import AGAIN, AGAIN_MOST, GRACE, HEARTBEAT, LATER, FrontProcess
 
 pytestmark = pytest.mark.realtime
 SERVICE = {"NOTIFY_SOCKET": "@nobody", "LISTEN_FDS": "2", "LISTEN_PID": "1", "WATCHDOG_USEC": "1000"}
@@ -102,6 +102,50 @@ def test_a_front_is_started_apart_from_the_bus_the_terminal_and_the_service_mana
         common = kept & set(theirs.values())
         assert common == set(sockets)
         assert os.ttyname(outer) in kept
+
+
+def test_a_front_runs_nothing_of_the_folder_it_is_started_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("structlog", "msgspec", "twind"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a module of the current folder ran')")
+    monkeypatch.chdir(tmp_path)
+    with started(tmp_path) as world:
+        until(world.heard, 20.0, "the front's first heartbeat")
+        assert not world.front.reap()
+
+
+class Paper(FrontProcess):
+    """A front that costs no process: only the times of its lives count."""
+
+    def _spawn(self, inner: socket.socket, outer: socket.socket) -> int:
+        return os.posix_spawn("/bin/true", ["true"], {})
+
+    def live(self, born: float, died: float) -> None:
+        self.start(born)
+        assert self.pid is not None
+        os.waitpid(self.pid, 0)
+        self.pid = None
+        self.end(died)
+        self.end(died)  # the loop may bury twice: one death, one step
+
+
+def test_fronts_that_die_young_are_started_ever_later_until_one_lived(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        whole = World(tmp_path, stack)
+        front = Paper(0, whole.listeners["control"], whole.listeners["observe"])
+        now = 100.0
+        for pause in (AGAIN, 0.4, 0.8, 1.6, 3.2, AGAIN_MOST, AGAIN_MOST):
+            front.live(now, now + GRACE * 0.99)
+            now += GRACE * 0.99
+            assert not front.due(now + pause * 0.99)
+            now += pause + 1e-9
+            assert front.due(now)
+        front.live(now, now + GRACE)
+        assert front.due(now + GRACE + AGAIN + 1e-9)
+        front.live(200.0, 200.1)
+        assert not front.due(200.1 + AGAIN * 1.99)
+        assert front.due(200.1 + AGAIN * 2 + 1e-9)
 
 
 def test_a_front_ends_by_itself_when_the_loops_end_of_the_link_closes(tmp_path: Path) -> None:

@@ -47,6 +47,23 @@ def test_it_is_ready_inside_and_gone_with_its_folder_outside() -> None:
     child.close()  # twice is no harm
 
 
+def test_it_runs_nothing_of_the_folder_it_is_started_in_and_does_not_know_the_service_manager(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("yaml", "mujoco", "twind"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a module of the current folder ran')")
+    monkeypatch.chdir(tmp_path)
+    theirs = ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES", "NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
+    for key in theirs:
+        monkeypatch.setenv(key, "1")
+    before = children()
+    with VirtualChild("h24"):
+        (pid,) = children() - before
+        given = Path(f"/proc/{pid}/environ").read_bytes().decode().split("\0")
+        assert not [one for one in given if one.startswith(theirs)]
+        assert f"PATH={os.environ['PATH']}" in given
+
+
 def test_it_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     parent = subprocess.Popen(
         [sys.executable, "-c", PARENT], stdout=subprocess.PIPE, env={**os.environ, "TMPDIR": str(tmp_path)}

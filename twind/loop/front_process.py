@@ -16,7 +16,8 @@ HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started ane
 GRACE = 10.0  # s a new front may take to its first sign of life
 LATER = 1.0  # s until the next try when a front could not be started
 LAST_WORDS = 1.0  # s that a front has to end by itself
-AGAIN = 0.2  # s between a front's end and the next start
+AGAIN = 0.2  # s between a front's end and the next start; doubled for each that lived less than GRACE
+AGAIN_MOST = 5.0  # s between two starts of fronts that die young
 _LINK, _BRIEFING, _CONTROL, _OBSERVE = 3, 4, 5, 6  # descriptors in the child
 
 
@@ -30,6 +31,8 @@ class FrontProcess:
         self.starts = 0
         self._alive_until = 0.0
         self._start_at = 0.0
+        self._pause = 0.0
+        self._born: float | None = None  # None: the pause after it is settled
 
     def start(self, now: float) -> None:
         """Start a front. The old one must be gone. Raises OSError; then nothing of it is left."""
@@ -42,14 +45,16 @@ class FrontProcess:
             raise
         self.socket, self.starts = inner, self.starts + 1
         self._alive_until = now + GRACE
+        self._born = now
 
     def _spawn(self, inner: socket.socket, outer: socket.socket) -> int:
         inner.setblocking(False)
         for end in (inner, outer):
             with contextlib.suppress(OSError):
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
-        arguments = [sys.executable, "-m", "twind.front", "--link", str(_LINK), "--briefing", str(_BRIEFING)]
-        arguments += ["--control", str(_CONTROL), "--observe", str(_OBSERVE)]
+        # -P: no module of the folder that the daemon happened to be started in.
+        arguments = [sys.executable, "-P", "-m", "twind.front", "--link", str(_LINK)]
+        arguments += ["--briefing", str(_BRIEFING), "--control", str(_CONTROL), "--observe", str(_OBSERVE)]
         with contextlib.ExitStack() as copies:
             actions = []
             for place, fd in enumerate((outer.fileno(), *self._handed)):
@@ -60,7 +65,7 @@ class FrontProcess:
             return os.posix_spawn(
                 sys.executable,
                 arguments,
-                _environment(),
+                child_environment(),
                 file_actions=actions,
                 setsid=True,
                 setsigdef=[signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
@@ -76,14 +81,18 @@ class FrontProcess:
         return self.pid is not None and now > self._alive_until
 
     def end(self, now: float) -> None:
-        """Kill what is left of it; the next start is due soon."""
+        """Kill what is left of it; the next start is due soon, later where one after the other dies young."""
         if self.socket is not None:
             self.socket.close()
             self.socket = None
         if self.pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, signal.SIGKILL)
-        self._start_at = now + AGAIN
+        if self._born is not None:
+            young = now - self._born < GRACE
+            self._pause = min(self._pause * 2, AGAIN_MOST) if young and self._pause else AGAIN
+            self._born = None
+        self._start_at = now + (self._pause or AGAIN)
 
     def finish(self) -> None:
         """End-of-file on the link: it writes its last lines and goes; killed if it does not."""
@@ -120,7 +129,7 @@ class FrontProcess:
         return self.pid is None and now >= self._start_at
 
 
-def _environment() -> dict[str, str]:
-    """Ours without the service manager's: only the main process speaks to it."""
+def child_environment() -> dict[str, str]:
+    """Ours for any child, without the service manager's: only the main process speaks to it."""
     theirs = ("LISTEN_", "NOTIFY_SOCKET", "WATCHDOG_")
     return {key: value for key, value in os.environ.items() if not key.startswith(theirs)}

@@ -10,6 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
+from twind.loop.front_process import child_environment
+
 START = 30.0  # s it may take to be ready
 
 
@@ -25,10 +27,15 @@ class VirtualChild:
         self.calibration = Path(self._folder.name) / "calibration.yaml"
         self.faults = Path(self._folder.name) / "faults.sock"
         self.ports: dict[str, str] = {}
-        command = [sys.executable, "-m", "twind.virtual", "--robot", robot]
+        # -P: no module of the folder that the daemon happened to be started in.
+        command = [sys.executable, "-P", "-m", "twind.virtual", "--robot", robot]
         command += ["--calibration", str(self.calibration), "--faults", str(self.faults)]
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            env=child_environment(),
         )
 
     def __enter__(self) -> "VirtualChild":
