@@ -1,5 +1,8 @@
 """Settings: file, then command line over it; places by user; unknown keys refused."""
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -103,6 +106,8 @@ def test_a_wrong_setting_is_refused_at_its_line(tmp_path: Path, text: str, messa
         ({"ports": ["/dev/a", "/dev/b"]}, "--port is given twice: /dev/a and /dev/b"),
         ({"ports": ["main=/dev/a", "main=/dev/b"]}, "--port is given for bus main twice"),
         ({"ports": [""]}, "--port is empty"),
+        ({"ports": ["/dev/a", "main=/dev/b"]}, "--port /dev/a names no bus beside --port main=/dev/b"),
+        ({"ports": ["main=/dev/b", "/dev/a"]}, "give every port as BUS=PORT"),
         ({"ports": ["main=can:socketcan:can0"]}, "CAN ports are not supported"),
     ],
 )
@@ -114,6 +119,43 @@ def test_a_wrong_option_is_refused(change: dict[str, object], message: str) -> N
 def test_a_file_that_was_named_must_be_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read: No such file"):
         load_settings(tmp_path / "absent.yaml", ENVIRON, uid=1000)
+
+
+@contextmanager
+def closed(folder: Path) -> Iterator[None]:
+    """A folder of mode 0000; root, whom no mode keeps out, becomes another user meanwhile."""
+    folder.chmod(0o000)
+    uid = os.geteuid()
+    if uid == 0:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(uid)
+        folder.chmod(0o700)
+
+
+def test_a_folder_that_we_may_not_enter_is_not_taken_for_an_empty_one(tmp_path: Path) -> None:
+    (tmp_path / "twind").mkdir()
+    (tmp_path / "calibration").mkdir()
+    environ = {"XDG_CONFIG_HOME": str(tmp_path)}
+    with closed(tmp_path / "twind"), pytest.raises(ConfigError) as caught:
+        load_settings(None, environ, uid=1000)
+    assert f"{tmp_path}/twind/twind.yaml: cannot be looked for: Permission denied; let uid" in str(
+        caught.value
+    )
+    assert "--config FILE" in str(caught.value)
+    settings = load(tmp_path, FILE.replace("/srv/twind", str(tmp_path)))
+    with closed(tmp_path / "calibration"), pytest.raises(ConfigError) as caught:
+        settings.calibration_path("kid20")
+    assert "kid20-b.yaml: cannot be looked for: Permission denied" in str(caught.value)
+    assert "--calibration FILE" in str(caught.value)
+
+
+def test_a_folder_that_is_not_there_or_none_is_absent(tmp_path: Path) -> None:
+    (tmp_path / "twind").write_text("")
+    assert load_settings(None, {"XDG_CONFIG_HOME": str(tmp_path)}, uid=1000).source == "defaults"
+    assert load_settings(None, {"XDG_CONFIG_HOME": str(tmp_path / "no")}, uid=1000).source == "defaults"
 
 
 def test_the_usual_file_is_found_without_being_named(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ class Settings:
         if self.calibration is not None:
             return self.calibration
         path = self.state_dir / "calibration" / f"{self.individual or robot_name}.yaml"
-        return path if path.exists() else None
+        return path if _is_there(path, "--calibration FILE") else None
 
     def parameters(self) -> dict[str, Plain]:
         """What `GetParameters` shows."""
@@ -118,10 +118,23 @@ def load_settings(
     """
     where = places(os.environ if environ is None else environ, os.geteuid() if uid is None else uid)
     usual = where.config / "twind.yaml"
-    if path is None and not usual.exists():
+    if path is None and not _is_there(usual, "--config FILE"):
         return _defaults(where)
     file = usual if path is None else path
     return _read(read_text(file), str(file), where)
+
+
+def _is_there(path: Path, option: str) -> bool:
+    """False only where it is absent. Raises ConfigError where nobody can say; `option` names another file."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        remedy = f"let uid {os.geteuid()} enter its folder, or name another file with {option}"
+        raise file_error(str(path), f"cannot be looked for: {reason}; {remedy}") from None
+    return True
 
 
 def _defaults(where: Places) -> Settings:
@@ -197,4 +210,8 @@ def _command_line_ports(ports: Sequence[str]) -> dict[str, str]:
             again = f"for bus {bus} " if bus else ""
             raise file_error(COMMAND_LINE, f"--port is given {again}twice: {found[bus]} and {port}")
         found[bus] = port
+    if "" in found and len(found) > 1:
+        named = ", ".join(f"{bus}={port}" for bus, port in found.items() if bus)
+        message = f"--port {found['']} names no bus beside --port {named}: give every port as BUS=PORT"
+        raise file_error(COMMAND_LINE, message)
     return found
