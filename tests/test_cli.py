@@ -1,5 +1,9 @@
 """The command line of `twind`: which port is whose, why live is denied, and what the exit code says."""
 
+import os
+import socket
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -7,7 +11,7 @@ from typing import Any
 import pytest
 
 from twind import cli
-from twind.cli import FAILED, USAGE, UsageError, bus_ports, live_denied
+from twind.cli import FAILED, USAGE, UsageError, bus_ports, live_denied, wrong_groups
 from twind.config.located import ConfigError
 from twind.config.settings import Settings, load_settings
 from twind.robot.finding import Code
@@ -114,7 +118,8 @@ def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No settings, calibration or folder of this machine."""
     for key in ("XDG_CONFIG_HOME", "XDG_STATE_HOME", "XDG_RUNTIME_DIR", "HOME"):
         monkeypatch.setenv(key, str(tmp_path / key))
-    monkeypatch.setattr("os.geteuid", lambda: 12345)
+    own = os.geteuid() or 12345  # a folder of root's is as good as one of ours
+    monkeypatch.setattr("os.geteuid", lambda: own)
     monkeypatch.setattr("faulthandler.enable", lambda: None)  # the test run has its own
 
 
@@ -172,6 +177,53 @@ def test_a_folder_that_cannot_be_ends_with_1(capfd: pytest.CaptureFixture[str], 
     assert code == FAILED
     assert "control.sock" in said
     assert "--socket DIR" in said
+
+
+def test_a_virtual_robot_is_told_nothing_of_the_sockets_that_were_handed_over(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[list[str]] = []
+
+    class Child:
+        def __init__(self, robot: str) -> None:
+            seen.append([key for key in os.environ if key.startswith("LISTEN_")])
+            raise cli.VirtualError(f"{robot}: far enough")
+
+    monkeypatch.setattr(cli, "VirtualChild", Child)
+    for key, value in (("FDS", "2"), ("PID", "1"), ("FDNAMES", "control:observe")):
+        monkeypatch.setenv(f"LISTEN_{key}", value)
+    code, said = ended(capfd, "--virtual")
+    assert (code, seen) == (FAILED, [[]])
+    assert "h24: far enough" in said
+
+
+def test_a_socket_that_did_not_get_its_group_is_told_with_the_remedy() -> None:
+    assert wrong_groups({"control": "twind-operator", "observe": "twind-observe"}) == []
+    (told,) = wrong_groups({"control": "root", "observe": "twind-observe"})
+    assert "control.sock is for group root, not twind-operator" in told
+    assert "groupadd -r twind-operator" in told
+
+
+@pytest.mark.realtime
+def test_the_end_asks_for_the_time_that_lowering_takes_and_the_start_names_the_groups(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(30)
+        daemon = subprocess.Popen(
+            [sys.executable, "-m", "twind.cli", "--mode", "sim", "--socket", str(tmp_path / "run")],
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "NOTIFY_SOCKET": str(tmp_path / "notify")},
+        )
+        while b"READY=1" not in manager.recv(4096):
+            pass
+        daemon.terminate()
+        while b"STOPPING=1" not in (told := manager.recv(4096)):
+            pass
+        _, log = daemon.communicate(timeout=30)
+    assert daemon.returncode == 0
+    assert told.split() == [b"STOPPING=1", b"EXTEND_TIMEOUT_USEC=30000000"]
+    assert "control socket for group " in log
 
 
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:

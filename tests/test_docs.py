@@ -250,6 +250,7 @@ def test_the_files_that_root_copies_are_there_and_the_unit_starts_what_is_instal
         if line.startswith("sudo cp "):
             assert (ROOT / line.split()[2]).is_file()
     unit = (ROOT / "systemd" / "twind.service").read_text()
+    assert "ReadWritePaths=-/run/twind\n" in unit  # without the dash a missing folder is 226/NAMESPACE
     given = dict(re.findall(r"(XDG_\w+)=(\S+)", unit))
     places = settings.places({**given, "STATE_DIRECTORY": "/var/lib/twind"}, uid=990)
     assert [str(place) for place in (places.config, places.state, places.sockets)] == [

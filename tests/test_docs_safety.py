@@ -5,6 +5,7 @@ import re
 from pages import ROOT, SAFETY, table
 from rig import Rig
 
+from twind import cli
 from twind.config import settings
 from twind.front import server
 from twind.loop import arming, front_process, ports, release, submissions, tick
@@ -126,7 +127,8 @@ NUMBERS = {
     "missing devices asked again": f"every {ports.IDENTIFY_AGAIN:g} s",
     "front silent: killed, started anew": f"{front_process.HEARTBEAT:g} s",
     "service manager's watchdog": unit("WatchdogSec"),
-    "service manager waits for the lowering": unit("TimeoutStopSec"),
+    "service manager waits for the lowering": f"{unit('TimeoutStopSec')}, {cli.LOWERING:g} s once the daemon "
+    "has heard that it shall end",
 }
 
 

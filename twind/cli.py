@@ -2,7 +2,9 @@
 
 import argparse
 import faulthandler
+import os
 import signal
+import socket
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -17,7 +19,7 @@ from twind.config.settings import Settings, load_settings
 from twind.loop import assembly, realtime
 from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
-from twind.loop.sockets import NAMES, SocketError, handed_over, listen
+from twind.loop.sockets import GROUPS, NAMES, SocketError, group_of, handed_over, listen
 from twind.loop.tick import Loop
 from twind.loop.virtual_child import VirtualChild, VirtualError
 from twind.robot.finding import Code, Finding
@@ -29,6 +31,7 @@ from twind_drivers.bus import PortError
 from twind_drivers.clock import MonotonicClock
 
 FAILED, USAGE = 1, 2
+LOWERING = 30.0  # s the service manager is asked for: two ways to the rest pose, coming to rest, an e-stop
 
 
 def parser() -> argparse.ArgumentParser:
@@ -80,6 +83,9 @@ class UsageError(Exception):
 
 
 def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
+    inherited = handed_over()  # before any child: LISTEN_* is not for it
+    for listener in inherited.values():
+        stack.callback(listener.close)
     settings = _settings(options)
     robot = load_robot(settings.robot, settings.robot_folders)
     ports = bus_ports(
@@ -100,7 +106,6 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     if mode is not Mode.SIM:
         require_rate(robot, rate_hz)
     one = assembly.Robot(robot, calibration, bind(robot, calibration))
-    inherited = handed_over()
     sockets = {name: inherited.get(name) or listen(settings.socket_dir, name) for name in NAMES}
     for listener in sockets.values():
         stack.callback(listener.close)
@@ -126,27 +131,42 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         realtime=realtime.enter(),
         live_denied=denied,
     )
-    return run(loop, notifier)
+    return run(loop, notifier, sockets)
 
 
-def run(loop: Loop, notifier: Notifier) -> int:
+def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket]) -> int:
     """Tick until told to end. A second signal does not cut the settling short."""
 
     def stop(number: int, frame: FrameType | None) -> None:
-        notifier.send(STOPPING="1")
+        notifier.send(STOPPING="1", EXTEND_TIMEOUT_USEC=f"{LOWERING * 1e6:.0f}")
         loop.stop_wanted = True
 
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     where = ", ".join(f"{port.name} on {port.where or 'no port'}" for port in loop.hardware.ports)
-    said = f"twind {__version__}, mode {loop.mode.value}, {1 / loop.period:g} Hz, {where}"
+    groups = {name: group_of(listener) for name, listener in sockets.items()}
+    said = f"twind {__version__}, mode {loop.mode.value}, {1 / loop.period:g} Hz, {where}; "
+    said += ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
     loop.say.event("info", "START", said)
+    if os.geteuid() == 0:
+        for warning in wrong_groups(groups):
+            loop.say.event("warning", "START", warning)
     try:
         loop.run()
     finally:
         loop.close()
     return 0
+
+
+def wrong_groups(groups: Mapping[str, str]) -> list[str]:
+    """What to tell of each socket that did not get the group that is meant to use it."""
+    return [
+        f"{name}.sock is for group {group or 'unknown'}, not {GROUPS[name]}: members of that cannot use it; "
+        f"`groupadd -r {GROUPS[name]}` and start twind again"
+        for name, group in groups.items()
+        if group != GROUPS[name]
+    ]
 
 
 def _settings(options: argparse.Namespace) -> Settings:
