@@ -1,7 +1,8 @@
 """One connection's bytes: messages in, a bounded queue out. Front process; knows no method and no robot.
 
 The first terminator seen (NUL or newline) decides for the connection, and answers end with the same one.
-Telemetry that a slow reader leaves lying is dropped oldest first and counted; answers are never dropped.
+Telemetry that a slow reader leaves lying is dropped oldest first and counted; answers are never dropped,
+so no more messages are taken while too many of them wait.
 """
 
 import asyncio
@@ -10,8 +11,9 @@ import socket
 from collections import deque
 from typing import Protocol
 
-QUEUE = 256 * 1024  # bytes that may wait for a reader before telemetry is dropped
-PATIENCE = 2.0  # s without progress before a slow reader is closed
+QUEUE = 256 * 1024  # bytes that may wait for a reader before telemetry is dropped and calls are left unread
+DRAINED = QUEUE // 2  # bytes of answers at which calls are read on
+PATIENCE = 2.0  # s without progress, or with too many answers waiting, before a slow reader is closed
 _CHUNK = 65536
 
 
@@ -45,6 +47,9 @@ class Stream:
         self._searched = 0
         self._queue: deque[tuple[bytes, Counter | None]] = deque()
         self._queued = 0
+        self._answers = 0  # bytes of what is queued that are answers
+        self._over: float | None = None  # s, since when too many answers wait
+        self._declined = False  # by the owner, until it says `resume`
         self._rest = memoryview(b"")
         self._progress = 0.0
         self._reading = self._closing = False
@@ -79,6 +84,10 @@ class Stream:
 
     def resume(self) -> None:
         """Read on after `message` said no."""
+        self._declined = False
+        self._read_further()
+
+    def _read_further(self) -> None:
         if not self.closed and not self._closing and self._messages() and not self.half_closed:
             self._read_on()
 
@@ -108,9 +117,9 @@ class Stream:
             self._read_off()
 
     def _messages(self) -> bool:
-        """Hand over what is complete; False when the owner wants no more for now."""
+        """Hand over what is complete; False when no more is wanted for now."""
         assert self._owner is not None
-        while not self.closed and not self._closing:
+        while not self.closed and not self._closing and not self._declined and self._over is None:
             place = self._find()
             if place > self._limit or (place < 0 and len(self._buffer) > self._limit):
                 self._owner.too_large(self._limit)
@@ -122,8 +131,7 @@ class Stream:
             self._searched = 0
             if self._terminator == b"\n" and not data.strip():
                 continue
-            if not self._owner.message(data):
-                return False
+            self._declined = not self._owner.message(data)
         return False
 
     def _find(self) -> int:
@@ -175,8 +183,12 @@ class Stream:
             self._progress = self._loop.time()
         self._queue.append((data, counter))
         self._queued += len(data)
+        if counter is None:
+            self._answers += len(data)
         if not self._rest:
             self._write()
+        if self._over is None and self._answers + len(self._rest) > QUEUE:
+            self._over = self._loop.time()
 
     def _drop(self, room: int) -> None:
         """Oldest telemetry first, until `room` bytes fit."""
@@ -209,17 +221,22 @@ class Stream:
                 return
             self._rest = self._rest[sent:]
             self._progress = self._loop.time()
+            if self._over is not None and self._answers + len(self._rest) <= DRAINED:
+                self._over = None
+                self._loop.call_soon(self._read_further)
 
     def _next(self) -> bytes:
         data, counter = self._queue.popleft()
         self._queued -= len(data)
         end = self._terminator or b"\0"
         if counter is None:
+            self._answers -= len(data)
             return data + end
         head = b'{"continues":true,"parameters":{"dropped":%d,' % counter.dropped
         counter.dropped = 0
         return head + data + end
 
     def stuck(self, now: float) -> bool:
-        """Something waits and the reader has taken nothing for too long."""
-        return self.backlog > 0 and now - self._progress > PATIENCE
+        """The reader has taken nothing of what waits, or too little of its answers, for too long."""
+        idle = self.backlog > 0 and now - self._progress > PATIENCE
+        return idle or (self._over is not None and now - self._over > PATIENCE)
