@@ -10,6 +10,9 @@ import pytest
 from stand_in import StandIn
 from test_front_server import Raw
 
+from twind import link
+from twind.protocol import CONTROL
+
 pytestmark = pytest.mark.realtime
 STATUS = b'{"method":"io.twind.Control.GetStatus","parameters":{"joints":true}}\0'
 
@@ -80,3 +83,28 @@ def test_who_sends_many_calls_before_it_reads_gets_every_answer(own: StandIn, ha
             assert client.ended()
         else:
             assert "error" not in client.call("GetStatus")
+
+
+# --------------------------------------------------------------------------- stops
+
+
+def test_an_unknown_level_of_an_estop_never_reaches_the_loop_however_long(own: StandIn) -> None:
+    with Raw(own) as client:
+        for level in ("x" * 200_000, "Settle"):
+            answer = client.call("EStop", level=level)
+            assert answer["error"] == f"{CONTROL}.NotFound"
+            assert answer["parameters"]["known"] == ["settle", "cut"]
+            assert len(answer["parameters"]["name"]) <= 200
+        assert not [command for command in own.commands if isinstance(command, link.EStop)]
+        for level in (None, "", "settle", "cut"):
+            assert "error" not in client.call("EStop", level=level)
+
+
+def test_the_reason_of_an_estop_reaches_no_terminal_raw(own: StandIn) -> None:
+    with Raw(own, "observe") as client:
+        assert "error" not in client.call("EStop", reason="\x1b[2J\r\n\u202e hand " + "\0" * 1000)
+    stop = own.await_command(link.EStop)
+    assert isinstance(stop, link.EStop)
+    assert stop.reason.startswith("\\x1b[2J\\r\\n\\u202e hand \\x00")
+    assert stop.reason.isprintable()
+    assert len(stop.reason) == 200

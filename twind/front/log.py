@@ -109,10 +109,11 @@ class _Sink:
 
 def _escaped(_logger: Any, _method: str, fields: Fields) -> Fields:
     """No control character, line break or text direction of a client's reaches a terminal or the journal."""
-    return {key: _printable(value) if isinstance(value, str) else value for key, value in fields.items()}
+    return {key: printable(value) if isinstance(value, str) else value for key, value in fields.items()}
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
+    """The text with what is no visible character or space written as an escape."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -39,14 +39,12 @@ class LoopEnd:
 
         Raises TooLarge.
         """
-        data = encode(command)
-        if len(data) > MOST:
-            raise TooLarge(len(data))
+        data = _bounded(command)
         return not self._owed and self._send(data, fd)
 
     def owe(self, command: Inward) -> None:
-        """A command that must not be lost: sent now, or as soon as the pipe takes it."""
-        data = encode(command)
+        """A command that must not be lost: sent now, or as soon as the pipe takes it. Raises TooLarge."""
+        data = _bounded(command)
         if self._owed or not self._send(data, None):
             self._owed.append(data)
             self._loop.add_writer(self._sock, self._pay)
@@ -86,3 +84,11 @@ class LoopEnd:
                 self._ended()
                 return
             self._news(decode_news(bytes(memoryview(self._buffer)[:size])))
+
+
+def _bounded(command: Inward) -> bytes:
+    """Encoded. Raises TooLarge: the kernel would cut it, and the loop would take that for a broken front."""
+    data = encode(command)
+    if len(data) > MOST:
+        raise TooLarge(len(data))
+    return data

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from twind import link
 from twind.front import submit
 from twind.front.calls import STOPS, Call
+from twind.front.log import printable
 from twind.front.loop_end import TooLarge
 from twind.front.telemetry import TOPICS
 from twind.front.tickets import OUTSTANDING
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 # What observe.sock may call: what only reads what is known, and the stop. Check is not among them: it
 # takes the loop's time, and a second one is refused while the first is judged.
 OBSERVER = frozenset({"GetStatus", "GetRobot", "GetParameters", "Monitor", "EStop"})
+LEVELS = ("settle", "cut")  # of an e-stop
 REASON = 200  # characters of an e-stop's reason that are kept; a stop is not refused for its prose
 
 Method = Callable[["Front", Call], None]
@@ -37,11 +39,12 @@ def forward(
         return
     ticket = front.tickets.open(call, now)
     command = kind(ticket=ticket, client=caller.number, uid=caller.uid, holder=caller.holder, **fields)
-    if call.method in STOPS:
-        front.link.owe(command)
-        return
+    sent = True
     try:
-        sent = front.link.send(command, fd)
+        if call.method in STOPS:
+            front.link.owe(command)
+        else:
+            sent = front.link.send(command, fd)
     except TooLarge as error:
         front.tickets.close(ticket)
         front.refuse(call, [Finding(Code.FRAME_TOO_LARGE, message=f"command to the loop: {error}")])
@@ -110,7 +113,12 @@ def _arm(front: Front, call: Call) -> None:
 
 def _estop(front: Front, call: Call) -> None:
     level, reason = call.parameters.get("level") or "settle", call.parameters.get("reason") or ""
-    forward(front, call, link.EStop, level=level, reason=reason[:REASON], more=call.more)
+    if level not in LEVELS:
+        name = printable(level[:REASON])
+        call.error("NotFound", {"what": "level", "name": name, "known": list(LEVELS)})
+        return
+    said = printable(reason[:REASON])[:REASON]  # others read it in their terminals
+    forward(front, call, link.EStop, level=level, reason=said, more=call.more)
 
 
 def _scan(front: Front, call: Call) -> None:
