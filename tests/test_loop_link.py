@@ -342,3 +342,12 @@ def test_a_living_front_is_left_alone(front: Front, end: Link) -> None:
         end.tend(float(now))
     assert front.said == []
     assert not end.lost
+
+
+def test_what_a_front_passed_on_before_it_died_is_still_heard(front: Front, end: Link) -> None:
+    front.outer.send(link.encode(link.EStop(ticket=1, client=2, level="cut")))
+    front.has_ended = True
+    end.tend(1.0)
+    assert end.lost
+    assert [each.command.level for each in end.commands(1.01)] == ["cut"]
+    assert end.commands(1.02) == []

@@ -50,6 +50,7 @@ class Link:
         self.dropped = 0
         self._queue: deque[bytes] = deque()
         self._events = 0
+        self._last_words: list[Incoming] = []  # of a front that died, not yet handed on
         self._behind_since = inf  # s, since when more is owed than a living front leaves
         self.lost = False  # the front went since the last look
 
@@ -62,6 +63,7 @@ class Link:
         if self.front.overdue(now) or now - self._behind_since > BEHIND:
             self._bury(now)
         if self.front.reap():
+            self._last_words = self.commands(now)  # an e-stop that it still passed on is not lost with it
             self._bury(now)
         if self.front.due(now):
             try:
@@ -83,7 +85,7 @@ class Link:
 
     def commands(self, now: float) -> list[Incoming]:
         """What the front sent since the last tick, oldest first."""
-        taken: list[Incoming] = []
+        taken, self._last_words = self._last_words, []
         while self.front.socket is not None and len(taken) < PER_TICK:
             try:
                 incoming = self._receive(self.front.socket)
