@@ -187,10 +187,14 @@ def test_a_monitor_of_nothing_is_refused(loop: StandIn, rate: float, topics: lis
     assert answer["error"] == f"{SERVICE}.InvalidParameter"
 
 
-@pytest.mark.parametrize("method", ["Reload", "DumpRecorder"])
-def test_what_is_not_served_yet_says_so(loop: StandIn, method: str) -> None:
+@pytest.mark.parametrize(
+    ("method", "parameters"),
+    [("Reload", {}), ("DumpRecorder", {}), ("SetParameters", {"parameters": {"no_such_setting": 1}})],
+)
+def test_what_is_not_served_yet_says_so(loop: StandIn, method: str, parameters: dict[str, Any]) -> None:
     with Raw(loop) as client:
-        assert client.call(method)["error"] == f"{SERVICE}.MethodNotImplemented"
+        assert client.call(method, **parameters)["error"] == f"{SERVICE}.MethodNotImplemented"
+    assert not [command for command in loop.commands if isinstance(command, link.SetParameters)]
 
 
 # --------------------------------------------------------------------------- what goes to the loop
@@ -507,12 +511,12 @@ def test_a_full_link_is_busy_for_commands_and_owed_for_stops(own: StandIn) -> No
             for one in flood:
                 stack.enter_context(one)
             end = time.monotonic() + 5.0
-            parameters = {"parameters": {"x": "y" * 30000}}
+            parameters = {"bus": "y" * 30000, "id": 1, "name": "x"}
             for one in flood:
                 for _ in range(30):
-                    one.send("SetParameters", parameters=parameters, oneway=True)
+                    one.send("ReadRegister", parameters=parameters, oneway=True)
             while busy is None and time.monotonic() < end:
-                client.send("SetParameters", parameters=parameters)
+                client.send("ReadRegister", parameters=parameters)
                 client.socket.settimeout(0.5)
                 with contextlib.suppress(TimeoutError):
                     busy = client.receive()

@@ -12,7 +12,7 @@ from twind.front.calls import STOPS, Call
 from twind.front.log import printable
 from twind.front.loop_end import TooLarge
 from twind.front.telemetry import TOPICS
-from twind.front.tickets import OUTSTANDING
+from twind.front.tickets import ESTOPS
 from twind.front.world import encode
 from twind.protocol import CONTROL, SERVICE
 from twind.robot.finding import Code, Finding
@@ -34,7 +34,7 @@ def forward(
 ) -> None:
     """Send a command; the loop's answer goes to the caller. Stops are owed, others may find the pipe full."""
     caller, now = call.caller, front.now()
-    if call.oneway and call.method not in STOPS and front.tickets.outstanding(caller.number) >= OUTSTANDING:
+    if call.oneway and front.tickets.flooded(call):
         front.log.say("warning", "ONEWAY_FLOOD", now, holder=caller.holder, method=call.method)
         return
     ticket = front.tickets.open(call, now)
@@ -83,7 +83,9 @@ def _get_parameters(front: Front, call: Call) -> None:
 def _monitor(front: Front, call: Call) -> None:
     topics, rate = call.parameters["topics"], call.parameters.get("rate")
     unknown = [topic for topic in topics if topic not in TOPICS]
-    if unknown:
+    if call.oneway:
+        call.invalid("oneway", "a monitor that is never answered would watch for ever")
+    elif unknown:
         call.error("NotFound", {"what": "topic", "name": unknown[0], "known": list(TOPICS)})
     elif not topics:
         call.invalid("topics", f"name at least one of {', '.join(TOPICS)}")
@@ -116,6 +118,9 @@ def _estop(front: Front, call: Call) -> None:
     if level not in LEVELS:
         name = printable(level[:REASON])
         call.error("NotFound", {"what": "level", "name": name, "known": list(LEVELS)})
+        return
+    if front.tickets.stopping(call, level):
+        call.error("Busy", {"what": f"{ESTOPS} e-stops of this connection; the stop is under way"})
         return
     said = printable(reason[:REASON])[:REASON]  # others read it in their terminals
     forward(front, call, link.EStop, level=level, reason=said, more=call.more)
@@ -221,7 +226,7 @@ METHODS: dict[str, Method] = {
     "SubmitTrajectory": _submit,
     "Cancel": _as_it_stands(link.Cancel),
     "Setpoint": _setpoint,
-    "SetParameters": _as_it_stands(link.SetParameters),
+    "SetParameters": _not_served,  # no setting can be changed at run time
     "Scan": _scan,
     "ReadRegister": _as_it_stands(link.ReadRegister),
     "WriteRegister": _as_it_stands(link.WriteRegister),

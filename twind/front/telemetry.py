@@ -115,5 +115,5 @@ class Telemetry:
         )
         for watcher in to:
             watcher.send(body)
-            if not watcher.call.more:
-                self._watchers.remove(watcher)
+        # Who was answered for good, or hung up meanwhile: that has changed the list already.
+        self._watchers = [watcher for watcher in self._watchers if not watcher.call.finished]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from twind.front.calls import Call
+from twind.front.calls import STOPS, Call
 from twind.front.naming import Names
 from twind.front.world import encode
 from twind.link import Reply
@@ -11,6 +11,7 @@ PATIENCE = 5.0  # s until the loop must have answered
 PATIENCE_BY_METHOD = {"Arm": 30.0, "Disarm": 30.0, "EStop": 30.0, "Scan": 60.0, "Reboot": 10.0}
 BETWEEN = 125.0  # s between two answers to a call with `more`: a start 60 s ahead, then 60 s of motion
 OUTSTANDING = 32  # unanswered commands of one connection; only `oneway` can come that far
+ESTOPS = 4  # unanswered e-stops of one connection: each has a last answer when the stop ends
 
 
 @dataclass(slots=True)
@@ -38,9 +39,24 @@ class Tickets:
         """The command never left."""
         self._waiting.pop(ticket, None)
 
-    def outstanding(self, client: int) -> int:
-        """Unanswered commands of a connection."""
-        return sum(waiting.call.caller.number == client for waiting in self._waiting.values())
+    def flooded(self, call: Call) -> bool:
+        """Too many commands of this connection are unanswered. A stop is measured by its like only."""
+        own = self._own(call)
+        if call.method in STOPS:
+            own = [other for other in own if other.method == call.method]
+        return len(own) >= OUTSTANDING
+
+    def stopping(self, call: Call, level: str) -> bool:
+        """Enough e-stops of this connection are unanswered, and one of them asked for `level` already.
+
+        A level that none of them asked for adds to the stop, so it is never one too many.
+        """
+        levels = [c.parameters.get("level") or "settle" for c in self._own(call) if c.method == call.method]
+        return len(levels) >= ESTOPS and level in levels
+
+    def _own(self, call: Call) -> list[Call]:
+        number = call.caller.number
+        return [w.call for w in self._waiting.values() if w.call.caller.number == number]
 
     def answer(self, reply: Reply, now: float) -> None:
         """Hand a reply of the loop to whoever waits for it, with joints named; late ones go nowhere."""
