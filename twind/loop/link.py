@@ -58,7 +58,8 @@ class Link:
 
     def tend(self, now: float) -> None:
         """Start, watch and bury the front; at most one of these a tick."""
-        self.flush()
+        if len(self._queue) > QUEUE:
+            self.flush()
         self._behind_since = min(self._behind_since, now) if len(self._queue) > QUEUE else inf
         if self.front.overdue(now) or now - self._behind_since > BEHIND:
             self._bury(now)
