@@ -15,11 +15,12 @@ def enter(priority: int = PRIORITY) -> dict[str, str]:
 
     Returns what was got, for `GetStatus`: "fifo 40", "locked", or "no: <reason>".
     """
-    got = {"scheduler": fifo(priority), "heap": _heap(), "memory": _lock(), "timerslack": _slack()}
+    got = {"heap": _heap(), "memory": _lock(), "timerslack": _slack()}
     gc.collect()
     gc.freeze()
     gc.disable()
     got["gc"] = "frozen, off"
+    got["scheduler"] = fifo(priority)  # last: what came before took long, and others may be running
     return got
 
 
