@@ -68,11 +68,12 @@ def entered(rights: str = "ours", before: str = "") -> dict[str, Any]:
 def test_what_is_reported_is_what_the_kernel_says() -> None:
     told = entered()
     got = told["got"]
-    assert set(got) == {"scheduler", "memory", "timerslack", "heap", "gc"}
+    assert set(got) == {"scheduler", "memory", "timerslack", "heap", "blas", "gc"}
     assert told["fifo"] == (got["scheduler"] == f"fifo {PRIORITY}") != got["scheduler"].startswith("no: ")
     assert told["priority"] == (PRIORITY if told["fifo"] else 0)
     assert (told["locked"] > 0) == (got["memory"] == "locked") != got["memory"].startswith("no: ")
     assert got["timerslack"] == "1 ns"
+    assert got["blas"] == "1 thread"
 
 
 def test_the_collector_is_off_and_what_is_there_is_frozen() -> None:

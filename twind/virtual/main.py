@@ -74,6 +74,7 @@ def _serve(made: Specimen, options: argparse.Namespace) -> None:
         for name, port in ports.items():
             _say(name, port.path)
         print("ready", flush=True)
+        realtime.one_thread()
         realtime.fifo(PRIORITY)  # servos answer in time however busy the machine is, if we are let
         gc.freeze()  # what is there stays: the collector need not walk through it between two packets
         server.run()
