@@ -146,12 +146,6 @@ class Scan(Command, frozen=True, kw_only=True):
     bus: str | None = None
 
 
-class SetParameters(Command, frozen=True, kw_only=True):
-    """Hot settings. Reply: {parameters, needs_restart}."""
-
-    parameters: dict[str, Any]
-
-
 class Gone(Base, frozen=True, kw_only=True):
     """A connection closed: its lease lapses, its unanswered tickets are void."""
 
@@ -178,7 +172,6 @@ Inward = (
     | WriteRegister
     | Reboot
     | Scan
-    | SetParameters
     | Gone
     | Heartbeat
 )

@@ -219,10 +219,6 @@ def _setpoint(loop: Loop, command: link.Setpoint, now: float) -> None:
     loop.submissions.setpoint(command, now)
 
 
-def _set_parameters(loop: Loop, command: link.SetParameters, now: float) -> None:
-    loop.say.reply(command, parameters={}, needs_restart=sorted(command.parameters))
-
-
 _ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {
     link.SetMode: _set_mode,
     link.AcquireLease: _acquire,
@@ -234,7 +230,6 @@ _ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {
     link.Reset: _reset,
     link.Cancel: _cancel,
     link.Setpoint: _setpoint,
-    link.SetParameters: _set_parameters,
     link.ReadRegister: devices.read,
     link.WriteRegister: devices.write,
     link.Reboot: devices.reboot,
