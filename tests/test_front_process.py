@@ -104,6 +104,18 @@ def test_a_front_is_started_apart_from_the_bus_the_terminal_and_the_service_mana
         assert os.ttyname(outer) in kept
 
 
+def test_a_front_may_run_on_every_core_that_the_daemon_had_before_it_was_pinned(tmp_path: Path) -> None:
+    cores = os.sched_getaffinity(0)
+    with ExitStack() as stack:
+        world = World(tmp_path, stack)
+        stack.callback(os.sched_setaffinity, 0, cores)
+        os.sched_setaffinity(0, {min(cores)})
+        world.front.start(100.0)
+        stack.callback(world.close)
+        assert os.sched_getaffinity(world.pid) == cores
+        assert os.sched_getaffinity(0) == {min(cores)}
+
+
 def test_a_front_runs_nothing_of_the_folder_it_is_started_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

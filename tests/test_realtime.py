@@ -1,6 +1,7 @@
 """What was asked of the kernel and what was really got, seen from outside, in a process of its own."""
 
 import json
+import os
 import subprocess
 import sys
 from typing import Any
@@ -14,7 +15,7 @@ import gc, json, os, resource, sys
 from pathlib import Path
 from twind.loop import realtime
 
-rights, before = sys.argv[1:]
+rights, before, cpu = sys.argv[1:]
 if rights == "none":
     resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
     resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))
@@ -26,7 +27,7 @@ if before:
     except PermissionError:
         print(json.dumps(None))
         sys.exit()
-got = realtime.enter()
+got = realtime.enter(cpu=int(cpu) if cpu else None)
 
 def churn():  # arrays that the allocator would map and give back each time
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -49,14 +50,15 @@ print(json.dumps({
     "collecting": gc.isenabled(),
     "frozen": gc.get_freeze_count(),
     "faults": faults,
+    "cores": sorted(os.sched_getaffinity(0)),
     "child": os.waitstatus_to_exitcode(code),
 }))
 """
 
 
-def entered(rights: str = "ours", before: str = "") -> dict[str, Any]:
+def entered(rights: str = "ours", before: str = "", cpu: str = "") -> dict[str, Any]:
     done = subprocess.run(
-        [sys.executable, "-c", CODE, rights, before], capture_output=True, text=True, timeout=30
+        [sys.executable, "-c", CODE, rights, before, cpu], capture_output=True, text=True, timeout=30
     )
     assert done.returncode == 0, done.stderr
     told: dict[str, Any] | None = json.loads(done.stdout)
@@ -68,12 +70,25 @@ def entered(rights: str = "ours", before: str = "") -> dict[str, Any]:
 def test_what_is_reported_is_what_the_kernel_says() -> None:
     told = entered()
     got = told["got"]
-    assert set(got) == {"scheduler", "memory", "timerslack", "heap", "blas", "gc"}
+    assert set(got) == {"scheduler", "memory", "timerslack", "heap", "blas", "gc", "cpu"}
     assert told["fifo"] == (got["scheduler"] == f"fifo {PRIORITY}") != got["scheduler"].startswith("no: ")
     assert told["priority"] == (PRIORITY if told["fifo"] else 0)
     assert (told["locked"] > 0) == (got["memory"] == "locked") != got["memory"].startswith("no: ")
     assert got["timerslack"] == "1 ns"
     assert got["blas"] == "1 thread"
+
+
+def test_it_stays_on_the_core_that_it_was_given_and_else_goes_anywhere() -> None:
+    cores = sorted(os.sched_getaffinity(0))
+    free, pinned = entered(), entered(cpu=str(cores[-1]))
+    assert (free["got"]["cpu"], free["cores"]) == ("any", cores)
+    assert (pinned["got"]["cpu"], pinned["cores"]) == (f"pinned to {cores[-1]}", [cores[-1]])
+
+
+def test_a_core_that_is_not_there_is_told_with_those_that_are() -> None:
+    told = entered(cpu="1023")
+    assert told["got"]["cpu"].startswith("no: this process may run on 0")
+    assert told["cores"] == sorted(os.sched_getaffinity(0))
 
 
 def test_the_collector_is_off_and_what_is_there_is_frozen() -> None:

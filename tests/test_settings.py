@@ -21,6 +21,7 @@ sockets: /run/other
 state_dir: /srv/twind
 thresholds: {latency_warn_ms: 30, latency_block_ms: 80}
 log_level: debug
+cpu: 1
 """
 
 
@@ -46,6 +47,7 @@ def test_every_key_of_a_file_is_taken(tmp_path: Path) -> None:
     assert settings.ports == {"main": "/dev/ttyUSB0"}
     assert (settings.socket_dir, settings.state_dir) == (Path("/run/other"), Path("/srv/twind"))
     assert (settings.latency_warn_ms, settings.latency_block_ms, settings.log_level) == (30.0, 80.0, "debug")
+    assert settings.cpu == 1
     assert settings.robot_folders[0] == tmp_path / "robots"
     assert settings.source == str(tmp_path / "twind.yaml")
 
@@ -82,6 +84,8 @@ def test_a_port_without_a_bus_stands_beside_those_of_the_file(tmp_path: Path) ->
         ("rate_hz: 5\n", "rate_hz: 5 is outside >= 10 and <= 1000"),
         ("rate_hz: 1e2\n", "1e2 is text in YAML"),
         ("individual: ../x\n", "use 1 to 64 of a-z"),
+        ("cpu: -1\n", "cpu"),
+        ("cpu: 1.5\n", "cpu"),
         ("log_level: verbose\n", "none of debug, info, warning, error"),
         ("ports: {main: 'can:socketcan:can0'}\n", "CAN ports are not supported"),
         ("ports: {main: 3}\n", "ports.main: text is expected"),

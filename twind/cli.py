@@ -128,7 +128,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         thresholds=Thresholds(
             latency_warn=settings.latency_warn_ms / 1e3, latency_block=settings.latency_block_ms / 1e3
         ),
-        realtime=realtime.enter(),
+        realtime=realtime.enter(cpu=settings.cpu),
         live_denied=denied,
     )
     return run(loop, notifier, sockets)

@@ -47,6 +47,7 @@ class Settings:
     latency_warn_ms: float
     latency_block_ms: float
     log_level: str
+    cpu: int | None = None  # the core that the loop stays on, as the kernel counts them; None: any
     source: str = field(default="defaults")  # the file they came from
 
     def override(
@@ -91,6 +92,7 @@ class Settings:
             "latency_warn_ms": self.latency_warn_ms,
             "latency_block_ms": self.latency_block_ms,
             "log_level": self.log_level,
+            "cpu": self.cpu,
             "source": self.source,
         }
 
@@ -179,6 +181,7 @@ def _read(text: str, file: str, where: Places) -> Settings:
         latency_warn_ms=warn,
         latency_block_ms=block,
         log_level=top.text("log_level", usual.log_level, LEVELS),
+        cpu=top.integer("cpu", least=0, most=1023) if top.has("cpu") else None,
         source=file,
     )
     top.close()

@@ -26,6 +26,7 @@ class FrontProcess:
 
     def __init__(self, briefing: int, control: socket.socket, observe: socket.socket) -> None:
         self._handed = (briefing, control.fileno(), observe.fileno())
+        self._cpus = os.sched_getaffinity(0)  # of before the loop was pinned: a front may run anywhere
         self.socket: socket.socket | None = None
         self.pid: int | None = None
         self.starts = 0
@@ -62,6 +63,8 @@ class FrontProcess:
                 high = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 64)
                 copies.callback(os.close, high)
                 actions.append((os.POSIX_SPAWN_DUP2, high, _LINK + place))
+            copies.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
+            os.sched_setaffinity(0, self._cpus)  # a child begins where its parent may run
             return os.posix_spawn(
                 sys.executable,
                 arguments,

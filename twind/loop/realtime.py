@@ -13,12 +13,14 @@ _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # <malloc.h>
 _PR_SET_TIMERSLACK = 29  # <sys/prctl.h>
 
 
-def enter(priority: int = PRIORITY) -> dict[str, str]:
+def enter(priority: int = PRIORITY, cpu: int | None = None) -> dict[str, str]:
     """Ask for FIFO scheduling, locked memory and fine timers, freeze the garbage collector.
 
+    `cpu`: the core to stay on; None: wherever the scheduler likes.
     Returns what was got, for `GetStatus`: "fifo 40", "locked", or "no: <reason>".
     """
     got = {"blas": one_thread(), "heap": _heap(), "memory": _lock(), "timerslack": _slack()}
+    got["cpu"] = "any" if cpu is None else pin(cpu)
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -48,6 +50,16 @@ def fifo(priority: int) -> str:
     except OSError as error:
         return f"no: {error.strerror} (LimitRTPRIO={priority} in the unit, or CAP_SYS_NICE)"
     return f"fifo {priority}"
+
+
+def pin(cpu: int) -> str:
+    """Keep the calling thread on one core. What was got."""
+    try:
+        os.sched_setaffinity(0, {cpu})
+    except (OSError, OverflowError, ValueError):
+        there = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+        return f"no: this process may run on {there}, not on {cpu} (cpu: in the settings)"
+    return f"pinned to {cpu}"
 
 
 def _heap() -> str:
