@@ -9,11 +9,12 @@ import sys
 import time
 from pathlib import Path
 
-from bench import control, ctl, gate, hour, loop, start, twin
+from bench import bus, control, ctl, gate, hour, loop, start, twin
 from bench.harness import RESULTS, CannotTake, Figure, Key, Measurement, save, table
 from bench.machine import describe
 
 MEASUREMENTS: tuple[Measurement, ...] = (
+    *bus.MEASUREMENTS,
     *loop.MEASUREMENTS,
     *hour.MEASUREMENTS,
     *twin.MEASUREMENTS,

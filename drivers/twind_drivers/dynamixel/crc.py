@@ -1,12 +1,14 @@
-"""CRC-16/UMTS (poly 8005, init 0, not reflected) of Dynamixel Protocol 2.0, by position tables. Pure.
+"""CRC-16/UMTS (poly 8005, init 0, not reflected) of Dynamixel Protocol 2.0. Pure.
 
-For init 0 the CRC is linear: the CRC of a row is the xor of what each byte contributes by its distance from
-the end. So a row, or all rows of a reply at once, is one table look-up and one xor-reduction in numpy.
+One packet: the compiled `fastcrc`, 0.13 µs where numpy takes 1.8 (342 bytes, 2026-11). All rows of a reply at
+once: position tables. For init 0 the CRC is linear, the xor of what each byte contributes by its distance
+from the end, so all rows are one table look-up and one xor-reduction.
 """
 
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
+from fastcrc import crc16 as _compiled
 from numpy.typing import NDArray
 
 POLYNOMIAL = 0x8005
@@ -49,13 +51,6 @@ class Crc:
         return crc
 
 
-@lru_cache(maxsize=128)  # a stream of garbage may bring every length
-def _crc_of_length(length: int) -> Crc:
-    return Crc(length)
-
-
 def crc16(data: bytes | bytearray | memoryview) -> int:
     """The CRC of `data`, 0 for none."""
-    if not len(data):
-        return 0
-    return int(_crc_of_length(len(data))(np.frombuffer(data, np.uint8)))
+    return int(_compiled.umts(data))

@@ -1,0 +1,248 @@
+"""`bus.*`: one control cycle of a bus, by our driver and by the two others that do the same.
+
+A cycle reads current, velocity and position of N servos into numpy floats and writes N goals. The servos are
+`bench.responder`, a process of its own; CPU is of this process alone.
+"""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from bench import peers
+from bench.harness import (
+    ROUNDS,
+    CannotTake,
+    Figure,
+    Key,
+    Measurement,
+    as_in_the_loop,
+    interleaved,
+    medians,
+    spread,
+)
+from bench.peers import Cycle
+from twind_drivers.clock import MonotonicClock
+from twind_drivers.dynamixel.budget import budget
+from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
+from twind_drivers.dynamixel.serial_port import SerialTransport
+
+COUNT, MODEL = 24, 1020
+CYCLES, WARM = 1500, 50  # cycles of one round; before it, uncounted
+PACED_SPAN = 3.0  # s of a round
+PACED_ROUNDS = 5
+USB_TICK = 0.00025  # s
+PATIENCE = 0.05  # s: the servos are a process on a shared machine; what is measured here is not their delay
+SILENT_CYCLES = 20  # that a peer has to become fresh again
+TURN = 2.0 * np.pi / 4096.0
+WAYS = {"fast": True, "plain": False}
+
+
+@contextmanager
+def servos(*arguments: str) -> Iterator[str]:
+    """The port of a responder of our own."""
+    command = [sys.executable, "-m", "bench.responder", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        path = process.stdout.readline().strip()
+        if not path:
+            raise CannotTake("the responder did not start")
+        yield path
+    finally:
+        process.kill()
+        process.wait()
+
+
+class Ours:
+    """Our driver as the loop uses it, on one port."""
+
+    def __init__(self, path: str, count: int, *, fast: bool, baud: int = 4_000_000) -> None:
+        ids = tuple(range(1, count + 1))
+        self.clock = MonotonicClock()
+        self.transport = SerialTransport(path, baud)
+        self.reader = DynamixelReader(
+            "bench",
+            self.transport,
+            ids,
+            [MODEL] * count,
+            baud=baud,
+            return_delay_us=0.0,
+            fast=fast,
+            slack=PATIENCE,
+        )
+        wide = np.full(count, 4095)
+        self.writer = DynamixelWriter(self.reader, lower=wide * 0, upper=wide, gains=[(800, 0, 0)] * count)
+        self._goals = np.full(count, 2048)
+
+    def __call__(self, i: int) -> int:
+        """One cycle; how many servos were heard."""
+        self.writer.goals(self._goals + (i & 63))
+        self.reader.request(self.clock.now())
+        self.clock.wait([self.transport], self.reader.deadline)
+        while not self.reader.feed(now := self.clock.now()) and now < self.reader.deadline:
+            self.clock.wait([self.transport], self.reader.deadline)
+        sample = self.reader.finish(self.clock.now())
+        position = (sample.position - 2048) * TURN
+        velocity, effort = sample.velocity * 0.02398, sample.effort * 0.00269
+        return int(np.count_nonzero(sample.heard)) if len(position) == len(velocity) == len(effort) else 0
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self.transport.close()
+
+
+def cycles(path: str, count: int, *, fast: bool, baud: int = 4_000_000) -> dict[str, Callable[[], Cycle]]:
+    """Who can do a cycle on this port, by name. A peer that is not installed is left out."""
+    found: dict[str, Callable[[], Cycle]] = {
+        "twind": lambda: Ours(path, count, fast=fast, baud=baud),
+        "dynamixel_sdk": lambda: peers.Sdk(path, count, fast=fast, baud=baud),
+        "bare syscalls": lambda: peers.Bare(path, count, fast=fast),
+    }
+    if peers.rustypot is not None:
+        found["rustypot"] = lambda: peers.Rustypot(path, count, fast=fast, baud=baud)
+    return found
+
+
+# ------------------------------------------------------------------------------------------ CPU
+
+
+def _cpu(make: Callable[[], Cycle], count: int) -> float:
+    """CPU (µs) of one cycle, averaged over a round. Raises CannotTake when a cycle is not whole."""
+    cycle = make()
+    try:
+        for i in range(WARM):
+            if cycle(i) != count:
+                raise CannotTake(f"{type(cycle).__name__}: a cycle of {count} servos was not whole")
+        with as_in_the_loop():
+            before = time.process_time()
+            for i in range(CYCLES):
+                cycle(i)
+            return (time.process_time() - before) / CYCLES * 1e6
+    finally:
+        cycle.close()
+
+
+def _cpu_rounds(counts: tuple[int, ...], *, fast: bool) -> dict[str, list[float]]:
+    """CPU (µs) a cycle by "name count", interleaved."""
+    with servos() as path:
+        takes = {
+            f"{name} {count}": partial(_cpu, make, count)
+            for count in counts
+            for name, make in cycles(path, count, fast=fast).items()
+        }
+        return interleaved(ROUNDS, takes)
+
+
+def take_cpu() -> Mapping[str, Figure]:
+    """CPU of a cycle of 24 servos, fast and plain, and how it grows from 6 to 48."""
+    fast, plain = _cpu_rounds((6, COUNT, 48), fast=True), _cpu_rounds((COUNT,), fast=False)
+    figures = {}
+    for way, rounds in (("fast", fast), ("plain", plain)):
+        middle = medians(rounds)
+        beside = {n.removesuffix(f" {COUNT}"): v for n, v in middle.items() if n.endswith(f" {COUNT}")}
+        own = beside.pop("twind")
+        how = f"read 10 B of {COUNT}, write {COUNT} goals, {way} sync read, answers at once"
+        note = f"{how}; {spread(rounds[f'twind {COUNT}'], 'µs')}{peers.missing()}"
+        figures[f"bus.cycle_cpu_{way}_24"] = Figure(own, note, beside)
+    middle = medians(fast)
+    names = sorted({name.rpartition(" ")[0] for name in middle} - {"bare syscalls"})
+    growth = {name: middle[f"{name} 48"] / middle[f"{name} 6"] for name in names}
+    own = growth.pop("twind")
+    ends = f"{middle['twind 6']:.1f} and {middle['twind 48']:.1f} µs"
+    figures["bus.cycle_cpu_48_over_6"] = Figure(own, f"fast sync read, {ends}; medians of {ROUNDS}", growth)
+    return figures
+
+
+# ------------------------------------------------------------------------------------------ the wire
+
+
+def _rate(make: Callable[[], Cycle], count: int, ideal: float) -> float:
+    """Whole cycles a second, as a share of `ideal`."""
+    cycle = make()
+    try:
+        for i in range(WARM):
+            cycle(i)
+        with as_in_the_loop():
+            since = time.perf_counter()
+            until, whole, i = since + PACED_SPAN, 0, 0
+            while time.perf_counter() < until:
+                whole += cycle(i) == count
+                i += 1
+            return whole / (time.perf_counter() - since) / ideal
+    finally:
+        cycle.close()
+
+
+def take_wire() -> Mapping[str, Figure]:
+    """Cycles a second against the wire formula, at 1 and at 3 Mbaud."""
+    figures = {}
+    for name, baud in (("1m", 1_000_000), ("3m", 3_000_000)):
+        ideal = budget(COUNT, baud, fast=True, return_delay_us=0.0).reachable_hz
+        with servos("--baud", str(baud), "--tick", str(USB_TICK)) as path:
+            makers = cycles(path, COUNT, fast=True, baud=baud)
+            makers.pop("bare syscalls")
+            takes = {who: partial(_rate, make, COUNT, ideal) for who, make in makers.items()}
+            rounds = interleaved(PACED_ROUNDS, takes)
+        middle = medians(rounds)
+        own = middle.pop("twind")
+        note = f"{own * ideal:.0f} of {ideal:.0f} cycles/s, fast sync read, adapter hands over every 0.25 ms"
+        note += f"; {spread(rounds['twind'], '')}{peers.missing()}"
+        figures[f"bus.wire_efficiency_{name}"] = Figure(own, note, middle)
+    return figures
+
+
+# ------------------------------------------------------------------------------------------ a dead servo
+
+
+def _fresh_after(make: Callable[[], Cycle]) -> float:
+    """Cycles until all others are heard in one cycle; inf: never within `SILENT_CYCLES`."""
+    cycle = make()
+    try:
+        for i in range(SILENT_CYCLES):
+            if cycle(i) >= COUNT - 1:
+                return i + 1.0
+        return inf
+    finally:
+        cycle.close()
+
+
+def take_dead() -> Mapping[str, Figure]:
+    """One servo in the middle says nothing from the first cycle on, by fast sync read."""
+    with servos("--silent", str(COUNT // 2)) as path:
+        makers = cycles(path, COUNT, fast=True)
+        makers.pop("bare syscalls")
+        took: dict[str, Any] = {who: _fresh_after(make) for who, make in makers.items()}
+    never = [who for who, after in took.items() if after == inf]
+    beside = {who: None if after == inf else after for who, after in took.items() if who != "twind"}
+    own = None if took["twind"] == inf else took["twind"]
+    note = f"id {COUNT // 2} of {COUNT} silent from the first cycle on, fast sync read at first"
+    if never:
+        note += f"; never within {SILENT_CYCLES} cycles: {', '.join(never)}"
+    return {"bus.dead_servo_fresh_cycles": Figure(own, note + peers.missing(), beside)}
+
+
+MEASUREMENTS = (
+    Measurement(
+        {
+            "bus.cycle_cpu_fast_24": Key("µs", "≤ 1/8 SDK, ≤ 1/2 rustypot, ≤ 3 × bare"),
+            "bus.cycle_cpu_plain_24": Key("µs", "≤ 1/12 SDK, ≤ 1/2 rustypot"),
+            "bus.cycle_cpu_48_over_6": Key("ratio", "≤ 1.3"),
+        },
+        take_cpu,
+    ),
+    Measurement(
+        {
+            "bus.wire_efficiency_1m": Key("ratio", "≥ 0.94"),
+            "bus.wire_efficiency_3m": Key("ratio", "≥ 0.90"),
+        },
+        take_wire,
+    ),
+    Measurement({"bus.dead_servo_fresh_cycles": Key("cycles", "≤ 2")}, take_dead),
+)
