@@ -96,11 +96,13 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 @contextmanager
-def live(folder: Path, *arguments: str, command: Sequence[str] = ("-m", "twind.cli")) -> Iterator[Daemon]:
+def live(
+    folder: Path, *arguments: str, robot: str = "h24", command: Sequence[str] = ("-m", "twind.cli")
+) -> Iterator[Daemon]:
     """A daemon in mode live on the virtual servos of a process of its own, connected, not armed."""
-    with VirtualChild("h24") as robot:
-        ports = [f"--port={name}={path}" for name, path in robot.ports.items()]
-        files = ("--calibration", str(robot.calibration))
+    with VirtualChild(robot) as servos:
+        ports = [f"--port={name}={path}" for name, path in servos.ports.items()]
+        files = ("--robot", robot, "--calibration", str(servos.calibration))
         with twind(folder, "--mode", "live", *ports, *files, *arguments, command=command) as daemon:
             await_state(daemon, "connected")
             yield daemon

@@ -4,6 +4,8 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+import yaml
+
 from bench.daemon import Asker, Cyclictest, Daemon, await_state, live, scratch
 from bench.harness import (
     ROUNDS,
@@ -19,9 +21,11 @@ from bench.harness import (
 )
 from bench.motion import kept_moving
 from bench.recorded import Lateness
+from twind.config.robot_file import load_robot
 
 LATE_ROUNDS, LATE_SPAN = 10, 4.0  # s of each window
 SHARE_SPAN = 4.0  # s
+MISSED_SPAN = 60.0  # s
 NO_PEER = "no cyclictest: it is not installed (Debian package rt-tests)"
 
 
@@ -104,6 +108,37 @@ def _shares(daemon: Daemon) -> dict[str, list[float]]:
     return found
 
 
+def take_missed() -> Mapping[str, Figure]:
+    """Ticks that did not begin in their own period: 500 Hz, four buses of six servos, armed and moving."""
+    with scratch() as folder:
+        robot = four_buses(folder / "h24-four.yaml")
+        with live(folder, "--rate", "500", robot=str(robot)) as daemon, kept_moving(daemon):
+            await_state(daemon, "armed")
+            with daemon.client() as client:
+                first = client.call("GetStatus")["status"]
+                time.sleep(MISSED_SPAN)
+                last = client.call("GetStatus")["status"]
+    ticks, missed = (last["loop"][key] - first["loop"][key] for key in ("ticks", "missed"))
+    errors = sum(bus["errors"] for bus in last["buses"]) - sum(bus["errors"] for bus in first["buses"])
+    note = f"{missed} of {ticks + missed} in {MISSED_SPAN:g} s, {errors} readings with a silent servo, "
+    note += f"armed and moving; policy {last['loop']['realtime']['scheduler']}; servos: one process for all"
+    return {"loop.missed_500hz": Figure(100.0 * missed / (ticks + missed), note)}
+
+
+def four_buses(path: Path) -> Path:
+    """The body of h24 on four buses at 3 Mbaud, six servos each, adapters without a latency timer."""
+    built_in = load_robot("h24").path
+    robot = yaml.safe_load(built_in.read_text())
+    robot["name"], robot["model"]["mjcf"] = "h24-four", str(built_in.parent / robot["model"]["mjcf"])
+    bus = {"kind": "dynamixel2", "baud": 3_000_000, "latency_timer_ms": 0}
+    robot["buses"] = {name: dict(bus) for name in "abcd"}
+    robot["defaults"].pop("bus", None)
+    for place, joint in enumerate(robot["joints"].values()):
+        joint |= {"bus": "abcd"[place // 6], "id": place % 6 + 1}
+    path.write_text(yaml.safe_dump(robot, sort_keys=False))
+    return path
+
+
 MEASUREMENTS = (
     Measurement(
         {
@@ -113,4 +148,5 @@ MEASUREMENTS = (
         take_late,
     ),
     Measurement({"loop.cpu_share_100hz": Key("% of a core", "≤ 8")}, take_share),
+    Measurement({"loop.missed_500hz": Key("%", "< 0.1")}, take_missed),
 )
