@@ -131,7 +131,7 @@ def _bus(name: str, parent: Section) -> BusSpec:
         kind=kind,
         port=section.text("port") if section.has("port") else None,
         baud=baud,
-        latency_timer_ms=section.integer("latency_timer_ms", 1, least=1, most=255),
+        latency_timer_ms=section.integer("latency_timer_ms", 1, least=0, most=255),
     )
     section.close()
     return bus

@@ -16,7 +16,7 @@ class BusSpec:
     kind: str  # `dynamixel2`
     port: str | None  # None: given by the settings or on the command line
     baud: int
-    latency_timer_ms: int
+    latency_timer_ms: int  # of the adapter; 0: it has none (an on-board port)
 
 
 @dataclass(frozen=True, slots=True)
