@@ -50,6 +50,9 @@ class Servos:
                 for at in range(4, len(each.params), size + 1):
                     self._store(each.params[at], address, each.params[at + 1 : at + 1 + size])
                 return b""
+            case Instruction.PING if each.id == packet.BROADCAST:
+                pings = (Packet(id, each.instruction, b"") for id in sorted(self.memory))
+                return b"".join(self._single(ping) for ping in pings)
         return self._single(each)
 
     def _single(self, each: Packet) -> bytes:

@@ -1,11 +1,11 @@
-"""Identification and scan: who is there, with what settings, and whether the fast read may be used."""
+"""Identification: who is there, with what settings, and whether the fast read may be used."""
 
 import pytest
 from dxl_responder import Servos, Wire
 
 from twind_drivers.bus import Device, perform
 from twind_drivers.clock import FakeClock
-from twind_drivers.dynamixel.identity import scan, supports_fast
+from twind_drivers.dynamixel.identity import supports_fast
 from twind_drivers.dynamixel.reader import DynamixelReader
 
 IDS = (1, 2, 3, 4, 5, 6)
@@ -126,12 +126,3 @@ def test_some_models_never_have_it(stem: str) -> None:
 def test_old_firmware_reads_plainly() -> None:
     _, bus = identify(Servos(IDS, firmware=44))
     assert not bus.fast
-
-
-def test_a_scan_finds_any_id_and_tells_of_each_at_once() -> None:
-    servos = Servos((0, 77, 252))
-    bus = reader(servos)
-    seen: list[int] = []
-    devices = perform(bus, scan(found=lambda device: seen.append(device.id)), FakeClock())
-    assert [each.id for each in devices] == seen == [0, 77, 252]
-    assert len(servos.seen) == 253

@@ -1,16 +1,22 @@
 """Serial ports on real pseudo-terminals: exclusive, raw, and every failure says what to do."""
 
+import fcntl
 import os
 import pty
+import struct
 import subprocess
 import sys
 import termios
 import time
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from twind_drivers.bus import PortError
+from twind_drivers.clock import MonotonicClock
+from twind_drivers.dynamixel import serial_port
 from twind_drivers.dynamixel.holder import command, holder
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
@@ -56,7 +62,7 @@ def test_every_byte_passes_both_ways_unchanged(terminal: Terminal, baud: int) ->
     assert os.read(terminal.master, 512) == every
     os.write(terminal.master, every)
     assert taken(port, 256) == every
-    assert port.low_latency is None
+    assert (port.latency_ms, port.warning) == (None, "")  # a pty has no such timer
     port.close()
     port.close()
     assert port.fileno() == -1
@@ -129,6 +135,45 @@ def test_a_path_that_is_no_port_is_refused_with_the_reason(path: str, words: str
     assert path in str(caught.value)
 
 
+def test_the_rate_of_an_open_port_can_be_changed(terminal: Terminal) -> None:
+    port = SerialTransport(terminal.path, 57_600)
+    for baud, speed in ((2_000_000, termios.B2000000), (4_500_000, None), (9_600, termios.B9600)):
+        port.set_baud(baud)
+        assert port.baud == baud
+        assert speed is None or termios.tcgetattr(port.fileno())[4:6] == [speed, speed]
+    for wrong in (0, -1, 2**40):
+        with pytest.raises(PortError, match=f"baud rate {wrong} is not supported") as caught:
+            port.set_baud(wrong)
+        assert not caught.value.lost
+    assert port.baud == 9_600
+    port.close()
+
+
+@pytest.mark.parametrize(
+    ("real", "fits"), [(4_500_000, True), (4_400_000, True), (4_000_000, False), (0, False)]
+)
+def test_a_rate_that_the_kernel_rounds_too_far_is_refused(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, real: int, fits: bool
+) -> None:
+    """The vendor's list ends at 4 Mbaud, servos go to 4.5: a divisor that no adapter may have (facts 13)."""
+    asked = fcntl.ioctl
+
+    def ioctl(fd: int, question: int, answer: Any = 0, *more: Any) -> Any:
+        if question == serial_port.TCGETS2:
+            struct.pack_into("=I", answer, serial_port.SPEED_AT, real)
+            return 0
+        return asked(fd, question, answer, *more)
+
+    monkeypatch.setattr(serial_port.fcntl, "ioctl", ioctl)
+    if fits:
+        SerialTransport(terminal.path, 4_500_000).close()
+        return
+    with pytest.raises(PortError, match=f"baud rate 4500000 is not supported: the adapter makes it {real}"):
+        SerialTransport(terminal.path, 4_500_000)
+    monkeypatch.undo()
+    SerialTransport(terminal.path, 1_000_000).close()  # the refused one was let go of
+
+
 @pytest.mark.parametrize("baud", [0, -1, 2**40])
 def test_a_baud_rate_that_cannot_be_is_refused(terminal: Terminal, baud: int) -> None:
     with pytest.raises(PortError, match=f"baud rate {baud} is not supported"):
@@ -151,17 +196,82 @@ def test_no_permission_names_the_group_and_the_remedy(terminal: Terminal) -> Non
     assert "usermod -aG" in done.stdout
 
 
-def test_an_unplugged_port_is_lost_for_reading_writing_and_draining(terminal: Terminal) -> None:
+@pytest.mark.parametrize("act", ["read", "write", "drain", "backlog", "flush", "baud"])
+def test_whatever_is_done_first_after_an_unplug_says_that_the_port_is_lost(
+    terminal: Terminal, act: str
+) -> None:
+    """Measured on a pty whose master closed: read and write EIO, poll IN|ERR|HUP (facts 13)."""
     port = SerialTransport(terminal.path, 1_000_000)
+    actions = {
+        "read": lambda: port.read_into(memoryview(bytearray(4))),
+        "write": lambda: port.write(b"x"),
+        "drain": port.drain,
+        "backlog": port.backlog,
+        "flush": port.flush,
+        "baud": lambda: port.set_baud(57_600),
+    }
     terminal.unplug()
-    for act in (lambda: port.read_into(memoryview(bytearray(4))), lambda: port.write(b"x"), port.drain):
-        with pytest.raises(PortError) as caught:
-            act()
-        assert caught.value.lost
-        assert "unplugged" in str(caught.value)
+    started = time.monotonic()
+    MonotonicClock().wait([port], time.monotonic() + 5.0)  # a hang-up wakes whoever waits for bytes
+    assert time.monotonic() - started < 0.05
+    with pytest.raises(PortError, match="unplugged") as caught:
+        actions[act]()
+    assert caught.value.lost
     port.close()
-    with pytest.raises(PortError, match="closed"):
-        port.write(b"x")
+    with pytest.raises(PortError) as caught:
+        actions[act]()
+    assert caught.value.lost
+
+
+def test_what_has_not_left_yet_is_counted_and_can_be_thrown_away(terminal: Terminal) -> None:
+    port = SerialTransport(terminal.path, 1_000_000)
+    port.write(b"12345")
+    assert port.backlog() == 0  # a pty hands over at once
+    port.flush()
+    assert port.backlog() == 0
+    port.close()
+
+
+@pytest.mark.parametrize("waiting", [0, 1, 300, 70_000])
+def test_the_backlog_is_what_the_driver_says(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, waiting: int
+) -> None:
+    port = SerialTransport(terminal.path, 1_000_000)
+
+    def ioctl(fd: int, question: int, answer: Any) -> int:
+        assert (fd, question) == (port.fileno(), termios.TIOCOUTQ)
+        struct.pack_into("=i", answer, 0, waiting)
+        return 0
+
+    monkeypatch.setattr(serial_port.fcntl, "ioctl", ioctl)
+    assert port.backlog() == waiting
+    monkeypatch.undo()
+    port.close()
+
+
+@pytest.mark.parametrize(
+    ("timer", "slow"), [("1", False), ("2", True), ("16", True), ("x", None), (None, None)]
+)
+def test_a_latency_timer_that_stayed_long_is_a_warning_with_the_remedy(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, timer: str | None, slow: bool | None
+) -> None:
+    """The ioctl has been seen to do nothing, so it is read back (DynamixelSDK pull 116, issue 511)."""
+
+    def read_text(path: Path) -> str:
+        assert str(path) == f"/sys/class/tty/{os.path.basename(terminal.path)}/device/latency_timer"
+        if timer is None:
+            raise FileNotFoundError
+        return timer + "\n"
+
+    monkeypatch.setattr(serial_port.Path, "read_text", read_text)
+    port = SerialTransport(terminal.path, 1_000_000)
+    assert port.latency_ms == (None if slow is None else int(timer or 0))
+    assert bool(port.warning) == bool(slow)
+    if slow:
+        assert f"is {timer} ms" in port.warning
+        for remedy in ("latency_timer", "setserial", "ATTR{latency_timer}"):
+            assert remedy in port.warning
+    port.close()
 
 
 def test_an_output_that_is_full_is_an_error_but_not_a_loss(terminal: Terminal) -> None:

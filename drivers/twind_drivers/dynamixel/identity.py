@@ -1,12 +1,11 @@
-"""Who is on a bus: identification of the expected devices, scan for any. Read-only scripts."""
+"""Who is on a bus: identification of the devices that are expected there. A script that only reads."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from twind_drivers.bus import Device, NoReply, Ping, Reply, Script
 from twind_drivers.dynamixel.layout import Block
-from twind_drivers.dynamixel.packet import LAST_ID
 from twind_drivers.dynamixel.tables import Table, table
 
 # What a calibration depends on and what arming must know; those that a model lacks are left out.
@@ -86,20 +85,6 @@ def identify(bus: Asker) -> Script[tuple[tuple[Device, ...], dict[int, Table], b
     )
     fast = all(each.id in tables and supports_fast(tables[each.id].stem, each.firmware) for each in devices)
     return devices, tables, fast
-
-
-def scan(
-    ids: Iterable[int] = range(LAST_ID + 1), found: Callable[[Device], None] | None = None
-) -> Script[tuple[Device, ...]]:
-    """Ping one id after the other through any reader, its own ids or not; `found` hears of each at once."""
-    devices: list[Device] = []
-    for id in ids:
-        seen = device(id, (yield Ping(id)))
-        if seen is not None:
-            devices.append(seen[0])
-            if found is not None:
-                found(seen[0])
-    return tuple(devices)
 
 
 def _settings(bus: Asker, tables: Mapping[int, Table]) -> Script[dict[int, dict[str, int]]]:

@@ -8,6 +8,8 @@ import fcntl
 import grp
 import os
 import stat
+import struct
+import sys
 import termios
 from contextlib import suppress
 from math import inf
@@ -20,13 +22,16 @@ from twind_drivers.dynamixel.holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
 SCRATCH = 4096  # bytes thrown away per read while draining
+TCGETS2 = 0x802C542A  # x86 and ARM; the speed that the kernel really set, in bit/s
+SPEED_AT = 40  # bytes into struct termios2: 4 flags, line, 19 control characters, input and output speed
+BAUD_TOLERANCE = 0.025  # of the rate; a UART of 10 bits a byte loses its place near 5 % of both ends together
 
 
 class SerialTransport:
     """One open port, 8N1, raw, non-blocking.
 
-    `low_latency`: True when the adapter's latency timer reads 1 ms, False when it is longer, None when there
-    is no such timer to read (a pty, an on-board port).
+    `latency_ms`: the adapter's latency timer as it reads now, ms; None where there is none to read (a pty, an
+    on-board port). `warning`: what is wrong with the port though it works, and the remedy; empty: nothing.
     """
 
     def __init__(self, path: str, baud: int) -> None:
@@ -40,9 +45,15 @@ class SerialTransport:
         # A pty keeps the flag while its other side is open, so a killed holder would lock everybody out.
         if not self._path.startswith("/dev/pts/"):
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
-        self.low_latency = self._lower_latency()
-        self._waiting = bytearray(4)  # FIONREAD's answer
+        self._waiting = bytearray(4)  # FIONREAD's and TIOCOUTQ's answer
         self._scratch = memoryview(bytearray(SCRATCH))
+        try:
+            self._check_speed(baud)
+        except PortError:
+            self.close()
+            raise
+        self.latency_ms = self._lower_latency()
+        self.warning = _slow_timer(os.path.basename(self._path), self.latency_ms)
 
     def fileno(self) -> int:
         """Descriptor to poll; -1 once closed."""
@@ -76,13 +87,34 @@ class SerialTransport:
             raise PortError(self.name, "hung up (adapter unplugged?)", lost=True)
         return count
 
+    def backlog(self) -> int:
+        """Bytes written that have not left yet (TIOCOUTQ). Raises PortError(lost=True)."""
+        return self._ask(termios.TIOCOUTQ, "write")
+
+    def flush(self) -> None:
+        """Throw away what has not left yet (TCOFLUSH). Raises PortError(lost=True)."""
+        try:
+            termios.tcflush(self._fd, termios.TCOFLUSH)
+        except termios.error as error:  # no OSError, but a number and a text as well
+            raise self._lost("write", OSError(*error.args)) from error
+        except ValueError as error:  # no descriptor any more
+            raise self._lost("write", OSError(errno.EBADF, "")) from error
+
+    def set_baud(self, baud: int) -> None:
+        """Another rate on the same open port; what was under way is lost. Raises PortError."""
+        if baud < 1:  # 0 would hang up
+            raise PortError(self.name, f"baud rate {baud} is not supported: it must be positive")
+        self._ask(termios.FIONREAD, "read")  # is it there at all? pyserial's own error would not tell
+        try:
+            self._port.baudrate = baud
+        except (ValueError, OverflowError, OSError, termios.error) as error:
+            raise PortError(self.name, f"baud rate {baud} is not supported: {error}") from error
+        self._check_speed(baud)
+        self.baud = baud
+
     def drain(self) -> int:
         """Throw away what has arrived; bytes thrown."""
-        try:
-            fcntl.ioctl(self._fd, termios.FIONREAD, self._waiting)
-        except OSError as error:
-            raise self._lost("read", error) from error
-        if not any(self._waiting):
+        if not self._ask(termios.FIONREAD, "read"):
             return 0
         thrown = 0
         while count := self.read_into(self._scratch):
@@ -102,15 +134,47 @@ class SerialTransport:
         hint = f" ({gone})" if error.errno in GONE else ""
         return PortError(self.name, f"{what} failed: {os.strerror(error.errno or 0)}{hint}", lost=True)
 
-    def _lower_latency(self) -> bool | None:
+    def _ask(self, question: int, what: str) -> int:
+        try:
+            fcntl.ioctl(self._fd, question, self._waiting)
+        except OSError as error:
+            raise self._lost(what, error) from error
+        except ValueError as error:  # no descriptor any more
+            raise self._lost(what, OSError(errno.EBADF, "")) from error
+        return int.from_bytes(self._waiting, sys.byteorder)
+
+    def _check_speed(self, baud: int) -> None:
+        """Is the speed that the kernel set the one that was asked for? A driver may round or ignore it."""
+        answer = bytearray(64)
+        try:
+            fcntl.ioctl(self._fd, TCGETS2, answer)
+        except OSError:
+            return  # no such question here: trust the call that set it
+        (real,) = struct.unpack_from("=I", answer, SPEED_AT)
+        if abs(real - baud) > BAUD_TOLERANCE * baud:
+            raise PortError(self.name, f"baud rate {baud} is not supported: the adapter makes it {real}")
+
+    def _lower_latency(self) -> int | None:
         """Ask for 1 ms and read back what the adapter says: the ioctl alone has been seen to do nothing."""
         with suppress(OSError, ValueError, NotImplementedError):  # a pty: ENOTTY, as ValueError
             self._port.set_low_latency_mode(True)
         timer = Path("/sys/class/tty") / os.path.basename(self._path) / "device/latency_timer"
         try:
-            return int(timer.read_text()) <= 1
+            return int(timer.read_text())
         except (OSError, ValueError):
             return None
+
+
+def _slow_timer(tty: str, latency_ms: int | None) -> str:
+    """What to do about a latency timer that is not 1 ms; empty where it is, or where there is none."""
+    if latency_ms is None or latency_ms <= 1:
+        return ""
+    timer = f"/sys/bus/usb-serial/devices/{tty}/latency_timer"
+    return (
+        f"the adapter's latency timer is {latency_ms} ms, so every answer comes up to that much late; "
+        f"`echo 1 | sudo tee {timer}`, or `sudo setserial /dev/{tty} low_latency`; for good, the udev rule "
+        'SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"'
+    )
 
 
 def _open(path: str, baud: int) -> serial.Serial:

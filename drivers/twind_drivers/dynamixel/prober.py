@@ -1,0 +1,118 @@
+"""Asking on a wire of which nothing is known: one question at a time, everything that comes back. Blocks.
+
+For tools that own the port alone. It sends pings and reads only: there is no way to write through it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twind_drivers.bus import Transport
+from twind_drivers.clock import Clock
+from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel.budget import wire
+from twind_drivers.dynamixel.line import Exchange, Line
+from twind_drivers.dynamixel.packet import LAST_ID, STATUS_OVERHEAD, Framer, Packet
+from twind_drivers.dynamixel.roll_call import SLOT, RollCall
+
+LONGEST_DELAY = 508e-6  # s: the largest return delay a device can be set to (register 9: 254 x 2 us)
+SLACK = 0.002  # s that an answer may take beyond its wire time
+LONGEST_TIMER = 0.016  # s: latency timer of a USB adapter as delivered
+OLD_PING = bytes((0xFF, 0xFF, 0xFE, 0x02, 0x01, 0xFE))  # protocol 1.0, to all; sum inverted (e-manual)
+HELD = 4096  # bytes kept of one answer
+
+
+class Heard:
+    """Everything that came within one window: sound statuses, and the bytes that were none."""
+
+    def __init__(self, expected: int) -> None:
+        """`expected`: bytes to allow wire time for."""
+        self.ids: tuple[int, ...] = ()
+        self.size, self.expected, self.strays = 0, expected, 0
+        self.heard = self.answered = np.zeros(0, np.bool_)
+        self.error = self.data = np.zeros(0, np.uint8)
+        self.statuses: list[Packet] = []
+        self.raw = bytearray()
+        self._buffer = memoryview(bytearray(HELD))
+        self._framer = Framer(status=True)
+
+    def start(self) -> None:
+        """Nothing to forget: each is used once."""
+
+    def room(self) -> memoryview:
+        """Where the next bytes go."""
+        return self._buffer
+
+    def take(self, count: int) -> bool:
+        """Never done: whoever else may answer is waited for until the window ends."""
+        if len(self.raw) < HELD:
+            self.raw += self._buffer[:count]
+        self.statuses += self._framer.feed(self._buffer[:count])
+        return False
+
+    def end(self) -> None:
+        """What is no status by now is stray."""
+        self._framer.clear()
+        self.strays = self._framer.discarded
+
+
+class Prober:
+    """One port at one baud rate. Every method may raise PortError."""
+
+    def __init__(self, transport: Transport, clock: Clock, baud: int, *, timer: float = 0.0) -> None:
+        """`timer` (s): the adapter's latency timer, which every window is longer by."""
+        self.transport, self.baud = transport, baud
+        self.echo = False  # the adapter returns what is sent; known after the first answer
+        self._clock, self._slack = clock, SLACK + timer
+        self._line = Line(
+            transport.name, transport, baud=baud, return_delay_s=LONGEST_DELAY, slack=self._slack
+        )
+
+    def roll_call(self, last: int = LAST_ID) -> RollCall:
+        """A broadcast ping, waited for until the slot of id `last` is over."""
+        call = RollCall(last=last)
+        request = packet.ping(packet.BROADCAST)
+        self._line.slack = self._slack + call.window
+        self._wait(Exchange(request, call, 1))
+        self._line.slack = self._slack
+        call.strays -= len(request) if self.echo else 0
+        return call
+
+    def ping(self, id: int) -> Heard:
+        """Everybody who answers to this id."""
+        return self._ask(packet.ping(id), 3)
+
+    def read(self, id: int, address: int, size: int) -> Heard:
+        """Everybody who answers to this id, with `size` bytes from `address`."""
+        return self._ask(packet.read(id, address, size), size)
+
+    def old_ping(self) -> Heard:
+        """A protocol 1.0 ping to all: devices of protocol 2.0 take it for noise."""
+        return self._ask(OLD_PING, 0)
+
+    def listen(self, seconds: float) -> int:
+        """Bytes that come though nobody was asked."""
+        self.transport.drain()
+        self._clock.sleep_until(self._clock.now() + seconds)
+        return self.transport.drain()
+
+    def seconds(self, ids: Sequence[int], *, singly: bool) -> float:
+        """How long a roll call up to the last of `ids` takes, and with `singly` a ping of each."""
+        span = wire(STATUS_OVERHEAD + 3, self.baud)
+        call = (max(ids) + 1) * (span + SLOT) + self._slack
+        return call + (len(ids) * (2 * span + LONGEST_DELAY + self._slack) if singly else 0.0)
+
+    def _ask(self, request: bytes, size: int) -> Heard:
+        heard = Heard(2 * (STATUS_OVERHEAD + size))
+        self._wait(Exchange(request, heard, 2))
+        if heard.raw.startswith(request):
+            self.echo = True
+            heard.strays -= len(request)
+            del heard.raw[: len(request)]
+        return heard
+
+    def _wait(self, exchange: Exchange) -> None:
+        self._line.send(exchange, self._clock.now())
+        while not self._line.feed(self._clock.now()) and self._clock.now() < self._line.deadline:
+            self._clock.wait([self.transport], self._line.deadline)
+        self._line.end()

@@ -1,0 +1,224 @@
+"""Who is on a wire that nobody has described: every id at every baud rate, duplicates and strangers named.
+
+For tools that own the port alone: it takes seconds. Nothing is written to any device. At each rate: is the
+line quiet, does the adapter echo, does an older protocol answer, then a roll call; single pings where the
+roll call was garbled (or `thorough`); of everybody found torque and hardware error, and whether it is alone.
+
+Two devices with one id (fault 12) show in three ways: what overlaps is no sound status; with different return
+delays two statuses come; of one model and firmware their pings overlap bit by bit and look sound, but not
+what differs between two servos: position, time since power-up, voltage, temperature.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from twind_drivers.bus import PortError
+from twind_drivers.dynamixel.packet import LAST_ID
+from twind_drivers.dynamixel.prober import Heard, Prober
+from twind_drivers.dynamixel.tables import Table, table
+
+# Rates of register 8, the most usual first (e-manual, "Baud Rate").
+BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 115_200, 4_500_000, 9_600)
+IDS = range(LAST_ID + 1)
+LISTEN = 0.05  # s: a bus with another master is not silent that long
+PROBES, ENOUGH = 3, 2  # times an id is asked, and how many garbled answers are no accident
+GARBAGE = 8  # ids asked alone that are all garbled: that is no matter of ids
+DIFFERING = ("realtime_tick", "present_position", "present_input_voltage", "present_temperature")
+REMEDY = "disconnect one, give the other a free id, then connect the first again"
+
+UNSOUND = f"bytes come, but no sound answer: two devices with this id? {REMEDY}"
+TWO = f"two devices answer as this id: {REMEDY}"
+UNEQUAL = f"pings are sound, readings are not: two devices of one model with this id? {REMEDY}"
+ECHO = "the adapter returns what is sent (echo): switch its echo off, or use another adapter"
+TALK = "bytes come though nobody was asked: another program or device talks on this line, or noise"
+FOREIGN = "bytes come, but no sound packet: devices at another baud rate, noise, or colliding ids"
+OLD = "devices answer protocol 1.0 (ids {}): set them to protocol 2.0 (register 13) where they have it"
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One id that answered. What could not be told is None."""
+
+    baud: int
+    id: int
+    model: int | None
+    model_name: str | None  # None: unknown, or not in the vendor's tables
+    firmware: int | None
+    torque: bool | None
+    hardware_error: int | None  # bits of register 70
+    trouble: str = ""  # what is wrong with it, and the remedy; empty: nothing was found
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """What one baud rate gave."""
+
+    baud: int
+    found: tuple[Found, ...]
+    troubles: tuple[str, ...]  # of the line as a whole, with the remedy
+
+
+Tell = Callable[[int, str], None]  # baud, what is being done
+AtRate = Callable[[int], Prober]  # sets the port to a rate; raises PortError where it cannot
+
+
+def scan(
+    at: AtRate,
+    bauds: Sequence[int] = BAUDS,
+    ids: Sequence[int] = IDS,
+    *,
+    thorough: bool = False,
+    tell: Tell = lambda baud, what: None,
+) -> Iterator[Rate]:
+    """Rate after rate. A rate that the adapter refuses is a trouble of that rate; a lost port raises."""
+    for baud in bauds:
+        tell(baud, "asking everybody")
+        try:
+            prober = at(baud)
+        except PortError as error:
+            if error.lost:
+                raise
+            yield Rate(baud, (), (error.reason,))
+            continue
+        yield scan_rate(prober, ids, thorough=thorough, tell=tell)
+
+
+def scan_rate(
+    prober: Prober,
+    ids: Sequence[int] = IDS,
+    *,
+    thorough: bool = False,
+    tell: Tell = lambda baud, what: None,
+) -> Rate:
+    """One baud rate. Raises PortError(lost=True)."""
+    troubles = list(_line(prober))
+    call = prober.roll_call(max(ids))
+    known = {id: call.data[id].tobytes() for id in ids if call.heard[id]}
+    garbled = call.twice.intersection(ids)
+    unclear = call.strays > 0 and TALK not in troubles  # a line that babbles garbles whatever is asked
+    garbage = False
+    if thorough or unclear:
+        alone = [id for id in ids if id not in known]
+        garbage = _singly(prober, alone, known, garbled, tell)
+    if garbage or (unclear and not known and not garbled):
+        troubles.append(FOREIGN)
+    found = []
+    for id in sorted(garbled.union(known)):
+        tell(prober.baud, f"reading id {id}")
+        found.append(_look(prober, id, known.get(id), id in garbled))
+    return Rate(prober.baud, tuple(found), tuple(troubles))
+
+
+def _singly(
+    prober: Prober, ids: Sequence[int], known: dict[int, bytes], garbled: set[int], tell: Tell
+) -> bool:
+    """Ping one after the other; True when all of it is garbage, so that it is no matter of ids."""
+    for done, id in enumerate(ids):
+        if done % 16 == 0:
+            tell(prober.baud, f"asking id {id} alone")
+        answer, unsound = _ping(prober, id)
+        if answer is not None:
+            known[id] = answer
+        if unsound:
+            garbled.add(id)
+        if done + 1 == GARBAGE and garbled.issuperset(ids[:GARBAGE]):
+            garbled.difference_update(ids[:GARBAGE])
+            return True
+    return False
+
+
+def _line(prober: Prober) -> Iterator[str]:
+    """What is wrong with the line as a whole."""
+    if prober.listen(LISTEN):
+        yield TALK
+        return
+    heard = prober.old_ping()
+    if prober.echo:
+        yield ECHO
+    old = sorted(_old_statuses(bytes(heard.raw)))
+    if old:
+        yield OLD.format(", ".join(map(str, old)))
+
+
+def _old_statuses(raw: bytes) -> set[int]:
+    """Ids of the protocol 1.0 statuses in `raw`: FF FF id length error ... sum (e-manual, protocol 1.0)."""
+    found: set[int] = set()
+    at = raw.find(b"\xff\xff")
+    while 0 <= at <= len(raw) - 6:
+        id, length = raw[at + 2], raw[at + 3]
+        end = at + 4 + length
+        whole = length >= 2 and end <= len(raw) and id <= LAST_ID
+        if whole and ~sum(raw[at + 2 : end - 1]) & 0xFF == raw[end - 1]:
+            found.add(id)
+        at = raw.find(b"\xff\xff", at + 1)
+    return found
+
+
+def _ping(prober: Prober, id: int) -> tuple[bytes | None, bool]:
+    """Model and firmware as a ping tells them, and whether the answer was garbled more than by accident."""
+    answer, bad = None, 0
+    for _ in range(PROBES):
+        heard = prober.ping(id)
+        sound = [each.data for each in heard.statuses if each.id == id and len(each.data) == 3]
+        answer = answer or (sound[0] if sound else None)
+        bad += bool(heard.strays) or len(sound) > 1
+        if not bad:  # silence, or one clear answer
+            break
+    return answer, bad >= ENOUGH
+
+
+def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> Found:
+    """Torque and hardware error of one id, and whether it is one device."""
+    if answer is None:
+        return Found(prober.baud, id, None, None, None, None, None, UNSOUND)
+    number, firmware = int.from_bytes(answer[:2], "little"), answer[2]
+    try:
+        known: Table | None = table(number, firmware)
+    except KeyError:
+        known = None
+    trouble = TWO if garbled else _alone(prober, id, known)
+    values = {name: _value(prober, id, known, name) for name in ("torque_enable", "hardware_error_status")}
+    torque = values["torque_enable"]
+    return Found(
+        prober.baud,
+        id,
+        number,
+        known.model if known else None,
+        firmware,
+        None if torque is None else torque == 1,
+        values["hardware_error_status"],
+        trouble,
+    )
+
+
+def _alone(prober: Prober, id: int, known: Table | None) -> str:
+    """Empty, or why this seems to be more than one device."""
+    if known is None:
+        return ""
+    fields = [known[name] for name in DIFFERING if name in known]
+    first = min(field.address for field in fields)
+    size = max(field.end for field in fields) - first
+    two = unsound = 0
+    for _ in range(PROBES):
+        heard = prober.read(id, first, size)
+        two += len(_sound(heard, id, size)) > 1
+        unsound += bool(heard.strays)
+    if two:
+        return TWO
+    return UNEQUAL if unsound >= ENOUGH else ""
+
+
+def _value(prober: Prober, id: int, known: Table | None, name: str) -> int | None:
+    """One register; None where it has none, or is not told (status return level 0)."""
+    if known is None or name not in known:
+        return None
+    field = known[name]
+    for _ in range(PROBES):
+        sound = _sound(prober.read(id, field.address, field.size), id, field.size)
+        if sound:
+            return field.decode(sound[0])
+    return None
+
+
+def _sound(heard: Heard, id: int, size: int) -> list[bytes]:
+    return [each.data for each in heard.statuses if each.id == id and len(each.data) == size]
