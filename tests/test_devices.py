@@ -162,14 +162,32 @@ def test_while_any_servo_has_torque_no_device_is_restarted(armed: Rig) -> None:
 # ------------------------------------------------------------------------------------- restart and scan
 
 
-def test_a_restarted_device_has_lost_its_memory_and_everybody_is_identified_again(live: Rig) -> None:
+def test_a_restarted_device_gets_its_settings_back_and_everybody_is_identified_again(live: Rig) -> None:
     live.connect()
-    live.call(link.WriteRegister, bus="main", id=7, name="led", value=1)
+    for name, value in (("led", 1), ("position_p_gain", 640)):
+        live.call(link.WriteRegister, bus="main", id=7, name=name, value=value)
     reply = live.call(link.Reboot, bus="main", id=7)
     assert reply.error is None
-    assert live.call(link.ReadRegister, bus="main", id=7, name="led").parameters["register"]["value"] == 0
+    assert reply.parameters == {
+        "state": "connected",
+        "restored": ["LED = 1", "Position P Gain = 640"],
+        "differing": [],
+    }
+    (event,) = live.events("REBOOT")
+    assert event.message == "test: main/7 restarted; restored LED = 1, Position P Gain = 640"
+    gain = live.call(link.ReadRegister, bus="main", id=7, name="position_p_gain")
+    assert gain.parameters["register"]["value"] == 640
     live.ticks(60)
     assert live.loop.hardware.connected
+    assert live.register("torque_enable").tolist() == [0] * 24
+
+
+def test_a_restart_with_nothing_to_restore_says_so(live: Rig) -> None:
+    live.connect()
+    reply = live.call(link.Reboot, bus="main", id=7)
+    assert (reply.parameters["restored"], reply.parameters["differing"]) == ([], [])
+    (event,) = live.events("REBOOT")
+    assert "nothing to restore" in event.message
 
 
 def test_a_device_that_does_not_come_back_is_an_answer(live: Rig) -> None:

@@ -122,8 +122,8 @@ def test_prepare_clears_watchdogs_and_sets_the_goal_in_one_system_call_then_read
         bench.servos.put(id, 98, -1, 1)
         bench.servos.put(id, 112, 55, 4)
     bench.run(bench.writer.prepare(HERE))
-    assert bench.addresses(0) == [(SYNC, 98), (SYNC, 116), (SYNC, 98)]
-    first, _, last = bench.sent(0)
+    assert bench.addresses(1) == [(SYNC, 98), (SYNC, 116), (SYNC, 98)]
+    first, _, last = bench.sent(1)
     assert (first.params[5], last.params[5]) == (0, 7)
     for place, id in enumerate(IDS):
         assert bench.servos.get(id, 98, 1) == 7
@@ -253,15 +253,18 @@ def test_a_servo_that_says_no_is_quoted() -> None:
 def test_reboot_waits_until_the_device_answers_and_forgets_what_it_knew() -> None:
     bench = Bench()
     bench.run(bench.writer.torque(True))
+    with pytest.raises(DeviceRefused, match=r"torque is on.*disarm"):
+        bench.run(bench.writer.reboot(2))
+    bench.servos.put(2, 64, 0, 1)
     bench.servos.deaf_until = {2: 20}
     bench.run(bench.writer.reboot(2))
     assert Instruction.REBOOT in [each.instruction for each in bench.servos.seen]
-    assert bench.reader.registers.torque.tolist() == [1, -1, 1]
+    assert bench.reader.registers.torque.tolist() == [1, 0, 1]
     bench.servos.deaf_until = {2: 10_000}
     with pytest.raises(NoReply, match="after a reboot"):
         bench.run(bench.writer.reboot(2))
     bench.servos.silent = {2}
-    with pytest.raises(NoReply, match="reboot"):
+    with pytest.raises(NoReply, match=r"\[2\]"):
         bench.run(bench.writer.reboot(2))
 
 

@@ -134,7 +134,7 @@ class WriteRegister(Command, frozen=True, kw_only=True):
 
 
 class Reboot(Command, frozen=True, kw_only=True):
-    """Restart one device; only while disarmed. Reply: {state}."""
+    """Restart one device; only while disarmed. Reply: {state, restored, differing}: RAM settings in words."""
 
     bus: str
     id: int

@@ -140,6 +140,14 @@ class Register:
 
 
 @dataclass(frozen=True, slots=True)
+class Restart:
+    """What became of a device's settings over a restart."""
+
+    restored: tuple[Register, ...] = ()  # the restart had changed them; they read back as before it
+    differing: tuple[tuple[Register, int], ...] = ()  # what reads otherwise, and what it was before
+
+
+@dataclass(frozen=True, slots=True)
 class Ping:
     """Who is there? Read-only."""
 
@@ -293,8 +301,11 @@ class Writer(Protocol):
     def write(self, id: int, name: str, value: int) -> Script[Register]:
         """One register by name, read back. Raises NoReply, DeviceRefused, KeyError, ValueError (range)."""
 
-    def reboot(self, id: int) -> Script[None]:
-        """Restart one device and wait until it answers again."""
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[Restart]:
+        """Restart one device, wait until it answers, give its settings back. Its torque stays off.
+
+        Raises DeviceRefused while its torque is on, unless it is `shut_down` by its hardware error.
+        """
 
 
 def perform(reader: Reader, script: Script[T], clock: Clock, writer: Writer | None = None) -> T:

@@ -56,7 +56,10 @@ def _reboot_arguments(parser: argparse.ArgumentParser) -> None:
 def _reboot(options: argparse.Namespace) -> int:
     with operator(options) as client:
         answer = client.call("Reboot", bus=options.bus, id=options.id)
-    show(options, answer, f"{options.bus} id {options.id} restarted: state {answer['state']}")
+    lines = [f"{options.bus} id {options.id} restarted: state {answer['state']}"]
+    lines += [f"  restored: {each}" for each in answer.get("restored") or ()]
+    lines += [f"  differs: {each}" for each in answer.get("differing") or ()]
+    show(options, answer, "\n".join(lines))
     return DONE
 
 

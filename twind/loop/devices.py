@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from twind import link
 from twind.loop.procedures import Procedure, all_of
 from twind.robot.modes import Mode
-from twind_drivers.bus import BusError, NoReply, Register
+from twind_drivers.bus import BusError, NoReply, Register, Restart
 
 if TYPE_CHECKING:
     from twind.loop.ports import Port, Task
     from twind.loop.tick import Loop
+
+
+T = TypeVar("T")
 
 
 def _port(loop: Loop, command: link.Command, name: str | None, id: int | None = None) -> Port | None:
@@ -50,8 +54,14 @@ def _writable(loop: Loop, command: link.Command, port: Port, what: str) -> bool:
 
 
 def _answer(
-    loop: Loop, command: link.Command, port: Port, task: Task[Any], result: str, name: str = ""
+    loop: Loop,
+    command: link.Command,
+    port: Port,
+    task: Task[T],
+    told: Callable[[T], dict[str, Any]],
+    name: str = "",
 ) -> Procedure:
+    """Wait for the task, then answer with what is `told` of its result, or with why there is none."""
     try:
         yield from all_of([task])
     except KeyError as error:  # its text names the nearest spellings
@@ -61,13 +71,21 @@ def _answer(
     except (BusError, ValueError) as error:
         loop.say.error(command, "BusFailed", bus=port.name, message=str(error))
     else:
-        loop.say.reply(command, **{result: _plain(task.result, loop)})
+        assert task.result is not None
+        loop.say.reply(command, **told(task.result))
 
 
-def _plain(value: Register | None, loop: Loop) -> Any:
-    if value is None:
-        return loop.state.value
-    return {"name": value.name, "address": value.address, "size": value.size, "value": value.value}
+def _register(value: Register) -> dict[str, Any]:
+    plain = {"name": value.name, "address": value.address, "size": value.size, "value": value.value}
+    return {"register": plain}
+
+
+def _restored(restart: Restart) -> dict[str, Any]:
+    """What the restart had changed and what differs now, in words."""
+    return {
+        "restored": [f"{each.name} = {each.value}" for each in restart.restored],
+        "differing": [f"{each.name} is {each.value}, was {was}" for each, was in restart.differing],
+    }
 
 
 def read(loop: Loop, command: link.ReadRegister, now: float) -> None:
@@ -75,7 +93,7 @@ def read(loop: Loop, command: link.ReadRegister, now: float) -> None:
     port = _port(loop, command, command.bus, command.id)
     if port is not None and port.reader is not None:
         task = port.run(port.reader.read(command.id, command.name))
-        loop.procedures.beside(_answer(loop, command, port, task, "register", command.name))
+        loop.procedures.beside(_answer(loop, command, port, task, _register, command.name))
 
 
 def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
@@ -88,14 +106,14 @@ def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
 
 
 def _written(loop: Loop, command: link.WriteRegister, port: Port, task: Task[Register]) -> Procedure:
-    yield from _answer(loop, command, port, task, "register", command.name)
+    yield from _answer(loop, command, port, task, _register, command.name)
     done = "was refused" if task.error is not None else "is written"
     said = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
     loop.say.event("info", "REGISTER", said)
 
 
 def reboot(loop: Loop, command: link.Reboot, now: float) -> None:
-    """Restart one device and identify everybody again."""
+    """Restart one device, give its RAM settings back, and identify everybody again."""
     port = _port(loop, command, command.bus, command.id)
     if port is None or not _writable(loop, command, port, "reboot a device") or port.writer is None:
         return
@@ -103,10 +121,18 @@ def reboot(loop: Loop, command: link.Reboot, now: float) -> None:
     loop.procedures.beside(_reboot(loop, command, port, task))
 
 
-def _reboot(loop: Loop, command: link.Reboot, port: Port, task: Task[None]) -> Procedure:
-    yield from _answer(loop, command, port, task, "state")
-    if task.error is None:
-        port.identify()
+def _reboot(loop: Loop, command: link.Reboot, port: Port, task: Task[Restart]) -> Procedure:
+    yield from _answer(
+        loop, command, port, task, lambda restart: {"state": loop.state.value, **_restored(restart)}
+    )
+    if task.result is None:
+        return
+    told = _restored(task.result)
+    words = [f"{what} {', '.join(each)}" for what, each in told.items() if each]
+    level = "warning" if task.result.differing else "info"
+    said = f"{command.holder}: {port.name}/{command.id} restarted; {'; '.join(words) or 'nothing to restore'}"
+    loop.say.event(level, "REBOOT", said)
+    port.identify()
 
 
 def scan(loop: Loop, command: link.Scan, now: float) -> None:

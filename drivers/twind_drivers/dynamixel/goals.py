@@ -1,4 +1,6 @@
-"""The goal packet: encoded in place each tick, then read back from its own bytes and judged (R22). Pure."""
+"""The goal packets: encoded in place each tick, read back from their own bytes and judged (R22). Pure."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,31 +10,27 @@ from twind_drivers.dynamixel.crc import Crc
 from twind_drivers.dynamixel.layout import Block
 from twind_drivers.dynamixel.packet import PATTERN, stuff, sync_write, unstuff
 
-ROW = np.dtype([("id", "u1"), ("goal", "<i4")])
 BODY = 7  # where INST begins
 FIRST = 12  # where the first row begins
 
 
 class GoalPacket:
-    """A sync write of one goal position to each device of a bus."""
+    """A sync write of one goal, position, velocity or current, to each device of a bus."""
 
-    def __init__(self, name: str, ids: tuple[int, ...], goal: Block, lower: Ints, upper: Ints) -> None:
-        """`lower`, `upper` (m,): ticks that may ever be sent. Raises ValueError where lower > upper."""
-        self.lower, self.upper = np.array(lower, np.int64), np.array(upper, np.int64)
-        if self.lower.shape != (len(ids),) or self.upper.shape != (len(ids),):
-            raise ValueError(f"{name}: bounds of {len(ids)} devices needed, got {self.lower.shape}")
-        if not (self.lower <= self.upper).all():
-            raise ValueError(f"{name}: lower bounds {lower} must not be above upper bounds {upper}")
+    def __init__(self, name: str, ids: Sequence[int], goal: Block, lower: Ints, upper: Ints) -> None:
+        """`lower`, `upper` (m,): goals that may ever be sent. Raises ValueError where lower > upper."""
+        self.lower, self.upper = _bounds(name, len(ids), lower, upper)
         self._name, self._ids = name, np.array(ids, np.uint8)
+        self._row = np.dtype([("id", "u1"), ("goal", f"<i{goal.size}")])
         self._packet = bytearray(sync_write(goal.address, {id: bytes(goal.size) for id in ids}))
         self._head = bytes(self._packet[:FIRST])
         self._all = np.frombuffer(self._packet, np.uint8, len(self._packet) - 2)
-        self._goals = np.frombuffer(self._packet, ROW, len(ids), FIRST)["goal"]
+        self._goals = np.frombuffer(self._packet, self._row, len(ids), FIRST)["goal"]
         self._check = np.frombuffer(self._packet, "<u2", 1, len(self._packet) - 2)
         self._crc = Crc(len(self._packet) - 2)
 
     def encode(self, ticks: Ints) -> bytes:
-        """The packet for goals (m,) in ticks, stuffed where needed. Raises WireClamp, ValueError (shape)."""
+        """The packet for goals (m,), stuffed where needed. Raises WireClamp, ValueError (shape)."""
         if ticks.shape != self._ids.shape or ticks.dtype.kind != "i":
             raise ValueError(f"{self._name}: {len(self._ids)} whole ticks needed, got {ticks!r}")
         self._goals[:] = ticks
@@ -53,11 +51,54 @@ class GoalPacket:
 
     def _judge(self, plain: bytes, ticks: Ints) -> None:
         """What stands in the bytes, not what was meant: ids, address and every goal word."""
-        rows = np.frombuffer(plain, ROW, len(self._ids), FIRST)
-        words: NDArray[np.int32] = rows["goal"]
+        rows = np.frombuffer(plain, self._row, len(self._ids), FIRST)
+        words: NDArray[np.signedinteger] = rows["goal"]
         right = (words == ticks) & (words >= self.lower) & (words <= self.upper) & (rows["id"] == self._ids)
         if np.count_nonzero(right) == len(right) and plain[BODY:FIRST] == self._head[BODY:]:
             return
         place = int(np.argmin(right))
         lower, upper = int(self.lower[place]), int(self.upper[place])
         raise WireClamp(self._name, int(self._ids[place]), int(ticks[place]), lower, upper)
+
+
+class MixedGoals:
+    """Goals of devices that keep them in different registers: one sync write for each (address, size)."""
+
+    def __init__(
+        self, name: str, ids: Sequence[int], goals: Sequence[Block], lower: Ints, upper: Ints
+    ) -> None:
+        """`goals` (m): the goal register of each id. Raises ValueError as `GoalPacket` does."""
+        self.lower, self.upper = _bounds(name, len(ids), lower, upper)
+        self._name, self._count = name, len(ids)
+        self._parts: list[tuple[NDArray[np.intp], GoalPacket]] = []
+        for goal in dict.fromkeys(goals):
+            places = np.array([place for place, each in enumerate(goals) if each == goal])
+            own = [ids[place] for place in places]
+            packet = GoalPacket(name, own, goal, self.lower[places], self.upper[places])
+            self._parts.append((places, packet))
+
+    def encode(self, ticks: Ints) -> bytes:
+        """The packets for goals (m,), one behind the other. Raises WireClamp, ValueError (shape)."""
+        if ticks.shape != (self._count,):
+            raise ValueError(f"{self._name}: {self._count} whole ticks needed, got {ticks!r}")
+        return b"".join([packet.encode(ticks[places]) for places, packet in self._parts])
+
+
+Goals = GoalPacket | MixedGoals
+
+
+def goal_packets(name: str, ids: Sequence[int], goals: Sequence[Block], lower: Ints, upper: Ints) -> Goals:
+    """What encodes the goals of a bus: one packet where all devices keep them in the same register."""
+    if len(set(goals)) == 1:
+        return GoalPacket(name, ids, goals[0], lower, upper)
+    return MixedGoals(name, ids, goals, lower, upper)
+
+
+def _bounds(name: str, count: int, lower: Ints, upper: Ints) -> tuple[Ints, Ints]:
+    """Own copies (m,). Raises ValueError: wrong shape, or lower above upper."""
+    least, most = np.array(lower, np.int64), np.array(upper, np.int64)
+    if least.shape != (count,) or most.shape != (count,):
+        raise ValueError(f"{name}: bounds of {count} devices needed, got {least.shape}")
+    if not (least <= most).all():
+        raise ValueError(f"{name}: lower bounds {lower} must not be above upper bounds {upper}")
+    return least, most

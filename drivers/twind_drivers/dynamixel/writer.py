@@ -1,11 +1,10 @@
 """The writing half of a Dynamixel bus: goals, torque, registers. Exists in live only.
 
 Every packet is judged by its own bytes before it leaves (R22): ids of this bus, writable addresses, goal
-words inside the raw range.
+words inside what each device may be sent. Devices may differ in model and operating mode (`modes.py`).
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,45 +12,48 @@ from twind_drivers.bus import (
     Burst,
     DeviceRefused,
     Ints,
-    NoReply,
     Order,
-    Ping,
     Reboot,
     Register,
+    Restart,
     Script,
-    WireClamp,
     Write,
 )
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.goals import GoalPacket
-from twind_drivers.dynamixel.layout import Block
+from twind_drivers.dynamixel.explain import explain, limit_of
+from twind_drivers.dynamixel.goals import Goals, goal_packets
+from twind_drivers.dynamixel.layout import layout_of
 from twind_drivers.dynamixel.line import Exchange
+from twind_drivers.dynamixel.modes import CURRENT_BASED, POSITION, check_bounds, check_cap, fences, mode_of
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.replies import PlainReply
-
-BOOT_ATTEMPTS = 300  # pings after a reboot before we give up: 3 s at 100 Hz
+from twind_drivers.dynamixel.restore import restart
+from twind_drivers.dynamixel.servo import (
+    MAX_ACCELERATION,
+    Gains,
+    Rows,
+    Servo,
+    gain_bytes,
+    groups,
+    rows,
+    writes,
+)
+from twind_drivers.dynamixel.wire_check import WireCheck
 
 # Registers that `write` leaves alone, and whose they are.
 ELSEWHERE = {
     "torque_enable": "torque is switched by arming and disarming",
     "goal_position": "goals pass the gate",
     "goal_velocity": "goals pass the gate",
+    "goal_current": "it is the goal of mode 0, and the cap of mode 5 that preparing for torque sets",
     "id": "it would answer under another id than this bus knows",
     "baud_rate": "it would answer at another baud rate than this bus has",
     "protocol_type": "it would no longer speak this protocol",
 }
 
 
-class Gains(NamedTuple):
-    """Position loop gains, raw; None: the model's default."""
-
-    p: int | None = None
-    i: int | None = None
-    d: int | None = None
-
-
 class DynamixelWriter:
-    """Writes to the bus of `reader`; arrays are in the order of its ids."""
+    """Writes to the bus of `reader`; arrays are in the order of its ids, goals in each device's own unit."""
 
     def __init__(
         self,
@@ -61,21 +63,75 @@ class DynamixelWriter:
         upper: Ints,
         gains: Sequence[tuple[int | None, int | None, int | None]] | None = None,
         watchdog: int = 5,
+        modes: Sequence[int] | None = None,
+        current_caps: Sequence[int | None] | None = None,
+        accelerations: Sequence[int | None] | None = None,
     ) -> None:
-        """`lower`, `upper` (m,): goals in ticks that may ever be sent. `gains` (m): P, I, D each;
-        None: the models' defaults. `watchdog`: x 20 ms, 1..127.
+        """`lower`, `upper` (m,): goals that may ever be sent, each in the unit of its device's mode.
 
-        Raises ValueError: bounds of the wrong shape, watchdog off, a gain without a known default.
+        `gains` (m): P, I, D each; None: the models' defaults. `watchdog`: x 20 ms, 1..127. `modes` (m):
+        operating mode (0, 1, 3, 4, 5) that each device must have; None: all 3. `current_caps` (m): goal
+        current of those in mode 5, counts, None elsewhere. `accelerations` (m): profile acceleration of those
+        in mode 1, counts; None: as the device has it.
+
+        Raises ValueError: bounds of the wrong shape or outside a mode's, watchdog off, a gain without a known
+        default, a mode that is not driven, mode 5 without a cap.
         """
         if not 1 <= watchdog <= 127:
             raise ValueError(f"{reader.name}: watchdog {watchdog} is outside 1..127 (x 20 ms)")
-        self._reader, self._line, self._layout = reader, reader.line, reader.layout
-        self._name, self._ids = reader.name, reader.ids
-        self._goals = GoalPacket(reader.name, reader.ids, self._layout.goal, lower, upper)
+        self._reader, self._line, self._name, self._ids = reader, reader.line, reader.name, reader.ids
+        count = len(self._ids)
         self._watchdog = bytes((watchdog,))
-        each = [Gains()] * len(self._ids) if gains is None else [Gains(*one) for one in gains]
-        self._gains = {id: self._gain_bytes(id, wanted) for id, wanted in zip(self._ids, each, strict=True)}
-        self._off = packet.sync_write(self._layout.torque.address, dict.fromkeys(self._ids, b"\0"))
+        self._servos = tuple(
+            self._servo(*each)
+            for each in zip(
+                self._ids,
+                [POSITION] * count if modes is None else modes,
+                [None] * count if current_caps is None else current_caps,
+                [Gains()] * count if gains is None else gains,
+                [None] * count if accelerations is None else accelerations,
+                strict=True,
+            )
+        )
+        self._lower, self._upper = np.array(lower, np.int64), np.array(upper, np.int64)
+        self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
+        self._fence({})
+        for servo, least, most in zip(self._servos, self._lower, self._upper, strict=True):
+            check_bounds(f"{self._name}: id {servo.id}", servo.table, servo.mode, int(least), int(most))
+        torque = rows(self._servos, lambda servo: (servo.layout.torque, b"\0"))
+        self._off = b"".join(packet.sync_write(where.address, data) for where, data in groups(torque).items())
+
+    def _servo(
+        self,
+        id: int,
+        mode: int,
+        cap: int | None,
+        gains: tuple[int | None, int | None, int | None],
+        acceleration: int | None,
+    ) -> Servo:
+        where, table = f"{self._name}: id {id}", self._reader.table(id)
+        found = mode_of(where, table, mode)
+        check_cap(where, table, found, cap)
+        if acceleration is not None and (found.number != 1 or not 0 <= acceleration <= MAX_ACCELERATION):
+            raise ValueError(
+                f"{where}: profile acceleration {acceleration} belongs to mode 1 and 0..{MAX_ACCELERATION}"
+            )
+        raw = b"" if found.rests_at_zero else gain_bytes(where, table, Gains(*gains))
+        return Servo(id, table, layout_of([table]), found, raw, cap, acceleration)
+
+    def _fence(self, limits: Mapping[int, int]) -> None:
+        """Goals and bytes are judged by the bounds given, speeds and currents also by their limit register.
+
+        Until that is read (`limits`, by id) nothing but 0 is sent as a speed or current.
+        """
+        limit = np.array([limits.get(id, 0) for id in self._ids])
+        lower = np.where(self._resting, np.maximum(self._lower, -limit), self._lower)
+        upper = np.where(self._resting, np.minimum(self._upper, limit), self._upper)
+        goals = [servo.goal for servo in self._servos]
+        self._goals: Goals = goal_packets(self._name, self._ids, goals, lower, upper)
+        own = zip(self._servos, lower.tolist(), upper.tolist(), strict=True)
+        each = {one.id: fences(one.table, one.mode, least, most, one.cap) for one, least, most in own}
+        self._check = WireCheck(self._name, self._reader.tables, each)
 
     # --------------------------------------------------------------------------- every tick
 
@@ -97,7 +153,7 @@ class DynamixelWriter:
     def begin(self, order: Order, now: float) -> None:
         """Begin one order; the reader's `answer` ends it. Raises PortError, WireClamp; TypeError."""
         exchange = self._exchange(order)
-        self._judge(exchange.packet)
+        self._check.judge(exchange.packet)
         self._line.send(exchange, now)
 
     def _exchange(self, order: Order) -> Exchange:
@@ -107,70 +163,91 @@ class DynamixelWriter:
             [(id, data)] = order.data.items()
             return Exchange(packet.write(id, order.address, data), PlainReply((id,), 0), 1)
         if isinstance(order, Write | Burst):
-            writes = (order,) if isinstance(order, Write) else order.writes
-            packets = b"".join(packet.sync_write(each.address, each.data) for each in writes)
+            each = (order,) if isinstance(order, Write) else order.writes
+            packets = b"".join(packet.sync_write(one.address, one.data) for one in each)
             return Exchange(packets, None, 0)
         raise TypeError(f"{self._name}: a writer does not ask: {order}")
-
-    def _judge(self, data: bytes) -> None:
-        """What stands in the bytes: known ids, writable addresses, goal words inside their range."""
-        framer = packet.Framer(status=False)
-        found = framer.feed(data)
-        if framer.discarded or len(framer) or not found:
-            raise WireClamp(self._name, packet.BROADCAST, len(data), 0, 0, "stray bytes in a packet")
-        for each in found:
-            for id, address, raw in _rows(each):
-                self._judge_row(id, address, raw)
-
-    def _judge_row(self, id: int, address: int, raw: bytes) -> None:
-        if id not in self._reader.tables:
-            raise WireClamp(self._name, id, id, min(self._ids), max(self._ids), "address to id")
-        goal = self._layout.goal
-        if address < goal.address + goal.size and goal.address < address + len(raw):
-            place = self._ids.index(id)
-            lower, upper = int(self._goals.lower[place]), int(self._goals.upper[place])
-            word = int.from_bytes(raw, "little", signed=True)
-            if (address, len(raw)) != (goal.address, goal.size) or not lower <= word <= upper:
-                raise WireClamp(self._name, id, word, lower, upper)
-        writable = self._reader.tables[id].writable
-        if not writable.issuperset(range(address, address + len(raw))):
-            raise WireClamp(self._name, id, address, min(writable), max(writable), "read-only address")
 
     # --------------------------------------------------------------------------- scripts
 
     def prepare(self, ticks: Ints) -> Script[None]:
         """Before torque; each step read back from all. Raises DeviceRefused, NoReply, WireClamp.
 
-        Watchdogs cleared, goal := `ticks` (m,), watchdogs armed, in one system call: a tripped servo whose
-        torque is still on must not resume its old goal. Gains; profile 0 (the executor shapes the motion).
+        Operating modes are those given. Watchdogs cleared, goal := `ticks` (m,), or 0 for speeds and
+        currents, watchdogs armed, in one system call: a tripped servo whose torque is still on must not
+        resume its old goal. Caps, gains; profile 0 for positions (the executor shapes the motion).
         """
-        layout, goal = self._layout, self._goal_rows(ticks)
-        watchdog = dict.fromkeys(self._ids, self._watchdog)
-        yield Burst((self._all(layout.watchdog, b"\0"), goal, Write(watchdog, layout.watchdog.address)))
-        yield from self._same("bus watchdog", layout.watchdog, watchdog)
-        yield Burst((Write(self._gains, layout.gains.address), self._all(layout.profile, bytes(8))))
-        yield from self._same("position gains", layout.gains, self._gains)
-        motion = {id: bytes(8) + row for id, row in goal.data.items()}
-        yield from self._same("profile and goal position", layout.motion, motion)
+        yield from self._require_modes()
+        goal = self._goal_rows(np.where(self._resting, 0, ticks))
+        caps = rows(self._in(CURRENT_BASED), lambda servo: (servo.at("goal_current"), _short(servo.cap or 0)))
+        off, on = (
+            rows(self._servos, lambda servo, data=data: (servo.layout.watchdog, data))  # type: ignore[misc]
+            for data in (b"\0", self._watchdog)
+        )
+        yield Burst((*writes(off), *writes(caps), *writes(goal), *writes(on)))
+        yield from self._same("bus watchdog", on)
+        yield from self._settle(goal)
+        yield from self._same("goal current, the cap of mode 5", caps)
+
+    def _settle(self, goal: Rows) -> Script[None]:
+        """Gains and profiles; what stands beside the goals of each mode is read back with them."""
+        moving = [servo for servo in self._servos if not servo.mode.rests_at_zero]
+        gains = rows(moving, lambda servo: (servo.layout.gains, servo.gains))
+        profile = rows(moving, lambda servo: (servo.layout.profile, bytes(8)))
+        shaped = [servo for servo in self._servos if servo.acceleration is not None]
+        ramps = rows(
+            shaped,
+            lambda servo: (servo.at("profile_acceleration"), (servo.acceleration or 0).to_bytes(4, "little")),
+        )
+        if orders := writes(gains) + writes(profile) + writes(ramps):
+            yield Burst(orders)
+        yield from self._same("position gains", gains)
+        held = {id: data for id, _, data in goal}
+        motion = rows(moving, lambda servo: (servo.layout.motion, bytes(8) + held[servo.id]))
+        yield from self._same("profile and goal position", motion)
+        yield from self._same("profile acceleration", ramps)
+        moved = {servo.id for servo in moving}
+        yield from self._goals_are([row for row in goal if row[0] not in moved])
+
+    def _require_modes(self) -> Script[None]:
+        """The modes are those of this writer; from now on limit registers bound speeds and currents."""
+        modes = rows(self._servos, lambda servo: (servo.at("operating_mode"), bytes((servo.mode.number,))))
+        yield from self._same("operating mode", modes, "needs")
+        limits: dict[int, int] = {}
+        for servo in self._servos:
+            if servo.mode.limit is not None:
+                limits[servo.id] = yield from limit_of(self._reader, servo.id, servo.mode.limit)
+        self._fence(limits)
+        for servo in self._in(CURRENT_BASED):  # a lowered PWM would cap the force a second time, unseen
+            most = yield from limit_of(self._reader, servo.id, "pwm_limit")
+            pwm = [(servo.id, servo.at("goal_pwm"), _short(most))]
+            yield from self._same("goal PWM, at its limit", pwm, "needs")
 
     def aim(self, ticks: Ints) -> Script[None]:
         """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs, WireClamp."""
         goal = self._goal_rows(ticks)
-        yield Burst((goal,))
-        yield from self._same("goal position", self._layout.goal, goal.data)
+        yield Burst(writes(goal))
+        yield from self._goals_are(goal)
 
     def aimed(self) -> Script[Ints]:
-        """The goals (m,) that the devices hold now, in ticks. Raises NoReply."""
-        goal = self._layout.goal
-        found = yield from self._reader.collect(self._ids, goal.address, goal.size)
-        words = b"".join(found[id] for id in self._ids)
-        return np.frombuffer(words, "<i4").astype(np.int64)
+        """The goals (m,) that the devices hold now, each in its own unit. Raises NoReply."""
+        found: dict[int, int] = {}
+        for where, wanted in groups(rows(self._servos, lambda servo: (servo.goal, b""))).items():
+            data = yield from self._reader.collect(tuple(wanted), where.address, where.size)
+            found.update({id: int.from_bytes(raw, "little", signed=True) for id, raw in data.items()})
+        return np.array([found[id] for id in self._ids], np.int64)
 
     def torque(self, on: bool) -> Script[None]:
-        """Torque of all, read back. Off is written twice. Raises DeviceRefused, NoReply."""
-        order = self._all(self._layout.torque, bytes((on,)))
-        yield Burst((order,) if on else (order, order))
-        yield from self._same("torque enable", self._layout.torque, order.data)
+        """Torque of all, read back. Off is written twice. Raises DeviceRefused, NoReply.
+
+        On only after the goals of speeds and currents have read back 0: they act at once.
+        """
+        if on:
+            resting = [servo for servo in self._servos if servo.mode.rests_at_zero]
+            yield from self._goals_are(rows(resting, lambda each: (each.goal, each.word(0))), "needs")
+        wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
+        yield Burst(writes(wanted) if on else writes(wanted) * 2)
+        yield from self._same("torque enable", wanted)
 
     def write(self, id: int, name: str, value: int) -> Script[Register]:
         """One register by name, read back. EEPROM only while that device's torque is off.
@@ -188,75 +265,56 @@ class DynamixelWriter:
         reply = yield Write({id: field.encode(value)}, field.address)
         error = reply.error.get(id, 0)
         if error & 0x7F:
-            raise DeviceRefused(self._name, id, f"{field.name} = {value}", packet.explain(error))
+            why, limit = packet.explain(error), field.rule.limit
+            if error & 0x7F == packet.Error.DATA_LIMIT and limit is not None:
+                bound = yield from self._reader.read(id, limit)
+                why += f": {bound.name} ({bound.address}) is {bound.value}"
+            raise DeviceRefused(self._name, id, f"{field.name} = {value}", why)
         back = yield from self._reader.read(id, field.key)
         if back.value != value:
             raise DeviceRefused(self._name, id, field.name, f"wrote {value}, reads {back.value}")
         return back
 
-    def reboot(self, id: int) -> Script[None]:
-        """Restart one device and wait until it answers again. Raises NoReply, KeyError."""
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[Restart]:
+        """Restart one device, wait until it answers, give its RAM settings back. Its torque stays off.
+
+        Refused while its torque reads on: it carries a load. `shut_down`: the caller knows that its hardware
+        error has shut it down although it does; that error must read back. Raises NoReply, KeyError,
+        DeviceRefused.
+        """
         self._reader.table(id)
-        reply = yield Reboot(id)
-        if id not in reply.error:
-            raise NoReply(self._name, (id,), reply.waited, "reboot")
-        self._reader.slow.forget(id)
-        waited = reply.waited
-        for _ in range(BOOT_ATTEMPTS):
-            reply = yield Ping(id)
-            waited += reply.waited
-            if id in reply.data:
-                return
-        raise NoReply(self._name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
+        servo = self._servos[self._ids.index(id)]
+        return (yield from restart(self._reader, servo, shut_down=shut_down))
 
     # --------------------------------------------------------------------------- parts
 
-    def _all(self, block: Block, data: bytes) -> Write:
-        return Write(dict.fromkeys(self._ids, data), block.address)
+    def _in(self, mode: int) -> list[Servo]:
+        return [servo for servo in self._servos if servo.mode.number == mode]
 
-    def _goal_rows(self, ticks: Ints) -> Write:
+    def _goal_rows(self, ticks: Ints) -> Rows:
         """Judged here too, so that a script's WireClamp is the script's."""
         self._goals.encode(ticks)
-        words = ticks.astype("<i4")
-        return Write({id: words[i].tobytes() for i, id in enumerate(self._ids)}, self._layout.goal.address)
+        return [
+            (servo.id, servo.goal, servo.word(int(tick)))
+            for servo, tick in zip(self._servos, ticks, strict=True)
+        ]
 
-    def _same(self, what: str, block: Block, wanted: Mapping[int, bytes]) -> Script[None]:
-        found = yield from self._reader.collect(self._ids, block.address, block.size)
-        for id, data in wanted.items():
-            if found[id] != data:
-                reason = f"wrote {data.hex(' ')}, reads {found[id].hex(' ')}{self._why(id)}"
-                raise DeviceRefused(self._name, id, f"{what} ({block.address})", reason)
+    def _goals_are(self, wanted: Rows, verb: str = "wrote") -> Script[None]:
+        """Each kind of goal by its name."""
+        for name in dict.fromkeys(servo.mode.goal for servo in self._servos):
+            own = {servo.id for servo in self._servos if servo.mode.goal == name}
+            yield from self._same(name.replace("_", " "), [row for row in wanted if row[0] in own], verb)
 
-    def _why(self, id: int) -> str:
-        """What the slow registers last said that explains a servo which does not obey."""
-        place, state = self._ids.index(id), self._reader.registers
-        if state.fault[place] > 0:
-            return f"; hardware error {state.fault[place]:#04x} (register 70): find the cause, then reboot it"
-        return "; its bus watchdog has tripped" if state.watchdog[place] == 255 else ""
-
-    def _gain_bytes(self, id: int, gains: Gains) -> bytes:
-        table = self._reader.table(id)
-        parts = []
-        for key, wanted in (("d", gains.d), ("i", gains.i), ("p", gains.p)):
-            field = table[f"position_{key}_gain"]
-            value = field.rule.default if wanted is None else wanted
-            if value is None:
-                raise ValueError(
-                    f"{self._name}: id {id}: no default of {field.name} known for {table.model}: set it"
-                )
-            field.check(value)
-            parts.append(field.encode(value))
-        return b"".join(parts)
+    def _same(self, what: str, wanted: Rows, verb: str = "wrote") -> Script[None]:
+        for where, own in groups(wanted).items():
+            found = yield from self._reader.collect(tuple(own), where.address, where.size)
+            for id, data in own.items():
+                if found[id] != data:
+                    servo = self._servos[self._ids.index(id)]
+                    why = yield from explain(self._reader, servo, where, data)
+                    reason = f"{verb} {data.hex(' ')}, reads {found[id].hex(' ')}{why}"
+                    raise DeviceRefused(self._name, id, f"{what} ({where.address})", reason)
 
 
-def _rows(found: packet.Packet) -> list[tuple[int, int, bytes]]:
-    """(id, address, data) of each write in a packet; a restart writes nothing but names its id."""
-    params = found.params
-    if found.instruction == packet.Instruction.REBOOT:
-        return [(found.id, 0, b"")]
-    address = int.from_bytes(params[:2], "little")
-    if found.instruction == packet.Instruction.WRITE:
-        return [(found.id, address, params[2:])]
-    size = int.from_bytes(params[2:4], "little") + 1
-    rows = [params[at : at + size] for at in range(4, len(params), size)]
-    return [(row[0], address, row[1:]) for row in rows]
+def _short(value: int) -> bytes:
+    return value.to_bytes(2, "little", signed=True)

@@ -1,0 +1,127 @@
+"""A restart of one device that gives its RAM settings back.
+
+RAM falls back to its defaults by a restart (e-manual, "Reboot"; what: control table pages, "RAM area").
+Torque, goals and the bus watchdog are not given back: whoever wants torque prepares for it anew.
+"""
+
+from collections.abc import Mapping
+
+from twind_drivers.bus import DeviceRefused, NoReply, Ping, Reboot, Register, Restart, Script, Write
+from twind_drivers.dynamixel.modes import CURRENT_BASED
+from twind_drivers.dynamixel.reader import DynamixelReader
+from twind_drivers.dynamixel.servo import Servo
+from twind_drivers.dynamixel.tables import Field
+
+BOOT_ATTEMPTS = 300  # pings after a reboot before we give up: 3 s at 100 Hz
+
+RESTORED = (
+    "led",
+    "led_red",
+    "led_green",
+    "led_blue",
+    "status_return_level",
+    "velocity_i_gain",
+    "velocity_p_gain",
+    "position_d_gain",
+    "position_i_gain",
+    "position_p_gain",
+    "feedforward_2nd_gain",
+    "feedforward_1st_gain",
+    "goal_pwm",
+    "goal_current",
+    "profile_acceleration",
+    "profile_velocity",
+)
+OFF = ("torque_enable", "bus_watchdog")  # what must read 0 afterwards
+
+
+def restart(reader: DynamixelReader, servo: Servo, *, shut_down: bool) -> Script[Restart]:
+    """Restart and restore `servo`. Raises NoReply; DeviceRefused while its torque is on.
+
+    `shut_down`: torque reads on, but the hardware error (70) has taken it; refused where that error reads 0.
+    """
+    fields = _settings(servo)
+    state = [servo.table[name] for name in (*OFF, "hardware_error_status")]
+    before = yield from _values(reader, servo, fields + state)
+    _require_unloaded(reader.name, servo.id, before, shut_down=shut_down)
+    yield from _reboot(reader, servo.id)
+    yield from _let_go(reader, servo)
+    fallen = yield from _values(reader, servo, fields)
+    changed = [field for field in fields if fallen[field.key] != before[field.key]]
+    for field in changed:
+        if _may_return(servo, field, before[field.key]):
+            yield Write({servo.id: field.encode(before[field.key])}, field.address)
+    after = (yield from _values(reader, servo, fields)) if changed else fallen
+    return _compare(fields, before, fallen, after)
+
+
+def _settings(servo: Servo) -> list[Field]:
+    """What is restored of this model; a current that is a goal is none of it."""
+    names = [name for name in RESTORED if name in servo.table and name != servo.mode.goal]
+    return [servo.table[name] for name in names]
+
+
+def _may_return(servo: Servo, field: Field, value: int) -> bool:
+    """In mode 5 goal current never goes beyond the cap, whatever stood there; `prepare` sets it."""
+    capped = field.key == "goal_current" and servo.mode.number == CURRENT_BASED
+    return not capped or 0 <= value <= (servo.cap or 0)
+
+
+def _require_unloaded(name: str, id: int, state: Mapping[str, int], *, shut_down: bool) -> None:
+    if state["torque_enable"] == 0:
+        return
+    if not shut_down:
+        reason = "its torque is on and a restart would drop what it carries: disarm, then reboot"
+        raise DeviceRefused(name, id, "reboot", reason)
+    if state["hardware_error_status"] == 0:
+        reason = "its torque is on and its hardware error (70) is 0: nothing has shut it down; disarm first"
+        raise DeviceRefused(name, id, "reboot", reason)
+
+
+def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
+    """Off the bus and back on it."""
+    reply = yield Reboot(id)
+    if id not in reply.error:
+        raise NoReply(reader.name, (id,), reply.waited, "reboot")
+    reader.slow.forget(id)
+    waited = reply.waited
+    for _ in range(BOOT_ATTEMPTS):
+        reply = yield Ping(id)
+        waited += reply.waited
+        if id in reply.data:
+            return
+    raise NoReply(reader.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
+
+
+def _let_go(reader: DynamixelReader, servo: Servo) -> Script[None]:
+    """Torque and watchdog off, read back: startup configuration (60) can switch torque on at boot."""
+    fields = [servo.table[name] for name in OFF]
+    state = yield from _values(reader, servo, fields)
+    for field in fields:
+        if state[field.key]:
+            yield Write({servo.id: bytes(field.size)}, field.address)
+            left = (yield from reader.read(servo.id, field.key)).value
+            if left:
+                reason = f"reads {left} after the restart and cannot be switched off: cut its supply"
+                raise DeviceRefused(reader.name, servo.id, f"{field.name} ({field.address})", reason)
+
+
+def _values(reader: DynamixelReader, servo: Servo, fields: list[Field]) -> Script[dict[str, int]]:
+    """Registers by key, in one transaction."""
+    first, end = min(field.address for field in fields), max(field.end for field in fields)
+    raw = (yield from reader.collect((servo.id,), first, end - first))[servo.id]
+    return {field.key: field.decode(raw[field.address - first :]) for field in fields}
+
+
+def _compare(
+    fields: list[Field], before: Mapping[str, int], fallen: Mapping[str, int], after: Mapping[str, int]
+) -> Restart:
+    restored: list[Register] = []
+    differing: list[tuple[Register, int]] = []
+    for field in fields:
+        now = Register(field.name, field.address, field.size, after[field.key])
+        if after[field.key] != before[field.key]:
+            differing.append((now, before[field.key]))
+        elif fallen[field.key] != before[field.key]:
+            restored.append(now)
+    return Restart(tuple(restored), tuple(differing))

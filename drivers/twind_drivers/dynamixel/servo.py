@@ -1,0 +1,79 @@
+"""One device as the writer commands it: its mode, where its registers lie, what it is given. Pure."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from twind_drivers.bus import Write
+from twind_drivers.dynamixel.layout import Block, Layout
+from twind_drivers.dynamixel.modes import Mode, block
+from twind_drivers.dynamixel.tables import Table
+
+MAX_ACCELERATION = 32767  # counts of register 108 (e-manual)
+
+Rows = list[tuple[int, Block, bytes]]  # id, where, what
+
+
+class Gains(NamedTuple):
+    """Position loop gains, raw; None: the model's default."""
+
+    p: int | None = None
+    i: int | None = None
+    d: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """One device."""
+
+    id: int
+    table: Table
+    layout: Layout
+    mode: Mode
+    gains: bytes  # D, I, P as they lie in the registers
+    cap: int | None  # goal current in mode 5, counts
+    acceleration: int | None  # profile acceleration in mode 1, counts; None: as the servo has it
+
+    def at(self, *names: str) -> Block:
+        """From the first of these registers to the end of the last."""
+        return block(self.table, *names)
+
+    @property
+    def goal(self) -> Block:
+        """The register that commands it."""
+        return self.at(self.mode.goal)
+
+    def word(self, goal: int) -> bytes:
+        """A goal as it lies in that register."""
+        return goal.to_bytes(self.goal.size, "little", signed=True)
+
+
+def gain_bytes(where: str, table: Table, gains: Gains) -> bytes:
+    """D, I, P. Raises ValueError: out of range, or a default that is not known. `where`: for the error."""
+    parts = []
+    for key, wanted in (("d", gains.d), ("i", gains.i), ("p", gains.p)):
+        field = table[f"position_{key}_gain"]
+        value = field.rule.default if wanted is None else wanted
+        if value is None:
+            raise ValueError(f"{where}: no default of {field.name} known for {table.model}: set it")
+        field.check(value)
+        parts.append(field.encode(value))
+    return b"".join(parts)
+
+
+def rows(servos: Iterable[Servo], what: Callable[[Servo], tuple[Block, bytes]]) -> Rows:
+    """`what` of each of them."""
+    return [(servo.id, *what(servo)) for servo in servos]
+
+
+def groups(wanted: Rows) -> dict[Block, Mapping[int, bytes]]:
+    """The same by where it lies: one group packet, or one read, for each."""
+    found: dict[Block, dict[int, bytes]] = {}
+    for id, where, data in wanted:
+        found.setdefault(where, {})[id] = data
+    return dict(found)
+
+
+def writes(wanted: Rows) -> tuple[Write, ...]:
+    """One group write for each (address, size)."""
+    return tuple(Write(data, where.address) for where, data in groups(wanted).items())
