@@ -1,9 +1,12 @@
 """Identification: who is there, with what settings, and whether the fast read may be used."""
 
+from collections.abc import Sequence
+from contextlib import suppress
+
 import pytest
 from dxl_responder import Servos, Wire
 
-from twind_drivers.bus import Device, perform
+from twind_drivers.bus import Device, Ping, Read, perform
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.identity import supports_fast
 from twind_drivers.dynamixel.reader import DynamixelReader
@@ -126,3 +129,48 @@ def test_some_models_never_have_it(stem: str) -> None:
 def test_old_firmware_reads_plainly() -> None:
     _, bus = identify(Servos(IDS, firmware=44))
     assert not bus.fast
+
+
+def transactions(servos: Servos, delay_us: float = 0.0, ids: Sequence[int] = tuple(range(1, 25))) -> int:
+    """How many ticks identification takes: one transaction each."""
+    wire = Wire(servos)
+    bus = DynamixelReader("main", wire, ids, [1020] * len(ids), baud=1_000_000, return_delay_us=delay_us)
+    assert len(perform(bus, bus.identify(), FakeClock())) == len(servos.memory) - len(servos.silent)
+    return len(wire.writes)
+
+
+def test_a_robot_of_24_is_identified_within_half_a_second_of_ticks() -> None:
+    """At 100 Hz, beside up to 0.5 s between tries to open: back within 1 s (design 6.4)."""
+    assert transactions(Servos(range(1, 25))) <= 18
+    assert transactions(Servos(range(1, 25)), delay_us=500.0) <= 40  # as the servos are delivered
+
+
+def test_every_slice_of_it_fits_beside_a_cycle() -> None:
+    servos = Servos(range(1, 25))
+    bus = DynamixelReader(
+        "main", Wire(servos), range(1, 25), [1020] * 24, baud=1_000_000, return_delay_us=250
+    )
+    script = bus.identify()
+    query = next(script)
+    with suppress(StopIteration):
+        while True:
+            assert isinstance(query, Ping | Read)
+            assert bus.span(query) <= 0.002
+            bus.begin(query, 0.0)
+            bus.feed(0.0)
+            query = script.send(bus.answer(0.0))
+
+
+def test_a_bus_without_power_is_given_up_after_a_few_questions_each() -> None:
+    servos = Servos(range(1, 25))
+    servos.silent = set(range(1, 25))
+    assert transactions(servos) <= 24 * 3
+
+
+def test_a_swapped_model_is_read_by_its_own_table() -> None:
+    servos = Servos(IDS)
+    servos.put(2, 0, 2010, 2)  # its torque enable is at 512
+    servos.put(2, 512, 1, 1)
+    devices, _ = identify(servos)
+    assert devices[1].model_name == "PH54-100-S500"
+    assert devices[1].settings["torque_enable"] == 1

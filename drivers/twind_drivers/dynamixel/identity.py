@@ -2,9 +2,10 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
-from twind_drivers.bus import Device, NoReply, Ping, Reply, Script
+from twind_drivers.bus import Device, Ping, Query, Read, Script
 from twind_drivers.dynamixel.layout import Block
 from twind_drivers.dynamixel.tables import Table, table
 
@@ -26,13 +27,21 @@ SETTINGS = (
 )
 
 
+WHO = ("model_number", "firmware_version")
+SLICE = 0.002  # s of bus time that one transaction may take beside a cycle
+Settings = dict[str, int]
+
+
 class Asker(Protocol):
     """What identification needs of a reader."""
 
     ids: tuple[int, ...]
 
-    def collect(self, ids: Sequence[int], address: int, size: int) -> Script[Mapping[int, bytes]]:
-        """One block of several devices."""
+    def table(self, id: int) -> Table:
+        """The table of the model that is expected there."""
+
+    def span(self, query: Query) -> float:
+        """Bus time (s) that a transaction takes at most, its timeout excluded."""
 
 
 def supports_fast(stem: str, firmware: int) -> bool:
@@ -54,59 +63,84 @@ def known(number: int, firmware: int) -> Table | None:
         return None
 
 
-def device(id: int, reply: Reply) -> tuple[Device, Table | None] | None:
-    """What the answer to a ping says; None: it did not answer."""
-    data = reply.data.get(id)
-    if data is None:
-        return None
-    number, firmware = int.from_bytes(data[:2], "little"), data[2]
-    found = known(number, firmware)
-    return Device(id, number, found.model if found else None, firmware), found
-
-
 def identify(bus: Asker) -> Script[tuple[tuple[Device, ...], dict[int, Table], bool]]:
     """Devices that answer, in order; their tables; whether all of them answer fast sync reads.
 
-    A device that answers pings but not reads (status return level 0) has no settings.
+    Who they are and how they are set comes in the same group reads, each a slice of a tick: the answers to a
+    broadcast ping take milliseconds an id (`roll_call`), which no tick has. Those that stay silent, and those
+    that are another model than expected, are pinged. A device that answers pings but no reads (status return
+    level 0) has no settings.
     """
-    found: dict[int, Device] = {}
-    tables: dict[int, Table] = {}
-    for id in bus.ids:
-        for _ in range(2):  # one lost packet is not a missing device
-            seen = device(id, (yield Ping(id)))
-            if seen is not None:
-                found[id] = seen[0]
-                tables.update({id: seen[1]} if seen[1] else {})
-                break
-    settings = yield from _settings(bus, tables)
-    devices = tuple(
-        Device(each.id, each.model_number, each.model_name, each.firmware, settings.get(each.id, {}))
-        for each in found.values()
-    )
+    expected = {id: bus.table(id) for id in bus.ids}
+    found: dict[int, tuple[Device, Table | None]] = {}
+    settings: dict[int, Settings] = {}
+    for id, values in (yield from _read(bus, expected, (*WHO, *SETTINGS), eeprom=True)).items():
+        number, firmware = (values.pop(name, -1) for name in WHO)
+        if number == expected[id].number and firmware >= 0:  # else these bytes mean something else
+            found[id], settings[id] = _device(id, number, firmware), values
+    strangers = [id for id in bus.ids if id not in found]
+    pinged = yield from _ping(bus, strangers)
+    tables = {id: known for id, (_, known) in (found | pinged).items() if known is not None}
+    others = {id: tables[id] for id in strangers if id in tables}
+    settings.update((yield from _read(bus, others, SETTINGS, eeprom=True)))
+    for id, values in (yield from _read(bus, tables, SETTINGS, eeprom=False)).items():
+        settings.setdefault(id, {}).update(values)
+    found.update(pinged)
+    devices = tuple(replace(found[id][0], settings=settings.get(id, {})) for id in bus.ids if id in found)
     fast = all(each.id in tables and supports_fast(tables[each.id].stem, each.firmware) for each in devices)
     return devices, tables, fast
 
 
-def _settings(bus: Asker, tables: Mapping[int, Table]) -> Script[dict[int, dict[str, int]]]:
-    """Two blocks of each device, EEPROM and RAM, by the table of the model that is really there."""
-    settings: dict[int, dict[str, int]] = {}
-    for eeprom in (True, False):
-        for block, ids in _blocks(tables, eeprom=eeprom).items():
-            try:
-                data = yield from bus.collect(ids, block.address, block.size)
-            except NoReply as silent:
-                answering = [id for id in ids if id not in silent.ids]
-                data = (yield from bus.collect(answering, block.address, block.size)) if answering else {}
-            for id, raw in data.items():
-                settings.setdefault(id, {}).update(_decode(tables[id], block, raw))
-    return settings
+def _device(id: int, number: int, firmware: int) -> tuple[Device, Table | None]:
+    """A device without its settings, and its table, where the vendor's files have one."""
+    found = known(number, firmware)
+    return Device(id, number, found.model if found else None, firmware), found
 
 
-def _blocks(tables: Mapping[int, Table], *, eeprom: bool) -> dict[Block, list[int]]:
-    """Ids by the smallest block that holds their settings of one kind of memory."""
+def _ping(bus: Asker, ids: Sequence[int]) -> Script[dict[int, tuple[Device, Table | None]]]:
+    found = {}
+    for id in ids:
+        for _ in range(2):  # one lost packet is not a missing device
+            data = (yield Ping(id)).data.get(id)
+            if data is not None:
+                found[id] = _device(id, int.from_bytes(data[:2], "little"), data[2])
+                break
+    return found
+
+
+def _read(
+    bus: Asker, tables: Mapping[int, Table], names: Sequence[str], *, eeprom: bool
+) -> Script[dict[int, Settings]]:
+    """The values of those who answer, by the smallest block of each table that holds the names."""
+    values: dict[int, Settings] = {}
+    for block, ids in _blocks(tables, names, eeprom=eeprom).items():
+        found: dict[int, bytes] = {}
+        for _ in range(2):  # who is silent is asked twice
+            missing = [id for id in ids if id not in found]
+            for query in _slices(bus, missing, block):
+                found.update((yield query).data)
+        for id, raw in found.items():
+            values[id] = _decode(tables[id], names, block, raw)
+    return values
+
+
+def _slices(bus: Asker, ids: Sequence[int], block: Block) -> list[Read]:
+    """Reads of as many devices each as fit beside a cycle, at least one."""
+    queries: list[Read] = []
+    for id in ids:
+        longer = Read((*queries[-1].ids, id), block.address, block.size) if queries else None
+        if longer is not None and bus.span(longer) <= SLICE:
+            queries[-1] = longer
+        else:
+            queries.append(Read((id,), block.address, block.size))
+    return queries
+
+
+def _blocks(tables: Mapping[int, Table], names: Sequence[str], *, eeprom: bool) -> dict[Block, list[int]]:
+    """Ids by the smallest block that holds the named registers of one kind of memory."""
     blocks: dict[Block, list[int]] = {}
     for id, each in tables.items():
-        fields = [each[name] for name in SETTINGS if name in each and each[name].eeprom is eeprom]
+        fields = [each[name] for name in names if name in each and each[name].eeprom is eeprom]
         if fields:
             first = min(field.address for field in fields)
             block = Block(first, max(field.end for field in fields) - first)
@@ -114,9 +148,9 @@ def _blocks(tables: Mapping[int, Table], *, eeprom: bool) -> dict[Block, list[in
     return blocks
 
 
-def _decode(each: Table, block: Block, raw: bytes) -> dict[str, int]:
-    values: dict[str, int] = {}
-    for name in SETTINGS:
+def _decode(each: Table, names: Sequence[str], block: Block, raw: bytes) -> Settings:
+    values: Settings = {}
+    for name in names:
         at = block.offset(each[name]) if name in each else None
         if at is not None:
             values[name] = each[name].decode(raw[at:])
