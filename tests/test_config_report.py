@@ -66,3 +66,16 @@ def test_an_impossible_rate_is_an_error_with_its_arithmetic() -> None:
 
 def test_the_rate_of_the_file_is_checked_when_none_is_given() -> None:
     assert check_robot(replace(ROBOT, rate_hz=900.0)).errors
+
+
+def test_modes_without_limits_of_the_servos_own_are_warned_of_by_name() -> None:
+    joints = tuple(
+        replace(joint, mode="extended_position") if joint.name == "l_knee" else joint
+        for joint in ROBOT.joints
+    )
+    report = check_robot(replace(ROBOT, joints=joints), calibration=calibrated(0))
+    (warning,) = (line for line in report.lines if line.startswith("warning:"))
+    assert warning.endswith("the daemon's clamp is the only fence: l_knee")
+    assert not any(each.startswith("joints.l_knee:") for each in report.errors)  # no turn to leave
+    assert any(each.startswith("joints.r_knee:") for each in report.errors)
+    assert not any(line.startswith("warning:") for line in check_robot(ROBOT).lines)

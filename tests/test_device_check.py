@@ -9,6 +9,7 @@ import pytest
 from twind.config.calibration_file import fitting
 from twind.config.device_check import check_devices, compare
 from twind.config.robot_file import load_robot
+from twind.config.robot_spec import RobotFile
 from twind.robot.finding import Code, Verdict
 from twind_drivers.bus import Device
 
@@ -84,7 +85,7 @@ def test_a_register_that_was_not_read_refuses(register: str) -> None:
         (set_to(startup_configuration=3), "startup_configuration (60) is 3"),
         (set_to(homing_offset=1025), "homing_offset (20) is 1025; beyond ±1024 position mode ignores it"),
         (set_to(homing_offset=-1025), "homing_offset (20) is -1025"),
-        (set_to(operating_mode=4), "operating_mode (11) is 4, position mode is 3"),
+        (set_to(operating_mode=4), "operating_mode (11) is 4, position mode is 3: with torque off write 3"),
         (
             lambda d: replace(d, model_number=1030, model_name="XM430-W210"),
             "is XM430-W210 (model number 1030)",
@@ -147,6 +148,54 @@ def test_implausible_travel_is_warned_of(share: float, warned: bool) -> None:
     verdict = compare(ROBOT, replace(CALIBRATION, joints=tuple(joints)), DEVICES)
     assert bool(verdict.warnings) is warned
     assert not verdict.refusals
+
+
+def in_mode(mode: str) -> RobotFile:
+    return replace(ROBOT, joints=tuple(replace(joint, mode=mode) for joint in ROBOT.joints))
+
+
+@pytest.mark.parametrize(("mode", "number"), [("extended_position", 4), ("current_based_position", 5)])
+def test_a_servo_has_the_mode_that_its_joint_names(mode: str, number: int) -> None:
+    robot = in_mode(mode)
+    assert len(check_devices(robot, DEVICES).refusals) >= 24  # all of them are in position mode
+    devices = {key: set_to(operating_mode=number, current_limit=1193)(each) for key, each in DEVICES.items()}
+    assert not check_devices(robot, devices).refusals
+    (missing,) = check_devices(robot, {**devices, KEY: without("operating_mode")(devices[KEY])}).refusals
+    assert "operating_mode (11) is None" in missing.message
+
+
+def test_where_the_servos_limits_do_nothing_a_warning_says_so() -> None:
+    # e-manual, Min/Max Position Limit (48, 52): used in position control mode only
+    devices = {key: set_to(operating_mode=4)(each) for key, each in DEVICES.items()}
+    verdict = check_devices(in_mode("extended_position"), devices)
+    assert [each.joint for each in verdict.warnings] == list(range(24))
+    assert "the daemon's clamp is the only fence" in verdict.warnings[0].message
+    assert not check_devices(ROBOT, DEVICES).warnings
+
+
+@pytest.mark.parametrize("offset", [1025, -100_000])
+def test_a_wide_offset_is_refused_in_position_mode_alone(offset: int) -> None:
+    # e-manual, Homing Offset (20): position control mode uses -1024..1024 only, the others all of it
+    change = set_to(operating_mode=4, homing_offset=offset)
+    devices = {key: change(each) for key, each in DEVICES.items()}
+    assert not check_devices(in_mode("extended_position"), devices).refusals
+    devices = {key: set_to(homing_offset=offset)(each) for key, each in DEVICES.items()}
+    assert len(check_devices(ROBOT, devices).refusals) == 24
+
+
+@pytest.mark.parametrize(("limit", "refused"), [(854, True), (855, False), (1193, False)])
+def test_a_cap_beyond_the_servos_current_limit_is_refused(limit: int, refused: bool) -> None:
+    robot = in_mode("current_based_position")
+    kind = replace(robot.joints[0].type, current_limit_a=2.3)
+    robot = replace(robot, joints=tuple(replace(joint, type=kind) for joint in robot.joints))
+    devices = {key: set_to(operating_mode=5, current_limit=limit)(each) for key, each in DEVICES.items()}
+    refusals = check_devices(robot, devices).refusals
+    assert bool(refusals) is refused
+    if refused:
+        assert "current_limit (38) is 854" in refusals[0].message
+        assert "current_limit_a of the robot file asks for 855" in refusals[0].message
+    unread = {key: without("current_limit")(each) for key, each in devices.items()}
+    assert len(check_devices(robot, unread).refusals) == 24
 
 
 def test_registers_that_the_robot_file_expects_are_compared() -> None:

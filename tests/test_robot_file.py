@@ -66,6 +66,29 @@ def test_limits_of_a_joint_are_the_tightest_of_type_and_joint_at_the_joint(tmp_p
     )  # a gear of 2 halves what the type can
 
 
+def test_the_mode_is_the_joints_own_else_its_types(tmp_path: Path) -> None:
+    assert [joint.mode for joint in read(tmp_path).joints] == ["position", "position"]
+    text = SMALL.replace("device: XM430-W350", "device: XM430-W350, mode: extended_position")
+    shoulder, elbow = read(tmp_path, text.replace("id: 2,", "id: 2, mode: current_based_position,")).joints
+    assert (shoulder.operating_mode, shoulder.current_cap) == (4, None)
+    assert (elbow.operating_mode, elbow.current_cap) == (5, 855)  # 2.3 A in counts of 2.69 mA, rounded down
+    (shoulder, elbow) = read(
+        tmp_path, SMALL.replace("bus: main}", "bus: main, mode: extended_position}")
+    ).joints
+    assert {shoulder.operating_mode, elbow.operating_mode} == {4}
+
+
+def test_a_cap_that_is_a_whole_number_of_counts_keeps_its_last_count(tmp_path: Path) -> None:
+    text = SMALL.replace("current_limit_a: 2.3", "mode: current_based_position, current_limit_a: 2.69")
+    assert read(tmp_path, text).joints[0].current_cap == 1000
+
+
+def test_one_write_of_a_bus_is_on_unless_the_file_says_otherwise(tmp_path: Path) -> None:
+    assert read(tmp_path).bus("main").one_write is True
+    text = SMALL.replace("baud: 1000000", "baud: 1000000, one_write: false")
+    assert read(tmp_path, text).bus("main").one_write is False
+
+
 def test_registers_of_a_joint_override_those_of_its_type(tmp_path: Path) -> None:
     shoulder, elbow = read(tmp_path).joints
     assert shoulder.registers == {"shutdown": 52}
@@ -92,12 +115,39 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
         ("kind: dynamixel2", "kind: can", "kind can is not supported by this version yet"),
         ("baud: 1000000", "baud: 1000001", "1000001 is not a rate of these servos: 9600, 57600"),
         ("gains: {p: 800, i: 0, d: 0}, ", "", "gains.p: is required and missing"),
-        ("device: XM430-W350", "device: XM430-W350, mode: velocity", "'velocity' is none of position"),
         (
             "device: XM430-W350",
-            "device: XM430-W350, mode: extended_position",
-            "mode extended_position is not supported",
+            "device: XM430-W350, mode: velocity",
+            "types.xm.mode: mode velocity takes speeds, and the daemon commands positions: use one of",
         ),
+        ("id: 1,", "id: 1, mode: current,", "joints.shoulder.mode: mode current takes currents"),
+        (
+            "device: XM430-W350",
+            "device: XM430-W350, mode: current_position",
+            "'current_position' is none of position, extended_position, current_based_position",
+        ),
+        ("id: 1,", "id: 1, mode: pwm,", "joints.shoulder.mode: 'pwm' is none of position, extended_position"),
+        (
+            "torque_constant_nm_per_a: 1.78, current_limit_a: 2.3",
+            "mode: current_based_position",
+            "joints.shoulder.mode: mode current_based_position needs current_limit_a in type xm",
+        ),
+        (
+            "current_limit_a: 2.3",
+            "mode: current_based_position, current_limit_a: 0.001",
+            "a current cap of 1..1193 counts, got 0",
+        ),
+        (
+            "current_limit_a: 2.3",
+            "mode: current_based_position, current_limit_a: 4.0",
+            "a current cap of 1..1193 counts, got 1486",
+        ),
+        (
+            "device: XM430-W350",
+            "device: XL430-W250, mode: current_based_position",
+            "has no goal_current: mode 5 is not possible",
+        ),
+        ("baud: 1000000", "baud: 1000000, one_write: 1", "buses.main.one_write: true or false is expected"),
         ("device: XM430-W350", "device: XM430-W350, return_delay_us: 7", "7 is odd"),
         (
             "device: XM430-W350",
@@ -196,6 +246,17 @@ def test_a_folder_comes_before_the_built_in(tmp_path: Path) -> None:
     write(tmp_path, SMALL.replace("name: arm-2", "name: h24")).rename(tmp_path / "h24.yaml")
     assert len(load_robot("h24", [tmp_path]).joints) == 2
     assert len(load_robot("h24").joints) == 24
+
+
+def test_a_folder_that_may_not_be_entered_is_an_error_that_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def denied(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_file", denied)  # permissions do not bind root, who may run the tests
+    with pytest.raises(ConfigError, match=r"h24\.yaml: cannot be looked for: Permission denied"):
+        load_robot("h24", [tmp_path])
 
 
 def test_an_unknown_name_lists_the_known() -> None:

@@ -13,7 +13,6 @@ from twind_drivers.bus import Device
 
 Devices = Mapping[tuple[str, int], Device]
 
-POSITION_MODE = 3
 MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
 TORQUE_AT_BOOT = 0b0001  # startup configuration (60), bit 0
 TORQUE_BY_GOAL = 0b1000  # drive mode (10), bit 3
@@ -43,6 +42,7 @@ def check_devices(robot: RobotFile, devices: Devices) -> Verdict:
             unfit = [f"{where}: {why}" for why in _unfit(joint, device)]
             refusals.extend(Finding(Code.DEVICE_MISMATCH, place, message=text) for text in unfit)
             warnings.extend(_slow(place, joint, device))
+            warnings.extend(_unfenced(place, joint))
     return Verdict(refusals=tuple(refusals), warnings=tuple(warnings))
 
 
@@ -73,11 +73,9 @@ def _unfit(joint: JointSpec, device: Device) -> Iterator[str]:
     if not _same_model(device.model_name, joint.type.device):
         found = device.model_name or "a model that is in no table"
         yield f"is {found} (model number {device.model_number}), the robot file says {joint.type.device}"
-    mode = settings.get("operating_mode")
-    if mode != POSITION_MODE:
-        yield f"operating_mode (11) is {mode}, position mode is {POSITION_MODE}"
+    yield from _wrong_mode(joint, settings)
     offset = settings.get("homing_offset")
-    if offset is None or abs(offset) > MAX_OFFSET:
+    if offset is None or (abs(offset) > MAX_OFFSET and joint.mode == "position"):
         yield f"homing_offset (20) is {offset}; beyond ±{MAX_OFFSET} position mode ignores it: write 0"
     drive = settings.get("drive_mode")
     if drive is None or drive & TORQUE_BY_GOAL:
@@ -93,6 +91,22 @@ def _unfit(joint: JointSpec, device: Device) -> Iterator[str]:
             yield f"{register} is {found_value}, the robot file says {wanted}"
 
 
+def _wrong_mode(joint: JointSpec, settings: Mapping[str, int]) -> Iterator[str]:
+    """Another operating mode than the robot file names, or a cap that the servo does not take."""
+    mode, wanted = settings.get("operating_mode"), joint.operating_mode
+    if mode != wanted:
+        yield (
+            f"operating_mode (11) is {mode}, {joint.mode} mode is {wanted}: "
+            f"with torque off write {wanted} to register 11, then calibrate anew; or correct the robot file"
+        )
+    limit, cap = settings.get("current_limit"), joint.current_cap
+    if cap is not None and (limit is None or limit < cap):
+        yield (
+            f"current_limit (38) is {limit}, current_limit_a of the robot file asks for {cap}: "
+            "lower current_limit_a, or raise register 38"
+        )
+
+
 def _same_model(found: str | None, wanted: str) -> bool:
     """XM430-W350-T and -R are XM430-W350 with another connector."""
     return found is not None and found.lower() == wanted.lower().removesuffix("-t").removesuffix("-r")
@@ -105,6 +119,16 @@ def _slow(place: int, joint: JointSpec, device: Device) -> Iterator[Finding]:
         text = f"return delay is {2 * register} us, the robot file says {described}: rate at risk"
         bound = float(described)
         yield Finding(Code.DEVICE_MISMATCH, place, value=2.0 * register, bound=bound, message=text)
+
+
+def _unfenced(place: int, joint: JointSpec) -> Iterator[Finding]:
+    """In modes 4 and 5 the servo takes goals of many turns (e-manual, registers 48, 52: mode 3 only)."""
+    if joint.mode != "position":
+        text = (
+            f"in {joint.mode} mode the servo's own position limits (48, 52) do nothing: "
+            "the daemon's clamp is the only fence"
+        )
+        yield Finding(Code.DEVICE_MISMATCH, place, value=float(joint.operating_mode), bound=3.0, message=text)
 
 
 def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> Iterator[Finding]:

@@ -17,6 +17,7 @@ HEADINGS = (
     "bus",
     "id",
     "device",
+    "mode",
     "sign",
     "ratio",
     "limits rad",
@@ -53,12 +54,22 @@ def check_robot(
         f"description {robot.description_sha256}",
         f"counts at lower and upper limit as the joint turns; zero {zero}",
         *_table([HEADINGS, *rows]),
+        *_unfenced(robot),
         *(line for each in cycle for line in each.lines),
     ]
     errors = [*unknown_names(robot), *(each.refusal for each in cycle if each.refusal is not None)]
     for joint, zero_ticks in zip(robot.joints, zeros, strict=True):
         errors.extend(_out_of_turn(joint, zero_ticks, joint.name in known))
     return Report(tuple(lines), tuple(errors))
+
+
+def _unfenced(robot: RobotFile) -> list[str]:
+    """Joints whose servos take goals of many turns (e-manual, registers 48 and 52: mode 3 only)."""
+    names = [joint.name for joint in robot.joints if joint.mode != "position"]
+    if not names:
+        return []
+    text = "warning: modes without position limits of the servo's own, the daemon's clamp is the only fence"
+    return [f"{text}: {', '.join(names)}"]
 
 
 def _row(joint: JointSpec, zero: int) -> tuple[str, ...]:
@@ -68,6 +79,7 @@ def _row(joint: JointSpec, zero: int) -> tuple[str, ...]:
         joint.bus,
         str(joint.id),
         joint.type.device,
+        joint.mode,
         f"{joint.sign:+d}",
         f"{joint.ratio:g}",
         f"{joint.lower:g} .. {joint.upper:g}",
@@ -82,7 +94,7 @@ def _out_of_turn(joint: JointSpec, zero: int, calibrated: bool) -> list[str]:
     """In position mode a servo takes goals of one turn only."""
     ends = [ticks_of(joint, zero, angle) for angle in (joint.lower, joint.upper)]
     last = joint.type.ticks_per_turn - 1
-    if not calibrated or (min(ends) >= 0 and max(ends) <= last):
+    if joint.mode != "position" or not calibrated or (min(ends) >= 0 and max(ends) <= last):
         return []  # without calibration the zero is a guess
     where = f"counts {min(ends)}..{max(ends)} leave the servo's turn 0..{last}"
     return [f"joints.{joint.name}: {where}: remount the horn, then calibrate again"]

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 
+from twind.config.drive_mode import joint_mode, type_mode
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import BusSpec, Gains, GateSettings, JointSpec, RobotFile, TypeSpec
 from twind.config.section import Section, file_error
@@ -42,10 +43,17 @@ def load_robot(name_or_path: str, folders: Sequence[Path] = ()) -> RobotFile:
         return read_robot(Path(name_or_path))
     for folder in (*folders, _built_in()):
         path = folder / f"{name_or_path}.yaml"
-        if path.is_file():
+        if _is_file(path):
             return read_robot(path)
     known = ", ".join(built_in_robots())
     raise file_error(name_or_path, f"no robot of that name; built in: {known}; else give the path of a file")
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError as error:  # a folder that we may not enter is no folder without robots
+        raise file_error(str(path), f"cannot be looked for: {error.strerror}; give us access") from None
 
 
 def read_robot(path: Path) -> RobotFile:
@@ -132,6 +140,7 @@ def _bus(name: str, parent: Section) -> BusSpec:
         port=section.text("port") if section.has("port") else None,
         baud=baud,
         latency_timer_ms=section.integer("latency_timer_ms", 1, least=0, most=255),
+        one_write=section.flag("one_write", True),
     )
     section.close()
     return bus
@@ -139,17 +148,13 @@ def _bus(name: str, parent: Section) -> BusSpec:
 
 def _type(name: str, parent: Section) -> TypeSpec:
     section = parent.section(name)
-    modes = ("position", "extended_position", "current_position")
-    mode = section.text("mode", "position", modes)
-    if mode != "position":
-        raise section.refuse("mode", f"mode {mode} {LATER}")
     delay = section.integer("return_delay_us", 500, least=0, most=508)  # factory setting: 250 units of 2 µs
     if delay % 2:
         raise section.refuse("return_delay_us", f"{delay} is odd: the register counts in steps of 2 µs")
     spec = TypeSpec(
         name=name,
         device=section.text("device"),
-        mode=mode,
+        mode=type_mode(section),
         return_delay_us=delay,
         ticks_per_turn=section.integer("ticks_per_turn", 4096, least=256, most=2**24),
         gains=_gains(section.section("gains")),
@@ -244,6 +249,7 @@ def _joint(
             kind.acceleration_limit_rad_s2 / ratio, source(pull).number(pull, math.inf, above=0.0, most=1e4)
         ),
         registers={**kind.registers, **_registers(entry.section("registers"))},
+        mode=joint_mode(source, entry, kind),
     )
     entry.close()
     return joint

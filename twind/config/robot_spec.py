@@ -1,11 +1,20 @@
 """The nouns of the robot file: buses, actuator types, joints, the robot. Frozen; read by `robot_file.py`."""
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from twind.config.section import Plain
+
+# Name in the robot file -> value of the servo's register 11 (e-manual, "Operating Mode").
+OPERATING_MODES: Mapping[str, int] = {
+    "position": 3,
+    "extended_position": 4,
+    "current_based_position": 5,
+}
+MANY_TURNS = 1_048_575  # ticks: goals of the modes without position limits (e-manual, "Goal Position")
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +26,7 @@ class BusSpec:
     port: str | None  # None: given by the settings or on the command line
     baud: int
     latency_timer_ms: int  # of the adapter; 0: it has none (an on-board port)
+    one_write: bool = True  # goals and the next read request leave in one system call
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +44,7 @@ class TypeSpec:
 
     name: str
     device: str  # as the vendor's table spells it: XM430-W350
-    mode: str  # `position`
+    mode: str  # one of OPERATING_MODES; a joint may have another
     return_delay_us: int
     ticks_per_turn: int
     gains: Gains
@@ -63,6 +73,24 @@ class JointSpec:
     velocity_limit: float  # rad/s, the tightest of type and joint
     acceleration_limit: float  # rad/s²
     registers: Mapping[str, int]  # of the type, overridden by the joint
+    mode: str = "position"  # of the joint, else of its type
+
+    @property
+    def operating_mode(self) -> int:
+        """What the servo's register 11 must hold."""
+        return OPERATING_MODES[self.mode]
+
+    @property
+    def current_cap(self) -> int | None:
+        """Goal current (102) in counts, the most the servo may use; None but in current-based position."""
+        return cap_counts(self.type) if self.mode == "current_based_position" else None
+
+
+def cap_counts(kind: TypeSpec) -> int | None:
+    """`current_limit_a` of a type in counts of its servo, rounded down; None where it is not given."""
+    if not math.isfinite(kind.current_limit_a):
+        return None
+    return math.floor(kind.current_limit_a / kind.current_lsb_a + 1e-9)  # 2.69 A is 1000 counts of 2.69 mA
 
 
 @dataclass(frozen=True, slots=True)
