@@ -166,6 +166,15 @@ def test_the_servos_own_limits_tighten_too() -> None:
     assert (upper, hard_upper) == pytest.approx((1371.499 * TICK,) * 2, abs=1e-9)
 
 
+def test_in_modes_of_many_turns_the_servos_own_limits_tighten_nothing() -> None:
+    # e-manual, Min/Max Position Limit (48, 52): used in position control mode only
+    free = replace(H24, joints=tuple(replace(joint, mode="extended_position") for joint in H24.joints))
+    narrow = calibrated(H24, low=2019, high=2100)
+    assert knee(bind(free, narrow)) == knee(bind(free, calibrated(H24)))
+    (bus,) = bind(free, calibrated(H24, zero=-10_000, low=-12_048, high=-7_952)).joint_map.buses
+    assert (bus.upper < -7_000).all()
+
+
 def test_the_models_range_bounds_the_hard_limits(tmp_path: Path) -> None:
     robot = model_of(
         tmp_path,

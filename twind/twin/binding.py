@@ -13,7 +13,7 @@ import numpy as np
 
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import angle_of, rad_per_tick, tick_range
-from twind.config.robot_spec import JointSpec, RobotFile
+from twind.config.robot_spec import MANY_TURNS, JointSpec, RobotFile
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.limits import Limits
@@ -190,9 +190,11 @@ def _reach(joint: JointSpec, zero: int, entry: JointCalibration | None, model_ra
             max(hard_lower, float(model_range[0])),
             min(hard_upper, float(model_range[1])),
         )
-    least, most = 0, joint.type.ticks_per_turn - 1  # position mode, limit registers as delivered
+    wide = joint.mode != "position"  # then the limit registers do nothing (e-manual, 48 and 52)
+    least, most = (-MANY_TURNS, MANY_TURNS) if wide else (0, joint.type.ticks_per_turn - 1)
     if entry is not None:
-        least, most = entry.device.min_ticks, entry.device.max_ticks
+        if not wide:
+            least, most = entry.device.min_ticks, entry.device.max_ticks
         ends = sorted(angle_of(joint, zero, ticks) for ticks in entry.sweep_ticks)
         hard_lower, hard_upper = max(hard_lower, ends[0]), min(hard_upper, ends[1])
     first, last = tick_range(joint, zero, hard_lower, hard_upper)
