@@ -46,7 +46,14 @@ class Buses:
         assert isinstance(reader, DynamixelReader)
         bus, joints = self._map(reader.name), self._joints(reader.name)
         gains = [Gains(joint.type.gains.p, joint.type.gains.i, joint.type.gains.d) for joint in joints]
-        return DynamixelWriter(reader, lower=bus.lower, upper=bus.upper, gains=gains)
+        return DynamixelWriter(
+            reader,
+            lower=bus.lower,
+            upper=bus.upper,
+            gains=gains,
+            modes=[joint.operating_mode for joint in joints],
+            current_caps=[joint.current_cap for joint in joints],
+        )
 
     def refuse_taken(self) -> None:
         """Open and close every port once: one that cannot be had is refused now, with the reason.

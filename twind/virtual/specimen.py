@@ -80,6 +80,7 @@ def _servo(joint: JointSpec, zero: int, baud: int, return_delay_us: int | None) 
     settings = {
         "baud_rate": BAUDS.index(baud),
         "return_delay_time": delay // 2,
+        "operating_mode": joint.operating_mode,
         "min_position_limit": low,
         "max_position_limit": high,
     }
