@@ -15,7 +15,7 @@ from twind_drivers.bus import PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.prober import OLD_PING, Prober
-from twind_drivers.dynamixel.scan import BAUDS, ECHO, FOREIGN, TALK, Rate, scan, scan_rate
+from twind_drivers.dynamixel.scan import BAUDS, ECHO, FOREIGN, TALK, Rate, estimate, scan, scan_rate
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
 from twind_drivers.virtual.muscles import FirstOrder
@@ -140,11 +140,10 @@ def test_eight_rates_take_about_a_dozen_seconds_and_each_step_is_told() -> None:
 def test_the_estimate_is_near_the_truth() -> None:
     bench = Bench(servo(4))
     for thorough in (False, True):
-        prober = bench.at(MILLION)
         started = bench.clock.now()
-        scan_rate(prober, thorough=thorough)
-        said = prober.seconds(range(253), singly=thorough)
-        assert bench.clock.now() - started == pytest.approx(said, rel=0.2)
+        bench.rate(thorough=thorough)
+        said = estimate(MILLION, thorough=thorough)
+        assert bench.clock.now() - started == pytest.approx(said, rel=0.1)
 
 
 # ------------------------------------------------------------------------------------- two with one id

@@ -1,1 +1,1 @@
-"""Calibration procedures, clients of the running daemon."""
+"""What is done to a robot before it moves: clients of the daemon, and of the port while none runs."""

@@ -27,7 +27,6 @@ BUILT_IN = {
     "move": ("twind.ctl.motion:MOVE", "move joints: JOINT=RAD ..."),
     "play": ("twind.ctl.motion:PLAY", "play a trajectory file, or a motion of the robot by name"),
     "check": ("twind.ctl.check", "check a robot file, or a trajectory against the gate"),
-    "scan": ("twind.ctl.devices:SCAN", "who answers on a bus"),
     "register": ("twind.ctl.devices:REGISTER", "read or write a register of one device"),
     "reboot": ("twind.ctl.devices:REBOOT", "restart one device"),
     "demo": ("twind.ctl.demo", "a virtual robot, the daemon, a motion, a refusal"),
@@ -85,7 +84,8 @@ def _parser(name: str | None) -> argparse.ArgumentParser:
     _common(parser, None)
     if name is None or (name not in BUILT_IN and name not in _others()):
         lines = [f"  {known:<10} {text}" for known, (_, text) in BUILT_IN.items()]
-        lines += [f"  {known}" for known in _others() if known not in BUILT_IN]
+        others = {known: point for known, point in _others().items() if known not in BUILT_IN}
+        lines += [f"  {known:<10} {_headline(point.load())}" for known, point in others.items()]
         parser.formatter_class = argparse.RawDescriptionHelpFormatter
         parser.epilog = "verbs:\n" + "\n".join(lines) + "\n\n`twindctl VERB --help` tells more."
         parser.add_argument("verb", nargs="?", metavar="VERB")
@@ -120,8 +120,13 @@ def _others() -> dict[str, Any]:
     return {point.name: point for point in found}
 
 
+def _headline(verb: Verb) -> str:
+    """What an installed verb says of itself: the first line of its documentation."""
+    return (verb.__doc__ or "").partition("\n")[0]
+
+
 def _add_verb(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
-    text = BUILT_IN[name][1] if name in BUILT_IN else None
+    text = BUILT_IN[name][1] if name in BUILT_IN else _headline(verb)
     under = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     child = under.add_parser(name, description=text, help=text)
     _common(child, argparse.SUPPRESS)  # also after the verb

@@ -3,17 +3,14 @@
 For tools that own the port alone. It sends pings and reads only: there is no way to write through it.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from twind_drivers.bus import Transport
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.budget import wire
 from twind_drivers.dynamixel.line import Exchange, Line
 from twind_drivers.dynamixel.packet import LAST_ID, STATUS_OVERHEAD, Framer, Packet
-from twind_drivers.dynamixel.roll_call import SLOT, RollCall
+from twind_drivers.dynamixel.roll_call import RollCall
 
 LONGEST_DELAY = 508e-6  # s: the largest return delay a device can be set to (register 9: 254 x 2 us)
 SLACK = 0.002  # s that an answer may take beyond its wire time
@@ -95,12 +92,6 @@ class Prober:
         self.transport.drain()
         self._clock.sleep_until(self._clock.now() + seconds)
         return self.transport.drain()
-
-    def seconds(self, ids: Sequence[int], *, singly: bool) -> float:
-        """How long a roll call up to the last of `ids` takes, and with `singly` a ping of each."""
-        span = wire(STATUS_OVERHEAD + 3, self.baud)
-        call = (max(ids) + 1) * (span + SLOT) + self._slack
-        return call + (len(ids) * (2 * span + LONGEST_DELAY + self._slack) if singly else 0.0)
 
     def _ask(self, request: bytes, size: int) -> Heard:
         heard = Heard(2 * (STATUS_OVERHEAD + size))

@@ -13,8 +13,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from twind_drivers.bus import PortError
-from twind_drivers.dynamixel.packet import LAST_ID
-from twind_drivers.dynamixel.prober import Heard, Prober
+from twind_drivers.dynamixel.budget import wire
+from twind_drivers.dynamixel.packet import LAST_ID, OVERHEAD, STATUS_OVERHEAD
+from twind_drivers.dynamixel.prober import LONGEST_DELAY, SLACK, Heard, Prober
+from twind_drivers.dynamixel.roll_call import SIZE, SLOT
 from twind_drivers.dynamixel.tables import Table, table
 
 # Rates of register 8, the most usual first (e-manual, "Baud Rate").
@@ -60,6 +62,14 @@ class Rate:
 
 Tell = Callable[[int, str], None]  # baud, what is being done
 AtRate = Callable[[int], Prober]  # sets the port to a rate; raises PortError where it cannot
+
+
+def estimate(baud: int, ids: Sequence[int] = IDS, *, thorough: bool = False, timer: float = 0.0) -> float:
+    """Seconds that one rate takes when little is found and nothing is garbled; `timer` as the prober's."""
+    status = wire(STATUS_OVERHEAD + SIZE, baud)
+    call = (max(ids) + 1) * (status + SLOT)
+    each = wire(OVERHEAD, baud) + 2 * status + 2 * LONGEST_DELAY + SLACK + timer
+    return LISTEN + call + (len(ids) * each if thorough else 0.0)
 
 
 def scan(

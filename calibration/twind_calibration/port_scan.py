@@ -1,0 +1,105 @@
+"""`twindctl scan --port`: the port is opened here, alone; every rate and id is looked at. Blocks."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from twind.ctl.verb import DONE, REFUSED, Rejected
+from twind_drivers.bus import PortError
+from twind_drivers.clock import Clock, MonotonicClock
+from twind_drivers.dynamixel.prober import Prober
+from twind_drivers.dynamixel.scan import BAUDS, IDS, Found, Rate, estimate, scan
+from twind_drivers.dynamixel.serial_port import SerialTransport
+
+# Bits of register 70 (e-manual, "Hardware Error Status").
+BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
+
+
+def look(options: argparse.Namespace) -> int:
+    """Exit code 0: somebody was found, and nothing is wrong with anybody. Raises Rejected with a reason."""
+    try:
+        port = SerialTransport(options.port, BAUDS[0])  # which every adapter has; nothing is sent yet
+        try:
+            return _look(options, port, MonotonicClock())
+        finally:
+            port.close()
+    except PortError as error:  # held (by whom), not there, lost
+        raise Rejected(str(error)) from error
+
+
+def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> int:
+    """Rate after rate, each shown as soon as it is known. Raises PortError, Rejected where nobody answers."""
+    bauds, ids = tuple(options.baud or BAUDS), options.ids or IDS
+    timer = (port.latency_ms or 0) * 1e-3
+
+    def at(baud: int) -> Prober:
+        port.set_baud(baud)
+        return Prober(port, clock, baud, timer=timer)
+
+    seconds = sum(estimate(baud, ids, thorough=options.thorough, timer=timer) for baud in bauds)
+    progress = _Progress(options, clock, seconds)
+    progress.begin(port, bauds, ids)
+    rates = []
+    for rate in scan(at, bauds, ids, thorough=options.thorough, tell=progress.tell):
+        progress.clear()
+        rates.append(rate)
+        _show(options, rate)
+    found = [each for rate in rates for each in rate.found]
+    if not found:
+        more = " Without --baud all rates are looked at." if options.baud else ""
+        raise Rejected(f"{port.name}: nobody answers: is the power on, and the data line connected?{more}")
+    return REFUSED if any(each.trouble for each in found) else DONE
+
+
+class _Progress:
+    """One line on a terminal that says what is being done; silent elsewhere."""
+
+    def __init__(self, options: argparse.Namespace, clock: Clock, seconds: float) -> None:
+        self._on = sys.stderr.isatty() and not options.json
+        self._quiet = options.json
+        self._clock, self._begun, self._seconds = clock, clock.now(), seconds
+
+    def begin(self, port: SerialTransport, bauds: Sequence[int], ids: Sequence[int]) -> None:
+        """What is going to be done, how long it takes, and what is wrong with the port."""
+        if not self._quiet:
+            rates = "1 baud rate" if len(bauds) == 1 else f"{len(bauds)} baud rates"
+            says = f"{port.name}: ids {min(ids)} to {max(ids)} at {rates}, about {self._seconds:.0f} s"
+            print(says, file=sys.stderr, flush=True)
+            if port.warning:
+                print(f"{port.name}: {port.warning}", file=sys.stderr, flush=True)
+
+    def tell(self, baud: int, what: str) -> None:
+        """A step begins."""
+        if self._on:
+            past = self._clock.now() - self._begun
+            line = f"\r\x1b[K{past:3.0f} of about {self._seconds:.0f} s  {baud} baud: {what}"
+            print(line, end="", file=sys.stderr, flush=True)
+
+    def clear(self) -> None:
+        """Make room for a result."""
+        if self._on:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def _show(options: argparse.Namespace, rate: Rate) -> None:
+    """One rate: a line of JSON or text for everybody found, then what is wrong with the line."""
+    for each in rate.found:
+        print(json.dumps(asdict(each)) if options.json else _text(each), flush=True)
+    for trouble in rate.troubles:
+        text = {"baud": rate.baud, "trouble": trouble}
+        print(json.dumps(text) if options.json else f"{rate.baud:>7} baud  {trouble}", flush=True)
+
+
+def _text(each: Found) -> str:
+    model = each.model_name or ("unknown" if each.model is None else f"model {each.model}")
+    words = [f"{each.baud:>7} baud", f"id {each.id:>3}", model]
+    if each.firmware is not None:
+        words.append(f"firmware {each.firmware}")
+    if each.torque is not None:
+        words.append(f"torque {'on' if each.torque else 'off'}")
+    if each.hardware_error:
+        bits = [name for bit, name in BITS.items() if each.hardware_error >> bit & 1]
+        words.append(f"hardware error: {', '.join(bits) or f'{each.hardware_error:#04x}'}")
+    return "  ".join([*words, *([each.trouble] if each.trouble else [])])

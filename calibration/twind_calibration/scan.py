@@ -1,0 +1,45 @@
+"""who answers on a bus, or on a port that no daemon holds
+
+Without `--port` the running daemon is asked, of the ids that its robot file names. With `--port` the port is
+opened here, alone, and every id is looked for at every baud rate. Nothing is written to any servo.
+"""
+
+import argparse
+import re
+
+from twind.ctl import devices
+from twind.ctl.verb import UsageError
+
+LAST_ID = 252  # of protocol 2.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the verb."""
+    devices.SCAN.add_arguments(parser)
+    alone = parser.add_argument_group("on a port that no daemon holds")
+    alone.add_argument("--port", help="serial port to look at, instead of asking the daemon")
+    alone.add_argument("--baud", type=int, nargs="+", metavar="N", help="only these rates")
+    alone.add_argument("--ids", type=ids_of, metavar="A-B", help=f"only these ids (default 0-{LAST_ID})")
+    alone.add_argument("--thorough", action="store_true", help="ask each id alone too: lost packets, slowly")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0: somebody was found, and nothing is wrong with anybody."""
+    if options.port is None:
+        if options.baud or options.ids or options.thorough:
+            raise UsageError("--baud, --ids and --thorough need --port PORT: the daemon knows its own buses")
+        return devices.SCAN.run(options)
+    if options.bus is not None:
+        raise UsageError(f"either the bus {options.bus!r} of the daemon or --port {options.port}, not both")
+    from twind_calibration.port_scan import look  # 0.2 s of imports that asking the daemon need not pay
+
+    return look(options)
+
+
+def ids_of(text: str) -> range:
+    """ "3" or "1-24" as ids. Raises argparse.ArgumentTypeError that names the bounds."""
+    match = re.fullmatch(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", text)
+    first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+    if not 0 <= first <= last <= LAST_ID:
+        raise argparse.ArgumentTypeError(f"{text!r} is not A or A-B with 0 <= A <= B <= {LAST_ID}")
+    return range(first, last + 1)
