@@ -103,6 +103,7 @@ class Wire:
     """Transport to `Servos`. `change` may bend what comes back; `pause` delays it (s) under a fake clock."""
 
     name = "wire"
+    warning = ""
 
     def __init__(self, servos: Servos) -> None:
         self.servos = servos

@@ -210,6 +210,7 @@ class Transport(Arrivals, Protocol):
     """A byte stream to a bus: a serial port, or the in-process loopback of the virtual servos."""
 
     name: str  # what an error message calls it
+    warning: str  # what is wrong with it though it works, and the remedy; empty: nothing
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Send all of `data` in one system call. Raises PortError(lost=True)."""

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
 SILENT = 2.0  # s without an answer from anybody: the bus counts as disconnected (design 6.4)
+SPOKE = 0.05  # s: somebody of a mute bus was heard just now, so its power is back
 
 # (bus name, id) -> device, for every device that answered -> what S09 says of them, joints as indices
 Judge = Callable[[Mapping[tuple[str, int], Device]], Verdict]
@@ -36,7 +37,8 @@ class Identity:
         self._loop, self._judge = loop, judge
         self._devices: dict[tuple[str, int], Device] = {}
         self._again: dict[str, float] = {}
-        self._said: dict[str, str] = {}  # bus -> the trouble last told
+        self._mute: set[str] = set()  # buses on which the last identification found nobody at all
+        self._said: dict[str, str] = {}  # bus -> the trouble, or the warning of an open port, last told
         self._told = False  # that torque was found on
         self.missing: dict[str, tuple[Finding, ...]] = {}  # bus -> who is absent or another model
         self.mismatches: tuple[Finding, ...] = ()  # S09
@@ -89,7 +91,11 @@ class Identity:
                 self._said[port.name] = port.trouble
                 loop.say.event("error", Code.PORT_UNAVAILABLE, port.trouble)
             return
-        self._said.pop(port.name, None)
+        warning = port.reader.transport.warning if port.reader is not None else ""
+        if self._said.get(port.name, "") != warning:
+            self._said[port.name] = warning
+            if warning:
+                loop.say.event("warning", Code.LATENCY_WARN, f"{port.name}: {warning}")
         if port.link is Link.CONNECTED and loop.hardware.silence(bus, now) > SILENT:
             message = f"{port.name}: nobody answers any more: check power; everybody is asked anew"
             loop.say.event("error", Code.HW_DISCONNECTED, message)
@@ -100,13 +106,15 @@ class Identity:
     def _identify(self, port: Port, bus: BusMap, now: float) -> None:
         task = port.identification
         if task is None:
-            if now >= self._again.get(port.name, 0.0):
+            spoke = port.name in self._mute and self._loop.hardware.silence(bus, now) < SPOKE
+            if spoke or now >= self._again.get(port.name, 0.0):
                 port.identify()
             return
         if not task.done:
             return
         port.identification = None
         port.devices = task.result or ()
+        (self._mute.discard if port.devices else self._mute.add)(port.name)
         self._devices = {key: device for key, device in self._devices.items() if key[0] != port.name}
         self._devices |= {(port.name, device.id): device for device in port.devices}
         findings = self._unfit(bus)

@@ -131,8 +131,11 @@ class Port:
             self.writer = self.enabler(self.reader)
 
     def identify(self) -> None:
-        """Ask everybody who they are; `identification` is done some ticks later."""
+        """Ask everybody who they are; `identification` is done some ticks later. One under way begins anew:
+        what it heard so far may be of servos that have restarted since."""
         if self.reader is not None:
+            if self.identification is not None:
+                self.identification.cancel(BusError(f"{self.name}: everybody is asked anew"))
             self.link = Link.IDENTIFYING
             self.identification = self.run(self.reader.identify())
 
