@@ -16,28 +16,19 @@ from numpy.typing import NDArray
 from twind_drivers.dynamixel.packet import ALERT
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.columns import Columns
-from twind_drivers.virtual.memory import Ints, Memory, factory
+from twind_drivers.virtual.memory import Ints, Memory
 from twind_drivers.virtual.muscles import Muscles
+from twind_drivers.virtual.power import Power
 from twind_drivers.virtual.profile import STEP, Profile
 from twind_drivers.virtual.readings import Readings
 
 BAUDS = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)  # register 8
-BOOT = 0.1  # s off the bus after a reboot
 REFRESH = 0.001  # s between two refreshes of the present registers
 WATCHDOG_UNIT = 0.02  # s, register 98
 TRIPPED = 255  # what register 98 reads then (-1)
-TURN = 4096  # ticks
 WIDE = 1_048_575  # ticks, goals of modes 4 and 5
-OFFSET_IN_MODE_3 = 1024  # a homing offset beyond it is silently ignored in position mode
-REVERSE, TORQUE_BY_GOAL = 1, 8  # bits of the drive mode
+TORQUE_BY_GOAL = 8  # bit of the drive mode
 PULL = 64  # ticks beyond where it is that a tripped servo keeps pulling, to carry its load
-MODE_RESETS = (
-    "position_d_gain",
-    "position_i_gain",
-    "position_p_gain",
-    "profile_acceleration",
-    "profile_velocity",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +58,8 @@ class Servos:
         self.registers = Columns(memory)
         self.muscles, self.keep_goal, self.now, self.epoch = muscles, keep_goal, now, 0
         self.readings = Readings(memory, muscles)
+        self.power = Power(memory, self.registers, muscles)
+        self.direction, self.shift = self.power.direction, self.power.shift
         self.profile = Profile.at(muscles.position)
         count = len(specs)
         self.tripped = np.zeros(count, np.bool_)
@@ -75,12 +68,9 @@ class Servos:
         self.shut = np.zeros(count, np.bool_)  # shut down by its hardware error, until reboot
         self.silenced = np.zeros(count, np.bool_)  # its connector is pulled: it hears and says nothing
         self.heard_at = np.full(count, now)  # s, the last instruction packet that each servo heard
-        self.boots_at = np.full(count, inf)  # s, when a rebooting servo is back; inf: it runs
         self.baud = 0  # of the line; 0: whatever each servo is set to
         self.listening = np.ones(count, np.bool_)
         self.alert = np.zeros(count, np.uint8)
-        self.direction, self.shift = np.ones(count), np.zeros(count)  # register = direction * encoder + shift
-        self._base = np.zeros(count)  # whole turns in `shift`
         self._capped = np.array(["current_limit" in each for each in memory.tables])
         self._target = muscles.position.copy()
         self._lower, self._upper = np.zeros(count, np.int64), np.zeros(count, np.int64)
@@ -116,8 +106,7 @@ class Servos:
         while self._event <= now:
             at = self._event
             self._move(at)
-            for row in np.flatnonzero(self.boots_at <= at):
-                self.boots_at[row] = inf
+            for row in np.flatnonzero(self.power.boots_at <= at):
                 self._boot(int(row), at)
             self._trip(at)
             self.changed()
@@ -152,7 +141,7 @@ class Servos:
         self.muscles.advance(now)
 
     def _next(self) -> float:
-        return float(min((self.heard_at + self._timeout).min(), self.boots_at.min()))
+        return float(min((self.heard_at + self._timeout).min(), self.power.boots_at.min()))
 
     def changed(self) -> None:
         """Something rare changed (a register that is no goal, a fault, the line): work out what follows."""
@@ -163,8 +152,8 @@ class Servos:
         self._timeout = np.where(on & (units > 0) & ~self.tripped, units * WATCHDOG_UNIT, inf)
         self._shortest = float(self._timeout.min())
         line = (np.take(BAUDS, self["baud_rate"], mode="clip") == self.baud) | (self.baud == 0)
-        self.listening = np.isinf(self.boots_at) & ~self.silenced & line
-        self._simple = bool(self.listening.all() and np.isinf(self.boots_at).all())
+        self.listening = np.isinf(self.power.boots_at) & ~self.silenced & line
+        self._simple = bool(self.listening.all() and np.isinf(self.power.boots_at).all())
         self._event = self._next()
         self.alert = np.where(self["hardware_error_status"] != 0, ALERT, 0).astype(np.uint8)
         by_goal = (self["drive_mode"] & TORQUE_BY_GOAL) != 0
@@ -236,11 +225,11 @@ class Servos:
         self.registers.put("torque_enable", int(on), row)
         if on and not was:
             if self["operating_mode"][row] == 3:
-                self._collapse(row)  # e-manual, "Operating Mode" note: one turn, then the offset
+                self.power.collapse(row)  # e-manual, "Operating Mode" note: one turn, then the offset
             self.profile.reference[row] = self._target[row] = self.muscles.position[row]
             self.profile.speed[row] = 0.0
             if not self.keep_goal:
-                self._goal_is_present(row)
+                self.power.goal_is_present(row)
 
     def damage(self, row: int, bits: int) -> None:
         """A hardware error: alert on every status, and shutdown where register 63 asks for it."""
@@ -253,54 +242,13 @@ class Servos:
 
     def reboot(self, row: int, now: float) -> None:
         """Off the bus, torque lost, turns lost; back `BOOT` s later with RAM defaults."""
-        self.registers.put("torque_enable", 0, row)
-        self.boots_at[row] = now + BOOT
+        self.power.down(row, now)
         self.changed()
 
-    def reset_mode(self, row: int) -> None:
-        """What a change of operating mode resets (e-manual, "Operating Mode"); `changed` must follow."""
-        registers, number = self.memory.tables[row], self.memory.tables[row].number
-        for key in MODE_RESETS:
-            self.registers.put(key, factory(registers[key], number), row)
-        self.registers.put("goal_pwm", self["pwm_limit"][row], row)
-        self.registers.put("goal_current", self["current_limit"][row], row)
-        self.reframe(row, one_turn=self["operating_mode"][row] == 3)
-
-    def reframe(self, row: int, *, one_turn: bool) -> None:
-        """Direction, offset or mode changed: the frame anew. The goal register keeps its number."""
-        if one_turn:
-            self._collapse(row)
-        else:
-            self._frame(row)
-
     def _boot(self, row: int, now: float) -> None:
-        self.memory.fill(row, keep=lambda register: register.eeprom)
         self.tripped[row] = self.shut[row] = False
         self.readings.origin[row] = self.heard_at[row] = now
-        self.registers.put("goal_pwm", self["pwm_limit"][row], row)
-        self.registers.put("goal_current", self["current_limit"][row], row)
-        self._collapse(row)
-        self._goal_is_present(row)
-        self.registers.put("torque_enable", int(self["startup_configuration"][row]) & 1, row)
-
-    def _collapse(self, row: int) -> None:
-        """The position count falls back to one turn; the homing offset is added to that."""
-        self._base[row] = 0.0
-        self._frame(row)
-        count = np.rint(self.muscles.position[row]) * self.direction[row]
-        self._base[row] = -np.floor(count / TURN) * TURN
-        self._frame(row)
-
-    def _frame(self, row: int) -> None:
-        offset = int(self["homing_offset"][row])
-        if self["operating_mode"][row] == 3 and abs(offset) > OFFSET_IN_MODE_3:
-            offset = 0
-        self.direction[row] = -1.0 if int(self["drive_mode"][row]) & REVERSE else 1.0
-        self.shift[row] = self._base[row] + offset
-
-    def _goal_is_present(self, row: int) -> None:
-        present = np.rint(self.muscles.position[row]) * self.direction[row] + self.shift[row]
-        self.registers.put("goal_position", int(present), row)
+        self.power.up(row)
 
     # ------------------------------------------------------------------------------------------- watchdog
 

@@ -70,11 +70,11 @@ def _follow(servos: Servos, row: int, key: str, value: int) -> None:
         case "torque_enable":
             servos.torque(row, bool(value))
         case "operating_mode":
-            servos.reset_mode(row)
+            servos.power.reset_mode(row)
         case "drive_mode":
-            servos.reframe(row, one_turn=servos["operating_mode"][row] == 3)
+            servos.power.reframe(row, one_turn=servos["operating_mode"][row] == 3)
         case "homing_offset":
-            servos.reframe(row, one_turn=False)
+            servos.power.reframe(row, one_turn=False)
         case "bus_watchdog" if value == 0:
             servos.untrip(row)
         case "goal_position" if servos["drive_mode"][row] & TORQUE_BY_GOAL:
