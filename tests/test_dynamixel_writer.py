@@ -4,49 +4,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dxl_bench import FAST, IDS, SYNC, Bench
 from dxl_responder import Servos, Wire
 
-from twind_drivers.bus import Burst, DeviceRefused, NoReply, Ping, Reboot, Script, WireClamp, Write, perform
-from twind_drivers.clock import FakeClock
-from twind_drivers.dynamixel.packet import Framer, Instruction, Packet
+from twind_drivers.bus import Burst, DeviceRefused, NoReply, Ping, Reboot, WireClamp, Write
+from twind_drivers.dynamixel.packet import Instruction
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.writer import DynamixelWriter
 
-IDS = (1, 2, 3)
 HERE = np.array([2000, 2100, 2200])
-
-
-class Bench:
-    """A bus with both halves."""
-
-    def __init__(self, ids: tuple[int, ...] = IDS, **more: Any) -> None:
-        self.servos = Servos(ids)
-        self.wire = Wire(self.servos)
-        self.clock = FakeClock()
-        self.reader = DynamixelReader(
-            "main", self.wire, ids, [1020] * len(ids), baud=1_000_000, return_delay_us=0, fast=True
-        )
-        bounds = {"lower": np.full(len(ids), 1000), "upper": np.full(len(ids), 3000)}
-        self.writer = DynamixelWriter(self.reader, **{**bounds, **more})
-
-    def run(self, script: Script[Any]) -> Any:
-        return perform(self.reader, script, self.clock, self.writer)
-
-    def sent(self, place: int = -1) -> list[Packet]:
-        """The packets of one system call."""
-        return Framer(status=False).feed(self.wire.writes[place])
-
-    def cycle(self) -> None:
-        self.reader.request(self.clock.now())
-        assert self.reader.feed(self.clock.now())
-        self.reader.finish(self.clock.now())
-
-    def addresses(self, place: int = -1) -> list[tuple[int, int]]:
-        """(instruction, address) of the packets of one system call."""
-        return [(each.instruction, int.from_bytes(each.params[:2], "little")) for each in self.sent(place)]
-
-
-SYNC, FAST = Instruction.SYNC_WRITE, Instruction.FAST_SYNC_READ
 
 
 # ------------------------------------------------------------------------------------------- every tick

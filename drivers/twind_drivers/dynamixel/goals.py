@@ -19,7 +19,7 @@ class GoalPacket:
 
     def __init__(self, name: str, ids: Sequence[int], goal: Block, lower: Ints, upper: Ints) -> None:
         """`lower`, `upper` (m,): goals that may ever be sent. Raises ValueError where lower > upper."""
-        self.lower, self.upper = _bounds(name, len(ids), lower, upper)
+        self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
         self._name, self._ids = name, np.array(ids, np.uint8)
         self._row = np.dtype([("id", "u1"), ("goal", f"<i{goal.size}")])
         self._packet = bytearray(sync_write(goal.address, {id: bytes(goal.size) for id in ids}))
@@ -68,7 +68,7 @@ class MixedGoals:
         self, name: str, ids: Sequence[int], goals: Sequence[Block], lower: Ints, upper: Ints
     ) -> None:
         """`goals` (m): the goal register of each id. Raises ValueError as `GoalPacket` does."""
-        self.lower, self.upper = _bounds(name, len(ids), lower, upper)
+        self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
         self._name, self._count = name, len(ids)
         self._parts: list[tuple[NDArray[np.intp], GoalPacket]] = []
         for goal in dict.fromkeys(goals):
@@ -94,8 +94,8 @@ def goal_packets(name: str, ids: Sequence[int], goals: Sequence[Block], lower: I
     return MixedGoals(name, ids, goals, lower, upper)
 
 
-def _bounds(name: str, count: int, lower: Ints, upper: Ints) -> tuple[Ints, Ints]:
-    """Own copies (m,). Raises ValueError: wrong shape, or lower above upper."""
+def bounds_of(name: str, count: int, lower: Ints, upper: Ints) -> tuple[Ints, Ints]:
+    """Own copies (m,) of bounds. Raises ValueError: not `count` of each, or lower above upper."""
     least, most = np.array(lower, np.int64), np.array(upper, np.int64)
     if least.shape != (count,) or most.shape != (count,):
         raise ValueError(f"{name}: bounds of {count} devices needed, got {least.shape}")

@@ -51,7 +51,7 @@ MODES: Mapping[int, Mode] = {
         Mode(5, "current-based position", "goal_position", None),
     )
 }
-POSITION, CURRENT_BASED = 3, 5
+VELOCITY, POSITION, CURRENT_BASED = 1, 3, 5
 
 
 def mode_of(where: str, table: Table, number: int) -> Mode:

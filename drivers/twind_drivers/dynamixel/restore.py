@@ -7,7 +7,6 @@ Torque, goals and the bus watchdog are not given back: whoever wants torque prep
 from collections.abc import Mapping
 
 from twind_drivers.bus import DeviceRefused, NoReply, Ping, Reboot, Register, Restart, Script, Write
-from twind_drivers.dynamixel.modes import CURRENT_BASED
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.servo import Servo
 from twind_drivers.dynamixel.tables import Field
@@ -62,9 +61,9 @@ def _settings(servo: Servo) -> list[Field]:
 
 
 def _may_return(servo: Servo, field: Field, value: int) -> bool:
-    """In mode 5 goal current never goes beyond the cap, whatever stood there; `prepare` sets it."""
-    capped = field.key == "goal_current" and servo.mode.number == CURRENT_BASED
-    return not capped or 0 <= value <= (servo.cap or 0)
+    """Goal current is a cap here, of mode 5 at most its own, whatever stood there; `prepare` sets it."""
+    most = field.bounds[1] if servo.cap is None else servo.cap
+    return field.key != "goal_current" or 0 <= value <= most
 
 
 def _require_unloaded(name: str, id: int, state: Mapping[str, int], *, shut_down: bool) -> None:

@@ -1,12 +1,13 @@
 """One device as the writer commands it: its mode, where its registers lie, what it is given. Pure."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from twind_drivers.bus import Write
-from twind_drivers.dynamixel.layout import Block, Layout
-from twind_drivers.dynamixel.modes import Mode, block
+from twind_drivers.dynamixel.layout import Block, Layout, layout_of
+from twind_drivers.dynamixel.modes import POSITION, VELOCITY, Mode, block, check_cap, mode_of
+from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.tables import Table
 
 MAX_ACCELERATION = 32767  # counts of register 108 (e-manual)
@@ -48,8 +49,47 @@ class Servo:
         return goal.to_bytes(self.goal.size, "little", signed=True)
 
 
-def gain_bytes(where: str, table: Table, gains: Gains) -> bytes:
-    """D, I, P. Raises ValueError: out of range, or a default that is not known. `where`: for the error."""
+def servos_of(
+    reader: DynamixelReader,
+    *,
+    modes: Sequence[int] | None,
+    caps: Sequence[int | None] | None,
+    gains: Sequence[tuple[int | None, int | None, int | None]] | None,
+    accelerations: Sequence[int | None] | None,
+) -> tuple[Servo, ...]:
+    """The devices of a bus (m), in the order of its ids; None: the default for all.
+
+    Raises ValueError that names the device: a mode that cannot be, a missing cap, a gain out of range.
+    """
+    count = len(reader.ids)
+    given: tuple[Sequence[Any], ...] = (
+        [POSITION] * count if modes is None else modes,
+        [None] * count if caps is None else caps,
+        [Gains()] * count if gains is None else [Gains(*one) for one in gains],
+        [None] * count if accelerations is None else accelerations,
+    )
+    for each in given:
+        if len(each) != count:
+            raise ValueError(f"{reader.name}: one value for each of {count} devices needed, got {each}")
+    return tuple(_servo(reader, *one) for one in zip(reader.ids, *given, strict=True))
+
+
+def _servo(
+    reader: DynamixelReader, id: int, mode: int, cap: int | None, gains: Gains, acceleration: int | None
+) -> Servo:
+    where, table = f"{reader.name}: id {id}", reader.table(id)
+    found = mode_of(where, table, mode)
+    check_cap(where, table, found, cap)
+    if acceleration is not None and (found.number != VELOCITY or not 0 <= acceleration <= MAX_ACCELERATION):
+        raise ValueError(
+            f"{where}: profile acceleration {acceleration} belongs to mode 1 and 0..{MAX_ACCELERATION}"
+        )
+    raw = b"" if found.rests_at_zero else _gain_bytes(where, table, gains)
+    return Servo(id, table, layout_of([table]), found, raw, cap, acceleration)
+
+
+def _gain_bytes(where: str, table: Table, gains: Gains) -> bytes:
+    """D, I, P as they lie in the registers."""
     parts = []
     for key, wanted in (("d", gains.d), ("i", gains.i), ("p", gains.p)):
         field = table[f"position_{key}_gain"]

@@ -21,21 +21,18 @@ from twind_drivers.bus import (
 )
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.explain import explain, limit_of
-from twind_drivers.dynamixel.goals import Goals, goal_packets
-from twind_drivers.dynamixel.layout import layout_of
+from twind_drivers.dynamixel.goals import Goals, bounds_of, goal_packets
 from twind_drivers.dynamixel.line import Exchange
-from twind_drivers.dynamixel.modes import CURRENT_BASED, POSITION, check_bounds, check_cap, fences, mode_of
+from twind_drivers.dynamixel.modes import CURRENT_BASED, check_bounds, fences
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.replies import PlainReply
 from twind_drivers.dynamixel.restore import restart
 from twind_drivers.dynamixel.servo import (
-    MAX_ACCELERATION,
-    Gains,
     Rows,
     Servo,
-    gain_bytes,
     groups,
     rows,
+    servos_of,
     writes,
 )
 from twind_drivers.dynamixel.wire_check import WireCheck
@@ -82,42 +79,16 @@ class DynamixelWriter:
         self._reader, self._line, self._name, self._ids = reader, reader.line, reader.name, reader.ids
         count = len(self._ids)
         self._watchdog = bytes((watchdog,))
-        self._servos = tuple(
-            self._servo(*each)
-            for each in zip(
-                self._ids,
-                [POSITION] * count if modes is None else modes,
-                [None] * count if current_caps is None else current_caps,
-                [Gains()] * count if gains is None else gains,
-                [None] * count if accelerations is None else accelerations,
-                strict=True,
-            )
+        self._servos = servos_of(
+            reader, modes=modes, caps=current_caps, gains=gains, accelerations=accelerations
         )
-        self._lower, self._upper = np.array(lower, np.int64), np.array(upper, np.int64)
+        self._lower, self._upper = bounds_of(self._name, count, lower, upper)
         self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
-        self._fence({})
         for servo, least, most in zip(self._servos, self._lower, self._upper, strict=True):
             check_bounds(f"{self._name}: id {servo.id}", servo.table, servo.mode, int(least), int(most))
+        self._fence({})
         torque = rows(self._servos, lambda servo: (servo.layout.torque, b"\0"))
         self._off = b"".join(packet.sync_write(where.address, data) for where, data in groups(torque).items())
-
-    def _servo(
-        self,
-        id: int,
-        mode: int,
-        cap: int | None,
-        gains: tuple[int | None, int | None, int | None],
-        acceleration: int | None,
-    ) -> Servo:
-        where, table = f"{self._name}: id {id}", self._reader.table(id)
-        found = mode_of(where, table, mode)
-        check_cap(where, table, found, cap)
-        if acceleration is not None and (found.number != 1 or not 0 <= acceleration <= MAX_ACCELERATION):
-            raise ValueError(
-                f"{where}: profile acceleration {acceleration} belongs to mode 1 and 0..{MAX_ACCELERATION}"
-            )
-        raw = b"" if found.rests_at_zero else gain_bytes(where, table, Gains(*gains))
-        return Servo(id, table, layout_of([table]), found, raw, cap, acceleration)
 
     def _fence(self, limits: Mapping[int, int]) -> None:
         """Goals and bytes are judged by the bounds given, speeds and currents also by their limit register.
