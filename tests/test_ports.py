@@ -104,6 +104,29 @@ def test_a_port_just_opened_asks_everybody_who_they_are(world: TwoBuses, port: P
     assert [device.id for device in task.result or ()] == [1, 3]
 
 
+def test_being_asked_anew_ends_the_identification_that_is_under_way(world: TwoBuses, port: Port) -> None:
+    port.identify()
+    first = port.identification
+    world.tick(count=1)
+    port.identify()
+    assert first is not None
+    assert port.identification is not first
+    assert "asked anew" in str(first.error)
+    world.tick(count=40)
+    assert port.identification is not None
+    assert [device.id for device in port.identification.result or ()] == [1, 2, 3]
+
+
+def test_identification_does_not_starve_the_upkeep_of_a_bus_that_holds(world: TwoBuses, port: Port) -> None:
+    assert port.reader is not None
+    before = port.reader.registers.status_time.copy()
+    for _ in range(20):
+        port.identify()
+        world.tick()
+    assert port.link is Link.IDENTIFYING
+    assert (port.reader.registers.status_time > before).all()
+
+
 def test_with_the_port_every_task_ends_and_what_was_known_of_it_goes(world: TwoBuses, port: Port) -> None:
     tasks = [port.run(pings(1, 2, 3)) for _ in range(3)]
     reader = port.reader

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
 SILENT = 2.0  # s without an answer from anybody: the bus counts as disconnected (design 6.4)
+GONE = 0.1  # s without an answer from anybody: their power may have gone (docs/safety.md, a stale state)
 SPOKE = 0.05  # s: somebody of a mute bus was heard just now, so its power is back
 
 # (bus name, id) -> device, for every device that answered -> what S09 says of them, joints as indices
@@ -37,6 +38,7 @@ class Identity:
         self._loop, self._judge = loop, judge
         self._devices: dict[tuple[str, int], Device] = {}
         self._again: dict[str, float] = {}
+        self._gone: dict[str, float] = {}  # bus -> s that nobody on it has answered
         self._mute: set[str] = set()  # buses on which the last identification found nobody at all
         self._said: dict[str, str] = {}  # bus -> the trouble, or the warning of an open port, last told
         self._told = False  # that torque was found on
@@ -96,12 +98,26 @@ class Identity:
             self._said[port.name] = warning
             if warning:
                 loop.say.event("warning", Code.LATENCY_WARN, f"{port.name}: {warning}")
-        if port.link is Link.CONNECTED and loop.hardware.silence(bus, now) > SILENT:
-            message = f"{port.name}: nobody answers any more: check power; everybody is asked anew"
-            loop.say.event("error", Code.HW_DISCONNECTED, message)
-            port.identify()
+        if port.link is Link.CONNECTED:
+            self._listen(port, loop.hardware.silence(bus, now))
         if port.link is Link.IDENTIFYING:
             self._identify(port, bus, now)
+
+    def _listen(self, port: Port, silence: float) -> None:
+        """Nobody answers, or nobody did for a moment: a servo that lost its power may have lost its settings
+        and its turns, so everybody is asked anew."""
+        before = self._gone.pop(port.name, 0.0)
+        if silence > SILENT:
+            message = f"{port.name}: nobody answers any more: check power; everybody is asked anew"
+        elif silence > GONE:
+            self._gone[port.name] = silence
+            return
+        elif before:
+            message = f"{port.name}: nobody answered for {before:.2f} s: check power; everybody is asked anew"
+        else:
+            return
+        self._loop.say.event("error", Code.HW_DISCONNECTED, message)
+        port.identify()
 
     def _identify(self, port: Port, bus: BusMap, now: float) -> None:
         task = port.identification
@@ -158,6 +174,7 @@ class Identity:
         loop.say.event("error", Code.PORT_LOST, finding.message, (finding,))
         self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
         self.missing.pop(bus, None)
+        self._gone.pop(bus, None)
         held = loop.armed or loop.energising or loop.procedures.rank is Rank.ARM
         if held:
             loop.owed = True

@@ -207,7 +207,7 @@ class Port:
     def _turn(self) -> Task[Any] | None:
         """Whose turn it is: an urgent script's, else scripts and upkeep one after the other."""
         task = self.tasks[0] if self.tasks else None
-        if task is None or task.urgent or self.link is Link.IDENTIFYING:
+        if task is None or task.urgent or (self.link is Link.IDENTIFYING and not self.holding):
             return task
         self._upkeep = not self._upkeep  # what tells of lost torque is never starved by those who ask
         return None if self._upkeep else task

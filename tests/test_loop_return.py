@@ -1,0 +1,183 @@
+"""A bus that went and comes back: how soon that is seen, who is asked again, and nothing of before is left.
+
+Fault matrix rows 1-4, 11, 12 (docs/safety.md) and its times: an unplugged port is seen within 50 ms, and a
+port that is back is identified and disarmed within 1 s.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from rig import Rig
+
+from twind import link
+from twind.robot.modes import State
+from twind_drivers.bus import Reader
+
+
+def upper_goals(rig: Rig) -> list[int]:
+    return [int(goal) for goal in rig.virtual["upper"].servos["goal_position"]]
+
+
+def until_connected(rig: Rig, seconds: float = 3.0) -> float:
+    """Seconds until every bus is identified."""
+    begun = rig.clock.now()
+    while not rig.loop.hardware.connected:
+        assert rig.clock.now() - begun < seconds
+        rig.ticks(1)
+    return rig.clock.now() - begun
+
+
+@pytest.fixture
+def moving() -> Iterator[Rig]:
+    """Armed on two buses, a joint of the first on its way."""
+    rig = Rig("h24-split")
+    rig.arm()
+    rig.submit(rig.path("head_yaw", [0.6], [3.0]), more=True)
+    rig.ticks(50)
+    yield rig
+    rig.close()
+
+
+@pytest.mark.parametrize("away", [0.05, 0.3, 0.72, 1.3, 4.0])
+def test_an_unplugged_bus_is_seen_within_50_ms_and_identified_a_second_after_it_is_back(
+    moving: Rig, away: float
+) -> None:
+    upper, begun = moving.virtual["upper"], moving.clock.now()
+    upper.faults.unplug()
+    while not moving.events("PORT_LOST"):
+        moving.ticks(1)
+    assert moving.clock.now() - begun <= 0.050
+    assert moving.loop.state is State.FAULT
+    moving.seconds(away)
+    upper.faults.replug()
+    assert until_connected(moving) <= 1.0
+    assert moving.loop.state is State.FAULT
+
+
+def test_no_goal_of_before_reaches_a_bus_that_is_back_and_the_other_bus_holds(moving: Rig) -> None:
+    upper, lower = moving.virtual["upper"], moving.virtual["lower"]
+    upper.faults.unplug()
+    moving.ticks(5)
+    goals, legs = upper_goals(moving), moving.counts[12:]
+    moving.ticks(10)
+    assert lower.servos["torque_enable"].all()
+    assert np.abs(moving.counts[12:] - legs).max() <= 2
+    upper.faults.replug()
+    until_connected(moving)
+    moving.seconds(6.0)  # the other bus has been lowered by now
+    assert upper_goals(moving) == goals
+    assert not any(lower.servos["torque_enable"])
+    assert moving.loop.armed is False
+
+
+def test_everybody_is_asked_again_who_they_are(moving: Rig) -> None:
+    upper = moving.virtual["upper"]
+    upper.faults.unplug()
+    moving.seconds(0.5)
+    (port,) = [port for port in moving.loop.hardware.ports if port.name == "upper"]
+    assert port.devices == ()
+    upper.faults.replug()
+    until_connected(moving)
+    assert [device.id for device in port.devices] == list(range(1, 13))
+    assert all("homing_offset" in device.settings for device in port.devices)
+
+
+def test_on_the_ports_of_another_robot_nothing_is_armed_and_what_differs_is_named(moving: Rig) -> None:
+    """Row 4, the wrong adapter: one servo is another model, one is absent."""
+    upper = moving.virtual["upper"]
+    upper.faults.unplug()
+    moving.seconds(6.0)
+    memory = upper.servos.memory
+    memory.store(2, memory.tables[2]["model_number"], 1060)
+    upper.faults.silence(7)
+    upper.faults.replug()
+    moving.seconds(2.0)
+    said = " ".join(finding.message for finding in moving.loop.identity.troubles)
+    assert "id 3 on bus upper: is XL430-W250 (model number 1060), the robot file says XM430-W350" in said
+    assert "nothing answers as id 7 on bus upper" in said
+    assert not moving.loop.hardware.connected
+    assert moving.call(link.Arm).error is not None
+    assert not any(moving.virtual["lower"].servos["torque_enable"])
+
+
+# ------------------------------------------------------------------------------------- power
+
+
+def power_off(rig: Rig, bus: str) -> None:
+    """The servos of a bus lose their supply; the adapter, powered by USB, stays."""
+    for id in rig.virtual[bus].servos["id"]:
+        rig.virtual[bus].faults.silence(int(id))
+
+
+def power_on(rig: Rig, bus: str) -> None:
+    """They boot: torque off, RAM as at delivery."""
+    for id in rig.virtual[bus].servos["id"]:
+        rig.virtual[bus].faults.brown_out(int(id))
+    rig.virtual[bus].faults.clear()
+
+
+@pytest.mark.parametrize("seconds", [0.15, 0.6, 1.5, 2.5, 4.2, 6.0])
+def test_a_power_blip_is_noticed_and_everybody_is_identified_a_second_after_they_answer(
+    moving: Rig, seconds: float
+) -> None:
+    (port,) = [port for port in moving.loop.hardware.ports if port.name == "upper"]
+    power_off(moving, "upper")
+    moving.seconds(seconds)
+    power_on(moving, "upper")
+    begun, first = moving.clock.now(), port.identification
+    while not moving.events("HW_DISCONNECTED") or port.identification is first:
+        moving.ticks(1)
+        assert moving.clock.now() - begun < 1.0
+    until_connected(moving)
+    assert moving.clock.now() - begun < 1.5
+    assert moving.loop.state is State.FAULT
+    limp = moving.counts[:12]
+    moving.seconds(1.0)
+    assert not any(moving.virtual["upper"].servos["torque_enable"])
+    assert np.abs(moving.counts[:12] - limp).max() <= 2
+
+
+def test_a_robot_that_is_not_armed_is_asked_anew_after_a_blip_and_can_be_armed_again() -> None:
+    rig = Rig("h24-split")
+    rig.connect()
+    power_off(rig, "upper")
+    rig.seconds(0.5)
+    power_on(rig, "upper")
+    rig.seconds(1.0)
+    assert "nobody answered for" in rig.events("HW_DISCONNECTED")[-1].message
+    assert rig.loop.state is State.CONNECTED
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    rig.close()
+
+
+def test_one_servo_that_is_silent_for_a_moment_is_no_power_blip() -> None:
+    rig = Rig("h24-split")
+    rig.connect()
+    rig.virtual["upper"].faults.silence(3)
+    rig.seconds(0.5)
+    rig.virtual["upper"].faults.clear()
+    rig.seconds(0.5)
+    assert not rig.events("HW_DISCONNECTED")
+    rig.close()
+
+
+# ------------------------------------------------------------------------------------- the port itself
+
+
+def test_what_is_wrong_with_an_open_port_is_told_once_with_its_remedy() -> None:
+    rig = Rig()
+    opened = rig._open
+
+    def slow(name: str) -> Reader:
+        reader = opened(name)
+        reader.transport.warning = "the adapter's latency timer is 16 ms"
+        return reader
+
+    rig.loop.hardware.ports[0].opener = slow
+    rig.connect()
+    rig.seconds(1.0)
+    (event,) = rig.events("LATENCY_WARN")
+    assert (event.level, event.message) == ("warning", "main: the adapter's latency timer is 16 ms")
+    rig.close()
