@@ -8,7 +8,7 @@ from dxl_bench import FAST, IDS, SYNC, Bench
 from dxl_responder import Servos, Wire
 
 from twind_drivers.bus import Burst, DeviceRefused, NoReply, Ping, Reboot, WireClamp, Write
-from twind_drivers.dynamixel.packet import Instruction
+from twind_drivers.dynamixel.packet import Instruction, Packet, status
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.writer import DynamixelWriter
 
@@ -196,6 +196,8 @@ def test_eeprom_is_not_written_while_torque_is_on() -> None:
         ("position_p_gain", 16384, "0..16383"),
         ("torque_enable", 1, "arming"),
         ("goal_position", 2000, "gate"),
+        ("goal_velocity", 5, "gate"),
+        ("goal_current", 5, "the goal of mode 0, and the cap of mode 5"),
         ("id", 9, "another id"),
         ("baud_rate", 3, "another baud rate"),
     ],
@@ -214,6 +216,29 @@ def test_a_servo_that_says_no_is_quoted() -> None:
         bench.run(bench.writer.write(2, "led", 1))
     with pytest.raises(KeyError, match="led"):
         bench.run(bench.writer.write(2, "lad", 1))
+
+
+class Limited(Servos):
+    """Refuses writes beyond a limit register (e-manual, status packet, error 6), and answers reads."""
+
+    silent_reads = False
+
+    def _single(self, each: Packet) -> bytes:
+        if each.instruction == Instruction.WRITE:
+            return status(each.id, 6)
+        return b"" if self.silent_reads else super()._single(each)
+
+
+def test_a_value_beyond_a_limit_register_is_refused_with_that_register() -> None:
+    bench = Bench(kind=Limited)
+    bench.servos.put(2, 36, 300, 2)
+    with pytest.raises(DeviceRefused, match=r"Goal PWM = 301: .*limit register: PWM Limit \(36\) is 300"):
+        bench.run(bench.writer.write(2, "goal_pwm", 301))
+    with pytest.raises(DeviceRefused, match=r"LED = 1: value beyond the configured limit register$"):
+        bench.run(bench.writer.write(2, "led", 1))
+    bench.servos.silent_reads = True
+    with pytest.raises(DeviceRefused, match=r"Goal PWM = 301: value beyond the configured limit register$"):
+        bench.run(bench.writer.write(2, "goal_pwm", 301))
 
 
 def test_reboot_waits_until_the_device_answers_and_forgets_what_it_knew() -> None:

@@ -11,6 +11,7 @@ from twind_drivers.dynamixel.layout import Block
 from twind_drivers.dynamixel.modes import MODES, POSITION
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.servo import Servo
+from twind_drivers.dynamixel.tables import Field
 
 TRIPPED = 255  # what the bus watchdog (98) reads when it has tripped
 LIMITED = ("goal_current", "goal_velocity", "goal_pwm")  # each has one register that bounds it
@@ -19,6 +20,15 @@ LIMITED = ("goal_current", "goal_velocity", "goal_pwm")  # each has one register
 def limit_of(reader: DynamixelReader, id: int, register: str) -> Script[int]:
     """The value of a register. Raises NoReply, DeviceRefused, KeyError."""
     return (yield from reader.read(id, register)).value
+
+
+def limit_words(reader: DynamixelReader, id: int, field: Field) -> Script[str]:
+    """ ": Name (address) is value" of the register that bounds `field`; empty where none does or none answers."""
+    if field.rule.limit is not None:
+        with suppress(NoReply, DeviceRefused):
+            bound = yield from reader.read(id, field.rule.limit)
+            return f": {bound.name} ({bound.address}) is {bound.value}"
+    return ""
 
 
 def explain(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) -> Script[str]:

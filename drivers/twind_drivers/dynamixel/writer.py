@@ -20,7 +20,7 @@ from twind_drivers.bus import (
     Write,
 )
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.explain import explain, limit_of
+from twind_drivers.dynamixel.explain import explain, limit_of, limit_words
 from twind_drivers.dynamixel.goals import Goals, bounds_of, goal_packets
 from twind_drivers.dynamixel.line import Exchange
 from twind_drivers.dynamixel.modes import CURRENT_BASED, check_bounds, fences
@@ -236,10 +236,9 @@ class DynamixelWriter:
         reply = yield Write({id: field.encode(value)}, field.address)
         error = reply.error.get(id, 0)
         if error & 0x7F:
-            why, limit = packet.explain(error), field.rule.limit
-            if error & 0x7F == packet.Error.DATA_LIMIT and limit is not None:
-                bound = yield from self._reader.read(id, limit)
-                why += f": {bound.name} ({bound.address}) is {bound.value}"
+            why = packet.explain(error)
+            if error & 0x7F == packet.Error.DATA_LIMIT:
+                why += yield from limit_words(self._reader, id, field)
             raise DeviceRefused(self._name, id, f"{field.name} = {value}", why)
         back = yield from self._reader.read(id, field.key)
         if back.value != value:
