@@ -1,8 +1,7 @@
 """A virtual bus: bytes from the host in, bytes of the servos out when their time has come.
 
 Requests that come again and again take a short way: the same sync read, goals by sync write. Everything else
-goes through the framer to `instructions`. Not simulated: factory reset, clear, backup (error 2), shadow ids,
-indirect registers (undefined, error 7), collisions on the wire.
+goes through the framer to `instructions`. While a fault is ordered, answers take the long way, one by one.
 """
 
 from collections.abc import Sequence
@@ -12,12 +11,23 @@ from typing import Any
 import numpy as np
 
 from twind_drivers.dynamixel.crc import crc16
-from twind_drivers.dynamixel.packet import HEADER, PATTERN, Framer, Instruction, Packet, fast_status, status
+from twind_drivers.dynamixel.packet import (
+    HEADER,
+    PATTERN,
+    Error,
+    Framer,
+    Instruction,
+    Packet,
+    fast_status,
+    status,
+)
 from twind_drivers.virtual.faults import Faults
 from twind_drivers.virtual.group import FastGroup, PlainGroup
 from twind_drivers.virtual.instructions import Answer, Answers, Instructions
 from twind_drivers.virtual.muscles import Muscles
-from twind_drivers.virtual.servos import Servos, ServoSpec
+from twind_drivers.virtual.servos import BAUDS, Servos, ServoSpec
+from twind_drivers.virtual.stream import Adapter, Stream
+from twind_drivers.virtual.uart import clash, misheard
 from twind_drivers.virtual.wire import Wire
 
 REMEMBERED = 256  # requests
@@ -37,12 +47,18 @@ class VirtualBus:
         wire_timing: bool = True,
         now: float = 0.0,
         keep_goal: bool = True,
+        adapter: Adapter | None = None,
+        seed: int = 0,
     ) -> None:
-        """`baud` is the line's; a servo whose own baud register differs hears and says nothing."""
+        """`baud` is the line's; a servo whose own baud register differs hears and says nothing.
+
+        `seed`: of all that is random in the faults; the same orders and bytes then give the same bytes.
+        """
         self.name = name
         self.servos = Servos(servos, muscles, now=now, keep_goal=keep_goal)
         self._wire = Wire(baud, timing=wire_timing)
-        self.faults = Faults(name, self.servos, self._wire)
+        self._stream = Stream(self._wire, adapter or Adapter(), seed)
+        self.faults = Faults(name, self.servos, self._wire, self._stream)
         self._framer = Framer(status=False, broken=True)
         self._groups: dict[bytes, Group] = {}
         self._goal_rows: dict[bytes, tuple[Any, Any] | None] = {}
@@ -59,8 +75,20 @@ class VirtualBus:
         """Is the adapter there?"""
         return self.faults.plugged
 
+    @property
+    def backlog(self) -> int:
+        """Bytes that a stalled adapter has taken and not sent."""
+        return len(self._stream.held)
+
+    def flush(self) -> None:
+        """Those bytes are never sent."""
+        self._stream.held = b""
+        self._stream.look()
+
     def receive(self, data: bytes, now: float) -> None:
         """Bytes from the host, sent at `now`."""
+        if self._stream.bent:
+            data = self._stream.send(data, now)
         place = 0
         while place < len(data) and self.plugged:
             size = self._whole(data, place)
@@ -70,14 +98,20 @@ class VirtualBus:
                 for packet in self._framer.feed(chunk):
                     self._packet(packet, at, chunk)
             place += len(chunk)
+        if self._stream.garbled and data:
+            self._babel()
 
     def due(self) -> float:
         """When the next answer is complete, s; `inf`: none is under way."""
-        return self._wire.due()
+        return self._stream.due() if self._stream.bent else self._wire.due()
 
     def take(self, now: float) -> bytes:
         """Bytes of the servos that have arrived by `now`."""
-        return self._wire.take(now)
+        if not self._stream.bent:
+            return self._wire.take(now)
+        if self._stream.held:
+            self.receive(b"", now)
+        return self._stream.take(now)
 
     def advance(self, now: float) -> None:
         """Let time pass without traffic: muscles, watchdogs, boots."""
@@ -106,7 +140,7 @@ class VirtualBus:
         servos.expire(at)
         self._recall()
         group = self._groups.get(packet)
-        if group is not None:
+        if group is not None and not self.faults.active:
             servos.feed(at)
             return self._answer_group(group, at)
         if packet[7] != Instruction.SYNC_WRITE or packet[8:12] != self._goal_span:
@@ -155,11 +189,7 @@ class VirtualBus:
         data = group.data()
         if data is None:
             return False
-        if self.faults.active:
-            starts = [0, *group.cuts[:-1]]
-            self._send(group.ends, [data[a:b] for a, b in zip(starts, group.cuts, strict=True)])
-        else:
-            self._wire.say(group.ends, group.cuts, data)
+        self._wire.say(group.ends, group.cuts, data)
         return True
 
     def _remember(self, packet: Packet, answers: Answers, chunk: bytes) -> None:
@@ -199,30 +229,63 @@ class VirtualBus:
         talk = self._talk(answers)
         if not talk:
             return
+        crowds = [list(each) for _, each in groupby(talk, lambda each: self.servos.registers.id_of(each.row))]
+        delays = [min(self.servos.registers.delays([each.row for each in crowd])) for crowd in crowds]
         if answers.promised:
-            rows = [(self._error(each), self.servos.registers.id_of(each.row), each.data) for each in talk]
-            pieces = fast_status(rows, answers.promised)
-            delays = [self.servos.registers.delays([talk[0].row])[0]] + [0.0] * (len(talk) - 1)
+            delays[1:] = [0.0] * (len(crowds) - 1)
+            pieces = self._chain(crowds, answers.promised)
         else:
-            crowd = [
-                list(each) for _, each in groupby(talk, lambda each: self.servos.registers.id_of(each.row))
-            ]
-            pieces = [self._at_once(each) for each in crowd]
-            delays = self.servos.registers.delays([each[0].row for each in crowd])
-        self._send(self._wire.ends(delays, [len(piece) for piece in pieces]), pieces)
+            pieces = [self._at_once(crowd) for crowd in crowds]
+        if self.faults.active:
+            ids = [self.servos.registers.id_of(crowd[0].row) for crowd in crowds]
+            self.faults.speak(ids, delays, pieces, joint=bool(answers.promised))
+        else:
+            sizes = list(map(len, pieces))
+            self._wire.say(self._wire.ends(delays, sizes), list(accumulate(sizes)), b"".join(pieces))
 
     def _error(self, answer: Answer) -> int:
         return answer.error | int(self.servos.alert[answer.row])
 
     def _at_once(self, answers: Sequence[Answer]) -> bytes:
-        """One servo's status; of several with one id that talk at once the wire shows the bitwise and."""
+        """One servo's status; of several with one id that talk at once, what is heard of all of them.
+
+        Each begins after its own return delay, so they may overlap in part or not at all.
+        """
         packets = [
             status(self.servos.registers.id_of(each.row), self._error(each), each.data) for each in answers
         ]
-        size = min(map(len, packets))
-        rows = [np.frombuffer(packet[:size], np.uint8) for packet in packets]
-        return np.bitwise_and.reduce(rows).tobytes() if len(packets) > 1 else packets[0]
+        if len(packets) == 1:
+            return packets[0]
+        delays = self.servos.registers.delays([each.row for each in answers])
+        return clash(list(zip(delays, packets, strict=True)), self._wire.baud)
 
-    def _send(self, ends: Sequence[float], pieces: Sequence[bytes]) -> None:
-        struck = self.faults.strike(pieces) if self.faults.active else pieces
-        self._wire.say(ends, list(accumulate(map(len, struck))), b"".join(struck))
+    def _chain(self, crowds: Sequence[Sequence[Answer]], promised: int) -> list[bytes]:
+        """What each link of a joint (fast) answer puts on the wire; those with one id talk at the same time.
+
+        Everybody's CRC is over what was heard before, garbage of a collision included.
+        """
+        heard, pieces = b"", []
+        for crowd in crowds:
+            blocks = [self._block(heard, promised, each) for each in crowd]
+            pieces.append(
+                blocks[0] if len(blocks) == 1 else clash([(0.0, b) for b in blocks], self._wire.baud)
+            )
+            heard += pieces[-1]
+        return pieces
+
+    def _block(self, heard: bytes, promised: int, answer: Answer) -> bytes:
+        """One servo's part of a joint answer, behind what it `heard`; the first announces the LEN of all."""
+        row = (self._error(answer), self.servos.registers.id_of(answer.row), answer.data)
+        if not heard:
+            return fast_status([row], promised)[0]
+        block = bytes(row[:2]) + answer.data
+        return block + crc16(heard + block).to_bytes(2, "little")
+
+    def _babel(self) -> None:
+        """Servos at another rate answer "unknown instruction" at theirs, which the host hears at its own."""
+        servos, here = self.servos, self._wire.baud
+        for row, index in enumerate(servos["baud_rate"]):
+            there = BAUDS[min(int(index), len(BAUDS) - 1)]
+            if there != here and np.isinf(servos.power.boots_at[row]) and not servos.silenced[row]:
+                noise = misheard(status(servos.registers.id_of(row), Error.INSTRUCTION), there, here)
+                self._wire.say(self._wire.ends([0.0], [len(noise)]), [len(noise)], noise)

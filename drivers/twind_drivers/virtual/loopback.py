@@ -3,6 +3,7 @@
 from twind_drivers.bus import PortError
 from twind_drivers.clock import Clock
 from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.stream import MOST
 
 
 class Loopback:
@@ -25,8 +26,14 @@ class Loopback:
         return self._bus.due()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Hand `data` to the servos. Raises PortError(lost=True) when unplugged or closed."""
+        """Hand `data` to the servos.
+
+        Raises PortError: `lost` when unplugged or closed, else a stalled adapter is full.
+        """
         self._check()
+        if self._bus.backlog + len(data) > MOST:
+            backlog = f"0 of {len(data)} bytes taken: earlier packets still wait in the port's output"
+            raise PortError(self.name, backlog)
         self._bus.receive(bytes(data), self._clock.now())
 
     def read_into(self, buffer: memoryview) -> int:
@@ -44,6 +51,16 @@ class Loopback:
         count = len(self._left) + len(self._bus.take(self._clock.now()))
         self._left = b""
         return count
+
+    def backlog(self) -> int:
+        """Bytes written that have not left yet: those of a stalled adapter. Raises PortError(lost=True)."""
+        self._check()
+        return self._bus.backlog
+
+    def flush(self) -> None:
+        """Throw those away. Raises PortError(lost=True)."""
+        self._check()
+        self._bus.flush()
 
     def close(self) -> None:
         """Let go of the port."""

@@ -1,0 +1,50 @@
+"""What is wrong with single servos and their supply, by name."""
+
+from twind_drivers.virtual.servos import Servos
+
+NEVER = 1e18  # s: the end of a boot that waits for power
+
+
+class ServoFaults:
+    """Faults of servos; unless named otherwise they outlast `clear`, as a servo's state does."""
+
+    def __init__(self, bus: str, servos: Servos) -> None:
+        self._bus, self._servos = bus, servos
+
+    def silence(self, id: int | None = None, on: bool = True) -> None:
+        """Pull the connector of one servo or (None) of all: it hears and says nothing, keeps its power.
+
+        `clear` plugs all in. Raises KeyError.
+        """
+        self._servos.silenced[slice(None) if id is None else self.rows(id)] = on
+        self._servos.changed()
+
+    def damage(self, id: int, bits: int) -> None:
+        """Hardware error bits (register 70): alert, shutdown by register 63. Raises KeyError, ValueError."""
+        if not 0 < bits <= 63:
+            raise ValueError(f"damage: bits {bits} are outside 1..63")
+        for row in self.rows(id):
+            self._servos.damage(row, bits)
+
+    def brown_out(self, id: int) -> None:
+        """One servo loses its supply for a moment: a reboot that nobody asked for. Raises KeyError."""
+        for row in self.rows(id):
+            self._servos.reboot(row, self._servos.now)
+
+    def power(self, on: bool) -> None:
+        """The supply of the bus. Off: nobody answers or holds. On: all boot, RAM and turns are lost."""
+        for row in range(len(self._servos.tripped)):
+            self._servos.reboot(row, self._servos.now if on else NEVER)
+
+    def rows(self, id: int) -> list[int]:
+        """Places of the servos with this id. Raises KeyError that names the ids there are."""
+        ids = self._servos.registers.ids()
+        found = [row for row, each in enumerate(ids) if each == id]
+        if not found:
+            raise KeyError(f"bus {self._bus}: no servo with id {id}; ids are {sorted(ids)}")
+        return found
+
+    def clear(self) -> None:
+        """Every connector is plugged in."""
+        self._servos.silenced[:] = False
+        self._servos.changed()
