@@ -23,7 +23,7 @@ def limit_of(reader: DynamixelReader, id: int, register: str) -> Script[int]:
 
 
 def limit_words(reader: DynamixelReader, id: int, field: Field) -> Script[str]:
-    """ ": Name (address) is value" of the register that bounds `field`; empty where none does or none answers."""
+    """Name and value of the register that bounds `field`; empty where none does, or the device is silent."""
     if field.rule.limit is not None:
         with suppress(NoReply, DeviceRefused):
             bound = yield from reader.read(id, field.rule.limit)
