@@ -1,5 +1,6 @@
 """What is wrong with single servos and their supply, by name."""
 
+from twind_drivers.virtual.history import History
 from twind_drivers.virtual.servos import Servos
 
 NEVER = 1e18  # s: the end of a boot that waits for power
@@ -35,6 +36,13 @@ class ServoFaults:
         """The supply of the bus. Off: nobody answers or holds. On: all boot, RAM and turns are lost."""
         for row in range(len(self._servos.tripped)):
             self._servos.reboot(row, self._servos.now if on else NEVER)
+
+    def record(self, count: int) -> None:
+        """Keep the last `count` refreshes of the present positions in `servos.history`; 0: none.
+
+        No fault, but ordered like one. Raises ValueError outside 0..100,000.
+        """
+        self._servos.history = History(len(self._servos.tripped), count) if count else None
 
     def rows(self, id: int) -> list[int]:
         """Places of the servos with this id. Raises KeyError that names the ids there are."""

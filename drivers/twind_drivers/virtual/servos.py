@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from twind_drivers.dynamixel.packet import ALERT
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.columns import Columns
+from twind_drivers.virtual.history import History
 from twind_drivers.virtual.memory import Ints, Memory
 from twind_drivers.virtual.muscles import Muscles
 from twind_drivers.virtual.power import Power
@@ -58,6 +59,7 @@ class Servos:
         self.registers = Columns(memory)
         self.muscles, self.keep_goal, self.now, self.epoch = muscles, keep_goal, now, 0
         self.readings = Readings(memory, muscles)
+        self.history: History | None = None  # of what the present position registers showed, on order
         self.power = Power(memory, self.registers, muscles)
         self.direction, self.shift = self.power.direction, self.power.shift
         self.profile = Profile.at(muscles.position)
@@ -128,6 +130,8 @@ class Servos:
                 self._move(now)
             self._fresh = now
             self.readings.refresh(now, self.direction, self.shift, self.profile.reference)
+            if self.history is not None:
+                self.history.note(now, self.readings.position.get())
 
     def _move(self, now: float) -> None:
         if self.profile.shaped:
