@@ -290,3 +290,24 @@ def test_a_robot_file_is_checked_without_a_daemon(loop: StandIn, tmp_path: Path)
     done = ctl(loop, "check", "robot", str(wrong))
     assert done.returncode == 1
     assert f"{wrong}:" in done.stderr
+
+
+def test_a_restart_is_told_with_what_was_restored_and_what_differs(loop: StandIn) -> None:
+    parameters = {
+        "state": "connected",
+        "restored": ["Position P Gain = 640"],
+        "differing": ["LED is 0, was 1"],
+    }
+    loop.answers[link.Reboot] = lambda c: [link.Reply(ticket=c.ticket, parameters=parameters)]
+    done = ctl(loop, "reboot", "main", "7")
+    assert (done.returncode, done.stdout.splitlines()) == (
+        0,
+        [
+            "main id 7 restarted: state connected",
+            "  restored: Position P Gain = 640",
+            "  differs: LED is 0, was 1",
+        ],
+    )
+    assert json.loads(ctl(loop, "--json", "reboot", "main", "7").stdout) == parameters
+    loop.answers[link.Reboot] = lambda c: [link.Reply(ticket=c.ticket, parameters={"state": "connected"})]
+    assert ctl(loop, "reboot", "main", "7").stdout == "main id 7 restarted: state connected\n"

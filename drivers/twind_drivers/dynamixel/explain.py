@@ -79,7 +79,10 @@ def _limits(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) ->
                 ends = f"{least.value}..{most.value} (registers {least.address}, {most.address})"
                 found.append(f"goal {wanted} is outside its position limits {ends}")
             continue
-        limit = yield from reader.read(servo.id, table[name].rule.limit or "")
+        register = table[name].rule.limit
+        if register is None:
+            continue
+        limit = yield from reader.read(servo.id, register)
         if abs(wanted) > limit.value:
             found.append(f"{wanted} is beyond its {limit.name} {limit.value} (register {limit.address})")
     return found
