@@ -15,10 +15,10 @@ class Hopper(FirstOrder):
 
     hop = 200.0  # ticks
 
-    def drive(self, *, on, **rest):
-        if on[0] and not self._on[0]:
+    def drive(self, drive):
+        if drive.on[0] and not self._on[0]:
             self.position[0] += self.hop
-        super().drive(on=on, **rest)
+        super().drive(drive)
 
 
 def codes(reply: link.Reply) -> list[str]:

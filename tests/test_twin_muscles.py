@@ -5,9 +5,12 @@ from math import asin, pi
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from twind.config.robot_file import load_robot
 from twind.twin.muscles import Diverged, Motor, MujocoMuscles, Part, body_of
+from twind_drivers.virtual.muscles import Drive
 
 TICKS = 4096 / (2 * pi)
 # 0.5 kg at 0.2 m: 0.98 N·m when level. Two arms side by side, so that one can be on another bus.
@@ -27,16 +30,22 @@ def arms(friction: float = 0.1, **start: float) -> MujocoMuscles:
 
 
 def power(
-    muscles: MujocoMuscles | Part, p: float = 800, i: float = 0, on: bool = True, **caps: float
+    muscles: MujocoMuscles | Part, p: float = 800, i: float = 0, on: bool = True, mode: int = 3, **caps: float
 ) -> None:
     one = np.ones(len(muscles.position))
     muscles.drive(
-        on=one > 0 if on else one < 0,
-        p=p * one,
-        i=i * one,
-        d=0 * one,
-        pwm_cap=caps.get("pwm", 885) * one,
-        current_cap=caps.get("current", 1193) * one,
+        Drive(
+            on=one > 0 if on else one < 0,
+            mode=np.full(one.size, mode),
+            p=p * one,
+            i=i * one,
+            d=0 * one,
+            velocity_p=100 * one,
+            velocity_i=1920 * one,
+            pwm_cap=caps.get("pwm", 885) * one,
+            current_cap=caps.get("current", 1193) * one,
+            supply=caps.get("supply", 1.0) * one,
+        )
     )
 
 
@@ -164,3 +173,102 @@ def test_h24_holds_its_poses_with_small_error_and_does_not_creep() -> None:
         now += 3.0
         muscles.advance(now)
         assert np.abs(muscles.position - held).max() < 0.5
+
+
+# ---------------------------------------------------------------------- modes
+
+
+def test_in_current_mode_the_current_is_the_goal_at_any_speed_that_the_voltage_allows() -> None:
+    """e-manual, "Operating Mode" 0: only the current is controlled, whatever speed and position do."""
+    muscles = arms(friction=0.0)
+    power(muscles, mode=0)
+    muscles.aim(np.array([100.0, -50.0]))  # 0.48 and 0.24 N·m: no more than leans the arms aside
+    for k in range(1, 100):
+        muscles.advance(0.02 * k)
+        assert muscles.current == pytest.approx([100.0, -50.0], abs=8)
+    muscles.advance(15.0)
+    assert muscles.position[0] - 2000 > 200
+    assert muscles.position[1] - 1000 < -100
+    lean = np.abs(np.sin((muscles.position - [2000, 1000]) / TICKS)) * 0.981
+    assert lean == pytest.approx(np.array([100, 50]) * 1.78 * 0.00269, abs=0.06)
+
+
+def test_in_velocity_mode_it_turns_at_the_goal_over_the_top_and_down_again() -> None:
+    """e-manual, "Velocity PI Gain": the I gain takes the load's error away; either sign, any side."""
+    muscles = arms()
+    power(muscles, mode=1)
+    muscles.aim(np.array([80.0, -120.0]))
+    muscles.advance(2.0)
+    before = muscles.position.copy()
+    seen = []
+    for k in range(200):
+        muscles.advance(2.0 + 0.05 * (k + 1))
+        seen.append(muscles.velocity.copy())
+    assert np.mean(seen, axis=0) == pytest.approx([80, -120], abs=2)
+    turned = (muscles.position - before) / 4096
+    assert turned == pytest.approx(np.array([80, -120]) * 0.229 / 60 * 10, rel=0.03)
+
+
+def test_in_pwm_mode_the_speed_is_what_the_voltage_leaves() -> None:
+    """e-manual, "Operating Mode" 16: the output is the goal, the speed whatever comes of it."""
+    muscles = arms()
+    power(muscles, mode=16)
+    muscles.aim(np.array([600.0, -600.0]))
+    muscles.advance(1.0)
+    before = muscles.position.copy()
+    muscles.advance(11.0)
+    assert muscles.pwm == pytest.approx([600, -600], abs=1)
+    speed = (muscles.position - before) / 4096 * 60 / 0.229 / 10
+    assert speed == pytest.approx(np.array([1, -1]) * 201 * 600 / 885, rel=0.25)
+    power(muscles, mode=16, supply=0.5)
+    muscles.aim(np.array([600.0, -600.0]))
+    muscles.advance(12.0)
+    before = muscles.position.copy()
+    muscles.advance(22.0)
+    slow = (muscles.position - before) / 4096 * 60 / 0.229 / 10
+    assert np.abs(slow).max() < 0.6 * np.abs(speed).min(), "half the voltage, less than half the speed"
+
+
+@pytest.mark.parametrize("cap", [40.0, 150.0])
+def test_in_mode_5_the_goal_current_bounds_the_current_on_the_move_and_against_a_block(cap: float) -> None:
+    """e-manual, "Current-based Position Control Mode": Goal Current caps what the position loop asks for."""
+    muscles = arms()
+    power(muscles, mode=5, current=cap)
+    worst = 0.0
+    for k in range(300):
+        if k % 100 == 0:
+            muscles.aim(np.array([2000.0 + (400 if k % 200 else -900), 1000.0]))
+        muscles.advance(0.01 * (k + 1))
+        worst = max(worst, np.abs(muscles.current).max())
+    assert worst < cap * 1.05 + 5
+    muscles.block(np.array([True, True]))
+    here = muscles.position.copy()
+    muscles.aim(here + 3000.0)
+    muscles.advance(6.0)
+    assert muscles.current == pytest.approx([cap, cap], rel=0.02)
+    assert np.abs(muscles.position - here).max() < 10, "something holds it fast"
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.sampled_from([0, 1, 3, 4, 5, 16]),
+    st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3),
+    st.floats(0, 885),
+    st.floats(1, 1193),
+    st.floats(0.3, 1.2),
+)
+def test_whatever_is_commanded_stays_finite_and_inside_its_caps(
+    mode: int, goals: list[float], pwm: float, current: float, supply: float
+) -> None:
+    muscles = arms()
+    power(muscles, mode=mode, pwm=pwm, current=current, supply=supply)
+    for k, goal in enumerate(goals):
+        muscles.aim(np.array([goal, -goal]))
+        muscles.advance(0.1 * (k + 1))
+        assert np.isfinite([muscles.position, muscles.velocity, muscles.current, muscles.pwm]).all()
+        assert np.abs(muscles.pwm).max() <= pwm + 1e-6
+        if mode in (0, 5):
+            assert np.abs(muscles.current).max() <= current * 1.1 + 20, "one step of 2 ms late"
+    power(muscles, mode=mode, on=False)
+    muscles.advance(0.5)
+    assert np.abs(muscles.current).max() == np.abs(muscles.pwm).max() == 0.0, "off means nothing drives"

@@ -1,6 +1,5 @@
 """The firmware's rules, each by the document that states it: e-manual chapter or field report."""
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -375,4 +374,3 @@ def test_temperature_and_voltage_are_plausible() -> None:
     host = Host([1, 2])
     assert host.read(1, 146, 1) == 25
     assert host.read(1, 144, 2) == 120
-    assert np.isfinite(host.servos.readings.supply).all()

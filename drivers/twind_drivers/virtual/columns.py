@@ -40,6 +40,13 @@ COLUMNS: Mapping[str, tuple[int, bool]] = {  # register -> size and sign where a
     "profile_acceleration": (4, False),
     "profile_velocity": (4, False),
     "goal_position": (4, True),
+    "temperature_limit": (1, False),
+    "max_voltage_limit": (2, False),
+    "min_voltage_limit": (2, False),
+    "velocity_limit": (4, False),
+    "velocity_i_gain": (2, False),
+    "velocity_p_gain": (2, False),
+    "goal_velocity": (4, True),
 }
 
 

@@ -4,13 +4,37 @@ A servo knows encoder ticks, raw velocity, raw current and raw PWM; it does not 
 physics engine moves it. Ticks here are the bare encoder's, continuous over turns, without homing offset.
 """
 
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twind_drivers.virtual.modes import CURRENT, FULL_PWM, PWM, VELOCITY, seeks_position
+
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+TICKS = 0.229 / 60.0 * 4096.0  # ticks/s per raw velocity
+FRICTION = 0.1  # raw current per raw velocity: viscous friction of the gear, all that loads a free joint
+COAST = 0.1  # s, after which a free shaft under constant current runs at 63 % of its speed
+QUICK = 0.02  # s, time constant of the speed loop at the factory gains
+FACTORY_P, FACTORY_I = 100.0, 1920.0  # velocity gains of an XM430
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """How the firmware drives m motors, until told otherwise. Arrays (m,), numbers as in the registers."""
+
+    on: Bools  # is torque enabled?
+    mode: NDArray[Any]  # operating mode: 0, 1, 3, 4, 5 or 16
+    p: Floats  # position gains
+    i: Floats
+    d: Floats
+    velocity_p: Floats
+    velocity_i: Floats
+    pwm_cap: Floats  # 0..885, most output in any mode
+    current_cap: Floats  # most current; inf where the model measures none
+    supply: Floats  # of the nominal voltage; 885 counts of PWM are all of it
 
 
 class Muscles(Protocol):
@@ -23,14 +47,19 @@ class Muscles(Protocol):
     velocity: Floats  # raw, 0.229 rpm
     current: Floats  # raw, the model's current unit
     pwm: Floats  # raw, 0.113 %
+    stall: Floats  # raw current of a blocked motor at the nominal voltage; constant
 
-    def drive(
-        self, *, on: Bools, p: Floats, i: Floats, d: Floats, pwm_cap: Floats, current_cap: Floats
-    ) -> None:
-        """From now on: torque on or off, the position gains of the registers, caps of output and current."""
+    def drive(self, drive: Drive) -> None:
+        """From now on: torque, mode, gains and caps. `aim` must follow where a mode changed."""
 
     def aim(self, goal: Floats) -> None:
-        """From now on: where the position loop pulls to, encoder ticks. Ignored where torque is off."""
+        """From now on: encoder ticks (modes 3, 4, 5), raw velocity (1), current (0) or PWM (16).
+
+        Ignored where torque is off.
+        """
+
+    def block(self, held: Bools) -> None:
+        """From now on: shafts that something holds fast; they turn neither with torque nor without."""
 
     def advance(self, now: float) -> None:
         """Let the time pass until `now` (s). A time already passed does nothing."""
@@ -39,40 +68,64 @@ class Muscles(Protocol):
 class FirstOrder:
     """Joints without load: the error decays with a time constant, the speed is capped, off means it stays.
 
-    The step is exact for any length, so an hour of robot needs no small steps.
+    Every step is exact for any length, so an hour of robot needs no small steps. In modes 3 to 5 the error of
+    the position decays, in the others that of the speed. I and D of the position do nothing: nothing loads
+    these joints. A blocked joint draws what its output drives into it.
     """
 
     def __init__(
-        self, start: Floats, *, lag: float = 0.04, gain: float = 800.0, speed: float = 201.0, now: float = 0.0
+        self,
+        start: Floats,
+        *,
+        lag: float = 0.04,
+        gain: float = 800.0,
+        speed: float = 201.0,
+        stall: float = 855.0,
+        now: float = 0.0,
     ) -> None:
-        """`start` (m,) ticks; `lag` s at P gain `gain`; `speed` raw (201 = 46 rpm, XM430-W350 at 12 V)."""
+        """`start` (m,) ticks; `lag` s at P gain `gain`; `speed`, `stall` raw velocity and current.
+
+        The numbers are those of an XM430-W350 at 12 V: 46 rpm, 2.3 A (e-manual, "Specifications").
+        """
         self.position = np.array(start, np.float64)
-        self.velocity = np.zeros_like(self.position)
-        self.current = np.zeros_like(self.position)
-        self.pwm = np.zeros_like(self.position)
-        self._lag, self._gain = lag, gain
-        self._speed = speed * 0.229 / 60.0 * 4096.0  # ticks/s
+        self.velocity, self.current, self.pwm = (np.zeros_like(self.position) for _ in range(3))
+        self.stall = np.full_like(self.position, stall)
+        self._lag, self._gain, self._free = lag, gain, speed
         self._goal = self.position.copy()
         self._time = now
-        self._on = np.zeros(self.position.size, np.bool_)
-        self._rate = np.zeros_like(self.position)  # 1/s; 0 where nothing pulls
-        self._slowest = np.full_like(self.position, 1e-9)  # the rate, but never 0: to divide by
-        self._p = np.zeros_like(self.position)
-        self._cap = np.zeros_like(self.position)
+        self._blocked = np.zeros(self.position.size, np.bool_)
+        off = np.zeros_like(self.position)
+        self.drive(Drive(off > 0, off + 3, off, off, off, off, off, off, off, off))
 
-    def drive(
-        self, *, on: Bools, p: Floats, i: Floats, d: Floats, pwm_cap: Floats, current_cap: Floats
-    ) -> None:
-        """The P gain sets the lag; no output or no current allowed means no motion. I and D do nothing."""
-        pulls = on & (pwm_cap > 0.0) & (current_cap > 0.0)
-        self._on = on.copy()
-        self._rate = np.where(pulls, p / (self._gain * self._lag), 0.0)
+    def drive(self, drive: Drive) -> None:
+        """The gains set the rate; no output or no current allowed means no motion."""
+        self._on, self._mode = drive.on.copy(), np.asarray(drive.mode).copy()
+        pulls = drive.on & (drive.pwm_cap > 0.0) & (drive.current_cap > 0.0) & (drive.supply > 0.0)
+        seeks = seeks_position(self._mode)
+        self._cap, self._current_cap = drive.pwm_cap.copy(), drive.current_cap.copy()
+        self._volts = np.maximum(drive.supply, 1e-9)
+        duty = np.minimum(self._cap, FULL_PWM) / FULL_PWM
+        self._top = np.minimum(self._free * duty * self._volts, self._current_cap / FRICTION)  # raw
+        self._speed = np.where(pulls, self._top * TICKS, 1e-9)  # ticks/s, never 0: to divide by
+        self._rate = np.where(pulls & seeks, drive.p / (self._gain * self._lag), 0.0)
         self._slowest = np.maximum(self._rate, 1e-9)
-        self._p, self._cap = np.where(pulls, p / 128.0, 0.0), pwm_cap.copy()
+        self._p = np.where(pulls & seeks, drive.p / 128.0, 0.0)
+        gains = (drive.velocity_p / FACTORY_P + drive.velocity_i / FACTORY_I) / 2.0
+        rate = np.select(
+            [self._mode == VELOCITY, self._mode == CURRENT], [gains / QUICK, 1.0 / COAST], 1.0 / QUICK
+        )
+        self._turning = np.flatnonzero(pulls & ~seeks & (rate > 0.0))
+        self._quickness = rate[self._turning]
+        self._jammed = np.flatnonzero(self._blocked & pulls)
 
     def aim(self, goal: Floats) -> None:
         """See `Muscles.aim`."""
         self._goal[:] = goal
+
+    def block(self, held: Bools) -> None:
+        """See `Muscles.block`."""
+        self._blocked = held.copy()
+        self._jammed = np.flatnonzero(held & self._on & (self._speed > 1e-9))
 
     def advance(self, now: float) -> None:
         """Constant speed while the error is beyond speed/rate, exponential decay after it."""
@@ -80,6 +133,13 @@ class FirstOrder:
         if not dt > 0.0:
             return
         self._time = now
+        if self._turning.size or self._blocked.any():
+            self._advance_all(dt)
+        else:
+            self._seek(dt)
+
+    def _seek(self, dt: float) -> None:
+        """Modes 3, 4 and 5."""
         rate = self._rate
         error = self._goal - self.position
         size = np.abs(error)
@@ -93,8 +153,49 @@ class FirstOrder:
         way = np.copysign(1.0, error)
         np.copyto(self.position, self._goal - way * left, where=rate > 0.0)
         raw = np.minimum(left * rate, self._speed) * way
-        raw *= 60.0 / (0.229 * 4096.0)
+        raw *= 1.0 / TICKS
         self.velocity[:] = raw
-        np.multiply(raw, 0.1, out=self.current)  # viscous friction of the gear: nothing else loads it
+        np.multiply(raw, FRICTION, out=self.current)
         np.minimum(self._p * left, self._cap, out=left)
         np.multiply(left, way, out=self.pwm)
+
+    def _advance_all(self, dt: float) -> None:
+        before, speed = self.position.copy(), self.velocity[self._turning]
+        self._seek(dt)
+        self._turn(speed, dt)
+        if self._blocked.any():
+            self.position[self._blocked] = before[self._blocked]
+            self.velocity[self._blocked] = 0.0
+            self._jam()
+
+    def _turn(self, speed: Floats, dt: float) -> None:
+        """Modes 0, 1 and 16, `speed` (raw) before: the speed tends to what the goal means without load."""
+        at, rate = self._turning, self._quickness
+        mode, goal, top = self._mode[at], self._goal[at], self._top[at]
+        wish = np.select(
+            [mode == CURRENT, mode == PWM], [goal / FRICTION, goal / FULL_PWM * self._free], goal
+        )
+        wish = np.clip(np.where(mode == PWM, wish * self._volts[at], wish), -top, top)
+        decay = np.exp(-rate * dt)
+        now = wish + (speed - wish) * decay
+        self.position[at] += (wish * dt + (speed - wish) * (1.0 - decay) / rate) * TICKS
+        self.velocity[at] = now
+        torque = FRICTION * (now + (wish - now) * rate * COAST)  # friction, and what the inertia takes
+        cap, most = self._cap[at], self._current_cap[at]
+        self.current[at] = np.clip(torque, -most, most)
+        output = (now / self._free + self.current[at] / self.stall[at]) / self._volts[at] * FULL_PWM
+        self.pwm[at] = np.clip(np.where(mode == PWM, goal, output), -cap, cap)
+
+    def _jam(self) -> None:
+        """All output becomes current; a speed loop has long integrated up to its cap."""
+        at = self._jammed
+        if not at.size:
+            return
+        mode, goal, cap = self._mode[at], self._goal[at], self._cap[at]
+        full = self.stall[at] * self._volts[at] / FULL_PWM  # raw current per count
+        pull = self._p[at] * (goal - self.position[at])
+        spin = np.where(goal == 0.0, 0.0, np.copysign(cap, goal))
+        output = np.select([mode == CURRENT, mode == VELOCITY, mode == PWM], [goal / full, spin, goal], pull)
+        most = self._current_cap[at]
+        self.current[at] = np.clip(np.clip(output, -cap, cap) * full, -most, most)
+        self.pwm[at] = self.current[at] / full

@@ -4,66 +4,110 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.virtual.memory import Memory
+from twind_drivers.virtual.modes import FULL_PWM
 from twind_drivers.virtual.muscles import Muscles
+from twind_drivers.virtual.profile import VELOCITY, Profile
+from twind_drivers.virtual.protection import Protection
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 FIRST, LAST = "realtime_tick", "present_temperature"
-AMBIENT = 25.0  # °C
-WARMTH = 20.0  # °C per A² at rest, reached with WARM_TIME
-WARM_TIME = 180.0  # s
-SAG = 0.05  # Ω of cable and supply, shared by the bus
-AMPERE = 0.00269  # A per raw current: exact for the XM and XH, 2.7 times too much for the X330
-IN_POSITION = 20.0  # ticks
+IN_POSITION = 20.0  # ticks from the goal (assumed: the manual gives no number)
+FOLLOWING = 100.0  # ticks from the trajectory that are a following error (assumed)
+ARRIVED, ONGOING, ERRING = 0x01, 0x02, 0x08  # bits of the moving status (123); 0x30: type of the profile
 
 
 class Readings:
     """Columns of the registers that only the servo itself writes. One refresh serves all servos."""
 
-    def __init__(self, memory: Memory, muscles: Muscles) -> None:
-        self._muscles = muscles
+    def __init__(self, memory: Memory, muscles: Muscles, protection: Protection) -> None:
+        self._muscles, self._protection = muscles, protection
         self._tick = memory.column("realtime_tick", 2)
         self._moving = memory.column("moving", 1)
         self._moving_status = memory.column("moving_status", 1)
         self._pwm = memory.column("present_pwm", 2, signed=True)
-        sensed = [key for key in ("present_current", "present_load") if any(key in t for t in memory.tables)]
-        self._efforts = [memory.column(key, 2, signed=True) for key in sensed]
+        has = {key: any(key in each for each in memory.tables) for key in ("present_current", "present_load")}
+        self._current = memory.column("present_current", 2, signed=True) if has["present_current"] else None
+        self._load = memory.column("present_load", 2, signed=True) if has["present_load"] else None
         self._velocity = memory.column("present_velocity", 4, signed=True)
         self.position = memory.column("present_position", 4, signed=True)
-        self._trajectory = memory.column("position_trajectory", 4, signed=True)
+        self._speed_wanted = memory.column("velocity_trajectory", 4, signed=True)
+        self._place_wanted = memory.column("position_trajectory", 4, signed=True)
         self._voltage = memory.column("present_input_voltage", 2)
         self._temperature = memory.column("present_temperature", 1)
         self._threshold = memory.column("moving_threshold", 4)
         count = len(memory.raw)
         self.origin = np.zeros(count)  # s, when each servo was powered on
-        self.supply = np.array([50.0 if 1190 <= t.number <= 1240 else 120.0 for t in memory.tables])  # 0.1 V
-        self._heat = np.full(count, AMBIENT)
+        self._way: Floats | None = None
+        self._seeks: Bools | None = None
+        self._frozen: Bools | None = None
+        self._stuck = np.zeros(count)  # ticks, what a frozen encoder repeats
         self._slow_at = -np.inf
 
-    def refresh(self, now: float, direction: Floats, shift: Floats, reference: Floats) -> None:
+    def follow(self, way: Floats, seeks: Bools) -> None:
+        """From now on: direction (m,) of velocity, current and PWM; which servos seek a position."""
+        self._way = None if (way > 0).all() else way.copy()
+        self._seeks = None if seeks.all() else seeks.copy()
+
+    def freeze(self, row: int, on: bool) -> None:
+        """The register of the position repeats what it shows (the loop inside keeps its own sight of it)."""
+        frozen = np.zeros(len(self._stuck), np.bool_) if self._frozen is None else self._frozen
+        frozen[row] = on
+        self._stuck[row] = np.rint(self._muscles.position[row])
+        self._frozen = frozen if frozen.any() else None
+
+    def refresh(self, now: float, direction: Floats, shift: Floats, profile: Profile) -> None:
         """Bring every present register up to `now`. `direction`, `shift`: encoder to register frame."""
-        muscles = self._muscles
+        muscles, way = self._muscles, self._way
         encoder = np.rint(muscles.position)
-        self.position.put(encoder * direction + shift)
+        if self._frozen is not None:
+            encoder = np.where(self._frozen, self._stuck, encoder)
+        place = encoder * direction + shift
+        self.position.put(place)
         velocity = np.rint(muscles.velocity)
-        self._velocity.put(velocity)
-        self._moving.put(np.abs(velocity) > self._threshold.get())
-        self._moving_status.put(np.abs(reference - encoder) < IN_POSITION)
-        for effort in self._efforts:
-            effort.put(np.rint(muscles.current))
-        self._pwm.put(np.rint(muscles.pwm))
-        self._trajectory.put(np.rint(reference) * direction + shift)
+        moving = np.abs(velocity) > self._threshold.get()
+        if profile.shaped or self._seeks is not None:
+            self._show_profile(profile, encoder, place, direction, shift)
+            moving |= profile.running
+        else:
+            self._show_step(profile.reference, encoder, direction, shift)
+        self._moving.put(moving)
+        self._velocity.put(velocity if way is None else velocity * way)
+        if self._current is not None:
+            self._current.put(np.rint(muscles.current if way is None else muscles.current * way))
+        pwm = np.rint(muscles.pwm if way is None else muscles.pwm * way)
+        self._pwm.put(pwm)
+        if self._load is not None:  # e-manual XL430, "Present Load": of the output, not of a sensor; 0.1 %
+            self._load.put(np.rint(pwm * (1000.0 / FULL_PWM)))
         self._tick.put(
             ((now - self.origin) * 1e3).astype(np.int64) & 0x7FFF
         )  # 15 bits: facts of register 120
         if now - self._slow_at >= 0.1:
-            self._slow(now)
+            self._slow_at = now
+            self._temperature.put(np.clip(np.rint(self._protection.celsius), 0, 255))
+            self._voltage.put(np.rint(np.maximum(10.0 * self._protection.volts, 0.0)))
 
-    def _slow(self, now: float) -> None:
-        """Supply and temperature, ten times a second: they change slowly."""
-        ampere = np.abs(self._muscles.current) * AMPERE
-        dt = min(now - self._slow_at, 10.0 * WARM_TIME)
-        self._slow_at = now
-        rest = AMBIENT + WARMTH * ampere**2
-        self._heat = rest + (self._heat - rest) * np.exp(-dt / WARM_TIME)
-        self._temperature.put(np.rint(self._heat))
-        self._voltage.put(np.rint(self.supply - 10.0 * SAG * ampere.sum()))
+    def _show_step(self, goal: Floats, encoder: Floats, direction: Floats, shift: Floats) -> None:
+        """Everyone seeks a position and nobody has a profile: the goal is the trajectory."""
+        gap = np.abs(goal - encoder)
+        near = gap < IN_POSITION
+        if np.count_nonzero(near) == len(near):
+            self._moving_status.put(ARRIVED)
+        else:
+            self._moving_status.put(near * ARRIVED + (gap > FOLLOWING) * ERRING)
+        self._place_wanted.put(np.rint(goal) * direction + shift)
+        self._speed_wanted.put(0)
+
+    def _show_profile(
+        self, profile: Profile, encoder: Floats, place: Floats, direction: Floats, shift: Floats
+    ) -> None:
+        """e-manual, "Moving Status": in position and following error only where a position is sought."""
+        seeks = np.ones(len(encoder), np.bool_) if self._seeks is None else self._seeks
+        way = 1.0 if self._way is None else self._way
+        arrived = seeks & (np.abs(profile.target - encoder) < IN_POSITION)
+        erring = seeks & (np.abs(profile.reference - encoder) > FOLLOWING)
+        bits = arrived * ARRIVED + profile.running * ONGOING + erring * ERRING
+        self._moving_status.put(bits + profile.kind)
+        self._place_wanted.put(np.where(seeks, np.rint(profile.reference) * direction + shift, place))
+        wanted = np.where(seeks, profile.speed / VELOCITY, np.where(profile.spins, profile.reference, 0.0))
+        self._speed_wanted.put(np.rint(wanted * way))

@@ -2,7 +2,7 @@
 
 No packets here (`bus`), no register rules (`writing`), no physics (`muscles`). Time is an argument. Rows are
 places in `specs`. Positions of the motor are encoder ticks, continuous; those in registers have direction,
-turn and homing offset. Simulated are the position modes 3, 4 and 5; `writing` refuses the others.
+turn and homing offset. Goals of the other modes are raw velocity, current or PWM (`drive`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,19 +16,21 @@ from numpy.typing import NDArray
 from twind_drivers.dynamixel.packet import ALERT
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.columns import Columns
+from twind_drivers.virtual.drive import TORQUE_BY_GOAL, Firmware
 from twind_drivers.virtual.history import History
 from twind_drivers.virtual.memory import Ints, Memory
 from twind_drivers.virtual.muscles import Muscles
-from twind_drivers.virtual.power import Power
+from twind_drivers.virtual.power import BOOT, Power
 from twind_drivers.virtual.profile import STEP, Profile
+from twind_drivers.virtual.protection import Protection
 from twind_drivers.virtual.readings import Readings
 
 BAUDS = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)  # register 8
 REFRESH = 0.001  # s between two refreshes of the present registers
+CHECK = 0.1  # s between two looks at supply, heat and load
 WATCHDOG_UNIT = 0.02  # s, register 98
 TRIPPED = 255  # what register 98 reads then (-1)
 WIDE = 1_048_575  # ticks, goals of modes 4 and 5
-TORQUE_BY_GOAL = 8  # bit of the drive mode
 PULL = 64  # ticks beyond where it is that a tripped servo keeps pulling, to carry its load
 
 
@@ -58,11 +60,12 @@ class Servos:
                 raise ValueError(f"{each.model}: no bus watchdog and operating mode registers: not simulated")
         self.registers = Columns(memory)
         self.muscles, self.keep_goal, self.now, self.epoch = muscles, keep_goal, now, 0
-        self.readings = Readings(memory, muscles)
+        self.protection = Protection(memory.tables, muscles.stall, now)
+        self.readings = Readings(memory, muscles, self.protection)
         self.history: History | None = None  # of what the present position registers showed, on order
         self.power = Power(memory, self.registers, muscles)
         self.direction, self.shift = self.power.direction, self.power.shift
-        self.profile = Profile.at(muscles.position)
+        self.profile = Profile(muscles.position)
         count = len(specs)
         self.tripped = np.zeros(count, np.bool_)
         self.tripped_at = np.full(count, np.nan)  # s, the last time
@@ -73,23 +76,24 @@ class Servos:
         self.baud = 0  # of the line; 0: whatever each servo is set to
         self.listening = np.ones(count, np.bool_)
         self.alert = np.zeros(count, np.uint8)
-        self._capped = np.array(["current_limit" in each for each in memory.tables])
-        self._target = muscles.position.copy()
+        self._blocked = np.zeros(count, np.bool_)
+        self._check_at = now + CHECK
         self._lower, self._upper = np.zeros(count, np.int64), np.zeros(count, np.int64)
         self._timeout, self._shortest, self._event = np.full(count, inf), inf, inf
         self._fresh, self._simple = -inf, True
         self._by_goal: NDArray[np.bool_] | None = None  # whose torque a goal turns on; None: nobody's
         for row, spec in enumerate(specs):
             memory.fill(row)
-            own = {
-                "model_number": memory.tables[row].number,
-                "id": spec.id,
-                "firmware_version": spec.firmware,
-            }
-            for key, value in (own | dict(spec.settings)).items():
-                memory.store(row, memory.tables[row][key], value)
+            self._fit(row, spec)
             self._boot(row, now)
+        self._firmware = Firmware(memory, self.registers)
         self.changed()
+
+    def _fit(self, row: int, spec: ServoSpec) -> None:
+        registers = self.memory.tables[row]
+        own = {"model_number": registers.number, "id": spec.id, "firmware_version": spec.firmware}
+        for key, value in (own | dict(spec.settings)).items():
+            self.memory.store(row, registers[key], value)
 
     def __getitem__(self, key: str) -> NDArray[Any]:
         """(m,) values of one of `COLUMNS`; do not write to them."""
@@ -129,20 +133,39 @@ class Servos:
             if now - self.now >= REFRESH:
                 self._move(now)
             self._fresh = now
-            self.readings.refresh(now, self.direction, self.shift, self.profile.reference)
+            self.readings.refresh(now, self.direction, self.shift, self.profile)
             if self.history is not None:
                 self.history.note(now, self.readings.position.get())
 
     def _move(self, now: float) -> None:
+        while self._check_at <= now:
+            at = self._check_at if np.count_nonzero(self._firmware.on) else now
+            self._glide(at)
+            self._check(at)
+        self._glide(now)
+
+    def _glide(self, now: float) -> None:
         if self.profile.shaped:
-            while self.now < now and not np.array_equal(self.profile.reference, self._target):
+            while self.now < now and np.count_nonzero(self.profile.running):
                 step = min(self.now + STEP, now)
-                self.profile.follow(self._target, step - self.now)
+                self.profile.follow(step)
                 self.muscles.aim(self.profile.reference)
                 self.muscles.advance(step)
                 self.now = step
         self.now = now
         self.muscles.advance(now)
+
+    def _check(self, now: float) -> None:
+        """Supply, heat and load: brown-outs and hardware errors that come by themselves."""
+        self._check_at = now + CHECK
+        self.protection.step(now, self.muscles.current)
+        awake = np.isinf(self.power.boots_at)
+        dark = self.protection.dark
+        for row in np.flatnonzero(dark & awake):
+            self.reboot(int(row), now)
+        found = self.protection.errors(*self._bounds) & ~self["hardware_error_status"].astype(np.int64)
+        for row in np.flatnonzero(np.where(awake & ~dark, found, 0)):
+            self.damage(int(row), int(found[row]))
 
     def _next(self) -> float:
         return float(min((self.heard_at + self._timeout).min(), self.power.boots_at.min()))
@@ -151,7 +174,8 @@ class Servos:
         """Something rare changed (a register that is no goal, a fault, the line): work out what follows."""
         self.epoch += 1
         self._fresh = -inf
-        on, mode = self["torque_enable"] != 0, self["operating_mode"]
+        self._firmware.changed()
+        on, mode = self._firmware.on, self._firmware.mode
         units = self["bus_watchdog"].astype(np.float64)
         self._timeout = np.where(on & (units > 0) & ~self.tripped, units * WATCHDOG_UNIT, inf)
         self._shortest = float(self._timeout.min())
@@ -164,20 +188,12 @@ class Servos:
         self._by_goal = by_goal if by_goal.any() else None
         self._lower = np.where(mode == 3, self["min_position_limit"], -WIDE).astype(np.int64)
         self._upper = np.where(mode == 3, self["max_position_limit"], WIDE).astype(np.int64)
-        pwm = np.minimum(np.abs(self["goal_pwm"]), self["pwm_limit"]).astype(np.float64)
-        current = np.where(self._capped, self["current_limit"], inf)
-        goal_current = np.abs(self["goal_current"].astype(np.float64))
-        self.muscles.drive(
-            on=on,
-            p=self["position_p_gain"].astype(np.float64),
-            i=self["position_i_gain"].astype(np.float64),
-            d=self["position_d_gain"].astype(np.float64),
-            pwm_cap=pwm,
-            current_cap=np.where(mode == 5, np.minimum(current, goal_current), current),
-        )
-        self.profile.limit(
-            self["profile_velocity"].astype(np.float64), self["profile_acceleration"].astype(np.float64)
-        )
+        limits = (self[key] for key in ("temperature_limit", "min_voltage_limit", "max_voltage_limit"))
+        self._bounds = tuple(limit * unit for limit, unit in zip(limits, (1.0, 0.1, 0.1), strict=True))
+        self.readings.follow(self._firmware.way, self._firmware.seeks)
+        timed, spins = self._firmware.timed, self._firmware.spins
+        self.profile.limit(self["profile_velocity"], self["profile_acceleration"], timed, spins)
+        self.muscles.drive(self._firmware.drive(self.protection.strength))
         self._retarget()
 
     # ------------------------------------------------------------------------------------------- goals
@@ -207,16 +223,16 @@ class Servos:
                 self.changed()
 
     def _retarget(self) -> None:
-        """Let the position loops pull to the goal registers; a tripped servo keeps where it stopped."""
+        """Let the loops follow the goal registers; a tripped servo keeps what it stopped at."""
         target = (self["goal_position"] - self.shift) * self.direction
+        if self._firmware.mixed:
+            target = self._firmware.goals(target)
         if np.count_nonzero(self.tripped):
-            target[self.tripped] = self._target[self.tripped]
-        self._target = target
-        if not self.profile.shaped:
-            self.profile.reference = target
-        else:
-            step = np.isinf(self.profile.velocity)
-            self.profile.reference[step] = target[step]
+            target[self.tripped] = self.profile.target[self.tripped]
+        if self.profile.shaped:  # without torque there is nothing to shape
+            off = ~self._firmware.on
+            self.profile.hold(off, target[off])
+        self.profile.aim(target, self.now)
         self.muscles.aim(self.profile.reference)
 
     # ------------------------------------------------------------------------------------------- torque
@@ -230,8 +246,7 @@ class Servos:
         if on and not was:
             if self["operating_mode"][row] == 3:
                 self.power.collapse(row)  # e-manual, "Operating Mode" note: one turn, then the offset
-            self.profile.reference[row] = self._target[row] = self.muscles.position[row]
-            self.profile.speed[row] = 0.0
+            self.profile.hold(row, self.muscles.position[row] if self._firmware.seeks[row] else 0.0)
             if not self.keep_goal:
                 self.power.goal_is_present(row)
 
@@ -244,12 +259,27 @@ class Servos:
             self.registers.put("torque_enable", 0, row)
         self.changed()
 
+    def supply(self, volts: float) -> None:
+        """What feeds the bus from now on, V; too little reboots them. Raises ValueError outside 0..60 V."""
+        self.protection.supply(volts)
+        self._check(self.now)
+        self.changed()
+
+    def block(self, row: int, on: bool) -> None:
+        """Something holds this shaft fast, or lets it go."""
+        self._blocked[row] = on
+        self.muscles.block(self._blocked)
+
     def reboot(self, row: int, now: float) -> None:
         """Off the bus, torque lost, turns lost; back `BOOT` s later with RAM defaults."""
         self.power.down(row, now)
         self.changed()
 
     def _boot(self, row: int, now: float) -> None:
+        if self.protection.dark[row]:
+            self.power.boots_at[row] = now + BOOT
+            return
+        self.protection.rest(row)
         self.tripped[row] = self.shut[row] = False
         self.readings.origin[row] = self.heard_at[row] = now
         self.power.up(row)
@@ -257,7 +287,10 @@ class Servos:
     # ------------------------------------------------------------------------------------------- watchdog
 
     def _trip(self, now: float) -> None:
-        """Bus watchdog (e-manual, register 98): stops where it is, goals locked, torque stays on."""
+        """Bus watchdog (e-manual, register 98): stops with the profile as 0, goals locked, torque stays on.
+
+        A position is held; a velocity, current or PWM becomes 0.
+        """
         due = self.heard_at + self._timeout <= now
         if not due.any():
             return
@@ -267,8 +300,7 @@ class Servos:
         self.registers.put("bus_watchdog", TRIPPED, due)
         here = self.muscles.position
         held = here + np.clip(self.profile.reference - here, -PULL, PULL)
-        self._target[due] = self.profile.reference[due] = held[due]
-        self.profile.speed[due] = 0.0
+        self.profile.hold(due, np.where(self._firmware.seeks, held, 0.0)[due])
 
     def untrip(self, row: int) -> None:
         """Register 98 was written 0: goals are open again; at `changed` the servo resumes to its old goal."""

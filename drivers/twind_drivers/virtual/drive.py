@@ -1,0 +1,70 @@
+"""What the registers tell the motors: gains, caps and goals of each operating mode.
+
+Sources: e-manual, "Goal PWM" (a cap in every mode but 16, where it is the goal), "Goal Current" (a cap in
+mode 5, the goal in mode 0), "Goal Velocity"; the limit registers 36, 38 and 44 bound them all.
+"""
+
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.virtual.columns import Columns
+from twind_drivers.virtual.memory import Memory
+from twind_drivers.virtual.modes import CURRENT, CURRENT_POSITION, PWM, VELOCITY, seeks_position
+from twind_drivers.virtual.muscles import Drive
+
+Floats = NDArray[np.float64]
+REVERSE, SLAVE, TIMED, TORQUE_BY_GOAL = 1, 2, 4, 8  # bits of the drive mode
+GAINS = ("position_p_gain", "position_i_gain", "position_d_gain", "velocity_p_gain", "velocity_i_gain")
+WANTED = {CURRENT: "current", VELOCITY: "velocity", PWM: "pwm"}
+
+
+class Firmware:
+    """What m servos are set to do, as of the latest `changed`. Arrays (m,)."""
+
+    def __init__(self, memory: Memory, registers: Columns) -> None:
+        self._registers = registers
+        self._capped = np.array(["current_limit" in each for each in memory.tables])
+        # e-manual, "Drive Mode": there the reverse bit inverts velocity, current and PWM too
+        self._inverts = np.array([each.stem.startswith("mx") or "540" in each.stem for each in memory.tables])
+        self.changed()
+
+    def changed(self) -> None:
+        """Read the registers anew."""
+        registers, modes = self._registers, self._registers["drive_mode"]
+        self.mode = registers["operating_mode"].astype(np.int64)
+        self.on = registers["torque_enable"] != 0
+        self.seeks = seeks_position(self.mode)
+        self.mixed = bool(np.count_nonzero(self.seeks) < len(self.seeks))
+        self.spins, self.timed = self.mode == VELOCITY, (modes & TIMED) != 0
+        self.way = np.where(self._inverts & ((modes & REVERSE) != 0), -1.0, 1.0)
+
+    def drive(self, supply: Floats) -> Drive:
+        """A slave obeys its master's cable only (e-manual, "Dual Mode"), and no such cable is simulated.
+
+        `supply`: of the nominal voltage.
+        """
+        registers = self._registers
+        most = registers["pwm_limit"].astype(np.float64)
+        goal_pwm = np.abs(registers["goal_pwm"].astype(np.float64))
+        current = np.where(self._capped, registers["current_limit"], inf)
+        goal_current = np.abs(registers["goal_current"].astype(np.float64))
+        return Drive(
+            self.on & ((registers["drive_mode"] & SLAVE) == 0),
+            self.mode,
+            *(registers[key].astype(np.float64) for key in GAINS),
+            pwm_cap=np.where(self.mode == PWM, most, np.minimum(most, goal_pwm)),
+            current_cap=np.where(self.mode == CURRENT_POSITION, np.minimum(current, goal_current), current),
+            supply=supply,
+        )
+
+    def goals(self, position: Floats) -> Floats:
+        """`position` where one is sought, else raw current, velocity or PWM inside its limit register."""
+        registers = self._registers
+        bounds = {mode: registers[f"{key}_limit"].astype(np.float64) for mode, key in WANTED.items()}
+        goals = [
+            np.clip(registers[f"goal_{key}"], -bounds[mode], bounds[mode]) for mode, key in WANTED.items()
+        ]
+        wanted = [self.mode == mode for mode in WANTED]
+        return np.select(wanted, [goal * self.way for goal in goals], position)

@@ -1,0 +1,14 @@
+"""Operating modes (register 11) of the X series and the unit that each of them takes its goal in."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
+FULL_PWM = 885.0  # counts: 100 % of 0.113 %, the whole supply voltage
+
+
+def seeks_position(mode: NDArray[Any]) -> NDArray[np.bool_]:
+    """(m,) Is the goal a position (modes 3, 4, 5)? Else raw current (0), velocity (1) or PWM (16)."""
+    return np.asarray((mode >= POSITION) & (mode <= CURRENT_POSITION))

@@ -1,0 +1,121 @@
+"""What a servo protects itself from: its supply, its heat, its load. Bits of register 70 by physics.
+
+The manual names the errors, not their models ("Shutdown"): the numbers here are assumptions, made so that a
+robot that is used as it should be never meets them. Encoder and electrical shock errors come on order only.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.dynamixel.tables import Table
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+INPUT_VOLTAGE, OVERHEATING, ENCODER, SHOCK, OVERLOAD = 1, 4, 8, 16, 32  # register 70
+AMBIENT = 25.0  # °C
+WARMTH = np.array([[5.0], [15.0]])  # °C per A² at rest: of the winding, of the case around it
+SLOWNESS = np.array([[12.0], [180.0]])  # s, their time constants
+SAG = 0.05  # Ω of cable and supply, shared by the bus
+# An XM430 held 0.94 A, 41 % of its stall current, for seconds only (DynamixelSDK #285), one with its current
+# limited to 47 % got overload errors in a grip (jsk_aerial_robot #281). So a load r of the stall current
+# tires it by r² - BEARABLE² a second, until TIRED; less rests it. Stalled it lasts 1 s, at half of that 7 s.
+BEARABLE = 0.35
+TIRED = 1.0 - BEARABLE**2
+BROWN_OUT = 0.5  # of the nominal voltage: below it the controller stops
+X330 = range(1190, 1241)
+NOMINAL, NOMINAL_X330, NOMINAL_P = 12.0, 5.0, 24.0  # V
+
+
+def ampere(table: Table) -> float:
+    """A per raw current. e-manual: 2.69 mA (XM, XH, X540), 1 mA (X330, P), 3.36 mA (MX)."""
+    if table.number in X330 or table.stem.startswith(("p", "y")):
+        return 0.001
+    return 0.00336 if table.stem.startswith("mx") else 0.00269
+
+
+def nominal(table: Table) -> float:
+    """V that the model is made for (e-manual, "Specifications"): 5 (X330), 24 (P), 12 (all others)."""
+    if table.number in X330:
+        return NOMINAL_X330
+    highest = table.fields.get("max_voltage_limit")
+    return NOMINAL_P if highest and (highest.rule.default or 0) > 240 else NOMINAL
+
+
+class Protection:
+    """Voltage, temperature and load of m servos. Whoever owns it calls `step` ten times a second."""
+
+    def __init__(self, tables: Sequence[Table], stall: Floats, now: float = 0.0) -> None:
+        """At rest at `AMBIENT` and the nominal voltage. `stall` (m,): raw current of a blocked motor."""
+        self.ampere = np.array([ampere(each) for each in tables])
+        self.nominal = np.array([nominal(each) for each in tables])
+        self.source = float(self.nominal.max(initial=0.0))  # V, what feeds the bus
+        self.own = self.nominal < self.source  # fed through a converter of their own
+        self.drawn = 0.0  # A, all of them
+        self.surroundings = np.full(len(tables), AMBIENT)
+        self._warm = np.zeros((2, len(tables)))  # °C above the surroundings: winding, case
+        self._stall = stall
+        self._tired = np.zeros(len(tables))
+        self._time = now
+
+    def supply(self, volts: float) -> None:
+        """What feeds the bus from now on, V. Raises ValueError outside 0..60 V."""
+        if not 0.0 <= volts <= 60.0:
+            raise ValueError(f"supply: {volts} V is outside 0..60 V")
+        self.source = float(volts)
+        self.own[:] = False
+
+    def heat(self, row: int, celsius: float) -> None:
+        """One servo and its surroundings are that warm from now on. Raises ValueError outside -40..200 °C."""
+        if not -40.0 <= celsius <= 200.0:
+            raise ValueError(f"heat: {celsius} °C is outside -40..200 °C")
+        self.surroundings[row] = celsius
+        self._warm[:, row] = 0.0
+
+    @property
+    def celsius(self) -> Floats:
+        """(m,) what the sensor inside shows."""
+        return np.asarray(self.surroundings + self._warm.sum(axis=0))
+
+    @property
+    def volts(self) -> Floats:
+        """(m,) at the connectors, sagging by what all of them draw together."""
+        return np.where(self.own, self.nominal, self.source) - SAG * self.drawn
+
+    @property
+    def strength(self) -> Floats:
+        """(m,) supply over nominal voltage: what 100 % of PWM is worth. The sag is left out."""
+        return np.where(self.own, 1.0, self.source / self.nominal)
+
+    @property
+    def dark(self) -> Bools:
+        """(m,) too little voltage for the controller."""
+        return np.asarray(~(self.volts >= BROWN_OUT * self.nominal))
+
+    def rest(self, row: int) -> None:
+        """A boot forgets how tired the servo was, not how warm it is."""
+        self._tired[row] = 0.0
+
+    def step(self, now: float, current: Floats) -> None:
+        """Let time pass until `now` (s) with this raw current (m,): warmth, sag, fatigue."""
+        amperes = np.abs(current) * self.ampere
+        self.drawn = float(amperes.sum())
+        dt = max(now - self._time, 0.0)
+        rest = WARMTH * amperes**2
+        self._warm = rest + (self._warm - rest) * np.exp(-dt / SLOWNESS)
+        effort = (current / self._stall) ** 2 - BEARABLE**2
+        self._tired = np.clip(self._tired + effort * dt, 0.0, TIRED)
+        self._time = now
+
+    def errors(self, hottest: Floats, lowest: Floats, highest: Floats) -> NDArray[np.int64]:
+        """(m,) bits of register 70 that hold now; limits by registers 31 (°C), 34 and 32 (V)."""
+        volts = self.volts
+        fine = (volts >= lowest) & (volts <= highest)
+        cool = self.celsius < hottest
+        bearable = self._tired < TIRED - 1e-9
+        return (
+            np.where(fine, 0, INPUT_VOLTAGE)
+            | np.where(cool, 0, OVERHEATING)
+            | np.where(bearable, 0, OVERLOAD)
+        )

@@ -1,0 +1,204 @@
+"""The motors of virtual servos as MuJoCo actuators: what firmware makes of modes, gains, caps and goals.
+
+Runs in `twind-virtual` (and in tests). The motor is an XM430-W350 at 12 V (e-manual): position gain P makes
+P / 128 PWM counts per tick of error, 885 counts are the whole supply voltage, which stalls it at 4.1 N·m and
+lets it run free at 4.82 rad/s. P 800 so is 18.9 N·m/rad at the shaft and back-EMF 0.85 N·m·s/rad. I and D act
+once a millisecond (assumed): I / 65536, D / 16. The speed loop makes P / 128 counts per raw velocity of error
+and I / 65536 more each millisecond (the manual's conversion coefficient is unknown: assumed 1). Current is
+what output and back-EMF leave: where it is sought (mode 0) or capped (mode 5), the output follows the speed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.config.robot_spec import JointSpec
+from twind.robot.arrays import Bools, Floats
+
+STEP = 0.002  # s
+FULL_PWM = 885.0  # counts
+STALL, FREE = 4.1, 4.82  # N·m, rad/s at full voltage
+CYCLE = 0.001  # s, of the servo's own loop
+FRICTION, DAMPING = 0.05, 0.01  # N·m, N·m·s/rad: the least a gear of 353:1 has
+TORQUE_CONSTANT = 1.78  # N·m/A where the robot file does not say (XM430-W350)
+CURRENT, VELOCITY, CURRENT_POSITION, PWM = 0, 1, 5, 16  # operating modes; 3 and 4 seek a position too
+BLOCKED = 1e4  # N·m, the friction of a joint that something holds fast
+Places = NDArray[np.intp]
+
+
+class Drive(Protocol):
+    """What the firmware tells its motors, as `twind_drivers.virtual.muscles.Drive` says; arrays (m,)."""
+
+    # ruff: noqa: D102
+    @property
+    def on(self) -> Bools: ...
+    @property
+    def mode(self) -> NDArray[Any]: ...
+    @property
+    def p(self) -> Floats: ...
+    @property
+    def i(self) -> Floats: ...
+    @property
+    def d(self) -> Floats: ...
+    @property
+    def velocity_p(self) -> Floats: ...
+    @property
+    def velocity_i(self) -> Floats: ...
+    @property
+    def pwm_cap(self) -> Floats: ...
+    @property
+    def current_cap(self) -> Floats: ...
+    @property
+    def supply(self) -> Floats: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Motor:
+    """One servo at one hinge of the model."""
+
+    joint: str  # of the model
+    zero: float  # encoder ticks at joint angle 0
+    ticks: float  # per rad of the joint, signed
+    ratio: float = 1.0  # shaft turns per joint turn
+    speed_lsb: float = 0.229 * 2.0 * math.pi / 60.0  # rad/s of the shaft per raw velocity
+    torque_lsb: float = TORQUE_CONSTANT * 0.00269  # N·m of the shaft per raw current
+    stall: float = STALL  # N·m of the shaft at full voltage
+
+    @classmethod
+    def of(cls, joint: JointSpec, zero: int) -> "Motor":
+        """The motor that a robot file describes. `zero`: ticks at joint angle 0."""
+        kind = joint.type
+        constant = kind.torque_constant_nm_per_a
+        constant = constant if math.isfinite(constant) else TORQUE_CONSTANT
+        limit = constant * kind.current_limit_a
+        return cls(
+            joint=joint.model_joint,
+            zero=zero,
+            ticks=joint.sign * joint.ratio * kind.ticks_per_turn / (2.0 * math.pi),
+            ratio=joint.ratio,
+            speed_lsb=kind.velocity_lsb_rad_s,
+            torque_lsb=constant * kind.current_lsb_a,
+            stall=limit if math.isfinite(limit) else STALL,
+        )
+
+
+class Loops:
+    """The control loops of n motors. Torque and speed are the joints'; arrays (n,), as `motors`."""
+
+    def __init__(self, model: mujoco.MjModel, motors: Sequence[Motor]) -> None:
+        """`model` has one actuator per motor, in their order, and is changed from here on."""
+        joints = [model.joint(motor.joint) for motor in motors]
+        self.q: Places = np.array([int(joint.qposadr[0]) for joint in joints], np.intp)
+        self.v: Places = np.array([int(joint.dofadr[0]) for joint in joints], np.intp)
+        self._zero, self._ticks, self._ratio, self._speed_lsb, self._torque_lsb, self._stall = (
+            np.array([getattr(motor, name) for motor in motors], np.float64)
+            for name in ("zero", "ticks", "ratio", "speed_lsb", "torque_lsb", "stall")
+        )
+        self.stall = self._stall / self._torque_lsb  # raw current
+        self._way = np.copysign(1.0, self._ticks)
+        self._model = model
+        self._damping = np.maximum(model.dof_damping[self.v], DAMPING)
+        self._friction = np.maximum(model.dof_frictionloss[self.v], FRICTION)
+        self._back_emf = self._stall / FREE * self._ratio**2  # N·m·s/rad, while powered
+        model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :3] = 0.0, 0.0
+        model.actuator_forcerange[:] = 0.0
+        model.dof_damping[self.v] = self._damping
+        model.dof_frictionloss[self.v] = self._friction
+        model.dof_solimp[self.v, :2] = 0.9999  # stiff friction: the soft default creeps 10 ticks/s
+        model.dof_solref[self.v, 0] = 2.0 * STEP
+        count = len(motors)
+        self.integral = np.zeros(count)  # N·m
+        self._mode = np.full(count, 3)
+        self._ki, self._emf, self._full = np.zeros(count), np.zeros(count), np.ones(count)
+        self._output, self._floor, self._ceiling = np.zeros(count), np.zeros(count), np.zeros(count)
+        self._pwm_cap, self._most = np.zeros(count), np.zeros(count)
+        self._live: Places = np.zeros(0, np.intp)
+        self._simple = True  # does everyone seek a position?
+        self._each = np.zeros(count, np.bool_)
+
+    @property
+    def busy(self) -> bool:
+        """Must `step` be called before every step of the physics?"""
+        return self._live.size > 0
+
+    def drive(self, at: Places, drive: Drive) -> None:
+        """Torque, mode, gains and caps of the motors `at`; the others keep what they have."""
+        model, ratio, ticks = self._model, self._ratio[at], np.abs(self._ticks[at])
+        mode, on = np.asarray(drive.mode), drive.on
+        seeks, spins = (mode >= 3) & (mode <= CURRENT_POSITION), mode == VELOCITY
+        full = self._stall[at] / FULL_PWM * ratio * drive.supply  # N·m per count
+        raw = ratio / self._speed_lsb[at]  # raw velocity per rad/s
+        kp = np.where(on & seeks, drive.p / 128.0 * ticks, 0.0) * full
+        kd = np.select(
+            [on & seeks, on & spins], [drive.d / 16.0 * ticks * CYCLE, drive.velocity_p / 128.0 * raw]
+        )
+        kd = kd * full
+        counts = np.where(on & (mode == PWM), full * self._way[at], 0.0)
+        output = np.where(on, drive.pwm_cap * full, 0.0)
+        current = np.where(on, drive.current_cap * self._torque_lsb[at] * ratio, 0.0)
+        model.actuator_gainprm[at, 0] = kp + np.where(spins, kd, 0.0) + counts
+        model.actuator_biasprm[at, 1] = -kp
+        model.actuator_biasprm[at, 2] = -kd
+        bound = np.minimum(output, current)
+        model.actuator_forcerange[at] = np.stack([-bound, bound], axis=-1)
+        self._emf[at] = np.where(on, self._back_emf[at], 0.0)
+        model.dof_damping[self.v[at]] = self._damping[at] + self._emf[at]
+        ki = np.select([on & seeks, on & spins], [drive.i * ticks, drive.velocity_i * raw])
+        self._ki[at] = ki / 65536.0 * full / CYCLE
+        self.integral[at] = np.where(self._ki[at] > 0.0, self.integral[at], 0.0)
+        self._mode[at], self._full[at], self._pwm_cap[at] = mode, np.maximum(full, 1e-12), drive.pwm_cap
+        self._output[at], self._most[at] = output, current
+        self._floor[at], self._ceiling[at] = -current, current
+        most = np.where(mode == CURRENT_POSITION, 2.0 * output, output)  # braking adds the back-EMF
+        self._each[at] = on & ((self._ki[at] > 0.0) | (mode == CURRENT) | (current < most))
+        self._live = np.flatnonzero(self._each)
+        self._simple = bool(((self._mode >= 3) & (self._mode <= CURRENT_POSITION)).all())
+
+    def aim(self, at: Places, goal: Floats) -> Floats:
+        """Goals of the motors `at`, in the units of their modes. Returns the controls of their actuators."""
+        angle = (goal - self._zero[at]) / self._ticks[at]
+        if self._simple:
+            return angle
+        mode, way = self._mode[at], self._way[at]
+        speed = goal * self._speed_lsb[at] * way / self._ratio[at]
+        counts = np.clip(goal, -self._pwm_cap[at], self._pwm_cap[at])
+        torque = goal * self._torque_lsb[at] * self._ratio[at] * way
+        torque = np.clip(torque, -self._most[at], self._most[at])
+        wanted = mode == CURRENT
+        self._floor[at] = np.where(wanted, torque, self._floor[at])
+        self._ceiling[at] = np.where(wanted, torque, self._ceiling[at])
+        return np.select([wanted, mode == VELOCITY, mode == PWM], [0.0 * goal, speed, counts], angle)
+
+    def step(self, data: mujoco.MjData) -> None:
+        """Before one step of the physics: the integral terms, and the room that the back-EMF leaves."""
+        at = self._live
+        speed, most = data.qvel[self.v[at]], self._output[at]
+        actual = np.where(self._mode[at] == VELOCITY, speed, data.qpos[self.q[at]])
+        low, high = (
+            np.clip(bound[at] + self._emf[at] * speed, -most, most) for bound in (self._floor, self._ceiling)
+        )
+        grown = self.integral[at] + self._ki[at] * (data.ctrl[at] - actual) * STEP
+        self.integral[at] = np.where(self._ki[at] > 0.0, np.clip(grown, low, high), 0.0)
+        self._model.actuator_forcerange[at, 0] = low - self.integral[at]
+        self._model.actuator_forcerange[at, 1] = high - self.integral[at]
+        data.qfrc_applied[self.v] = self.integral
+
+    def block(self, at: Places, held: Bools) -> None:
+        """Hold the joints of the motors `at` fast, or let them go."""
+        self._model.dof_frictionloss[self.v[at]] = np.where(held, BLOCKED, self._friction[at])
+
+    def read(self, data: mujoco.MjData) -> tuple[Floats, Floats, Floats, Floats]:
+        """Encoder ticks, raw velocity, raw current, PWM counts (n,)."""
+        angle, speed = data.qpos[self.q], data.qvel[self.v]
+        output = data.actuator_force + self.integral
+        return (
+            self._zero + angle * self._ticks,
+            speed * self._ratio * self._way / self._speed_lsb,
+            (output - self._emf * speed) * self._way / (self._ratio * self._torque_lsb),
+            output * self._way / self._full,
+        )
