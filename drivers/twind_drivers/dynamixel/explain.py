@@ -17,11 +17,6 @@ TRIPPED = 255  # what the bus watchdog (98) reads when it has tripped
 LIMITED = ("goal_current", "goal_velocity", "goal_pwm")  # each has one register that bounds it
 
 
-def limit_of(reader: DynamixelReader, id: int, register: str) -> Script[int]:
-    """The value of a register. Raises NoReply, DeviceRefused, KeyError."""
-    return (yield from reader.read(id, register)).value
-
-
 def limit_words(reader: DynamixelReader, id: int, field: Field) -> Script[str]:
     """Name and value of the register that bounds `field`; empty where none does, or the device is silent."""
     if field.rule.limit is not None:
@@ -55,7 +50,7 @@ def _state(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) -> 
 
 
 def _mode(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) -> Script[list[str]]:
-    mode = yield from limit_of(reader, servo.id, "operating_mode")
+    mode = (yield from reader.read(servo.id, "operating_mode")).value
     if mode == servo.mode.number:
         return []
     name = MODES[mode].name if mode in MODES else "not driven here"

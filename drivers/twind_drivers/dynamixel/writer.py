@@ -4,7 +4,7 @@ Every packet is judged by its own bytes before it leaves (R22): ids of this bus,
 words inside what each device may be sent. Devices may differ in model and operating mode (`modes.py`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from twind_drivers.bus import (
     Write,
 )
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.explain import explain, limit_of, limit_words
+from twind_drivers.dynamixel.explain import explain, limit_words
 from twind_drivers.dynamixel.goals import Goals, bounds_of, goal_packets
+from twind_drivers.dynamixel.layout import Block
 from twind_drivers.dynamixel.line import Exchange
 from twind_drivers.dynamixel.modes import CURRENT_BASED, check_bounds, fences
 from twind_drivers.dynamixel.reader import DynamixelReader
@@ -184,15 +185,12 @@ class DynamixelWriter:
         """The modes are those of this writer; from now on limit registers bound speeds and currents."""
         modes = rows(self._servos, lambda servo: (servo.at("operating_mode"), bytes((servo.mode.number,))))
         yield from self._same("operating mode", modes, "needs")
-        limits: dict[int, int] = {}
-        for servo in self._servos:
-            if servo.mode.limit is not None:
-                limits[servo.id] = yield from limit_of(self._reader, servo.id, servo.mode.limit)
-        self._fence(limits)
-        for servo in self._in(CURRENT_BASED):  # a lowered PWM would cap the force a second time, unseen
-            most = yield from limit_of(self._reader, servo.id, "pwm_limit")
-            pwm = [(servo.id, servo.at("goal_pwm"), _short(most))]
-            yield from self._same("goal PWM, at its limit", pwm, "needs")
+        bounded = [servo for servo in self._servos if servo.mode.limit is not None]
+        self._fence((yield from self._words(bounded, lambda servo: servo.at(servo.mode.limit or ""))))
+        capped = self._in(CURRENT_BASED)
+        most = yield from self._words(capped, lambda servo: servo.at("pwm_limit"))
+        pwm = rows(capped, lambda servo: (servo.at("goal_pwm"), _short(most[servo.id])))
+        yield from self._same("goal PWM, at its limit", pwm, "needs")  # else it caps the force too, unseen
 
     def aim(self, ticks: Ints) -> Script[None]:
         """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs, WireClamp."""
@@ -202,10 +200,7 @@ class DynamixelWriter:
 
     def aimed(self) -> Script[Ints]:
         """The goals (m,) that the devices hold now, each in its own unit. Raises NoReply."""
-        found: dict[int, int] = {}
-        for where, wanted in groups(rows(self._servos, lambda servo: (servo.goal, b""))).items():
-            data = yield from self._reader.collect(tuple(wanted), where.address, where.size)
-            found.update({id: int.from_bytes(raw, "little", signed=True) for id, raw in data.items()})
+        found = yield from self._words(self._servos, lambda servo: servo.goal)
         return np.array([found[id] for id in self._ids], np.int64)
 
     def torque(self, on: bool) -> Script[None]:
@@ -260,6 +255,14 @@ class DynamixelWriter:
 
     def _in(self, mode: int) -> list[Servo]:
         return [servo for servo in self._servos if servo.mode.number == mode]
+
+    def _words(self, servos: Iterable[Servo], where: Callable[[Servo], Block]) -> Script[dict[int, int]]:
+        """One signed word of each, by id."""
+        found: dict[int, int] = {}
+        for block, wanted in groups(rows(servos, lambda servo: (where(servo), b""))).items():
+            data = yield from self._reader.collect(tuple(wanted), block.address, block.size)
+            found.update({id: int.from_bytes(raw, "little", signed=True) for id, raw in data.items()})
+        return found
 
     def _goal_rows(self, ticks: Ints) -> Rows:
         """Judged here too, so that a script's WireClamp is the script's."""
