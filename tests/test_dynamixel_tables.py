@@ -5,7 +5,6 @@ import sys
 import pytest
 
 from twind_drivers.dynamixel import tables
-from twind_drivers.dynamixel.registers import rule
 from twind_drivers.dynamixel.tables import Table, models, number_of, table
 
 
@@ -97,8 +96,32 @@ def test_signed_registers_round_trip_and_edges_pass() -> None:
     assert xm["bus_watchdog"].decode(b"\xff") == 255
 
 
-def test_models_whose_page_we_have_not_checked_have_no_invented_defaults() -> None:
-    assert rule("xm540_w270", "position_p_gain").default is None
-    assert rule("ph54_200_s500", "homing_offset").signed
-    assert rule("ph54_200_s500", "homing_offset").upper is None
-    assert not rule("xl320", "present_position").signed
+@pytest.mark.parametrize(
+    ("model", "mode", "known"),
+    [
+        ("XL430-W250", 5, r"\[1, 3, 4, 16\]"),
+        ("MX-28", 0, r"\[1, 3, 4, 16\]"),
+        ("PH54-200-S500", 5, r"\[0, 1, 3, 4, 16\]"),
+        ("RH-P12-RN", 3, r"\[0, 5\]"),
+        ("XC330-M288", 2, r"\[0, 1, 3, 4, 5, 16\]"),
+    ],
+)
+def test_an_operating_mode_that_the_model_lacks_is_refused_with_those_it_has(
+    model: str, mode: int, known: str
+) -> None:
+    field = table(number_of(model))["operating_mode"]
+    assert not field.takes(mode)
+    with pytest.raises(ValueError, match=f"{mode} is not one of {known}"):
+        field.check(mode)
+
+
+def test_a_register_takes_what_lies_in_its_range_and_among_its_values() -> None:
+    protocol = table(2020)["protocol_type"]  # 2 or Modbus (PH54-200-S500-R page, "Protocol Type(13)")
+    assert [value for value in range(256) if protocol.takes(value)] == [2, 10]
+    assert not table(1020)["goal_pwm"].takes(886)
+    assert table(1020)["goal_pwm"].takes(-885)
+
+
+def test_the_facts_of_a_model_come_with_its_table_whatever_the_firmware() -> None:
+    assert table(1200, 51).facts is table(1200, 52).facts
+    assert table(1200).facts.ampere_per_count == 1e-3

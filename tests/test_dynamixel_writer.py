@@ -305,9 +305,9 @@ def test_a_writer_without_sound_bounds_does_not_come_into_being(more: dict[str, 
 
 
 def test_a_model_without_known_gains_needs_them_given() -> None:
-    reader = DynamixelReader("main", Wire(Servos((1,))), (1,), [1120], baud=1_000_000, return_delay_us=0)
+    reader = DynamixelReader("main", Wire(Servos((1,))), (1,), [53769], baud=1_000_000, return_delay_us=0)
     bounds = {"lower": np.array([0]), "upper": np.array([4095])}
-    with pytest.raises(ValueError, match="XM540-W270: set it"):
+    with pytest.raises(ValueError, match="H54-100-S500-RA: set it"):
         DynamixelWriter(reader, **bounds)
     DynamixelWriter(reader, **bounds, gains=[(800, 0, 0)])
 

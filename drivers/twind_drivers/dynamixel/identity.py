@@ -1,12 +1,12 @@
 """Who is on a bus: identification of the devices that are expected there. A script that only reads."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 from twind_drivers.bus import Device, Ping, Query, Read, Script
 from twind_drivers.dynamixel.layout import Block
+from twind_drivers.dynamixel.models import facts
 from twind_drivers.dynamixel.tables import Table, table
 
 # What a calibration depends on and what arming must know; those that a model lacks are left out.
@@ -46,13 +46,8 @@ class Asker(Protocol):
 
 def supports_fast(stem: str, firmware: int) -> bool:
     """Does this model answer fast sync reads from this firmware on? (e-manual, "Fast Sync Read".)"""
-    if re.match(r"x[a-z](430|540)", stem):  # not 2XL430 and 2XC430
-        return firmware >= 45
-    if re.match(r"x[a-z]330", stem):
-        return firmware >= 46
-    if stem.startswith("rh_p12"):
-        return firmware >= 13
-    return stem.startswith(("ph", "pm")) and firmware >= 12
+    least = facts(stem).fast_from
+    return least is not None and firmware >= least
 
 
 def known(number: int, firmware: int) -> Table | None:

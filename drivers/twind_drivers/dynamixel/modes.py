@@ -55,10 +55,12 @@ VELOCITY, POSITION, CURRENT_BASED = 1, 3, 5
 
 
 def mode_of(where: str, table: Table, number: int) -> Mode:
-    """The mode of that number, if it can be driven and the model has its registers. `where`: for the error.
+    """The mode of that number, if the model has it and we drive it. `where`: for the error.
 
     Raises ValueError.
     """
+    if table.facts.undriven:
+        raise ValueError(f"{where}: {table.model} is not driven here: {table.facts.undriven}")
     if number not in MODES:
         known = ", ".join(f"{each.number} {each.name}" for each in MODES.values())
         raise ValueError(f"{where}: operating mode {number} is not driven here; known are {known}")
@@ -69,6 +71,8 @@ def mode_of(where: str, table: Table, number: int) -> Mode:
     for register in needed:
         if register not in table:
             raise ValueError(f"{where}: {table.model} has no {register}: mode {number} is not possible")
+    if number not in table.facts.modes:
+        raise ValueError(f"{where}: {table.model} has no mode {number}; it has {sorted(table.facts.modes)}")
     return mode
 
 

@@ -1,11 +1,16 @@
 """What the vendor's tables do not say: access, sign, range and default of each register. Ours, pure.
 
-Source: e-manual control table pages of XM430-W350 and XL330-M288. Keys are snake case. Of models whose page
-we have not checked, the range is the widest of the X series and the default is unknown (None).
+Source: the e-manual page of each model. What is the same for a whole series stands here, what differs from
+model to model in `factory.py`. Keys are snake case. A default that the page leaves open is None.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
+from types import MappingProxyType
+
+from twind_drivers.dynamixel.factory import FACTORY, X_SERIES, Factory
+from twind_drivers.dynamixel.models import base, facts
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,12 +23,17 @@ class Rule:
     upper: int | None = None
     default: int | None = 0  # after power-up (RAM) or factory reset (EEPROM); None: not known here
     limit: str | None = None
+    values: frozenset[int] | None = None  # the only ones that are taken; None: all in the range
 
 
 READ_ONLY = Rule(writable=False)
 SIGNED_READ_ONLY = Rule(writable=False, signed=True)
 GAIN = Rule(lower=0, upper=16383, default=None)
 ANY = Rule(default=None)
+GAINS = ("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain")
+FEEDS = ("feedforward_2nd_gain", "feedforward_1st_gain")
+# Registers that only report, of any model: also those of the layouts that have no rules here (Y, XL320).
+REPORTS = ("present_", "error_code", "controller_state")
 
 X: Mapping[str, Rule] = {
     "model_number": READ_ONLY,
@@ -31,39 +41,22 @@ X: Mapping[str, Rule] = {
     "firmware_version": READ_ONLY,
     "id": Rule(lower=0, upper=252, default=1),
     "baud_rate": Rule(lower=0, upper=7, default=1),
-    "return_delay_time": Rule(lower=0, upper=254, default=250),
     "drive_mode": Rule(lower=0, upper=15),
     "operating_mode": Rule(lower=0, upper=16, default=3),
     "secondary_shadow_id": Rule(lower=0, upper=255, default=255),
     "secondary_id": Rule(lower=0, upper=255, default=255),
     "protocol_type": Rule(lower=1, upper=2, default=2),
     "homing_offset": Rule(signed=True, lower=-1_044_479, upper=1_044_479),
-    "moving_threshold": Rule(lower=0, upper=1023, default=10),
-    "temperature_limit": Rule(lower=0, upper=100, default=None),
-    "max_voltage_limit": Rule(lower=31, upper=160, default=None),
-    "min_voltage_limit": Rule(lower=31, upper=160, default=None),
-    "pwm_limit": Rule(lower=0, upper=885, default=885),
-    "current_limit": Rule(lower=0, upper=2047, default=None),
-    "velocity_limit": Rule(lower=0, upper=2047, default=None),
-    "max_position_limit": Rule(signed=True, lower=0, upper=4095, default=4095),
-    "min_position_limit": Rule(signed=True, lower=0, upper=4095, default=0),
+    "external_port_mode": Rule(lower=0, upper=3, default=3),
     "startup_configuration": Rule(lower=0, upper=3),
-    "pwm_slope": Rule(lower=1, upper=255, default=140),
-    "shutdown": Rule(lower=0, upper=63, default=52),
     "torque_enable": Rule(lower=0, upper=1),
     "led": Rule(lower=0, upper=1),
     "status_return_level": Rule(lower=0, upper=2, default=2),
     "registered_instruction": READ_ONLY,
     "hardware_error_status": READ_ONLY,
-    "velocity_i_gain": GAIN,
-    "velocity_p_gain": GAIN,
-    "position_d_gain": GAIN,
-    "position_i_gain": GAIN,
-    "position_p_gain": GAIN,
-    "feedforward_2nd_gain": replace(GAIN, default=0),
-    "feedforward_1st_gain": replace(GAIN, default=0),
+    **dict.fromkeys(GAINS, GAIN),
+    **dict.fromkeys(FEEDS, replace(GAIN, default=0)),
     "bus_watchdog": Rule(lower=0, upper=127),  # x 20 ms; reads 255 once it has tripped
-    "goal_pwm": Rule(signed=True, lower=-885, upper=885, default=885, limit="pwm_limit"),
     "goal_current": Rule(signed=True, default=None, limit="current_limit"),
     "goal_velocity": Rule(signed=True, default=0, limit="velocity_limit"),
     "profile_acceleration": Rule(lower=0, upper=32767),
@@ -82,51 +75,101 @@ X: Mapping[str, Rule] = {
     "present_input_voltage": READ_ONLY,
     "present_temperature": READ_ONLY,
     "backup_ready": READ_ONLY,
+    "external_port_data": Rule(lower=0, upper=4095, default=None),
+    "indirect_address": Rule(lower=64, upper=661, default=None),
+    "indirect_data": Rule(lower=0, upper=255),
 }
 
-XM430: Mapping[str, Rule] = {
-    "temperature_limit": Rule(lower=0, upper=100, default=80),
-    "max_voltage_limit": Rule(lower=95, upper=160, default=160),
-    "min_voltage_limit": Rule(lower=95, upper=160, default=95),
-    "current_limit": Rule(lower=0, upper=1193, default=1193),
-    "velocity_limit": Rule(lower=0, upper=1023, default=200),
-    "velocity_i_gain": replace(GAIN, default=1920),
-    "velocity_p_gain": replace(GAIN, default=100),
-    "position_d_gain": replace(GAIN, default=0),
-    "position_i_gain": replace(GAIN, default=0),
-    "position_p_gain": replace(GAIN, default=800),
-    "goal_current": Rule(signed=True, lower=-1193, upper=1193, default=1193, limit="current_limit"),
-    "goal_velocity": Rule(signed=True, lower=-1023, upper=1023, default=0, limit="velocity_limit"),
-}
-
-XL330: Mapping[str, Rule] = {
+SMALL: Mapping[str, Rule] = {  # X330: no 4.5 Mbit/s; RC protocols 20..22 beside Protocol 2
+    **X,
     "baud_rate": Rule(lower=0, upper=6, default=1),
-    "temperature_limit": Rule(lower=0, upper=100, default=70),
-    "max_voltage_limit": Rule(lower=31, upper=70, default=70),
-    "min_voltage_limit": Rule(lower=31, upper=70, default=35),
-    "current_limit": Rule(lower=0, upper=1750, default=1750),
-    "velocity_limit": Rule(lower=0, upper=2047, default=445),
-    "shutdown": Rule(lower=0, upper=63, default=53),
-    "velocity_i_gain": replace(GAIN, default=1600),
-    "velocity_p_gain": replace(GAIN, default=180),
-    "position_d_gain": replace(GAIN, default=0),
-    "position_i_gain": replace(GAIN, default=0),
-    "position_p_gain": replace(GAIN, default=400),
-    "goal_current": Rule(signed=True, lower=-1750, upper=1750, default=1750, limit="current_limit"),
-    "goal_velocity": Rule(signed=True, lower=-2047, upper=2047, default=0, limit="velocity_limit"),
+    "protocol_type": Rule(lower=2, upper=22, default=2, values=frozenset({2, 20, 21, 22})),
+    "indirect_address": Rule(lower=64, upper=227, default=None),
 }
 
-FAMILIES: Mapping[str, Mapping[str, Rule]] = {"xm430_w350": XM430, "xl330_m288": XL330}
-
-OPERATING_MODES = frozenset({0, 1, 3, 4, 5, 16})
+P: Mapping[str, Rule] = {  # and PRO -R(A), RH-P12-RN(A)
+    **X,
+    "baud_rate": Rule(lower=0, upper=9, default=1),
+    "drive_mode": Rule(lower=0, upper=13),
+    "protocol_type": Rule(lower=2, upper=10, default=2, values=frozenset({2, 10})),  # 10: Modbus
+    "homing_offset": Rule(signed=True),
+    **dict.fromkeys(("led_red", "led_green", "led_blue"), Rule(lower=0, upper=255)),
+    **dict.fromkeys(GAINS, replace(GAIN, upper=32767)),
+    "goal_position": Rule(signed=True),
+    "profile_acceleration": Rule(lower=0, default=None, limit="acceleration_limit"),
+    "profile_velocity": Rule(lower=0, default=None, limit="velocity_limit"),
+    "external_port_data": Rule(lower=0, upper=4095),
+    "indirect_address": Rule(lower=512, upper=1023, default=None),
+}
 
 
 def rule(stem: str, key: str) -> Rule:
     """The rule of register `key` of the model whose table is `stem` ("xm430_w350"). Unknown: any value."""
-    family = FAMILIES.get(stem.removesuffix("_fw52"), {})
-    found = family.get(key) or X.get(key, ANY)
+    key = _numberless(key)
+    if base(stem) in FACTORY:
+        return _rules(base(stem)).get(key, ANY)
+    found = X.get(key, READ_ONLY if key.startswith(REPORTS) else ANY)
     if stem == "xl320":  # Protocol 2 on the old layout: magnitudes with a direction bit, no two's complement
         return replace(ANY, writable=found.writable)
-    if stem.startswith(("x", "2x")):
-        return found
-    return replace(found, lower=None, upper=None, default=None)  # P, MX, Y: access and sign are the same
+    return replace(found, lower=None, upper=None, default=None, limit=None)  # Y: access and sign are the same
+
+
+def _numberless(key: str) -> str:
+    """The registers of a row have one rule: of "indirect_data_12", "indirect_data"."""
+    front, _, number = key.rpartition("_")
+    return front if number.isdecimal() else key
+
+
+@cache
+def _rules(stem: str) -> Mapping[str, Rule]:
+    """Of one model: its series' rules, and what its own page says."""
+    made = FACTORY[stem]
+    series = SMALL if made.slope is not None else X if stem in X_SERIES else P
+    found = {**series, **_limits(made, 885 if stem in X_SERIES else 2009)}
+    found["operating_mode"] = replace(found["operating_mode"], values=facts(stem).modes)
+    for key, default in zip(GAINS, made.gains, strict=True):
+        found[key] = replace(series[key], default=default)
+    feed = None if None in made.gains else 0  # the pages leave both open, or neither
+    found.update(dict.fromkeys(FEEDS, replace(series[GAINS[0]], default=feed)))
+    if series is P:  # what its goals boot with, no page says
+        for key in ("goal_pwm", "goal_velocity", "goal_current"):
+            found[key] = replace(found[key], default=None)
+    if stem == "rh_p12_rn":  # the gripper
+        ends = Rule(signed=True, lower=0, upper=made.position[1])
+        found.update(homing_offset=ends, goal_position=ends)
+        found["goal_current"] = replace(found["goal_current"], default=0)
+    return MappingProxyType(found)
+
+
+def _limits(made: Factory, pwm: int) -> dict[str, Rule]:
+    """The registers whose range or default is the model's own."""
+    low, high = made.position
+    volts = Rule(lower=made.volts[0], upper=made.volts[1])
+    least = made.volts[0] if made.volts_least is None else made.volts_least
+    speed, current = made.velocity_most, made.current
+    found = {
+        "return_delay_time": Rule(lower=0, upper=made.delay_most, default=250),
+        "operating_mode": Rule(lower=0, upper=16, default=made.mode),
+        "moving_threshold": Rule(lower=0, upper=made.threshold_most or speed, default=made.threshold),
+        "temperature_limit": Rule(lower=0, upper=100, default=made.temperature),
+        "max_voltage_limit": replace(volts, default=made.volts[1]),
+        "min_voltage_limit": replace(volts, default=least),
+        "pwm_limit": Rule(lower=0, upper=pwm, default=pwm),
+        "velocity_limit": Rule(lower=0, upper=speed, default=made.velocity),
+        "max_position_limit": Rule(signed=True, lower=low, upper=high, default=made.position_limits[1]),
+        "min_position_limit": Rule(signed=True, lower=low, upper=high, default=made.position_limits[0]),
+        "shutdown": Rule(lower=0, upper=made.shutdown_most, default=made.shutdown),
+        "goal_velocity": Rule(signed=True, lower=-speed, upper=speed, default=0, limit="velocity_limit"),
+        "goal_pwm": Rule(signed=True, lower=-pwm, upper=pwm, default=pwm, limit="pwm_limit"),
+    }
+    if current is not None:
+        found["current_limit"] = Rule(lower=0, upper=current, default=current)
+        found["goal_current"] = Rule(
+            signed=True, lower=-current, upper=current, default=current, limit="current_limit"
+        )
+    if made.acceleration is not None:
+        delivered, most = made.acceleration
+        found["acceleration_limit"] = Rule(lower=0, upper=most, default=delivered)
+    if made.slope is not None:
+        found["pwm_slope"] = Rule(lower=1, upper=255, default=made.slope)
+    return found

@@ -13,7 +13,8 @@ from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
 
-from twind_drivers.dynamixel.registers import OPERATING_MODES, Rule, rule
+from twind_drivers.dynamixel.models import Facts, facts
+from twind_drivers.dynamixel.registers import Rule, rule
 
 # In the e-manual (XL330 page; X430/X540 from firmware 45), missing in the vendor's X files. Boot-time torque
 # hides behind the first, so we read it always; older firmware reads 0 there inside a block.
@@ -53,6 +54,11 @@ class Field:
         lower, upper = self.rule.lower, self.rule.upper
         return (low if lower is None else lower, high if upper is None else upper)
 
+    def takes(self, value: int) -> bool:
+        """Is `value` one that this register can hold? Whether it may be written at all is another matter."""
+        lower, upper = self.bounds
+        return lower <= value <= upper and (self.rule.values is None or value in self.rule.values)
+
     def check(self, value: int) -> None:
         """Raises ValueError when `value` may not be written: register, value and bound named."""
         if not self.rule.writable:
@@ -60,8 +66,11 @@ class Field:
         lower, upper = self.bounds
         if not lower <= value <= upper:
             raise ValueError(f"{self.name} (address {self.address}): {value} is outside {lower}..{upper}")
-        if self.key == "operating_mode" and value not in OPERATING_MODES:
-            raise ValueError(f"{self.name}: {value} is not one of {sorted(OPERATING_MODES)}")
+        if not self.takes(value):
+            known = sorted(self.rule.values or ())
+            raise ValueError(
+                f"{self.name} (address {self.address}): {value} is not one of {known} of this model"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +89,11 @@ class Table:
         if key in self.fields:
             return self.fields[key]
         raise KeyError(f"{self.model} has no register {name!r}{_near(key, self.fields)}")
+
+    @property
+    def facts(self) -> Facts:
+        """What the model is: modes, units, firmware. Raises KeyError where no page was read."""
+        return facts(self.stem)
 
     def __contains__(self, name: str) -> bool:
         """Is there a register of that name?"""
