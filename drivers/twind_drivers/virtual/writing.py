@@ -42,8 +42,7 @@ def _judge(servos: Servos, row: int, register: Field, value: int) -> Error:
     rule, key = register.rule, register.key
     if not rule.writable or (register.eeprom and servos["torque_enable"][row]):
         return Error.ACCESS
-    lower, upper = register.bounds
-    if not lower <= value <= upper or not _simulated(key, value):
+    if not register.takes(value) or not _simulated(key, value):
         return Error.DATA_RANGE
     if servos.tripped[row] and (key in GOALS or (key == "bus_watchdog" and value != 0)):
         return Error.DATA_RANGE
