@@ -245,6 +245,70 @@ def test_position_limits_explain_a_goal_that_does_not_stay() -> None:
         bus.run(bus.writer.aim(np.array([2600])))
 
 
+# --------------------------------------------------------------------------------- X and P on one bus
+
+
+@pytest.fixture
+def families() -> Bench:
+    """Ids 1 and 3 are XM430, 2 and 4 PH54: RAM registers at other addresses (e-manual, PH54-200-S500)."""
+    bus = Bench((1, 2, 3, 4))
+    for id in (2, 4):
+        bus.reader.tables[id] = table(2020)
+    bus.writer = DynamixelWriter(
+        bus.reader,
+        lower=np.array([0, -500_000, 0, -500_000]),
+        upper=np.array([4095, 500_000, 4095, 500_000]),
+        gains=[(640, 0, 0)] * 4,
+    )
+    return bus
+
+
+HERE = np.array([2000, -400_000, 2100, 131_072])
+
+
+def test_each_family_is_written_at_its_own_addresses_in_one_system_call(families: Bench) -> None:
+    families.writer.goals(HERE)
+    assert decode(families.reader.line.goals) == [
+        (116, 4, {1: 2000, 3: 2100}),
+        (564, 4, {2: -400_000, 4: 131_072}),
+    ]
+    families.cycle()
+    assert [
+        families.servos.get(id, at, 4) for id, at in ((1, 116), (2, 564), (3, 116), (4, 564))
+    ] == HERE.tolist()
+
+
+def test_a_cut_reaches_every_family_twice(families: Bench) -> None:
+    for id, at in ((1, 64), (2, 512), (3, 64), (4, 512)):
+        families.servos.put(id, at, 1, 1)
+    families.writer.goals(HERE)
+    families.writer.cut()
+    families.cycle()
+    assert families.addresses() == [(SYNC, 64), (SYNC, 512), (SYNC, 64), (SYNC, 512), (FAST, 126)]
+    assert [families.servos.get(id, at, 1) for id, at in ((1, 64), (2, 512), (3, 64), (4, 512))] == [0] * 4
+
+
+def test_families_are_prepared_aimed_and_switched_together(families: Bench) -> None:
+    families.run(families.writer.prepare(HERE))
+    (burst,) = (
+        families.addresses(place)
+        for place in range(len(families.wire.writes))
+        if (SYNC, 98) in families.addresses(place)
+    )
+    assert burst == [(SYNC, at) for at in (98, 546, 116, 564, 98, 546)]
+    assert [families.servos.get(id, at, 1) for id, at in ((1, 98), (2, 546), (3, 98), (4, 546))] == [5] * 4
+    assert [families.servos.get(id, at, 2) for id, at in ((1, 84), (2, 532), (3, 84), (4, 532))] == [640] * 4
+    families.run(families.writer.torque(True))
+    assert [families.servos.get(id, at, 1) for id, at in ((1, 64), (2, 512), (3, 64), (4, 512))] == [1] * 4
+    families.run(families.writer.aim(HERE + 5))
+    assert families.run(families.writer.aimed()).tolist() == (HERE + 5).tolist()
+    families.servos.frozen = {4: set(range(564, 568))}
+    with pytest.raises(DeviceRefused, match=r"id 4: goal position \(564\)"):
+        families.run(families.writer.aim(HERE))
+    with pytest.raises(WireClamp, match="read-only address"):
+        families.writer.begin(Write({1: b"\1", 2: b"\1"}, 512), 0.0)
+
+
 # --------------------------------------------------------------------------------- what may not be
 
 
