@@ -7,6 +7,8 @@ shared machine stands still at times; the figures themselves are printed.
 import os
 import pty
 import time
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from processes import Virtual, daemon, robot
@@ -17,10 +19,18 @@ pytestmark = pytest.mark.realtime
 SEEN, BACK = 0.5, 3.0  # s
 
 
-def until_connected(client: Client, wanted: bool, seconds: float) -> float:
-    """Seconds until every bus is identified, or one is not."""
+def until_lost(news: Iterator[dict[str, Any]]) -> float:
+    """Seconds until the daemon says that it lost a port. The status is told ten times a second only."""
     begun = time.monotonic()
-    while client.call("GetStatus")["status"]["hw_connected"] is not wanted:
+    while next(news)["event"]["code"] != "PORT_LOST":
+        assert time.monotonic() - begun < SEEN
+    return time.monotonic() - begun
+
+
+def until_connected(client: Client, seconds: float) -> float:
+    """Seconds until every bus is identified."""
+    begun = time.monotonic()
+    while not client.call("GetStatus")["status"]["hw_connected"]:
         assert time.monotonic() - begun < seconds
         time.sleep(0.002)
     return time.monotonic() - begun
@@ -36,19 +46,20 @@ def test_a_bus_that_comes_back_under_another_name_is_found_by_its_link_and_nothi
         stable = folder / "ports" / "upper"
         figures = []
         taken: list[int] = []
-        with running.client() as client:
+        with running.client() as client, running.client() as watcher:
+            news = watcher.stream("Monitor", topics=["events"])
             client.call("AcquireLease")
             client.call("Arm")
-            for away in (0.05, 0.4, 1.0):
+            for away in (0.15, 0.4, 1.0):
                 name = os.readlink(stable)
                 virtual.order(fault="unplug", bus="upper")
-                seen = until_connected(client, False, SEEN)
+                seen = until_lost(news)
                 assert not stable.exists()
                 taken += pty.openpty()  # somebody else has the old name by now
                 time.sleep(away)
                 before = places(virtual)[:12]
                 virtual.order(fault="replug", bus="upper")
-                back = until_connected(client, True, BACK)
+                back = until_connected(client, BACK)
                 assert os.readlink(stable) != name
                 figures.append((away, seen, back))
                 status = client.call("GetStatus")["status"]
