@@ -104,6 +104,7 @@ class Wire:
 
     name = "wire"
     warning = ""
+    holds = False
 
     def __init__(self, servos: Servos) -> None:
         self.servos = servos
@@ -132,6 +133,12 @@ class Wire:
         count = len(self.inbox)
         self.inbox.clear()
         return count
+
+    def backlog(self) -> int:
+        return 0
+
+    def flush(self) -> None:
+        pass
 
     def close(self) -> None:
         pass

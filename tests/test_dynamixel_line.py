@@ -12,6 +12,8 @@ class Port:
     """A port that takes everything, or nothing while `full`; `late` bytes wait in its input."""
 
     name = "port"
+    warning = ""
+    holds = False
 
     def __init__(self) -> None:
         self.full, self.late, self.taken = False, b"", b""
@@ -36,6 +38,12 @@ class Port:
     def drain(self) -> int:
         count, self.late = len(self.late), b""
         return count
+
+    def backlog(self) -> int:
+        return 0
+
+    def flush(self) -> None:
+        pass
 
     def close(self) -> None:
         pass

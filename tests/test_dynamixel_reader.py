@@ -223,7 +223,7 @@ def test_upkeep_refreshes_status_twenty_and_health_five_times_a_second() -> None
     status, health = [reader.registers.status_time.copy()], [reader.registers.health_time.copy()]
     for tick in range(100):
         clock.sleep_until(tick * 0.01)
-        reader.begin(reader.upkeep(), clock.now())
+        reader.begin(reader.upkeep(clock.now()), clock.now())
         assert reader.feed(clock.now())
         reader.answer(clock.now())
         status.append(reader.registers.status_time.copy())
@@ -235,7 +235,7 @@ def test_upkeep_refreshes_status_twenty_and_health_five_times_a_second() -> None
     assert reader.registers.watchdog.tolist() == [5] * 24
     assert reader.registers.voltage == pytest.approx([11.8] * 24)
     assert reader.registers.temperature == pytest.approx([41.0] * 24)
-    assert reader.span(reader.upkeep()) == pytest.approx(296e-5)
+    assert reader.span(reader.upkeep(clock.now())) == pytest.approx(296e-5)
 
 
 def test_a_tripped_watchdog_reads_as_255() -> None:

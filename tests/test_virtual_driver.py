@@ -42,7 +42,7 @@ class Rig:
         self.reader.request(begin)
         self._wait()
         sample = self.reader.finish(self.clock.now())
-        self.reader.begin(self.reader.upkeep(), self.clock.now())
+        self.reader.begin(self.reader.upkeep(self.clock.now()), self.clock.now())
         self._wait()
         self.reader.answer(self.clock.now())
         self.clock.sleep_until(begin + 0.01)

@@ -12,6 +12,7 @@ write.
 
     BusError
     ├── PortError          the port could not be opened, or was lost (`lost` is True)
+    │   └── PortFull       the last packet had not left when the next was due: that one was not sent
     ├── NoReply            nobody answered where somebody must
     ├── DeviceRefused      a device answered with an error, or reads back other than written
     └── WireClamp          a packet of ours failed its own last check and was not sent
@@ -44,6 +45,18 @@ class PortError(BusError):
     def __init__(self, port: str, reason: str, *, lost: bool = False) -> None:
         super().__init__(f"{port}: {reason}")
         self.port, self.reason, self.lost = port, reason, lost
+
+
+class PortFull(PortError):
+    """More than the last packet still waited in the port's output: thrown away, nothing was sent (R23)."""
+
+    def __init__(self, port: str, waiting: int, most: int) -> None:
+        super().__init__(
+            port,
+            f"{waiting} bytes still wait in the output, the last packet had {most}: thrown away, nothing "
+            "sent; is the adapter stuck, or slower than its baud rate says?",
+        )
+        self.waiting, self.most = waiting, most
 
 
 class NoReply(BusError):
@@ -87,7 +100,12 @@ class Sample:
     effort: Ints  # raw (current or load)
     error: NDArray[np.uint8]  # error byte of each status; bit 7 (0x80) = alert
     heard: Bools  # this device answered in this exchange
+    # False: parked. It stayed silent again and again, so it is left out and probed once a second.
+    asked: Bools
     discarded: int  # bytes that were not the outstanding reply and were dropped (R07)
+    # Whole sound packets since the last sample that nobody asked for (R08): of ids that are not ours, second
+    # statuses of one device, another master's instructions, statuses while nothing was outstanding.
+    foreign: int
 
 
 @dataclass(slots=True)
@@ -99,8 +117,9 @@ class Registers:
     watchdog: NDArray[np.int16]  # raw; 255 = tripped, 0 = off, -1 unknown
     voltage: Floats  # V
     temperature: Floats  # °C
+    tick: NDArray[np.int32]  # ms, the device's own clock modulo 32768; -1 unknown; of `health_time`
     status_time: Floats  # s, when torque, fault and watchdog were read; -inf never
-    health_time: Floats  # s, when voltage and temperature were read; -inf never
+    health_time: Floats  # s, when voltage, temperature and tick were read; -inf never
 
     @classmethod
     def unknown(cls, count: int) -> "Registers":
@@ -111,6 +130,7 @@ class Registers:
             watchdog=np.full(count, -1, np.int16),
             voltage=np.full(count, np.nan),
             temperature=np.full(count, np.nan),
+            tick=np.full(count, -1, np.int32),
             status_time=np.full(count, -np.inf),
             health_time=np.full(count, -np.inf),
         )
@@ -197,6 +217,7 @@ class Reply:
     data: Mapping[int, bytes]  # id -> payload (empty for a write or reboot)
     error: Mapping[int, int]  # id -> error byte, for every id that answered
     waited: float  # s from the request to the end of the transaction
+    strays: int  # bytes that were no part of the answer
 
 
 T = TypeVar("T")
@@ -211,6 +232,7 @@ class Transport(Arrivals, Protocol):
 
     name: str  # what an error message calls it
     warning: str  # what is wrong with it though it works, and the remedy; empty: nothing
+    holds: bool  # what is written may wait in it, and `backlog` knows how much
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Send all of `data` in one system call. Raises PortError(lost=True)."""
@@ -220,6 +242,12 @@ class Transport(Arrivals, Protocol):
 
     def drain(self) -> int:
         """Throw away what has arrived; bytes thrown. Called before each request."""
+
+    def backlog(self) -> int:
+        """Bytes written that have not left yet; 0 where that is unknown. Raises PortError(lost=True)."""
+
+    def flush(self) -> None:
+        """Throw away what has not left yet. Raises PortError(lost=True)."""
 
     def close(self) -> None:
         """Let go of the port. May be called twice."""
@@ -252,8 +280,8 @@ class Reader(Protocol):
     def answer(self, now: float) -> Reply:
         """End it. Never raises for a silent device. Status registers seen are kept in `registers`."""
 
-    def upkeep(self) -> Query:
-        """The next slice of the slow registers, round robin."""
+    def upkeep(self, now: float) -> Query:
+        """What to ask beside the cyclic reading: the slow registers in turn; once a second, who is parked."""
 
     def span(self, query: Request) -> float:
         """Upper bound of the bus time (s) that a transaction takes, its timeout excluded."""

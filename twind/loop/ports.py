@@ -191,7 +191,7 @@ class Port:
             return False
         self.tasks[:] = [task for task in self.tasks if not task.done]
         task = self._turn()
-        request: Request = reader.upkeep() if task is None or task.request is None else task.request
+        request: Request = reader.upkeep(now) if task is None or task.request is None else task.request
         room = now + reader.span(request) + SLACK <= until
         if not room and (task is None or (not task.urgent and self._waited < PATIENCE)):
             self._waited += 1  # a roomier tick may come; no script waits for ever

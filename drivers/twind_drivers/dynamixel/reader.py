@@ -112,6 +112,8 @@ class DynamixelReader:
             effort=rows["effort"].astype(np.int64),
             error=reply.error,
             heard=heard,
+            asked=np.ones(len(heard), np.bool_),
+            foreign=0,
             discarded=self.line.strays,
         )
 
@@ -137,16 +139,16 @@ class DynamixelReader:
         reply: Expected | None = exchange.reply if exchange else None
         waited = now - self.line.sent
         if reply is None:
-            return Reply({}, {}, waited)
+            return Reply({}, {}, waited, self.line.strays)
         heard, answered, errors = reply.heard.tolist(), reply.answered.tolist(), reply.error.tolist()
         data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
         error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
         if isinstance(self._query, Read):
             self.slow.fold(self._query, data, self.line.received)
         self._query = None
-        return Reply(data, error, waited)
+        return Reply(data, error, waited, self.line.strays)
 
-    def upkeep(self) -> Query:
+    def upkeep(self, now: float) -> Query:
         """The next slice of the slow registers, round robin (the arithmetic: `budget.Upkeep`)."""
         return self.slow.next()
 

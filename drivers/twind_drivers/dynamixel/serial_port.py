@@ -45,6 +45,7 @@ class SerialTransport:
         # A pty keeps the flag while its other side is open, so a killed holder would lock everybody out.
         if not self._path.startswith("/dev/pts/"):
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
+        self.holds = not self._path.startswith("/dev/pts/")  # a pty hands over at once
         self._waiting = bytearray(4)  # FIONREAD's and TIOCOUTQ's answer
         self._scratch = memoryview(bytearray(SCRATCH))
         try:

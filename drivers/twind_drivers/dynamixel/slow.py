@@ -94,6 +94,7 @@ class SlowRegisters:
         for _, store, _ in (*self._status, *self._health):
             store[place] = -1
         self.registers.voltage[place] = self.registers.temperature[place] = float("nan")
+        self.registers.tick[place] = -1
         self.registers.status_time[place] = self.registers.health_time[place] = float("-inf")
 
 

@@ -10,7 +10,7 @@ class Loopback:
     """A `Transport` without descriptor: `arrival` tells the clock when the next answer is complete."""
 
     def __init__(self, bus: VirtualBus, clock: Clock) -> None:
-        self.name, self.warning = f"virtual:{bus.name}", ""
+        self.name, self.warning, self.holds = f"virtual:{bus.name}", "", True
         self._bus, self._clock = bus, clock
         self._open = True
         self._left = b""  # taken from the bus, not yet read
