@@ -223,3 +223,16 @@ def test_calls_on_devices_do_not_stop_the_motion_of_the_loop(armed: Rig) -> None
     assert armed.loop.measured.heard.all()
     assert armed.loop.state == "armed"
     assert armed.loop.figures.missed == 0
+
+
+def test_a_servo_shut_down_by_its_hardware_error_is_restarted_with_its_settings(live: Rig) -> None:
+    # e-manual, Shutdown (63): only a reboot restores it
+    live.connect()
+    live.call(link.WriteRegister, bus="main", id=7, name="position_p_gain", value=640)
+    live.virtual["main"].servos.damage(6, 0x20)
+    live.ticks(30)
+    reply = live.call(link.Reboot, bus="main", id=7)
+    assert reply.parameters["restored"] == ["Position P Gain = 640"]
+    assert live.register("hardware_error_status")[6] == 0
+    live.ticks(60)
+    assert live.loop.hardware.connected
