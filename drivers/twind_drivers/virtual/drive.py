@@ -46,14 +46,19 @@ class Firmware:
         `supply`: of the nominal voltage.
         """
         registers = self._registers
+        gains = {key: registers[key].astype(np.float64) for key in GAINS}
         most = registers["pwm_limit"].astype(np.float64)
         goal_pwm = np.abs(registers["goal_pwm"].astype(np.float64))
         current = np.where(self._capped, registers["current_limit"], inf)
         goal_current = np.abs(registers["goal_current"].astype(np.float64))
         return Drive(
-            self.on & ((registers["drive_mode"] & SLAVE) == 0),
-            self.mode,
-            *(registers[key].astype(np.float64) for key in GAINS),
+            on=self.on & ((registers["drive_mode"] & SLAVE) == 0),
+            mode=self.mode,
+            p=gains["position_p_gain"],
+            i=gains["position_i_gain"],
+            d=gains["position_d_gain"],
+            velocity_p=gains["velocity_p_gain"],
+            velocity_i=gains["velocity_i_gain"],
             pwm_cap=np.where(self.mode == PWM, most, np.minimum(most, goal_pwm)),
             current_cap=np.where(self.mode == CURRENT_POSITION, np.minimum(current, goal_current), current),
             supply=supply,

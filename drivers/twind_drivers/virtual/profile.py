@@ -66,7 +66,7 @@ class Profile:
             self._plan(int(row), now)
         self.shaped = bool(self._shaping().any() or self.running.any())
 
-    def hold(self, rows: Any, place: Floats) -> None:
+    def hold(self, rows: Any, place: Floats | float) -> None:
         """At rest at `place`, without a plan: torque came on, or the watchdog stopped it (profile as 0)."""
         self.reference[rows] = self.target[rows] = place
         self.speed[rows], self.running[rows], self.kind[rows] = 0.0, False, NONE

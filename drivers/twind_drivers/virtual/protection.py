@@ -114,8 +114,5 @@ class Protection:
         fine = (volts >= lowest) & (volts <= highest)
         cool = self.celsius < hottest
         bearable = self._tired < TIRED - 1e-9
-        return (
-            np.where(fine, 0, INPUT_VOLTAGE)
-            | np.where(cool, 0, OVERHEATING)
-            | np.where(bearable, 0, OVERLOAD)
-        )
+        bits = np.where(fine, 0, INPUT_VOLTAGE) + np.where(cool, 0, OVERHEATING)
+        return np.asarray(bits + np.where(bearable, 0, OVERLOAD), np.int64)
