@@ -15,12 +15,11 @@ from twind.config.drive_mode import joint_mode, type_mode
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import BusSpec, Gains, GateSettings, JointSpec, RobotFile, TypeSpec
 from twind.config.section import Section, file_error
+from twind.config.units import units
 
 FORMAT = "twind-robot/1"
 SUPPORTS = ("fixed", "gantry", "free")
 BAUDS = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
-VELOCITY_LSB = 0.229 * 2.0 * math.pi / 60.0  # rad/s per count of an X series servo (e-manual: 0.229 rpm)
-CURRENT_LSB = 0.00269  # A per count, XM and XH series (e-manual)
 MAX_MJCF = 8 * 1024 * 1024  # bytes
 LATER = "is not supported by this version yet; remove it to use the rest of the file"
 
@@ -151,16 +150,18 @@ def _type(name: str, parent: Section) -> TypeSpec:
     delay = section.integer("return_delay_us", 500, least=0, most=508)  # factory setting: 250 units of 2 µs
     if delay % 2:
         raise section.refuse("return_delay_us", f"{delay} is odd: the register counts in steps of 2 µs")
+    device = section.text("device")
+    of = units(section, device)
     spec = TypeSpec(
         name=name,
-        device=section.text("device"),
+        device=device,
         mode=type_mode(section),
         return_delay_us=delay,
-        ticks_per_turn=section.integer("ticks_per_turn", 4096, least=256, most=2**24),
+        ticks_per_turn=of.ticks_per_turn,
         gains=_gains(section.section("gains")),
         torque_constant_nm_per_a=section.number("torque_constant_nm_per_a", math.nan, above=0.0, most=1e3),
-        current_lsb_a=section.number("current_lsb_a", CURRENT_LSB, above=0.0, most=1.0),
-        velocity_lsb_rad_s=section.number("velocity_lsb_rad_s", VELOCITY_LSB, above=0.0, most=1.0),
+        current_lsb_a=of.current_lsb_a,
+        velocity_lsb_rad_s=of.velocity_lsb_rad_s,
         velocity_limit_rad_s=section.number("velocity_limit_rad_s", 2.0, above=0.0, most=100.0),
         acceleration_limit_rad_s2=section.number("acceleration_limit_rad_s2", 10.0, above=0.0, most=1e4),
         current_limit_a=section.number("current_limit_a", math.nan, above=0.0, most=1e3),
