@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from twind_drivers.bus import PortError
+from twind_drivers.bus import PortError, PortFull
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.dynamixel import serial_port
 from twind_drivers.dynamixel.holder import command, holder
@@ -274,6 +274,23 @@ def test_a_latency_timer_that_stayed_long_is_a_warning_with_the_remedy(
     port.close()
 
 
+@pytest.mark.parametrize("taken", [0, 1, 23])
+def test_a_packet_that_was_taken_in_part_is_thrown_away_and_not_continued(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, taken: int
+) -> None:
+    port = SerialTransport(terminal.path, 1_000_000)
+    flushed: list[int] = []
+    monkeypatch.setattr(serial_port.os, "write", lambda fd, data: taken)
+    monkeypatch.setattr(port, "backlog", lambda: 300)
+    monkeypatch.setattr(serial_port.termios, "tcflush", lambda fd, queue: flushed.append(queue))
+    with pytest.raises(PortFull) as caught:
+        port.write(bytes(24))
+    assert flushed == [termios.TCOFLUSH]
+    assert (caught.value.waiting, caught.value.most, caught.value.lost) == (300, 24, False)
+    monkeypatch.undo()
+    port.close()
+
+
 def test_an_output_that_is_full_is_an_error_but_not_a_loss(terminal: Terminal) -> None:
     port = SerialTransport(terminal.path, 1_000_000)
 
@@ -281,7 +298,8 @@ def test_an_output_that_is_full_is_an_error_but_not_a_loss(terminal: Terminal) -
         for _ in range(100):
             port.write(bytes(4000))
 
-    with pytest.raises(PortError, match="of 4000 bytes taken") as caught:
+    with pytest.raises(PortFull, match="is the adapter stuck") as caught:
         fill()
     assert not caught.value.lost
+    assert caught.value.most == 4000
     port.close()

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import serial
 
-from twind_drivers.bus import PortError
+from twind_drivers.bus import PortError, PortFull
 from twind_drivers.dynamixel.holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
@@ -65,7 +65,8 @@ class SerialTransport:
         return inf
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Send all of `data` in one system call. Raises PortError, `lost` unless the output is only full."""
+        """Send all of `data` in one system call. Raises PortError(lost=True); PortFull when not all of it
+        was taken: the rest of a packet must not go out before the next one, so what waits is thrown away."""
         try:
             taken = os.write(self._fd, data)
         except BlockingIOError:
@@ -73,8 +74,9 @@ class SerialTransport:
         except OSError as error:
             raise self._lost("write", error) from error
         if taken != len(data):
-            backlog = f"{taken} of {len(data)} bytes taken: earlier packets still wait in the port's output"
-            raise PortError(self.name, backlog)
+            waiting = max(self.backlog(), taken)
+            self.flush()
+            raise PortFull(self.name, waiting, len(data))
 
     def read_into(self, buffer: memoryview) -> int:
         """Bytes taken without blocking; 0 if none are there. Raises PortError(lost=True)."""
