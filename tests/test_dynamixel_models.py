@@ -1,6 +1,7 @@
 """What each model is: modes, units and firmware, beside what the vendor's own files say of them."""
 
 from math import pi
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +9,7 @@ from twind_drivers.dynamixel import tables
 from twind_drivers.dynamixel.models import FACTS, facts, page
 from twind_drivers.dynamixel.tables import Table, models, number_of, table
 
+README = Path(__file__).parents[1] / "drivers" / "README.md"
 EVERY = [table(number) for number in models().values()]
 EACH = pytest.mark.parametrize("each", EVERY, ids=[each.stem for each in EVERY])
 # Where the manual and the vendor's file disagree, hence None in ours; the XL320's file has 4096.
@@ -86,6 +88,14 @@ def test_some_models_against_their_pages(
     found = table(number_of(name)).facts
     assert (found.counts_per_turn, found.fast_from) == (turn, fast)
     assert found.ampere_per_count == (None if milliampere is None else pytest.approx(milliampere / 1e3))
+
+
+def test_the_page_on_drivers_lists_every_model_that_we_drive_with_its_modes() -> None:
+    rows = [line.split("|") for line in README.read_text("utf-8").splitlines() if line.startswith("| ")]
+    told = {name.strip(): row[2].split() for row in rows if len(row) == 8 for name in row[1].split(",")}
+    for each in EVERY:
+        if not each.facts.undriven:
+            assert told[each.model] == [str(mode) for mode in sorted(each.facts.modes)], each.model
 
 
 def test_what_we_do_not_drive_says_why() -> None:
