@@ -40,7 +40,7 @@ def test_orders_reach_the_bus_they_name() -> None:
     for wrong in ({"fault": "drop", "count": 1}, {"fault": "drop", "count": 1, "bus": "up"}):
         with pytest.raises(OrderError, match="there are left, right"):
             made.obey(wrong)
-    with pytest.raises(OrderError, match="there is state"):
+    with pytest.raises(OrderError, match="there are state, history"):
         made.obey({"query": "weather"})
 
 

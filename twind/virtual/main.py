@@ -1,4 +1,4 @@
-"""`twind-virtual`: a robot file's servos on pseudo-terminals, speaking the real protocol, moved by MuJoCo.
+"""`twind-virtual`: servos on pseudo-terminals, speaking the real protocol; a robot file's, moved by MuJoCo.
 
 Prints `bus NAME PATH` per bus, then `ready`. Ends at end-of-file on standard input when that is a pipe, on
 SIGTERM and on SIGINT.
@@ -11,16 +11,21 @@ import signal
 import stat
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.loop import realtime
+from twind.virtual.bench import FIRMWARE, Line, SpecimenError, bench, by_bus, servo, settings
 from twind.virtual.orders import OrderSocket
 from twind.virtual.pty_port import PtyPort
 from twind.virtual.serve import Server, ServoClock
-from twind.virtual.specimen import Specimen, SpecimenError, buses, save, specimen
+from twind.virtual.specimen import buses, save, specimen
 from twind_drivers.clock import MonotonicClock
+from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.servos import ServoSpec
+from twind_drivers.virtual.stream import Adapter
 
 PRIORITY = 30  # SCHED_FIFO: below the daemon's loop, whose servos these are
 
@@ -28,10 +33,21 @@ PRIORITY = 30  # SCHED_FIFO: below the daemon's loop, whose servos these are
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     parser = argparse.ArgumentParser(prog="twind-virtual", description="A virtual robot on pseudo-terminals.")
-    parser.add_argument("--robot", default="h24", metavar="NAME|FILE", help="robot file (default h24)")
+    parser.add_argument("--robot", metavar="NAME|FILE", help="robot file (default h24, without --servo)")
+    parser.add_argument(
+        "--servo",
+        action="append",
+        default=[],
+        metavar="BUS:ID:MODEL[:FIRMWARE]",
+        help="a servo beside the robot's, or without --robot alone; may be repeated, an id too",
+    )
     parser.add_argument("--link", type=Path, metavar="DIR", help="keep symbolic links DIR/BUS to the ports")
     parser.add_argument("--baud", type=int, metavar="N", help="of every servo, instead of the robot file's")
     parser.add_argument("--return-delay", type=int, metavar="US", help="of every servo, us")
+    parser.add_argument("--firmware", type=int, default=FIRMWARE, metavar="N", help="of every servo")
+    parser.add_argument("--latency-timer", type=float, default=0.0, metavar="MS", help="of the adapter")
+    parser.add_argument("--echo", action="store_true", help="the adapter gives back what the host sends")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all that is random in faults")
     parser.add_argument("--no-wire-timing", action="store_true", help="answer at once")
     parser.add_argument("--muscles", choices=("mujoco", "first-order"), default="mujoco")
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="write the calibration that fits")
@@ -43,13 +59,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run it. Exit code 0 at its end, 2 when it cannot be started as asked."""
     options = parser().parse_args(arguments)
     try:
-        robot = load_robot(str(options.robot))
-        made = specimen(robot, baud=options.baud, return_delay_us=options.return_delay)
+        _check(options)
+        clock = ServoClock(MonotonicClock())
+        virtual = _buses(options, clock.now())
         if options.link is not None:
             options.link.mkdir(parents=True, exist_ok=True)
-        if options.calibration is not None:
-            save(made, options.calibration)
-        _serve(made, options)
+        _serve(virtual, clock, options)
     except (ConfigError, SpecimenError, OSError) as error:
         print(f"twind-virtual: {error}", file=sys.stderr)
         return 2
@@ -60,11 +75,44 @@ def _say(name: str, path: str) -> None:
     print(f"bus {name} {path}", flush=True)
 
 
-def _serve(made: Specimen, options: argparse.Namespace) -> None:
-    clock = ServoClock(MonotonicClock())
-    links = {bus.name: options.link and options.link / bus.name for bus in made.robot.buses}
-    physics, timing = options.muscles == "mujoco", not options.no_wire_timing
-    virtual = buses(made, physics=physics, wire_timing=timing, now=clock.now())
+def _check(options: argparse.Namespace) -> None:
+    """Raises SpecimenError: a number that no adapter or servo can have."""
+    if not 0.0 <= options.latency_timer <= 255.0:
+        raise SpecimenError(f"--latency-timer {options.latency_timer}: it is 0..255 ms")
+    if not 0 <= options.firmware <= 255:
+        raise SpecimenError(f"--firmware {options.firmware}: it is 0..255")
+    if options.seed < 0:
+        raise SpecimenError(f"--seed {options.seed}: it is 0 or more")
+    if options.servo and options.robot is None and options.calibration is not None:
+        raise SpecimenError("--calibration needs --robot: servos alone have no joints")
+
+
+def _buses(options: argparse.Namespace, now: float) -> dict[str, VirtualBus]:
+    line = Line(
+        wire_timing=not options.no_wire_timing,
+        adapter=Adapter(echo=options.echo, latency=options.latency_timer * 1e-3),
+        seed=options.seed,
+    )
+    named = [servo(text, firmware=options.firmware) for text in options.servo]
+    if named and options.robot is None:
+        made = [(bus, _set(spec, options, options.baud)) for bus, spec in named]
+        return bench(made, line, baud=options.baud, now=now)
+    robot = load_robot(options.robot or "h24")
+    one = specimen(robot, baud=options.baud, return_delay_us=options.return_delay, firmware=options.firmware)
+    rates = {bus.name: options.baud or bus.baud for bus in robot.buses}
+    extra = by_bus([(bus, _set(spec, options, rates.get(bus))) for bus, spec in named])
+    virtual = buses(one, physics=options.muscles == "mujoco", now=now, line=line, extra=extra)
+    if options.calibration is not None:
+        save(one, options.calibration)
+    return virtual
+
+
+def _set(spec: ServoSpec, options: argparse.Namespace, baud: int | None) -> ServoSpec:
+    return replace(spec, settings=settings(baud, options.return_delay))
+
+
+def _serve(virtual: dict[str, VirtualBus], clock: ServoClock, options: argparse.Namespace) -> None:
+    links = {name: options.link and options.link / name for name in virtual}
     ports = {name: PtyPort(name, link) for name, link in links.items()}
     server = Server(virtual, ports, clock, _say)
     try:

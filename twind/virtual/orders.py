@@ -15,20 +15,39 @@ from typing import Any
 LINE = 65536  # bytes, longest order
 
 Order = dict[str, Any]
-# fault -> its arguments and their kinds; those with a default may be left out
+REAL = (int, float)
+# fault -> its arguments and their kinds, as the methods of `Faults`; the names that end in ? may be left out
 FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
-    "silence": {"id": int, "on": bool},
-    "drop": {"count": int},
-    "corrupt": {"count": int},
-    "foreign": {"count": int},
-    "delay": {"seconds": (int, float)},
+    "drop": {"count": int, "id?": int},
+    "corrupt": {"count": int, "id?": int, "bits?": int},
+    "foreign": {"count": int, "id?": int},
+    "duplicate": {"count": int, "id?": int},
+    "cut": {"count": int, "bytes": int, "id?": int},
+    "noise": {"seconds": REAL, "count?": int, "id?": int},
+    "delay": {"seconds": REAL, "id?": int},
+    "bit_errors": {"rate": REAL, "to_servos?": bool, "to_host?": bool},
+    "babble": {"on?": bool},
+    "split": {"bytes": int},
+    "latency": {"seconds": REAL, "payload?": int},
+    "echo": {"on?": bool},
+    "collide": {"on?": bool},
+    "garble": {"on?": bool},
+    "stall": {"on?": bool},
+    "seed": {"number": int},
+    "silence": {"id?": int, "on?": bool},
     "damage": {"id": int, "bits": int},
     "brown_out": {"id": int},
+    "power": {"on": bool},
+    "supply": {"volts": REAL},
+    "heat": {"id": int, "celsius": REAL},
+    "lock": {"id": int},
+    "free": {"id": int},
+    "freeze": {"id": int, "on?": bool},
+    "record": {"count": int},
     "unplug": {},
-    "replug": {},
+    "replug": {"renamed?": bool},
     "clear": {},
 }
-OPTIONAL = frozenset({"on"})
 
 
 class OrderError(ValueError):
@@ -42,14 +61,14 @@ def arguments(order: Order) -> tuple[str, dict[str, Any]]:
     name = order["fault"]
     if not isinstance(name, str) or name not in FAULTS:
         raise OrderError(f"no fault {name!r}; there are {', '.join(FAULTS)}")
-    kinds = FAULTS[name]
+    kinds = {key.rstrip("?"): kind for key, kind in FAULTS[name].items()}
     given = {key: value for key, value in order.items() if key not in ("fault", "bus")}
     for key, value in given.items():
         if key not in kinds:
             raise OrderError(f"{name} takes {', '.join(kinds) or 'no arguments'}, not {key!r}")
         if not isinstance(value, kinds[key]) or (isinstance(value, bool) and kinds[key] is not bool):
             raise OrderError(f"{name}: {key} is {value!r}, of the wrong type")
-    missing = [key for key in kinds if key not in given and key not in OPTIONAL]
+    missing = [key for key in FAULTS[name] if key not in given and not key.endswith("?")]
     if missing:
         raise OrderError(f"{name} needs {', '.join(missing)}")
     return name, given

@@ -35,11 +35,15 @@ class PtyPort:
         """Descriptor of the master end, -1 while unplugged."""
         return self._fd
 
-    def plug(self) -> None:
-        """A new pseudo-terminal, under the same link. Raises OSError."""
+    def plug(self, *, renamed: bool = False) -> None:
+        """A new pseudo-terminal, under the same link; `renamed`: not the name it had. Raises OSError."""
         if self._fd >= 0:
             return
         master, other = pty.openpty()
+        if renamed and os.ttyname(other) == self.path:  # the number was free again: take the next
+            taken, (master, other) = (master, other), pty.openpty()
+            os.close(taken[0])
+            os.close(taken[1])
         tty.setraw(other)  # stays so while the master is open
         self.path = os.ttyname(other)
         os.close(other)

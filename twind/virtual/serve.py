@@ -9,6 +9,8 @@ import select
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from twind.virtual.orders import Order, OrderError, OrderSocket, arguments
 from twind.virtual.pty_port import PtyPort
 from twind_drivers.clock import Clock
@@ -17,6 +19,7 @@ from twind_drivers.virtual.truth import truth
 
 STEP = 0.002  # s between two looks at muscles and watchdogs, traffic or not
 STALL = 0.02  # s: a longer gap between two rounds did not happen to the servos
+PAGE = 500  # readings in one answer: 24 servos fit into what a socket takes at once
 BUSY = 0.00008  # s before an answer is due that are waited awake: a timer is that much late
 
 
@@ -66,7 +69,7 @@ class Server:
             ready = self._wait(next_step)
             now = self._clock.now()
             for bus, port in self._pairs:
-                if port.fd in ready and (data := port.read()):
+                if port.fd in ready and not bus.faults.stalled and (data := port.read()):
                     bus.line(port.baud())
                     bus.receive(data, now)
             if now >= next_step:
@@ -84,7 +87,7 @@ class Server:
         """Until something is to be done; descriptors that have something to read."""
         until = min(next_step, *(bus.due() for bus, _ in self._pairs))
         left = until - self._clock.now()
-        sources = [port.fd for _, port in self._pairs if port.present]
+        sources = [port.fd for bus, port in self._pairs if port.present and not bus.faults.stalled]
         if self._input >= 0:
             sources.append(self._input)
         if self.orders is not None:
@@ -100,8 +103,10 @@ class Server:
         """One order of the faults socket. Raises OrderError, KeyError, ValueError."""
         if order.get("query") == "state":
             return self._state()
+        if order.get("query") == "history":
+            return self._history(order)
         if "query" in order:
-            raise OrderError(f"no query {order['query']!r}; there is state")
+            raise OrderError(f"no query {order['query']!r}; there are state, history")
         name, given = arguments(order)
         bus, port = self._chosen(order.get("bus"))
         bus.advance(self._clock.now())
@@ -109,7 +114,7 @@ class Server:
         if name == "unplug":
             port.unplug()
         elif name == "replug":
-            port.plug()
+            port.plug(renamed=given.get("renamed", False))
             self._said(port.name, port.path)
         return {"ok": True, "bus": port.name, "path": port.path}
 
@@ -127,3 +132,25 @@ class Server:
             bus.advance(now)
             buses[name] = {"plugged": bus.plugged, "servos": truth(bus.servos, now)}
         return {"ok": True, "now": now, "lost": self._clock.lost, "buses": buses}
+
+    def _history(self, order: Order) -> Order:
+        """At most `PAGE` readings, the oldest first, of those after `since` (s)."""
+        bus, port = self._chosen(order.get("bus"))
+        since = order.get("since", -1.0)
+        if not isinstance(since, int | float) or isinstance(since, bool):
+            raise OrderError(f"history: since is {since!r}; it is a time in s")
+        if bus.servos.history is None:
+            raise OrderError(
+                f'bus {port.name}: nothing is recorded; order {{"fault": "record", "count": 1000}}'
+            )
+        times, positions = bus.servos.history.readings()
+        first = int(np.searchsorted(times, since, side="right"))
+        return {
+            "ok": True,
+            "bus": port.name,
+            "now": self._clock.now(),
+            "ids": bus.servos.registers.ids(),
+            "more": first + PAGE < len(times),
+            "time": times[first : first + PAGE].tolist(),
+            "position": positions[first : first + PAGE].tolist(),
+        }

@@ -4,7 +4,7 @@ Runs in `twind-virtual`. The zeros differ from servo to servo, so that a missing
 """
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,19 +16,15 @@ from twind.config.counts import tick_range, ticks_of
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.twin.muscles import MujocoMuscles, body_of
 from twind.version import __version__
+from twind.virtual.bench import FIRMWARE, MIDDLE, Line, SpecimenError, settings, virtual_bus
 from twind_drivers.bus import Device
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.muscles import FirstOrder, Muscles
 from twind_drivers.virtual.servos import BAUDS, ServoSpec
 
-FIRMWARE = 47
 SCATTER = 400  # ticks either side of the middle of what the travel allows
 SEAM = 32  # ticks that the travel keeps from the seam of the encoder
-
-
-class SpecimenError(Exception):
-    """The robot file asks for something that virtual servos cannot be."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +40,18 @@ class Specimen:
         return [joint for joint in self.robot.joints if joint.bus == bus]
 
 
-def specimen(robot: RobotFile, *, baud: int | None = None, return_delay_us: int | None = None) -> Specimen:
+def specimen(
+    robot: RobotFile,
+    *,
+    baud: int | None = None,
+    return_delay_us: int | None = None,
+    firmware: int = FIRMWARE,
+) -> Specimen:
     """Servos that a robot file describes. Raises SpecimenError: rate, delay or travel that they cannot do."""
     zeros = {joint.name: _zero(robot.name, joint) for joint in robot.joints}
     servos = {
         bus.name: tuple(
-            _servo(joint, zeros[joint.name], baud or bus.baud, return_delay_us)
+            _servo(joint, zeros[joint.name], baud or bus.baud, return_delay_us, firmware)
             for joint in robot.joints
             if joint.bus == bus.name
         )
@@ -70,21 +72,15 @@ def _zero(robot: str, joint: JointSpec) -> int:
     return first + zlib.crc32(f"{robot}/{joint.name}".encode()) % (last - first + 1)
 
 
-def _servo(joint: JointSpec, zero: int, baud: int, return_delay_us: int | None) -> ServoSpec:
-    if baud not in BAUDS:
-        raise SpecimenError(f"{baud} baud is no rate of these servos: {', '.join(map(str, BAUDS))}")
+def _servo(joint: JointSpec, zero: int, baud: int, return_delay_us: int | None, firmware: int) -> ServoSpec:
     delay = joint.type.return_delay_us if return_delay_us is None else return_delay_us
-    if delay % 2 or not 0 <= delay <= 508:
-        raise SpecimenError(f"return delay {delay} us: servos do even numbers from 0 to 508")
     low, high = tick_range(joint, zero, joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
-    settings = {
-        "baud_rate": BAUDS.index(baud),
-        "return_delay_time": delay // 2,
+    made = settings(baud, delay) | {
         "operating_mode": joint.operating_mode,
         "min_position_limit": low,
         "max_position_limit": high,
     }
-    return ServoSpec(joint.id, joint.type.device, settings | dict(joint.registers), FIRMWARE)
+    return ServoSpec(joint.id, joint.type.device, made | dict(joint.registers), firmware)
 
 
 def calibration(made: Specimen) -> Calibration:
@@ -110,29 +106,44 @@ def _device(servo: ServoSpec) -> Device:
 
 
 def buses(
-    made: Specimen, *, physics: bool = True, wire_timing: bool = True, now: float = 0.0
+    made: Specimen,
+    *,
+    physics: bool = True,
+    now: float = 0.0,
+    line: Line | None = None,
+    extra: Mapping[str, Sequence[ServoSpec]] | None = None,
 ) -> dict[str, VirtualBus]:
-    """The buses of a specimen, in its rest pose with torque off. One body moves all of them."""
+    """The buses of a specimen, in its rest pose with torque off. One body moves all of them.
+
+    `extra`: servos beside those of the robot, by bus. Raises SpecimenError for a bus that the robot has not,
+    and with `physics`: the body knows nothing of them.
+    """
+    extra = extra or {}
+    strange = sorted(set(extra) - {spec.name for spec in made.robot.buses})
+    if strange:
+        raise SpecimenError(f"no bus {strange[0]!r}; {made.robot.name} has {', '.join(made.servos)}")
+    if extra and physics:
+        raise SpecimenError("servos beside those of a robot have no body: say --muscles first-order")
     body = body_of(made.robot, made.zeros, now=now) if physics else None
     return {
-        spec.name: VirtualBus(
+        spec.name: virtual_bus(
             spec.name,
-            made.servos[spec.name],
-            _muscles(made, spec, body, now),
+            [*made.servos[spec.name], *extra.get(spec.name, ())],
+            _muscles(made, spec, body, now, len(extra.get(spec.name, ()))),
+            line or Line(),
             baud=BAUDS[made.servos[spec.name][0].settings["baud_rate"]]
             if made.servos[spec.name]
             else spec.baud,
-            wire_timing=wire_timing,
             now=now,
         )
         for spec in made.robot.buses
     }
 
 
-def _muscles(made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: float) -> Muscles:
+def _muscles(made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: float, extra: int) -> Muscles:
     if body is not None:
         return body.part([at for at, joint in enumerate(made.robot.joints) if joint.bus == bus.name])
     rest = made.robot.poses["rest"]
     joints = made.joints(bus.name)
     start = [ticks_of(joint, made.zeros[joint.name], rest[joint.name]) for joint in joints]
-    return FirstOrder(np.array(start, np.float64), now=now)
+    return FirstOrder(np.array(start + [MIDDLE] * extra, np.float64), now=now)

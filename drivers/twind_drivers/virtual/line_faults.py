@@ -74,6 +74,11 @@ class LineFaults:
         self.stream.stalled = on
         self.look()
 
+    @property
+    def stalled(self) -> bool:
+        """Does the adapter keep what the host sends?"""
+        return self.stream.stalled
+
     def seed(self, number: int) -> None:
         """Start the random numbers of this bus anew. Raises ValueError below 0."""
         if number < 0:

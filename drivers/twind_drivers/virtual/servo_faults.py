@@ -37,6 +37,30 @@ class ServoFaults:
         for row in range(len(self._servos.tripped)):
             self._servos.reboot(row, self._servos.now if on else NEVER)
 
+    def supply(self, volts: float) -> None:
+        """What feeds the bus, V, sag by load aside: too little, too much, or none. Raises ValueError."""
+        self._servos.supply(volts)
+
+    def heat(self, id: int, celsius: float) -> None:
+        """One servo and its surroundings are that warm from now on. Raises KeyError, ValueError."""
+        for row in self.rows(id):
+            self._servos.protection.heat(row, celsius)
+
+    def lock(self, id: int) -> None:
+        """Something holds the shaft: it does not turn, with torque or without. Raises KeyError."""
+        for row in self.rows(id):
+            self._servos.block(row, True)
+
+    def free(self, id: int) -> None:
+        """The shaft turns again. Raises KeyError."""
+        for row in self.rows(id):
+            self._servos.block(row, False)
+
+    def freeze(self, id: int, on: bool = True) -> None:
+        """The present position repeats its value, wherever the shaft goes. Raises KeyError."""
+        for row in self.rows(id):
+            self._servos.readings.freeze(row, on)
+
     def record(self, count: int) -> None:
         """Keep the last `count` refreshes of the present positions in `servos.history`; 0: none.
 

@@ -1,0 +1,112 @@
+"""Servos named on the command line: on a bench without a robot file, or beside those of one.
+
+Runs in `twind-virtual`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twind_drivers.dynamixel.packet import LAST_ID
+from twind_drivers.dynamixel.tables import number_of, table
+from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.muscles import FirstOrder, Muscles
+from twind_drivers.virtual.servos import BAUDS, ServoSpec
+from twind_drivers.virtual.stream import Adapter
+
+FIRMWARE = 47
+MIDDLE = 2048.0  # ticks, where such a servo stands
+FACTORY_BAUD = 57600  # e-manual, "Baud Rate": the default of the X series
+
+
+class SpecimenError(Exception):
+    """What is asked for is something that virtual servos cannot be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """How the buses run, whatever hangs on them."""
+
+    wire_timing: bool = True
+    adapter: Adapter = field(default_factory=Adapter)
+    seed: int = 0  # of all that is random in the faults
+
+
+def servo(text: str, *, firmware: int = FIRMWARE) -> tuple[str, ServoSpec]:
+    """Bus and servo of `BUS:ID:MODEL[:FIRMWARE]`; its EEPROM is as from the factory. Raises SpecimenError."""
+    parts = text.split(":")
+    if not 3 <= len(parts) <= 4 or not all(parts):
+        raise SpecimenError(f"--servo {text}: it is BUS:ID:MODEL or BUS:ID:MODEL:FIRMWARE")
+    bus, id, model = parts[:3]
+    version = parts[3] if len(parts) == 4 else str(firmware)
+    if not (id.isascii() and id.isdigit() and int(id) <= LAST_ID):
+        raise SpecimenError(f"--servo {text}: id {id} is not one of 0..{LAST_ID}")
+    if not (version.isascii() and version.isdigit() and int(version) <= 255):
+        raise SpecimenError(f"--servo {text}: firmware {version} is not one of 0..255")
+    try:
+        table(number_of(model), int(version))
+    except (KeyError, ValueError) as error:
+        raise SpecimenError(f"--servo {text}: {error.args[0]}") from None
+    return bus, ServoSpec(int(id), model, {}, int(version))
+
+
+def settings(baud: int | None, return_delay_us: int | None) -> dict[str, int]:
+    """The EEPROM registers that say so; None leaves the factory's. Raises SpecimenError."""
+    made = {}
+    if baud is not None:
+        if baud not in BAUDS:
+            raise SpecimenError(f"{baud} baud is no rate of these servos: {', '.join(map(str, BAUDS))}")
+        made["baud_rate"] = BAUDS.index(baud)
+    if return_delay_us is not None:
+        if return_delay_us % 2 or not 0 <= return_delay_us <= 508:
+            raise SpecimenError(f"return delay {return_delay_us} us: servos do even numbers from 0 to 508")
+        made["return_delay_time"] = return_delay_us // 2
+    return made
+
+
+def bench(
+    servos: Sequence[tuple[str, ServoSpec]], line: Line, *, baud: int | None = None, now: float = 0.0
+) -> dict[str, VirtualBus]:
+    """Buses with these servos alone, joints without load. `baud` is what their registers say; None: factory.
+
+    Raises SpecimenError for a model that cannot be simulated.
+    """
+    return {
+        name: virtual_bus(
+            name,
+            specs,
+            FirstOrder(np.full(len(specs), MIDDLE), now=now),
+            line,
+            baud=baud or FACTORY_BAUD,
+            now=now,
+        )
+        for name, specs in by_bus(servos).items()
+    }
+
+
+def virtual_bus(
+    name: str, specs: Sequence[ServoSpec], muscles: Muscles, line: Line, *, baud: int, now: float
+) -> VirtualBus:
+    """One bus; raises SpecimenError for a model that cannot be simulated."""
+    try:
+        return VirtualBus(
+            name,
+            specs,
+            muscles,
+            baud=baud,
+            wire_timing=line.wire_timing,
+            now=now,
+            adapter=line.adapter,
+            seed=line.seed,
+        )
+    except (KeyError, ValueError) as error:
+        raise SpecimenError(f"bus {name}: {error.args[0]}") from None
+
+
+def by_bus(servos: Sequence[tuple[str, ServoSpec]]) -> Mapping[str, list[ServoSpec]]:
+    """In the order given."""
+    found: dict[str, list[ServoSpec]] = {}
+    for bus, spec in servos:
+        found.setdefault(bus, []).append(spec)
+    return found
