@@ -106,7 +106,7 @@ class FirstOrder:
         self._volts = np.maximum(drive.supply, 1e-9)
         duty = np.minimum(self._cap, FULL_PWM) / FULL_PWM
         self._top = np.minimum(self._free * duty * self._volts, self._current_cap / FRICTION)  # raw
-        self._speed = np.where(pulls, self._top * TICKS, 1e-9)  # ticks/s, never 0: to divide by
+        self._speed = np.maximum(np.where(pulls, self._top * TICKS, 0.0), 1e-9)  # ticks/s: to divide by
         self._rate = np.where(pulls & seeks, drive.p / (self._gain * self._lag), 0.0)
         self._slowest = np.maximum(self._rate, 1e-9)
         self._p = np.where(pulls & seeks, drive.p / 128.0, 0.0)
