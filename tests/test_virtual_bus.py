@@ -104,9 +104,9 @@ def test_group_and_broadcast_writes_are_carried_out() -> None:
 
 
 def test_an_unknown_instruction_is_error_2_and_a_broken_one_error_3() -> None:
-    """Factory reset, clear and backup are not simulated and say so."""
+    """e-manual "Protocol 2.0", Error: 2 instruction, 3 CRC."""
     host = Host([1])
-    for code in (0x77, Instruction.FACTORY_RESET, Instruction.CLEAR, Instruction.BACKUP):
+    for code in (0x77, 0x00, 0xFF):
         (answer,) = host.ask(packet.instruction(1, code, b"\x01"))
         assert answer.error == 2
     good = packet.ping(1)

@@ -61,14 +61,23 @@ def test_a_goal_beyond_a_narrowed_position_limit_is_refused_in_mode_3_only() -> 
     assert host.goal(1, -100_000) == 0
 
 
-@pytest.mark.parametrize("mode", [0, 1, 16])
-def test_modes_that_are_not_simulated_are_refused(mode: int) -> None:
-    assert Host([1]).write(1, 11, mode, 1) == 4
+@pytest.mark.parametrize(
+    ("model", "modes"),
+    [
+        ("XM430-W350", {0, 1, 3, 4, 5, 16}),
+        ("XL430-W250", {1, 3, 4, 16}),
+        ("PH54-100-S500", {0, 1, 3, 4, 16}),
+    ],
+)
+def test_the_modes_that_a_model_has_are_taken_and_no_others(model: str, modes: set[int]) -> None:
+    """e-manual, "Operating Mode" of each model's page: without current sensing there is no mode 0 and 5."""
+    host = Host([1], model=model)
+    assert {mode for mode in range(20) if host.write(1, 11, mode, 1) == 0} == modes
 
 
 def test_reading_nothing_or_past_the_end_is_an_access_error_and_gaps_read_zero() -> None:
     host = Host([1])
-    for address, size in ((71, 4), (1000, 4), (146, 60)):
+    for address, size in ((71, 4), (1000, 4), (650, 60)):
         (answer,) = host.ask(packet.read(1, address, size))
         assert (answer.error, answer.data) == (7, b"")
     (answer,) = host.ask(packet.read(1, 64, 35))

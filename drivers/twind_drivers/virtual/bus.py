@@ -21,6 +21,7 @@ from twind_drivers.dynamixel.packet import (
     fast_status,
     status,
 )
+from twind_drivers.virtual.columns import NO_ID
 from twind_drivers.virtual.faults import Faults
 from twind_drivers.virtual.group import FastGroup, PlainGroup
 from twind_drivers.virtual.instructions import Answer, Answers, Instructions
@@ -167,16 +168,23 @@ class VirtualBus:
         self._epoch = self.servos.epoch
         self._groups.clear()
         self._goal_rows.clear()
+        registers, shadows = self.servos.registers, self._instructions.shadows
+        hears = self.servos.listening & registers.hearing()
         self._places.clear()
-        for row, id in enumerate(self.servos.registers.ids()):
-            if self.servos.listening[row]:
+        shadows.clear()
+        for row, id in enumerate(registers.ids()):
+            if hears[row]:
                 self._places.setdefault(id, []).append(row)
+        for row, id in enumerate(registers.shadows()):
+            if hears[row] and id != NO_ID:
+                shadows.setdefault(id, []).append(row)
 
     def _plan_goals(self, ids: bytes) -> tuple[Any, Any] | None:
         """Rows that a sync write names, and which of its own they are; None where an id is not unique."""
         if ids not in self._goal_rows:
             found = [(place, self._places[id]) for place, id in enumerate(ids) if id in self._places]
             single = len(set(ids)) == len(ids) and all(len(rows) == 1 for _, rows in found)
+            single = single and self._instructions.shadows.keys().isdisjoint(ids)
             here = slice(None) if len(found) == len(ids) else np.array([place for place, _ in found], np.intp)
             rows = self.servos.registers.selection([rows[0] for _, rows in found])
             self._goal_rows[ids] = (rows, here) if single else None
@@ -195,7 +203,7 @@ class VirtualBus:
     def _remember(self, packet: Packet, answers: Answers, chunk: bytes) -> None:
         """Keep a sync read that all of one row per id answered soundly, for the short way."""
         params, rows = packet.params, [answer.row for answer in answers.statuses]
-        ids = bytes(self.servos.registers.id_of(row) for row in rows)
+        ids = bytes(answer.id for answer in answers.statuses)
         sound = rows and not any(answer.error for answer in answers.statuses) and len(set(rows)) == len(rows)
         whole = chunk.startswith(HEADER) and len(chunk) == len(params) + 10
         if not (sound and whole and params[4:].startswith(ids) and self._talk(answers) == answers.statuses):
@@ -229,7 +237,7 @@ class VirtualBus:
         talk = self._talk(answers)
         if not talk:
             return
-        crowds = [list(each) for _, each in groupby(talk, lambda each: self.servos.registers.id_of(each.row))]
+        crowds = [list(each) for _, each in groupby(talk, lambda each: each.id)]
         delays = [min(self.servos.registers.delays([each.row for each in crowd])) for crowd in crowds]
         if answers.promised:
             delays[1:] = [0.0] * (len(crowds) - 1)
@@ -237,7 +245,7 @@ class VirtualBus:
         else:
             pieces = [self._at_once(crowd) for crowd in crowds]
         if self.faults.active:
-            ids = [self.servos.registers.id_of(crowd[0].row) for crowd in crowds]
+            ids = [crowd[0].id for crowd in crowds]
             self.faults.speak(ids, delays, pieces, joint=bool(answers.promised))
         else:
             sizes = list(map(len, pieces))
@@ -251,9 +259,7 @@ class VirtualBus:
 
         Each begins after its own return delay, so they may overlap in part or not at all.
         """
-        packets = [
-            status(self.servos.registers.id_of(each.row), self._error(each), each.data) for each in answers
-        ]
+        packets = [status(each.id, self._error(each), each.data) for each in answers]
         if len(packets) == 1:
             return packets[0]
         delays = self.servos.registers.delays([each.row for each in answers])
@@ -275,7 +281,7 @@ class VirtualBus:
 
     def _block(self, heard: bytes, promised: int, answer: Answer) -> bytes:
         """One servo's part of a joint answer, behind what it `heard`; the first announces the LEN of all."""
-        row = (self._error(answer), self.servos.registers.id_of(answer.row), answer.data)
+        row = (self._error(answer), answer.id, answer.data)
         if not heard:
             return fast_status([row], promised)[0]
         block = bytes(row[:2]) + answer.data

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.dynamixel.packet import Error
+from twind_drivers.dynamixel.packet import LAST_ID, Error
 from twind_drivers.virtual.memory import Memory
 
-FAST_FIRMWARE, FAST_FIRMWARE_X330 = 45, 46  # the first that answers fast reads
-LIVE = ("present_", "realtime_", "moving", "position_trajectory", "velocity_trajectory")
-NEVER_FAST = frozenset({1090, 1160})  # 2XL430, 2XC430
+PROTOCOL = 2  # of register 13
+NO_ID = 255
+SECONDARY = ("secondary_id", "secondary_shadow_id")  # register 12, by the model's table
 COLUMNS: Mapping[str, tuple[int, bool]] = {  # register -> size and sign where a model lacks it
     "model_number": (2, False),
     "firmware_version": (1, False),
@@ -19,6 +19,9 @@ COLUMNS: Mapping[str, tuple[int, bool]] = {  # register -> size and sign where a
     "baud_rate": (1, False),
     "return_delay_time": (1, False),
     "drive_mode": (1, False),
+    "secondary_id": (1, False),
+    "secondary_shadow_id": (1, False),
+    "protocol_type": (1, False),
     "operating_mode": (1, False),
     "homing_offset": (4, True),
     "pwm_limit": (2, False),
@@ -56,6 +59,9 @@ class Columns:
     def __init__(self, memory: Memory) -> None:
         self._memory = memory
         self._columns = {key: memory.column(key, size, signed=sign) for key, (size, sign) in COLUMNS.items()}
+        self._has = {
+            key: np.array([key in table for table in memory.tables]) for key in (*SECONDARY, "protocol_type")
+        }
 
     def __getitem__(self, key: str) -> NDArray[Any]:
         """(m,) values of one of `COLUMNS`; do not write to them."""
@@ -72,6 +78,19 @@ class Columns:
     def id_of(self, row: int) -> int:
         """The id that a servo answers with."""
         return int(self["id"][row])
+
+    def shadows(self) -> list[int]:
+        """The secondary id that each servo listens to as well; `NO_ID`: none, or its own goes before."""
+        found = np.full(len(self._memory.raw), NO_ID)
+        for key, has in self._has.items():
+            if key in SECONDARY:
+                found = np.where(has & (self[key] <= LAST_ID) & (self[key] != self["id"]), self[key], found)
+        return [int(each) for each in found]
+
+    def hearing(self) -> list[bool]:
+        """Which are set to Protocol 2.0 (register 13). Set to another they hear nothing of this wire's."""
+        other = self._has["protocol_type"] & (self["protocol_type"] != PROTOCOL)
+        return [bool(each) for each in ~other]
 
     def level(self, row: int) -> int:
         """Status return level (68): 0 answers ping only, 1 reads too, 2 everything."""
@@ -90,22 +109,16 @@ class Columns:
         """(error, data): the registers of one servo, gaps as 0. Error 7 where no register is."""
         if not self._memory.readable(row, address, size):
             return Error.ACCESS, b""
-        return Error.NONE, self._memory.raw[row, address : address + size].tobytes()
+        return Error.NONE, self._memory.read(row, address, size)
 
     def live(self, rows: Sequence[int], address: int, size: int) -> bool:
         """Does the span touch registers that the servos write themselves, without being told?"""
-        ends = address + size
-        return any(
-            field.address < ends and address < field.end and field.key.startswith(LIVE)
-            for row in rows
-            for field in self._memory.layouts[row].values()
-        )
+        return any(self._memory.live(row, address, size) for row in rows)
 
     def answers_fast(self, row: int) -> bool:
         """Does its firmware know the fast reads? (e-manual, "Fast Sync Read")"""
-        number = self._memory.tables[row].number
-        newest = FAST_FIRMWARE_X330 if 1190 <= number <= 1240 else FAST_FIRMWARE
-        return number not in NEVER_FAST and int(self["firmware_version"][row]) >= newest
+        first = self._memory.tables[row].facts.fast_from
+        return first is not None and int(self["firmware_version"][row]) >= first
 
     def selection(self, rows: Sequence[int]) -> Any:
         """An index of these rows: a slice (a view, not a copy) where they are all, in order."""

@@ -28,7 +28,7 @@ class PlainGroup:
         address, size = span
         length = 11 + size
         self._servos, self._rows = servos, servos.registers.selection(rows)
-        self._span = slice(address, address + size)
+        self._cells = servos.memory.block(rows, address, size)
         self.live = servos.registers.live(rows, address, size)  # does it hold what changes by itself?
         self._out = np.zeros((len(rows), length), np.uint8)
         self._out[:, :4] = np.frombuffer(HEADER, np.uint8)
@@ -45,7 +45,7 @@ class PlainGroup:
         """All statuses; None when one of them needs stuffing, which changes its length."""
         out = self._out
         out[:, 8] = self._servos.alert[self._rows]
-        out[:, 9:-2] = self._servos.memory.raw[:, self._span][self._rows]
+        out[:, 9:-2] = self._cells.get()
         self._check[:] = self._crc(out[:, :-2])
         raw = out.tobytes()
         return raw if raw.count(PATTERN) == len(out) else None
@@ -61,7 +61,7 @@ class FastGroup:
         address, size = span
         count, block = len(rows), 4 + size
         self._servos, self._rows = servos, servos.registers.selection(rows)
-        self._span = slice(address, address + size)
+        self._cells = servos.memory.block(rows, address, size)
         self.live = servos.registers.live(rows, address, size)  # does it hold what changes by itself?
         lead = HEADER + bytes((BROADCAST,)) + (asked * block + 1).to_bytes(2, "little") + bytes((STATUS,))
         self._lead = lead
@@ -78,7 +78,7 @@ class FastGroup:
         """The reply; never None, a fast reply is not stuffed."""
         blocks, carry = self._blocks, self._carry
         blocks[:, 0] = self._servos.alert[self._rows]
-        blocks[:, 2:-2] = self._servos.memory.raw[:, self._span][self._rows]
+        blocks[:, 2:-2] = self._cells.get()
         crc, *own = self._crc(blocks[:, :-2]).tolist()
         crc ^= self._lead_crc
         checks = [crc]

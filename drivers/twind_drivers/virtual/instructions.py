@@ -7,16 +7,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from twind_drivers.dynamixel.packet import BROADCAST, Error, Instruction, Packet
+from twind_drivers.virtual.restoring import backup, clear, factory_reset
 from twind_drivers.virtual.servos import Servos
-from twind_drivers.virtual.writing import write
+from twind_drivers.virtual.writing import judge, write
 
 PING_LEVEL, READ_LEVEL, WRITE_LEVEL = 0, 1, 2  # least status return level (68) at which a servo answers
 
 
 class Answer(NamedTuple):
-    """One servo's status."""
+    """One servo's status. `id`: under which it answers, the one it had when it was asked."""
 
     row: int
+    id: int
     error: int
     data: bytes = b""
 
@@ -31,6 +33,7 @@ class Answers(NamedTuple):
 
 SILENCE = Answers((), PING_LEVEL)
 Places = Mapping[int, Sequence[int]]  # id -> rows that listen; two rows: a duplicate id
+Act = Callable[[int, bool], tuple[int, bytes]]  # (row, was it meant by its shadow id?) -> (error, data)
 
 
 class Instructions:
@@ -38,6 +41,7 @@ class Instructions:
 
     def __init__(self, servos: Servos, places: Places) -> None:
         self._servos, self._places = servos, places
+        self.shadows: dict[int, list[int]] = {}  # secondary id -> rows that listen to it; the bus's too
         self._stored: dict[int, tuple[int, bytes]] = {}  # row -> reg write
         self._known: Mapping[int, Callable[[Packet, float], Answers]] = {
             Instruction.PING: self._ping,
@@ -45,7 +49,10 @@ class Instructions:
             Instruction.WRITE: self._write,
             Instruction.REG_WRITE: self._reg_write,
             Instruction.ACTION: self._action,
+            Instruction.FACTORY_RESET: self._turn_back,
             Instruction.REBOOT: self._reboot,
+            Instruction.CLEAR: self._turn_back,
+            Instruction.BACKUP: self._turn_back,
             Instruction.SYNC_READ: self._sync_read,
             Instruction.FAST_SYNC_READ: self._sync_read,
             Instruction.SYNC_WRITE: self._sync_write,
@@ -64,21 +71,27 @@ class Instructions:
     def _refuse(self, packet: Packet, error: int) -> Answers:
         if packet.id == BROADCAST:
             return SILENCE
-        return Answers([Answer(row, error) for row in self._places.get(packet.id, ())], WRITE_LEVEL)
+        return Answers(
+            [Answer(row, packet.id, error) for row in self._places.get(packet.id, ())], WRITE_LEVEL
+        )
 
-    def _each(self, packet: Packet, act: Callable[[int], tuple[int, bytes]], level: int) -> Answers:
-        """Let every servo that is meant act; only an addressed one answers."""
-        if packet.id != BROADCAST:
-            return Answers([Answer(row, *act(row)) for row in self._places.get(packet.id, ())], level)
-        for rows in self._places.values():
-            for row in rows:
-                act(row)
-        return SILENCE
+    def _each(self, packet: Packet, act: Act, level: int) -> Answers:
+        """Let every servo that is meant act; only one addressed by its own id answers."""
+        if packet.id == BROADCAST:
+            for row in [row for rows in self._places.values() for row in rows]:
+                act(row, False)
+            return SILENCE
+        own = self._places.get(packet.id, ())
+        answers = [Answer(row, packet.id, *act(row, False)) for row in own]
+        for row in self.shadows.get(packet.id, ()):
+            act(row, True)
+        return Answers(answers, level)
 
     def _ping(self, packet: Packet, now: float) -> Answers:
         ids = sorted(self._places) if packet.id == BROADCAST else [packet.id]
-        rows = [row for id in ids for row in self._places.get(id, ())]
-        return Answers([Answer(row, 0, self._servos.registers.identity(row)) for row in rows], PING_LEVEL)
+        rows = [(row, id) for id in ids for row in self._places.get(id, ())]
+        found = [Answer(row, id, 0, self._servos.registers.identity(row)) for row, id in rows]
+        return Answers(found, PING_LEVEL)
 
     def _read(self, packet: Packet, now: float) -> Answers:
         if packet.id == BROADCAST:
@@ -86,24 +99,38 @@ class Instructions:
         if len(packet.params) != 4:
             return self._refuse(packet, Error.DATA_LENGTH)
         self._servos.settle(now)
-        span = _span(packet.params)
-        return self._each(packet, lambda row: self._servos.registers.read(row, *span), READ_LEVEL)
+        registers, span = self._servos.registers, _span(packet.params)
+        rows = self._places.get(packet.id, ())
+        return Answers([Answer(row, packet.id, *registers.read(row, *span)) for row in rows], READ_LEVEL)
 
     def _write(self, packet: Packet, now: float) -> Answers:
+        if len(packet.params) < 2:
+            return self._refuse(packet, Error.DATA_LENGTH)
         address, data = int.from_bytes(packet.params[:2], "little"), packet.params[2:]
-        return self._each(packet, lambda row: (write(self._servos, row, address, data), b""), WRITE_LEVEL)
+
+        def act(row: int, shadow: bool) -> tuple[int, bytes]:
+            return write(self._servos, row, address, data, shadow=shadow), b""
+
+        return self._each(packet, act, WRITE_LEVEL)
 
     def _reg_write(self, packet: Packet, now: float) -> Answers:
-        def store(row: int) -> tuple[int, bytes]:
-            self._stored[row] = (int.from_bytes(packet.params[:2], "little"), packet.params[2:])
-            self._servos.registers.put("registered_instruction", 1, row)
-            return Error.NONE, b""
+        """A write that would be refused now is refused now; no page says when a servo looks at it."""
+        if len(packet.params) < 2:
+            return self._refuse(packet, Error.DATA_LENGTH)
+        address, data = int.from_bytes(packet.params[:2], "little"), packet.params[2:]
+
+        def store(row: int, shadow: bool) -> tuple[int, bytes]:
+            error = judge(self._servos, row, address, data, shadow=shadow)
+            if not error:
+                self._stored[row] = (address, data)
+                self._servos.registers.put("registered_instruction", 1, row)
+            return error, b""
 
         return self._each(packet, store, WRITE_LEVEL)
 
     def _action(self, packet: Packet, now: float) -> Answers:
-        def act(row: int) -> tuple[int, bytes]:
-            if row not in self._stored:
+        def act(row: int, shadow: bool) -> tuple[int, bytes]:
+            if not self._servos["registered_instruction"][row]:  # RAM: a reboot has forgotten it
                 return Error.INSTRUCTION, b""
             self._servos.registers.put("registered_instruction", 0, row)
             return write(self._servos, row, *self._stored.pop(row)), b""
@@ -111,12 +138,26 @@ class Instructions:
         return self._each(packet, act, WRITE_LEVEL)
 
     def _reboot(self, packet: Packet, now: float) -> Answers:
-        def restart(row: int) -> tuple[int, bytes]:
-            self._stored.pop(row, None)
+        def restart(row: int, shadow: bool) -> tuple[int, bytes]:
             self._servos.reboot(row, now)
             return Error.NONE, b""
 
         return self._each(packet, restart, WRITE_LEVEL)
+
+    def _turn_back(self, packet: Packet, now: float) -> Answers:
+        """By its shadow id a servo may lose its turns, but nothing that is in its EEPROM."""
+        does = {
+            Instruction.FACTORY_RESET: factory_reset,
+            Instruction.CLEAR: clear,
+            Instruction.BACKUP: backup,
+        }
+        turn = does[Instruction(packet.instruction)]
+
+        def act(row: int, shadow: bool) -> tuple[int, bytes]:
+            locked = shadow and packet.instruction != Instruction.CLEAR
+            return (Error.ACCESS if locked else turn(self._servos, row, packet, now)), b""
+
+        return self._each(packet, act, WRITE_LEVEL)
 
     def _sync_read(self, packet: Packet, now: float) -> Answers:
         if len(packet.params) < 5:
@@ -138,9 +179,9 @@ class Instructions:
             rows = self._places.get(id, ())
             if fast and not (rows and self._servos.registers.answers_fast(rows[0])):
                 break
-            for row in rows[:1] if fast else rows:
+            for row in rows:
                 error, data = self._servos.registers.read(row, address, size)
-                statuses.append(Answer(row, error, data.ljust(size, b"\0") if fast else data))
+                statuses.append(Answer(row, id, error, data.ljust(size, b"\0") if fast else data))
         promised = sum(size + 4 for _, _, size in wishes) + 1 if fast else 0
         return Answers(statuses, READ_LEVEL, promised)
 
@@ -161,6 +202,8 @@ class Instructions:
         """Never answered: what a servo refuses is seen by reading back only."""
         for row in self._places.get(id, ()):
             write(self._servos, row, address, data)
+        for row in self.shadows.get(id, ()):
+            write(self._servos, row, address, data, shadow=True)
 
 
 def _span(params: bytes) -> tuple[int, int]:

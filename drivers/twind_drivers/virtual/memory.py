@@ -1,53 +1,30 @@
 """The register memory of all servos of one bus: one byte array, each register as numbers over all servos."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.dynamixel.tables import Field, Table
+from twind_drivers.dynamixel.tables import Field, Table, table
+from twind_drivers.virtual import indirect
 
+Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
-# What boots in a register whose default the rules leave open, by model number; 0: any other model.
-# Source: e-manual control tables. Of the "any" row only the XM430-W350 is exact.
-FACTORY: Mapping[int, Mapping[str, int]] = {
-    0: {
-        "temperature_limit": 80,
-        "max_voltage_limit": 160,
-        "min_voltage_limit": 95,
-        "current_limit": 1193,
-        "goal_current": 1193,
-        "velocity_limit": 200,
-        "velocity_i_gain": 1920,
-        "velocity_p_gain": 100,
-        "position_p_gain": 800,
-        "pwm_limit": 885,
-        "goal_pwm": 885,
-        "max_position_limit": 4095,
-        "status_return_level": 2,
-        "operating_mode": 3,
-        "shutdown": 52,
-    },
-    1060: {  # XL430-W250
-        "temperature_limit": 72,
-        "max_voltage_limit": 140,
-        "min_voltage_limit": 60,
-        "velocity_limit": 265,
-        "velocity_i_gain": 1000,
-        "position_d_gain": 4000,
-        "position_p_gain": 640,
-    },
-}
-# Not simulated, hence undefined here (error 7) rather than plain memory that pretends to be a mapping.
-MISSING = "indirect_"
+ASSUMED: Mapping[str, int] = {"velocity_i_gain": 1920, "velocity_p_gain": 100, "position_p_gain": 800}
+LIVE = ("present_", "realtime_", "moving", "position_trajectory", "velocity_trajectory")
 
 
 def factory(field: Field, number: int) -> int:
-    """The value of `field` in a new servo of model `number`."""
+    """The value of `field` in a new servo of model `number`. What its page leaves open is assumed here alone.
+
+    A goal boots as the limit that bounds it, as the X series' do; gains are those of a 4096 count servo.
+    """
     if field.rule.default is not None:
         return field.rule.default
-    return FACTORY.get(number, {}).get(field.key, FACTORY[0].get(field.key, 0))
+    if field.key in ("goal_pwm", "goal_current"):
+        return table(number)[field.rule.limit or field.key].rule.default or 0
+    return ASSUMED.get(field.key, 0)
 
 
 class Column:
@@ -81,15 +58,53 @@ class Column:
         self._memory[self._rows[rows], self._bytes[rows]] = raw.view(np.uint8).reshape(count, -1)
 
 
-class Memory:
-    """(m, size) bytes. A register that a model lacks lives behind its table, where no packet reaches it."""
+class Layout:
+    """The registers that one model has with one firmware, and what single bytes of its table are."""
 
-    def __init__(self, tables: Sequence[Table]) -> None:
-        self.tables = tuple(tables)
-        self.layouts: tuple[Mapping[int, Field], ...] = tuple(_layout(table) for table in tables)
-        self.ends = tuple(max(field.end for field in layout.values()) for layout in self.layouts)
-        self._hidden = max(self.ends)
+    def __init__(self, table: Table, firmware: int) -> None:
+        self.fields = _fields(table, firmware)  # by address; where two names share one, they are one register
+        self.rows = indirect.rows(table)
+        self.end = max(field.end for field in self.fields.values())
+        self.defined = np.zeros(self.end, np.bool_)  # (end,) does a register hold this byte?
+        self.live = np.zeros(self.end, np.bool_)  # (end,) does the servo write it without being told?
+        for field in self.fields.values():
+            self.defined[field.address : field.end] = True
+            self.live[field.address : field.end] = field.key.startswith(LIVE)
+        self._fresh = np.zeros(self.end, np.uint8)
+        for field in self.fields.values():
+            value = np.frombuffer(field.encode(factory(field, table.number)), np.uint8)
+            self._fresh[field.address : field.end] = value
+        self._eeprom = np.zeros(self.end, np.bool_)
+        for field in self.fields.values():
+            self._eeprom[field.address : field.end] = field.eeprom
+
+    def fresh(self, held: Bytes, *, eeprom: bool) -> Bytes:
+        """(end,) A table as delivered, but where `eeprom` is False with the EEPROM bytes of `held`."""
+        return self._fresh.copy() if eeprom else np.where(self._eeprom, held[: self.end], self._fresh)
+
+
+class Memory:
+    """(m, size) bytes. A register that a model lacks lives behind its table, where no packet reaches it.
+
+    `where` (m, size): where byte `address` of each servo really lies. Elsewhere only for indirect data, and
+    through one indirect address only: an entry that points at the data of another sees what lies there.
+    """
+
+    def __init__(self, tables: Sequence[Table], firmwares: Sequence[int]) -> None:
+        self.tables, self.firmwares = tuple(tables), tuple(firmwares)
+        kinds = dict.fromkeys(
+            (table.stem, firmware) for table, firmware in zip(tables, firmwares, strict=True)
+        )
+        made = {
+            kind: Layout(next(each for each in tables if each.stem == kind[0]), kind[1]) for kind in kinds
+        }
+        self._layouts = tuple(
+            made[table.stem, firmware] for table, firmware in zip(tables, firmwares, strict=True)
+        )
+        self.layouts: tuple[Mapping[int, Field], ...] = tuple(each.fields for each in self._layouts)
+        self._hidden = max(each.end for each in self._layouts)
         self.raw = np.zeros((len(tables), self._hidden + 256), np.uint8)
+        self.where = np.broadcast_to(np.arange(self.raw.shape[1]), self.raw.shape).copy()
 
     def column(self, key: str, size: int, *, signed: bool = False) -> Column:
         """The register `key` of all servos; `size` and `signed` stand for it where a model lacks it."""
@@ -103,12 +118,22 @@ class Memory:
         addresses = [spare if field is None else field.address for field in fields]
         return Column(self.raw, addresses, size, signed)
 
-    def fill(self, row: int, keep: Callable[[Field], bool] = lambda field: False) -> None:
-        """Factory values in every register of one servo but those to `keep`."""
-        number = self.tables[row].number
-        for field in self.layouts[row].values():
-            if not keep(field):
-                self.store(row, field, factory(field, number))
+    def fill(self, row: int, *, eeprom: bool = True) -> None:
+        """Factory values in every register of one servo; `eeprom` False: in RAM only."""
+        layout = self._layouts[row]
+        self.raw[row, : layout.end] = layout.fresh(self.raw[row], eeprom=eeprom)
+        self.remap(row)
+
+    def fresh(self, row: int) -> Bytes:
+        """A table as delivered."""
+        return self._layouts[row].fresh(self.raw[row], eeprom=True)
+
+    def remap(self, row: int) -> None:
+        """An indirect address of one servo changed: its data lies elsewhere."""
+        last = self._layouts[row].end - 1
+        for each in self._layouts[row].rows:
+            words = self.raw[row, each.address : each.address + 2 * each.entries].view("<u2")
+            self.where[row, each.data : each.data + each.entries] = np.minimum(words, last)
 
     def store(self, row: int, field: Field, value: int) -> None:
         """Put one value, without any rule."""
@@ -120,13 +145,52 @@ class Memory:
 
     def readable(self, row: int, address: int, size: int) -> bool:
         """Is there a register in this span, and does it end inside the table? Gaps read as 0."""
-        end = address + size
-        if size < 1 or end > self.ends[row]:
-            return False
-        return any(field.address < end and address < field.end for field in self.layouts[row].values())
+        layout, end = self._layouts[row], address + size
+        return size >= 1 and end <= layout.end and bool(layout.defined[address:end].any())
+
+    def read(self, row: int, address: int, size: int) -> bytes:
+        """What a read of one servo gives; indirect data is that of its target."""
+        return bytes(self.raw[row, self.where[row, address : address + size]])
+
+    def live(self, row: int, address: int, size: int) -> bool:
+        """Does the span touch registers that the servo writes itself, without being told?"""
+        return bool(self._layouts[row].live[self.where[row, address : address + size]].any())
+
+    def block(self, rows: Sequence[int], address: int, size: int) -> "Cells":
+        """The same span of several servos, to be read again and again, until an indirect address changes."""
+        return Cells(self, rows, address, size)
 
 
-def _layout(table: Table) -> dict[int, Field]:
-    """Registers by address. Where two names share one, they are the same register."""
-    fields = (field for field in table.fields.values() if not field.key.startswith(MISSING))
-    return {field.address: field for field in fields}
+class Cells:
+    """One span of several servos, (k, size) bytes: a slice where it lies as asked for, else gathered."""
+
+    def __init__(self, memory: Memory, rows: Sequence[int], address: int, size: int) -> None:
+        """All rows must hold the span readably."""
+        self._raw, self._span = memory.raw, slice(address, address + size)
+        every = list(rows) == list(range(len(memory.raw)))
+        self._rows: Any = slice(None) if every else np.asarray(rows, np.intp)
+        where = memory.where[np.asarray(rows, np.intp), self._span]
+        straight = bool((where == np.arange(address, address + size)).all())
+        self._where = None if straight else where
+        self._column = np.asarray(rows, np.intp)[:, None]
+
+    def get(self) -> Bytes:
+        """What is there now."""
+        found: Bytes
+        if self._where is None:
+            found = self._raw[:, self._span][self._rows]
+        else:
+            found = self._raw[self._column, self._where]
+        return found
+
+
+def _fields(table: Table, firmware: int) -> dict[int, Field]:
+    """What the firmware does not know yet is a gap: reads as 0, cannot be written."""
+    facts = table.facts
+    since = {"bus_watchdog": facts.watchdog_from, "backup_ready": facts.backup_from}
+    if facts.startup_from is not None:  # None: there, but no page says since when
+        since["startup_configuration"] = facts.startup_from
+    unknown = {key for key, first in since.items() if first is None or firmware < first}
+    fields = [each for each in table.fields.values() if not each.key.startswith("indirect_")]
+    fields += indirect.fields(table)
+    return {each.address: each for each in fields if each.key not in unknown}

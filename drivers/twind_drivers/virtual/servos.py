@@ -25,23 +25,30 @@ from twind_drivers.virtual.profile import STEP, Profile
 from twind_drivers.virtual.protection import Protection
 from twind_drivers.virtual.readings import Readings
 
-BAUDS = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)  # register 8
+SLOW = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
+BAUDS = (*SLOW, 6_000_000, 10_500_000)  # register 8
 REFRESH = 0.001  # s between two refreshes of the present registers
 CHECK = 0.1  # s between two looks at supply, heat and load
 WATCHDOG_UNIT = 0.02  # s, register 98
 TRIPPED = 255  # what register 98 reads then (-1)
-WIDE = 1_048_575  # ticks, goals of modes 4 and 5
 PULL = 64  # ticks beyond where it is that a tripped servo keeps pulling, to carry its load
 
 
 @dataclass(frozen=True, slots=True)
 class ServoSpec:
-    """One servo as it is screwed in: id, model, and the EEPROM settings that are not factory ones."""
+    """One servo as it is screwed in: id, model, and the EEPROM settings that are not factory ones.
+
+    `forgets_offset`: a homing offset that counts for nothing in mode 3 falls back to 0 (ROBOTIS forum 5477);
+    else the register keeps it. `seam_seed`: the encoder reads up to a tick off at boot, drawn by this seed,
+    so near tick 0 a servo of many turns comes back a turn away (DynamixelSDK #380, #515); None: it does not.
+    """
 
     id: int
     model: str = "XM430-W350"
     settings: Mapping[str, int] = field(default_factory=dict)  # register -> value
     firmware: int = 47
+    forgets_offset: bool = False
+    seam_seed: int | None = None
 
 
 class Servos:
@@ -54,16 +61,17 @@ class Servos:
 
         Raises KeyError for an unknown model and ValueError for one without the registers simulated here.
         """
-        self.memory = memory = Memory([table(number_of(spec.model), spec.firmware) for spec in specs])
-        for each in memory.tables:
-            if "bus_watchdog" not in each or "operating_mode" not in each:
-                raise ValueError(f"{each.model}: no bus watchdog and operating mode registers: not simulated")
+        tables = [table(number_of(spec.model), spec.firmware) for spec in specs]
+        for each in tables:
+            if each.facts.undriven:
+                raise ValueError(f"{each.model}: not simulated: {each.facts.undriven}")
+        self.memory = memory = Memory(tables, [spec.firmware for spec in specs])
         self.registers = Columns(memory)
         self.muscles, self.keep_goal, self.now, self.epoch = muscles, keep_goal, now, 0
         self.protection = Protection(memory.tables, muscles.stall, now)
         self.readings = Readings(memory, muscles, self.protection)
         self.history: History | None = None  # of what the present position registers showed, on order
-        self.power = Power(memory, self.registers, muscles)
+        self.power = Power(memory, self.registers, muscles, specs)
         self.direction, self.shift = self.power.direction, self.power.shift
         self.profile = Profile(muscles.position)
         count = len(specs)
@@ -78,7 +86,9 @@ class Servos:
         self.alert = np.zeros(count, np.uint8)
         self._blocked = np.zeros(count, np.bool_)
         self._check_at = now + CHECK
-        self._lower, self._upper = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        wide = [each["goal_position"].bounds for each in tables]  # ticks, where no limit register counts
+        self._widest = np.array(wide, np.int64).reshape(count, 2).T
+        self._lower, self._upper = self._widest
         self._timeout, self._shortest, self._event = np.full(count, inf), inf, inf
         self._fresh, self._simple = -inf, True
         self._by_goal: NDArray[np.bool_] | None = None  # whose torque a goal turns on; None: nobody's
@@ -186,8 +196,8 @@ class Servos:
         self.alert = np.where(self["hardware_error_status"] != 0, ALERT, 0).astype(np.uint8)
         by_goal = (self["drive_mode"] & TORQUE_BY_GOAL) != 0
         self._by_goal = by_goal if by_goal.any() else None
-        self._lower = np.where(mode == 3, self["min_position_limit"], -WIDE).astype(np.int64)
-        self._upper = np.where(mode == 3, self["max_position_limit"], WIDE).astype(np.int64)
+        self._lower = np.where(mode == 3, self["min_position_limit"], self._widest[0]).astype(np.int64)
+        self._upper = np.where(mode == 3, self["max_position_limit"], self._widest[1]).astype(np.int64)
         limits = (self[key] for key in ("temperature_limit", "min_voltage_limit", "max_voltage_limit"))
         self._bounds = tuple(limit * unit for limit, unit in zip(limits, (1.0, 0.1, 0.1), strict=True))
         self.readings.follow(self._firmware.way, self._firmware.seeks)

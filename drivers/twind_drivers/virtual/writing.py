@@ -6,31 +6,23 @@ Errors by e-manual "Protocol 2.0", section Error: 4 range (and any goal while th
 
 from twind_drivers.dynamixel.packet import Error
 from twind_drivers.dynamixel.tables import Field
-from twind_drivers.virtual.servos import TORQUE_BY_GOAL, Servos
+from twind_drivers.virtual.drive import REVERSE, SLAVE, TIMED, TORQUE_BY_GOAL, WANTED
+from twind_drivers.virtual.servos import Servos
 
-MODES = frozenset({3, 4, 5})  # simulated; 0, 1 and 16 are refused as out of range
-DRIVE_MODES = frozenset({0, 1, 8, 9})  # reverse, torque on by goal; slave and time-based profile are refused
 GOALS = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
+TIMED_FROM = 42  # firmware of X and MX
+Changes = list[tuple[Field, int]]
 
 
-def write(servos: Servos, row: int, address: int, data: bytes) -> Error:
-    """Write `data` to one servo as its firmware would; `servos.changed` must follow. Returns the error."""
-    changes: list[tuple[Field, int]] = []
-    layout, place = servos.memory.layouts[row], address
-    if not data:
-        return Error.DATA_LENGTH
-    while place < address + len(data):
-        register = layout.get(place)
-        if register is None:
-            return Error.ACCESS
-        if register.end > address + len(data):
-            return Error.DATA_LENGTH
-        value = register.decode(data[place - address :])
-        error = _judge(servos, row, register, value)
-        if error:
-            return error
-        changes.append((register, value))
-        place = register.end
+def write(servos: Servos, row: int, address: int, data: bytes, *, shadow: bool = False) -> Error:
+    """Write `data` to one servo as its firmware would; `servos.changed` must follow. Returns the error.
+
+    `shadow`: the packet came to the secondary id, which reaches RAM only (e-manual, "Secondary(Shadow) ID").
+    """
+    changes: Changes = []
+    error = _judge_all(servos, row, address, data, changes, shadow=shadow)
+    if error:
+        return error
     for register, value in changes:
         if register.key != "torque_enable":  # `torque` compares with what is there
             servos.memory.store(row, register, value)
@@ -38,11 +30,43 @@ def write(servos: Servos, row: int, address: int, data: bytes) -> Error:
     return Error.NONE
 
 
+def judge(servos: Servos, row: int, address: int, data: bytes, *, shadow: bool = False) -> Error:
+    """What `write` would answer now; nothing is written."""
+    return _judge_all(servos, row, address, data, [], shadow=shadow)
+
+
+def _judge_all(
+    servos: Servos, row: int, address: int, data: bytes, changes: Changes, *, shadow: bool
+) -> Error:
+    """Every register that the span holds, into `changes`. Indirect data is the register it points at."""
+    layout, end = servos.memory.layouts[row], address + len(data)
+    if not data:
+        return Error.DATA_LENGTH
+    if end > servos.memory.where.shape[1]:
+        return Error.ACCESS
+    where: list[int] = servos.memory.where[row, address:end].tolist()
+    place = 0
+    while place < len(data):
+        register = layout.get(where[place])
+        if register is None:
+            return Error.ACCESS
+        follows = place + register.size
+        if where[place:follows] != list(range(register.address, register.end)):
+            return Error.DATA_LENGTH  # also of indirect data that maps only a part of a register
+        value = register.decode(data[place:follows])
+        error = Error.ACCESS if shadow and register.eeprom else _judge(servos, row, register, value)
+        if error:
+            return error
+        changes.append((register, value))
+        place = follows
+    return Error.NONE
+
+
 def _judge(servos: Servos, row: int, register: Field, value: int) -> Error:
     rule, key = register.rule, register.key
     if not rule.writable or (register.eeprom and servos["torque_enable"][row]):
         return Error.ACCESS
-    if not register.takes(value) or not _simulated(key, value):
+    if not register.takes(value) or (key == "drive_mode" and value & ~_drive_bits(servos, row)):
         return Error.DATA_RANGE
     if servos.tripped[row] and (key in GOALS or (key == "bus_watchdog" and value != 0)):
         return Error.DATA_RANGE
@@ -55,12 +79,16 @@ def _judge(servos: Servos, row: int, register: Field, value: int) -> Error:
     return Error.NONE
 
 
-def _simulated(key: str, value: int) -> bool:
-    if key == "operating_mode":
-        return value in MODES
-    if key == "drive_mode":
-        return value in DRIVE_MODES
-    return key != "protocol_type" or value == 2
+def _drive_bits(servos: Servos, row: int) -> int:
+    """Which bits this model has with its firmware (e-manual, "Drive Mode"); the others are always 0."""
+    table, firmware = servos.memory.tables[row], servos.memory.firmwares[row]
+    since = table.facts.torque_on_by_goal_from
+    bits = REVERSE
+    if table.stem == "mx_106" or ("540" in table.stem and not table.stem.startswith("xw")):
+        bits |= SLAVE
+    if firmware >= TIMED_FROM or not table.stem.startswith(("x", "2x", "mx")):
+        bits |= TIMED
+    return bits if since is None or firmware < since else bits | TORQUE_BY_GOAL
 
 
 def _follow(servos: Servos, row: int, key: str, value: int) -> None:
@@ -76,6 +104,10 @@ def _follow(servos: Servos, row: int, key: str, value: int) -> None:
             servos.power.reframe(row, one_turn=False)
         case "bus_watchdog" if value == 0:
             servos.untrip(row)
-        case "goal_position" if servos["drive_mode"][row] & TORQUE_BY_GOAL:
-            servos.torque(row, True)
-            servos.registers.put("goal_position", value, row)
+        case _ if key.startswith("indirect_address_"):
+            servos.memory.remap(row)
+        case _ if key in GOALS and servos["drive_mode"][row] & TORQUE_BY_GOAL:
+            mode = int(servos["operating_mode"][row])
+            if key == f"goal_{WANTED.get(mode, 'position')}":
+                servos.torque(row, True)
+                servos.registers.put(key, value, row)
