@@ -15,7 +15,7 @@ from twind_drivers.bus import PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.prober import OLD_PING, Prober
-from twind_drivers.dynamixel.scan import BAUDS, ECHO, FOREIGN, TALK, Rate, estimate, scan, scan_rate
+from twind_drivers.dynamixel.scan import BAUDS, ECHO, FOREIGN, NOISE, TALK, Rate, estimate, scan, scan_rate
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
 from twind_drivers.virtual.muscles import FirstOrder
@@ -176,6 +176,28 @@ def test_one_flipped_bit_makes_no_duplicate() -> None:
     assert rate.troubles == ()
 
 
+@pytest.mark.parametrize("rate", [1e-4, 1e-3])
+def test_a_noisy_line_makes_no_duplicates(rate: float) -> None:
+    bench = Bench(*(servo(id) for id in range(1, 13)))
+    bench.at(MILLION)
+    bench.bus.faults.bit_errors(rate)
+    found = bench.rate().found
+    assert [(each.id, each.trouble) for each in found] == [(id, "") for id in range(1, 13)]
+
+
+def test_a_very_noisy_line_is_named() -> None:
+    bench = Bench(*(servo(id) for id in range(1, 13)))
+    bench.at(MILLION)
+    bench.bus.faults.bit_errors(3e-3)
+    assert NOISE in bench.rate().troubles
+
+
+def test_a_dozen_servos_as_delivered_are_one_id_with_the_remedy() -> None:
+    (found,) = Bench(*(servo(1, 57_600) for _ in range(12))).rate(57_600).found
+    assert (found.id, found.model_name) == (1, "XM430-W350")
+    assert "give the other a free id" in found.trouble
+
+
 def test_an_id_whose_every_answer_is_garbled_is_told_as_unsound() -> None:
     def garble(reply: bytes) -> bytes:
         at = reply.find(packet.HEADER + b"\x09")
@@ -193,6 +215,24 @@ def test_an_id_whose_every_answer_is_garbled_is_told_as_unsound() -> None:
 def test_garbage_to_everything_is_no_duplicate_but_another_rate_or_noise() -> None:
     rate = scan_rate(wired(lambda reply: b"\x13\x77\xff"))
     assert (rate.found, rate.troubles) == ((), (FOREIGN,))
+
+
+def test_servos_at_another_rate_that_answer_garbage_are_found_at_theirs() -> None:
+    bench = Bench(servo(2), servo(9))
+    bench.bus.faults.garble()
+    rates = bench.scan()
+    assert [each.id for each in rates.pop(MILLION).found] == [2, 9]
+    assert all((rate.found, rate.troubles) == ((), (FOREIGN,)) for rate in rates.values())
+
+
+@pytest.mark.parametrize("timer", [0.001, 0.016])
+def test_a_slow_latency_timer_hides_nobody(timer: float) -> None:
+    bench = Bench(servo(2), servo(9))
+    bench.at(MILLION)
+    bench.bus.faults.latency(timer)
+    prober = Prober(Loopback(bench.bus, bench.clock), bench.clock, MILLION, timer=timer)
+    rate = scan_rate(prober, range(20), thorough=True)
+    assert [(each.id, each.trouble) for each in rate.found] == [(2, ""), (9, "")]
 
 
 def test_an_adapter_that_echoes_is_named_and_everybody_is_found() -> None:

@@ -6,7 +6,8 @@ roll call was garbled (or `thorough`); of everybody found torque and hardware er
 
 Two devices with one id (fault 12) show in three ways: what overlaps is no sound status; with different return
 delays two statuses come; of one model and firmware their pings overlap bit by bit and look sound, but not
-what differs between two servos: position, time since power-up, voltage, temperature.
+what differs between two servos: position, time since power-up, voltage, temperature. Two that agree in all
+of that cannot be told from one.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +24,8 @@ from twind_drivers.dynamixel.tables import Table, table
 BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 115_200, 4_500_000, 9_600)
 IDS = range(LAST_ID + 1)
 LISTEN = 0.05  # s: a bus with another master is not silent that long
-PROBES, ENOUGH = 3, 2  # times an id is asked, and how many garbled answers are no accident
+PROBES = 5  # times an id is asked until one answer is clear: of two devices none is, of a noisy line some are
+NOISY = 3  # garbled answers of devices that are alone: no accident any more
 GARBAGE = 8  # ids asked alone that are all garbled: that is no matter of ids
 DIFFERING = ("realtime_tick", "present_position", "present_input_voltage", "present_temperature")
 REMEDY = "disconnect one, give the other a free id, then connect the first again"
@@ -34,6 +36,7 @@ UNEQUAL = f"pings are sound, readings are not: two devices of one model with thi
 ECHO = "the adapter returns what is sent (echo): switch its echo off, or use another adapter"
 TALK = "bytes come though nobody was asked: another program or device talks on this line, or noise"
 FOREIGN = "bytes come, but no sound packet: devices at another baud rate, noise, or colliding ids"
+NOISE = "answers are garbled now and then: noise, a bad connector, or a long cable without its ground"
 OLD = "devices answer protocol 1.0 (ids {}): set them to protocol 2.0 (register 13) where they have it"
 
 
@@ -112,10 +115,14 @@ def scan_rate(
         garbage = _singly(prober, alone, known, garbled, tell)
     if garbage or (unclear and not known and not garbled):
         troubles.append(FOREIGN)
-    found = []
+    found, noise = [], 0
     for id in sorted(garbled.union(known)):
         tell(prober.baud, f"reading id {id}")
-        found.append(_look(prober, id, known.get(id), id in garbled))
+        one, unclear_answers = _look(prober, id, known.get(id), id in garbled)
+        found.append(one)
+        noise += 0 if one.trouble else unclear_answers
+    if noise >= NOISY:
+        troubles.append(NOISE)
     return Rate(prober.baud, tuple(found), tuple(troubles))
 
 
@@ -165,57 +172,47 @@ def _old_statuses(raw: bytes) -> set[int]:
 
 
 def _ping(prober: Prober, id: int) -> tuple[bytes | None, bool]:
-    """Model and firmware as a ping tells them, and whether the answer was garbled more than by accident."""
-    answer, bad = None, 0
+    """Model and firmware as a ping tells them; True when no answer was ever clear."""
+    answer = None
     for _ in range(PROBES):
         heard = prober.ping(id)
-        sound = [each.data for each in heard.statuses if each.id == id and len(each.data) == 3]
+        sound = _sound(heard, id, SIZE)
         answer = answer or (sound[0] if sound else None)
-        bad += bool(heard.strays) or len(sound) > 1
-        if not bad:  # silence, or one clear answer
-            break
-    return answer, bad >= ENOUGH
+        if not heard.strays and len(sound) < 2:  # silence, or one clear answer
+            return answer, False
+    return answer, True
 
 
-def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> Found:
-    """Torque and hardware error of one id, and whether it is one device."""
+def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple[Found, int]:
+    """Torque and hardware error of one id, and whether it is one device; how many answers were garbled."""
     if answer is None:
-        return Found(prober.baud, id, None, None, None, None, None, UNSOUND)
+        return Found(prober.baud, id, None, None, None, None, None, UNSOUND), 0
     number, firmware = int.from_bytes(answer[:2], "little"), answer[2]
     try:
         known: Table | None = table(number, firmware)
     except KeyError:
         known = None
-    trouble = TWO if garbled else _alone(prober, id, known)
-    values = {name: _value(prober, id, known, name) for name in ("torque_enable", "hardware_error_status")}
-    torque = values["torque_enable"]
-    return Found(
-        prober.baud,
-        id,
-        number,
-        known.model if known else None,
-        firmware,
-        None if torque is None else torque == 1,
-        values["hardware_error_status"],
-        trouble,
-    )
+    trouble, unclear = (TWO, 0) if garbled else _alone(prober, id, known)
+    torque = _value(prober, id, known, "torque_enable")
+    error = _value(prober, id, known, "hardware_error_status")
+    name, on = known.model if known else None, None if torque is None else torque == 1
+    return Found(prober.baud, id, number, name, firmware, on, error, trouble), unclear
 
 
-def _alone(prober: Prober, id: int, known: Table | None) -> str:
-    """Empty, or why this seems to be more than one device."""
+def _alone(prober: Prober, id: int, known: Table | None) -> tuple[str, int]:
+    """Why this seems to be more than one device, empty if it does not; how many answers were garbled."""
     if known is None:
-        return ""
+        return "", 0
     fields = [known[name] for name in DIFFERING if name in known]
     first = min(field.address for field in fields)
     size = max(field.end for field in fields) - first
-    two = unsound = 0
-    for _ in range(PROBES):
+    for unclear in range(PROBES):
         heard = prober.read(id, first, size)
-        two += len(_sound(heard, id, size)) > 1
-        unsound += bool(heard.strays)
-    if two:
-        return TWO
-    return UNEQUAL if unsound >= ENOUGH else ""
+        if len(_sound(heard, id, size)) > 1:
+            return TWO, unclear
+        if not heard.strays:  # silence (status return level 0), or one clear answer
+            return "", unclear
+    return UNEQUAL, PROBES
 
 
 def _value(prober: Prober, id: int, known: Table | None, name: str) -> int | None:
