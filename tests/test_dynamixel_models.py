@@ -42,19 +42,20 @@ def test_counts_and_velocities_agree_with_the_vendors_file(each: Table) -> None:
     if each.stem in DISPUTED:
         assert each.facts.counts_per_turn is None
         return
-    turn, velocity = _file(each.stem)
+    turn, velocity, centre = _file(each.stem)
+    assert each.facts.centre == centre
     assert each.facts.counts_per_turn == pytest.approx(turn, rel=1e-3)
     assert each.facts.radians_per_velocity_count == pytest.approx(velocity, rel=1e-3)
 
 
-def _file(stem: str) -> tuple[float, float]:
-    """Counts a turn, and rad/s of a count."""
+def _file(stem: str) -> tuple[float, float, int]:
+    """Counts a turn, rad/s of a count, and the count of 0 rad."""
     text = (tables._folder() / f"{stem}.model").read_text("utf-8").partition("[control table]")[0]
     rows = {row[0]: row[1] for line in text.splitlines() if len(row := line.split("\t")) > 1}
     span = [float(rows[f"value_of_{end}_radian_position"]) for end in ("min", "max")]
     angles = [float(rows[f"{end}_radian"]) for end in ("min", "max")]
     turn = (span[1] - span[0]) * 2.0 * pi / (angles[1] - angles[0])
-    return turn, float(rows["Present Velocity"])
+    return turn, float(rows["Present Velocity"]), int(rows["value_of_zero_radian_position"])
 
 
 @EACH

@@ -1,10 +1,14 @@
 """Ranges and factory values of every model's registers, and some of them against their manual page."""
 
+from contextlib import suppress
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from twind_drivers.dynamixel.factory import FACTORY, P_SERIES
 from twind_drivers.dynamixel.registers import FEEDS, GAINS, rule
-from twind_drivers.dynamixel.tables import Table, models, number_of, table
+from twind_drivers.dynamixel.tables import Field, Table, models, number_of, table
 
 EVERY = [table(number) for number in models().values()]
 EACH = pytest.mark.parametrize("each", EVERY, ids=[each.stem for each in EVERY])
@@ -21,9 +25,26 @@ def test_every_default_lies_in_its_range_and_every_range_fits_its_register(each:
         assert default is None or field.takes(default), (field.key, default)
 
 
+FIELDS = [field for each in EVERY for field in each.fields.values() if field.rule.writable]
+
+
+@given(
+    st.sampled_from(FIELDS),
+    st.integers(-(2**33), 2**33) | st.integers(-70_000, 70_000) | st.integers(-2, 300),
+)
+def test_what_passes_the_check_fits_the_register_and_the_rest_is_refused(field: Field, value: int) -> None:
+    passed = False
+    with suppress(ValueError):
+        field.check(value)
+        passed = True
+    assert passed == field.takes(value)
+    if passed:
+        assert field.decode(field.encode(value)) == value
+
+
 @EACH
 def test_every_limit_register_exists_in_that_models_table(each: Table) -> None:
-    limits = {field.rule.limit for field in each.fields.values()} - {None}
+    limits = {field.rule.limit for field in each.fields.values() if field.rule.limit is not None}
     assert [limit for limit in limits if limit not in each] == []
 
 
@@ -66,8 +87,8 @@ def test_what_only_reports_is_not_writable(each: Table) -> None:
 def test_the_two_models_that_were_checked_first_are_what_they_were() -> None:
     """Golden: e-manual pages of XM430-W350 and XL330-M288, firmware 45 and 46."""
     keys = ("temperature_limit", "max_voltage_limit", "min_voltage_limit", "current_limit", "velocity_limit")
-    keys += ("shutdown", *GAINS, "goal_current", "goal_pwm", "return_delay_time", "moving_threshold")
-    xm, xl = ([rule(stem, key).default for key in keys] for stem in ("xm430_w350", "xl330_m288"))
+    more = ("shutdown", *GAINS, "goal_current", "goal_pwm", "return_delay_time", "moving_threshold")
+    xm, xl = ([rule(stem, key).default for key in (*keys, *more)] for stem in ("xm430_w350", "xl330_m288"))
     assert xm == [80, 160, 95, 1193, 200, 52, 1920, 100, 0, 0, 800, 1193, 885, 250, 10]
     assert xl == [70, 70, 35, 1750, 445, 53, 1600, 180, 0, 0, 400, 1750, 885, 250, 10]
 

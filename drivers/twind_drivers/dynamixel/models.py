@@ -19,6 +19,7 @@ class Facts:
 
     modes: frozenset[int] = ALL_SIX  # of register "operating_mode"
     counts_per_turn: int | None = 4096  # of the output; None: the sources disagree, or it is no whole number
+    centre: int | None = 2048  # the count that the vendor's scale calls 0 rad
     radians_per_velocity_count: float | None = X_SPEED
     ampere_per_count: float | None = 2.69e-3  # A; None: no current is measured
     effort: str = "present_current"  # or "present_load", 0.1 %
@@ -51,6 +52,7 @@ MX28 = replace(MX64, modes=NO_CURRENT, ampere_per_count=None, effort="present_lo
 PH54 = Facts(
     modes=frozenset({0, 1, 3, 4, 16}),
     counts_per_turn=1_003_846,
+    centre=0,
     radians_per_velocity_count=P_SPEED,
     ampere_per_count=1e-3,
     fast_from=12,
@@ -68,6 +70,7 @@ RH_P12 = replace(
     PH54,
     modes=frozenset({0, 5}),
     counts_per_turn=None,
+    centre=None,  # 0 is open, 1150 closed
     radians_per_velocity_count=None,
     fast_from=13,
     backup_from=None,
@@ -75,6 +78,7 @@ RH_P12 = replace(
 YM = Facts(
     modes=frozenset({0, 1, 3}),
     counts_per_turn=524_288,
+    centre=0,
     radians_per_velocity_count=P_SPEED,
     ampere_per_count=0.01,
     fast_from=None,
@@ -88,6 +92,7 @@ YM = Facts(
 XL320 = Facts(
     modes=frozenset(),
     counts_per_turn=None,  # 1024 in 300 degrees: 1228.8
+    centre=512,
     radians_per_velocity_count=0.111 * 2.0 * pi / 60.0,
     ampere_per_count=None,
     effort="present_load",
