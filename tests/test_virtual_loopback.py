@@ -39,6 +39,26 @@ def test_drain_throws_away_what_has_come_only() -> None:
     assert port.fileno() == -1
 
 
+def test_what_a_stalled_adapter_holds_is_the_backlog_and_is_bounded() -> None:
+    host = Host([1])
+    port = Loopback(host.bus, host.clock)
+    port.write(packet.ping(1))
+    assert port.backlog() == 0
+    host.bus.faults.stall()
+    port.write(packet.ping(1))
+    assert port.backlog() == 10
+    with pytest.raises(PortError, match="0 of 4090 bytes taken") as caught:
+        port.write(bytes(4090))
+    assert not caught.value.lost
+    assert port.backlog() == 10
+    port.flush()
+    assert port.backlog() == 0
+    host.bus.faults.unplug()
+    for use in (port.backlog, port.flush):
+        with pytest.raises(PortError, match="unplugged"):
+            use()
+
+
 def test_unplugged_it_wakes_its_reader_and_is_lost() -> None:
     host = Host([1])
     port = Loopback(host.bus, host.clock)

@@ -30,7 +30,7 @@ class Virtual:
     def __init__(self, folder: Path, *options: str) -> None:
         self.folder = folder
         command = [sys.executable, "-m", "twind.virtual", "--link", str(folder), "--muscles", "first-order"]
-        command += ["--faults", str(folder / "faults"), "--calibration", str(folder / "fits.yaml"), *options]
+        command += ["--faults", str(folder / "faults"), *options]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self.said = list(self._lines())
 
@@ -52,6 +52,12 @@ class Virtual:
 
 @contextmanager
 def virtual(folder: Path, *options: str) -> Iterator[Virtual]:
+    with bench(folder, "--calibration", str(folder / "fits.yaml"), *options) as running:
+        yield running
+
+
+@contextmanager
+def bench(folder: Path, *options: str) -> Iterator[Virtual]:
     running = Virtual(folder, *options)
     try:
         yield running
@@ -155,6 +161,57 @@ def test_unplug_hangs_up_and_replug_is_found_under_the_same_name(tmp_path: Path)
         assert robot.order(fault="replug")["ok"]
         with client(tmp_path / "main") as again:
             assert sdk.PacketHandler(2.0).ping(again, 1) == (1020, 0, 0)
+
+
+def test_it_serves_single_servos_without_a_robot_twins_too(tmp_path: Path) -> None:
+    twins = [
+        "--servo",
+        "main:5:XM430-W350",
+        "--servo",
+        "main:5:XM430-W350",
+        "--servo",
+        "main:9:XL330-M288:46",
+    ]
+    with (
+        bench(tmp_path, *twins, "--baud", "1000000") as running,
+        client(tmp_path / "main", 1_000_000) as port,
+    ):
+        talk = sdk.PacketHandler(2.0)
+        assert talk.ping(port, 9) == (1200, 0, 0)
+        assert talk.read1ByteTxRx(port, 9, 6) == (46, 0, 0)
+        assert talk.read2ByteTxRx(port, 5, 0) == (1020, 0, 0), "twins that say the same are heard as one"
+        assert running.order(fault="heat", id=5, celsius=40)["ok"]
+        assert "ids are [5, 5, 9]" in running.order(fault="drop", count=1, id=3)["error"]
+
+
+def test_an_adapter_that_stalls_keeps_the_bytes_and_one_that_babbles_stalls_nobody(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot, client(tmp_path / "main") as port:
+        talk = sdk.PacketHandler(2.0)
+        assert robot.order(fault="stall")["ok"]
+        assert talk.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT
+        assert robot.order(fault="stall", on=False)["ok"]
+        time.sleep(0.1)
+        port.clearPort()
+        assert talk.ping(port, 1) == (1020, 0, 0)
+        assert robot.order(fault="babble")["ok"]
+        time.sleep(0.3)  # nobody reads what it says: the output fills up
+        asked = time.monotonic()
+        assert robot.order(query="state")["ok"]
+        assert time.monotonic() - asked < 0.5
+        assert robot.order(fault="clear")["ok"]
+        time.sleep(0.1)
+        port.clearPort()
+        assert talk.ping(port, 1) == (1020, 0, 0)
+
+
+def test_unplugged_and_back_under_another_name_the_link_leads_there(tmp_path: Path) -> None:
+    with virtual(tmp_path) as robot:
+        before = os.path.realpath(tmp_path / "main")
+        assert robot.order(fault="unplug")["ok"]
+        answer = robot.order(fault="replug", renamed=True)
+        assert answer["path"] == os.path.realpath(tmp_path / "main") != before
+        with client(tmp_path / "main") as port:
+            assert sdk.PacketHandler(2.0).ping(port, 1) == (1020, 0, 0)
 
 
 def test_the_watchdog_trips_within_120_ms_of_the_last_packet_by_the_servos_clock(tmp_path: Path) -> None:

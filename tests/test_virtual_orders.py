@@ -1,3 +1,4 @@
+import inspect
 import json
 import os
 import socket
@@ -6,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from twind.virtual.orders import Order, OrderError, OrderSocket, arguments
+from twind.virtual.orders import FAULTS, Order, OrderError, OrderSocket, arguments
+from twind_drivers.virtual.faults import Faults
 
 
 @pytest.mark.parametrize(
@@ -31,6 +33,21 @@ def test_right_orders_give_their_arguments() -> None:
     assert arguments({"fault": "silence", "bus": "main", "id": 12}) == ("silence", {"id": 12})
     assert arguments({"fault": "delay", "seconds": 1}) == ("delay", {"seconds": 1})
     assert arguments({"fault": "clear"}) == ("clear", {})
+
+
+def test_every_order_is_a_fault_with_these_arguments_and_no_fault_is_forgotten() -> None:
+    inside = {"rows", "look", "speak"}
+    methods = {
+        name: inspect.signature(method).parameters
+        for name, method in inspect.getmembers(Faults, inspect.isfunction)
+        if not name.startswith("_") and name not in inside
+    }
+    assert set(methods) == set(FAULTS)
+    for name, given in FAULTS.items():
+        taken = {key: value for key, value in methods[name].items() if key != "self"}
+        assert [key.rstrip("?") for key in given] == list(taken)
+        optional = {key for key, value in taken.items() if value.default is not inspect.Parameter.empty}
+        assert {key[:-1] for key in given if key.endswith("?")} == optional
 
 
 def served(path: Path, lines: bytes) -> list[Order]:

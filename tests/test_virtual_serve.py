@@ -1,10 +1,14 @@
+import json
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from virtual_host import Host
 
 from twind.virtual.orders import OrderError
 from twind.virtual.pty_port import PtyPort
-from twind.virtual.serve import STALL, Server, ServoClock
+from twind.virtual.serve import PAGE, STALL, Server, ServoClock
 from twind_drivers.clock import FakeClock
 
 
@@ -51,6 +55,35 @@ def test_with_one_bus_its_name_may_be_left_out_and_replug_tells_the_new_path() -
     answer = made.obey({"fault": "replug"})
     assert hosts["main"].bus.plugged
     assert said == [f"main {answer['path']}"]
+
+
+def test_replugged_under_another_name_the_link_follows(tmp_path: Path) -> None:
+    port = PtyPort("main", tmp_path / "main")
+    before = port.path
+    port.unplug()
+    port.plug(renamed=True)
+    assert port.path != before
+    assert os.readlink(tmp_path / "main") == port.path
+    port.unplug()
+
+
+def test_what_was_recorded_is_given_page_by_page() -> None:
+    made, hosts, _ = server("main")
+    with pytest.raises(OrderError, match='"record"'):
+        made.obey({"query": "history"})
+    made.obey({"fault": "record", "count": 2000})
+    history = hosts["main"].servos.history
+    assert history is not None
+    for at in range(PAGE + 7):
+        history.note(at * 0.001, np.array([at, -at]))
+    first = made.obey({"query": "history"})
+    assert (first["ids"], first["more"], len(first["time"])) == ([1, 2], True, PAGE)
+    rest = made.obey({"query": "history", "since": first["time"][-1]})
+    assert (rest["more"], rest["position"][-1]) == (False, [PAGE + 6, -PAGE - 6])
+    assert len(rest["time"]) == 7
+    with pytest.raises(OrderError, match="a time in s"):
+        made.obey({"query": "history", "since": "now"})
+    json.dumps(first)
 
 
 def test_the_state_tells_the_truth_of_every_servo() -> None:

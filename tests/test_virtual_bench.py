@@ -1,0 +1,92 @@
+from pathlib import Path
+
+import pytest
+
+from twind.config.robot_file import load_robot
+from twind.virtual.bench import Line, SpecimenError, bench, by_bus, servo, settings
+from twind.virtual.main import main
+from twind.virtual.specimen import buses, specimen
+from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel.packet import Framer
+from twind_drivers.virtual.servos import ServoSpec
+from twind_drivers.virtual.stream import Adapter
+
+
+def test_a_servo_is_named_by_bus_id_model_and_firmware() -> None:
+    assert servo("arm:3:XL330-M288") == ("arm", ServoSpec(3, "XL330-M288", {}, 47))
+    assert servo("arm:3:XM430-W350:44") == ("arm", ServoSpec(3, "XM430-W350", {}, 44))
+    assert servo("arm:3:XM430-W350", firmware=42)[1].firmware == 42
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("arm:3", "BUS:ID:MODEL"),
+        ("arm::XM430-W350", "BUS:ID:MODEL"),
+        ("arm:253:XM430-W350", r"253 is not one of 0\.\.252"),
+        ("arm:-1:XM430-W350", "id -1"),
+        ("arm:²:XM430-W350", "id ²"),
+        ("arm:3:XM430-W351", "XM430-W350"),
+        ("arm:3:XM430-W350:x", "firmware x"),
+        ("arm:3:XM430-W350:256", "firmware 256"),
+    ],
+)
+def test_a_servo_that_is_none_says_what_would_be_right(text: str, says: str) -> None:
+    with pytest.raises(SpecimenError, match=says):
+        servo(text)
+
+
+def test_on_a_bench_servos_are_as_from_the_factory() -> None:
+    """e-manual, XM430-W350: "Baud Rate" 57600, "Return Delay Time" 500 us."""
+    (bus,) = bench([servo("arm:3:XM430-W350"), servo("arm:7:XL330-M288")], Line()).values()
+    bus.receive(packet.ping(3), 0.0)
+    assert bus.due() == pytest.approx(24 * 10 / 57600 + 500e-6)
+    assert [each.id for each in Framer(status=True).feed(bus.take(1.0))] == [3]
+
+
+def test_the_settings_given_are_in_the_registers_and_the_adapter_is_as_told() -> None:
+    made = [
+        (bus, ServoSpec(spec.id, spec.model, settings(1_000_000, 20)))
+        for bus, spec in [servo("a:1:XM430-W350")]
+    ]
+    line = Line(adapter=Adapter(echo=True), wire_timing=False)
+    (bus,) = bench(made, line, baud=1_000_000).values()
+    assert (bus.servos["baud_rate"][0], bus.servos["return_delay_time"][0]) == (3, 10)
+    bus.receive(packet.ping(1), 0.0)
+    assert bus.take(0.0).startswith(packet.ping(1))
+
+
+def test_a_servo_beside_a_robots_with_the_same_id_is_a_twin() -> None:
+    made = specimen(load_robot("h24"))
+    extra = by_bus([("main", ServoSpec(7, "XM430-W350", settings(made.robot.bus("main").baud, 400)))])
+    bus = buses(made, physics=False, extra=extra)["main"]
+    bus.receive(packet.read(7, 0, 2), 0.0)
+    assert [each.id for each in Framer(status=True).feed(bus.take(1.0))] == [7, 7]
+
+
+def test_what_a_robot_cannot_have_beside_it_is_refused() -> None:
+    made = specimen(load_robot("h24"))
+    with pytest.raises(SpecimenError, match="no bus 'left'; h24 has main"):
+        buses(made, physics=False, extra={"left": [ServoSpec(1)]})
+    with pytest.raises(SpecimenError, match="first-order"):
+        buses(made, extra={"main": [ServoSpec(1)]})
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--latency-timer", "nan"], "0..255 ms"),
+        (["--latency-timer", "300"], "0..255 ms"),
+        (["--firmware", "256"], "0..255"),
+        (["--seed", "-1"], "0 or more"),
+        (["--servo", "a:1:XM430-W350", "--calibration", "x.yaml"], "needs --robot"),
+        (["--servo", "a:1:XL-320"], "XL"),
+        (["--servo", "a:1:XM430-W350", "--baud", "12345"], "9600"),
+    ],
+)
+def test_options_that_no_adapter_or_servo_can_have_end_with_2(
+    options: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(options) == 2
+    assert says in capsys.readouterr().err
+    assert not Path("x.yaml").exists()
