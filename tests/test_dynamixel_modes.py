@@ -231,6 +231,10 @@ def test_profiles_are_ours_for_positions_and_as_given_for_speeds() -> None:
     bus.run(bus.writer.prepare(np.array([0, 0, 2000, 0])))
     assert [bus.servos.get(id, 108, 4) for id in bus.ids] == [40, 9, 0, 9]
     assert [bus.servos.get(id, 112, 4) for id in bus.ids] == [8, 8, 0, 8]
+    bus.servos.put(1, 108, 9, 4)
+    bus.servos.frozen = {1: {108}}
+    with pytest.raises(DeviceRefused, match="id 1: profile acceleration"):
+        bus.run(bus.writer.prepare(np.array([0, 0, 2000, 0])))
 
 
 def test_position_limits_explain_a_goal_that_does_not_stay() -> None:

@@ -28,7 +28,7 @@ class WireCheck:
                 self._row(id, address, raw)
 
     def _row(self, id: int, address: int, raw: bytes) -> None:
-        if id not in self._tables or id not in self._fences:
+        if id not in self._fences:
             raise WireClamp(self._name, id, id, min(self._fences), max(self._fences), "address to id")
         for goal, (lower, upper) in self._fences[id].items():
             if address < goal.address + goal.size and goal.address < address + len(raw):
