@@ -21,7 +21,6 @@ from twind.config.robot_spec import JointSpec
 from twind.robot.arrays import Bools, Floats
 
 STEP = 0.002  # s
-FULL_PWM = 885.0  # counts
 STALL, FREE = 4.1, 4.82  # N·m, rad/s at full voltage
 CYCLE = 0.001  # s, of the servo's own loop
 FRICTION, DAMPING = 0.05, 0.01  # N·m, N·m·s/rad: the least a gear of 353:1 has
@@ -55,6 +54,8 @@ class Drive(Protocol):
     def current_cap(self) -> Floats: ...
     @property
     def supply(self) -> Floats: ...
+    @property
+    def full(self) -> Floats | float: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +132,7 @@ class Loops:
         model, ratio, ticks = self._model, self._ratio[at], np.abs(self._ticks[at])
         mode, on = np.asarray(drive.mode), drive.on
         seeks, spins = (mode >= 3) & (mode <= CURRENT_POSITION), mode == VELOCITY
-        full = self._stall[at] / FULL_PWM * ratio * drive.supply  # N·m per count
+        full = self._stall[at] / drive.full * ratio * drive.supply  # N·m per count
         raw = ratio / self._speed_lsb[at]  # raw velocity per rad/s
         kp = np.where(on & seeks, drive.p / 128.0 * ticks, 0.0) * full
         kd = np.select(

@@ -9,6 +9,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from twind_drivers.dynamixel.models import X_SPEED
 from twind_drivers.virtual.columns import Columns
 from twind_drivers.virtual.memory import Memory
 from twind_drivers.virtual.modes import CURRENT, CURRENT_POSITION, PWM, VELOCITY, seeks_position
@@ -27,6 +28,10 @@ class Firmware:
         self._registers = registers
         self._capped = np.array(["current_limit" in each for each in memory.tables])
         # e-manual, "Drive Mode": there the reverse bit inverts velocity, current and PWM too
+        facts = [each.facts for each in memory.tables]
+        self._full = np.array([float(each["pwm_limit"].bounds[1]) for each in memory.tables])
+        self._turn = np.array([float(each.counts_per_turn or 4096) for each in facts])
+        self._rpm = np.array([(each.radians_per_velocity_count or X_SPEED) * 30.0 / np.pi for each in facts])
         self._inverts = np.array([each.stem.startswith("mx") or "540" in each.stem for each in memory.tables])
         self.changed()
 
@@ -62,6 +67,9 @@ class Firmware:
             pwm_cap=np.where(self.mode == PWM, most, np.minimum(most, goal_pwm)),
             current_cap=np.where(self.mode == CURRENT_POSITION, np.minimum(current, goal_current), current),
             supply=supply,
+            full=self._full,
+            turn=self._turn,
+            rpm=self._rpm,
         )
 
     def goals(self, position: Floats) -> Floats:

@@ -14,8 +14,8 @@ from twind_drivers.virtual.modes import CURRENT, FULL_PWM, PWM, VELOCITY, seeks_
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-TICKS = 0.229 / 60.0 * 4096.0  # ticks/s per raw velocity
-FRICTION = 0.1  # raw current per raw velocity: viscous friction of the gear, all that loads a free joint
+RPM = 0.229  # per raw velocity of the X series
+FRICTION = 0.1  # raw current per 0.229 rpm: viscous friction of the gear, all that loads a free joint
 COAST = 0.1  # s, after which a free shaft under constant current runs at 63 % of its speed
 QUICK = 0.02  # s, time constant of the speed loop at the factory gains
 FACTORY_P, FACTORY_I = 100.0, 1920.0  # velocity gains of an XM430
@@ -34,7 +34,10 @@ class Drive:
     velocity_i: Floats
     pwm_cap: Floats  # 0..885, most output in any mode
     current_cap: Floats  # most current; inf where the model measures none
-    supply: Floats  # of the nominal voltage; 885 counts of PWM are all of it
+    supply: Floats  # of the nominal voltage
+    full: Floats | float = FULL_PWM  # PWM counts that are all of the supply
+    turn: Floats | float = 4096.0  # ticks per turn of the shaft
+    rpm: Floats | float = RPM  # per raw velocity
 
 
 class Muscles(Protocol):
@@ -44,9 +47,9 @@ class Muscles(Protocol):
     """
 
     position: Floats  # encoder ticks
-    velocity: Floats  # raw, 0.229 rpm
+    velocity: Floats  # raw, 0.229 rpm but for the P series
     current: Floats  # raw, the model's current unit
-    pwm: Floats  # raw, 0.113 %
+    pwm: Floats  # raw, 0.113 % but for the P series
     stall: Floats  # raw current of a blocked motor at the nominal voltage; constant
 
     def drive(self, drive: Drive) -> None:
@@ -90,7 +93,7 @@ class FirstOrder:
         self.position = np.array(start, np.float64)
         self.velocity, self.current, self.pwm = (np.zeros_like(self.position) for _ in range(3))
         self.stall = np.full_like(self.position, stall)
-        self._lag, self._gain, self._free = lag, gain, speed
+        self._lag, self._gain, self._fastest = lag, gain, speed
         self._goal = self.position.copy()
         self._time = now
         self._blocked = np.zeros(self.position.size, np.bool_)
@@ -104,9 +107,15 @@ class FirstOrder:
         seeks = seeks_position(self._mode)
         self._cap, self._current_cap = drive.pwm_cap.copy(), drive.current_cap.copy()
         self._volts = np.maximum(drive.supply, 1e-9)
-        duty = np.minimum(self._cap, FULL_PWM) / FULL_PWM
-        self._top = np.minimum(self._free * duty * self._volts, self._current_cap / FRICTION)  # raw
-        self._speed = np.maximum(np.where(pulls, self._top * TICKS, 0.0), 1e-9)  # ticks/s: to divide by
+        whole = np.ones_like(self.position)
+        self._full, self._ticks = drive.full * whole, drive.rpm / 60.0 * drive.turn * whole
+        self._free, self._friction = (
+            self._fastest * RPM / drive.rpm * whole,
+            FRICTION * drive.rpm / RPM * whole,
+        )
+        duty = np.minimum(self._cap / self._full, 1.0)
+        self._top = np.minimum(self._free * duty * self._volts, self._current_cap / self._friction)  # raw
+        self._speed = np.maximum(np.where(pulls, self._top * self._ticks, 0.0), 1e-9)  # ticks/s: to divide by
         self._rate = np.where(pulls & seeks, drive.p / (self._gain * self._lag), 0.0)
         self._slowest = np.maximum(self._rate, 1e-9)
         self._p = np.where(pulls & seeks, drive.p / 128.0, 0.0)
@@ -153,9 +162,9 @@ class FirstOrder:
         way = np.copysign(1.0, error)
         np.copyto(self.position, self._goal - way * left, where=rate > 0.0)
         raw = np.minimum(left * rate, self._speed) * way
-        raw *= 1.0 / TICKS
+        raw /= self._ticks
         self.velocity[:] = raw
-        np.multiply(raw, FRICTION, out=self.current)
+        np.multiply(raw, self._friction, out=self.current)
         np.minimum(self._p * left, self._cap, out=left)
         np.multiply(left, way, out=self.pwm)
 
@@ -171,19 +180,18 @@ class FirstOrder:
     def _turn(self, speed: Floats, dt: float) -> None:
         """Modes 0, 1 and 16, `speed` (raw) before: the speed tends to what the goal means without load."""
         at, rate = self._turning, self._quickness
-        mode, goal, top = self._mode[at], self._goal[at], self._top[at]
-        wish = np.select(
-            [mode == CURRENT, mode == PWM], [goal / FRICTION, goal / FULL_PWM * self._free], goal
-        )
+        mode, goal, top, full = self._mode[at], self._goal[at], self._top[at], self._full[at]
+        free, friction = self._free[at], self._friction[at]
+        wish = np.select([mode == CURRENT, mode == PWM], [goal / friction, goal / full * free], goal)
         wish = np.clip(np.where(mode == PWM, wish * self._volts[at], wish), -top, top)
         decay = np.exp(-rate * dt)
         now = wish + (speed - wish) * decay
-        self.position[at] += (wish * dt + (speed - wish) * (1.0 - decay) / rate) * TICKS
+        self.position[at] += (wish * dt + (speed - wish) * (1.0 - decay) / rate) * self._ticks[at]
         self.velocity[at] = now
-        torque = FRICTION * (now + (wish - now) * rate * COAST)  # friction, and what the inertia takes
+        torque = friction * (now + (wish - now) * rate * COAST)  # friction, and what the inertia takes
         cap, most = self._cap[at], self._current_cap[at]
         self.current[at] = np.clip(torque, -most, most)
-        output = (now / self._free + self.current[at] / self.stall[at]) / self._volts[at] * FULL_PWM
+        output = (now / free + self.current[at] / self.stall[at]) / self._volts[at] * full
         self.pwm[at] = np.clip(np.where(mode == PWM, goal, output), -cap, cap)
 
     def _jam(self) -> None:
@@ -192,7 +200,7 @@ class FirstOrder:
         if not at.size:
             return
         mode, goal, cap = self._mode[at], self._goal[at], self._cap[at]
-        full = self.stall[at] * self._volts[at] / FULL_PWM  # raw current per count
+        full = self.stall[at] * self._volts[at] / self._full[at]  # raw current per count
         pull = self._p[at] * (goal - self.position[at])
         spin = np.where(goal == 0.0, 0.0, np.copysign(cap, goal))
         output = np.select([mode == CURRENT, mode == VELOCITY, mode == PWM], [goal / full, spin, goal], pull)

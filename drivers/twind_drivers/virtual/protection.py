@@ -29,14 +29,12 @@ NOMINAL, NOMINAL_X330, NOMINAL_P = 12.0, 5.0, 24.0  # V
 
 
 def ampere(table: Table) -> float:
-    """A per raw current. e-manual: 2.69 mA (XM, XH, X540), 1 mA (X330, P), 3.36 mA (MX)."""
-    if table.number in X330 or table.stem.startswith(("p", "y")):
-        return 0.001
-    return 0.00336 if table.stem.startswith("mx") else 0.00269
+    """A per raw current: 2.69 mA (XM, XH, X540), 1 mA (X330, P) and so on; 2.69 mA where none is measured."""
+    return table.facts.ampere_per_count or 0.00269
 
 
 def nominal(table: Table) -> float:
-    """V that the model is made for (e-manual, "Specifications"): 5 (X330), 24 (P), 12 (all others)."""
+    """V that the model is made for (e-manual, "Specifications"): 5 (X330), 24 (P, XH-V), 12 (all others)."""
     if table.number in X330:
         return NOMINAL_X330
     highest = table.fields.get("max_voltage_limit")
