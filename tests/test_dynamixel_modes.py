@@ -169,6 +169,15 @@ def test_speeds_and_currents_are_prepared_at_zero_whatever_stood_there() -> None
     assert (bus.servos.get(1, 116, 4), bus.servos.get(2, 116, 4)) == (0, 0)
 
 
+@pytest.mark.parametrize("goals", [[2000], [2000, 0, 0], [2000.0, 0.0], [np.nan, 0.0], []])
+def test_goals_of_another_shape_are_not_stretched_to_fit(goals: list[float]) -> None:
+    bus = bench([3, 1])
+    for script in (bus.writer.prepare, bus.writer.aim):
+        with pytest.raises(ValueError, match="2 whole ticks needed"):
+            bus.run(script(np.array(goals)))
+    assert all(each.instruction != SYNC for each in bus.servos.seen)
+
+
 @pytest.mark.parametrize(("mode", "what"), [(1, "goal velocity"), (0, "goal current")])
 def test_torque_goes_on_only_after_speeds_and_currents_read_back_zero(mode: int, what: str) -> None:
     bus = bench([3, mode])

@@ -79,7 +79,7 @@ class MixedGoals:
 
     def encode(self, ticks: Ints) -> bytes:
         """The packets for goals (m,), one behind the other. Raises WireClamp, ValueError (shape)."""
-        if ticks.shape != (self._count,):
+        if ticks.shape != (self._count,) or ticks.dtype.kind != "i":
             raise ValueError(f"{self._name}: {self._count} whole ticks needed, got {ticks!r}")
         return b"".join([packet.encode(ticks[places]) for places, packet in self._parts])
 

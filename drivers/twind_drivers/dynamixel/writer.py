@@ -150,7 +150,8 @@ class DynamixelWriter:
         resume its old goal. Caps, gains; profile 0 for positions (the executor shapes the motion).
         """
         yield from self._require_modes()
-        goal = self._goal_rows(np.where(self._resting, 0, ticks))
+        whole = ticks.shape == self._resting.shape  # else refused as it stands, not stretched
+        goal = self._goal_rows(np.where(self._resting, 0, ticks) if whole else ticks)
         caps = rows(self._in(CURRENT_BASED), lambda servo: (servo.at("goal_current"), _short(servo.cap or 0)))
         off, on = (
             rows(self._servos, lambda servo, data=data: (servo.layout.watchdog, data))  # type: ignore[misc]
