@@ -26,7 +26,8 @@ def of(device: str, text: str = "name: x") -> Units:
 )
 def test_a_type_has_the_units_of_its_model(device: str, turn: int, ampere: float, rpm: float) -> None:
     found = of(device)
-    assert (found.ticks_per_turn, found.current_lsb_a) == (turn, pytest.approx(ampere))
+    assert found.ticks_per_turn == turn
+    assert found.current_lsb_a == pytest.approx(ampere)
     assert found.velocity_lsb_rad_s == pytest.approx(rpm * 2.0 * pi / 60.0)
 
 
