@@ -12,7 +12,7 @@ from rig import Rig
 
 from twind import link
 from twind.robot.modes import State
-from twind_drivers.bus import Reader
+from twind_drivers.bus import Reader, Sample
 
 
 def upper_goals(rig: Rig) -> list[int]:
@@ -180,4 +180,71 @@ def test_what_is_wrong_with_an_open_port_is_told_once_with_its_remedy() -> None:
     rig.seconds(1.0)
     (event,) = rig.events("LATENCY_WARN")
     assert (event.level, event.message) == ("warning", "main: the adapter's latency timer is 16 ms")
+    rig.close()
+
+
+# ------------------------------------------------------------------------------------- two with one id
+
+
+def test_an_id_that_answers_garbage_is_missing_with_the_likely_reason() -> None:
+    rig = Rig()
+    rig.virtual["main"].faults.corrupt(1_000_000, id=5)
+    rig.seconds(1.0)
+    (finding,) = rig.loop.identity.troubles
+    assert finding.message.startswith("nothing answers as id 5 on bus main; but bytes come")
+    assert "two devices with this id? `twindctl scan --port` tells" in finding.message
+    assert not rig.loop.hardware.connected
+    rig.close()
+
+
+def test_an_id_that_is_silent_is_just_missing() -> None:
+    rig = Rig()
+    rig.virtual["main"].faults.silence(5)
+    rig.seconds(1.0)
+    (finding,) = rig.loop.identity.troubles
+    assert finding.message == "nothing answers as id 5 on bus main"
+    rig.close()
+
+
+def mute_readings(rig: Rig, place: int, count: int) -> None:
+    """Of the first `count` cyclic readings the one at `place` is not sound: two servos in two places."""
+    opened = rig._open
+
+    def opener(name: str) -> Reader:
+        reader, left = opened(name), [count]
+        finish = reader.finish
+
+        def finished(now: float) -> Sample:
+            sample = finish(now)
+            left[0] -= 1
+            if left[0] >= 0:
+                sample.heard[place] = False
+            return sample
+
+        reader.finish = finished  # type: ignore[method-assign]
+        return reader
+
+    rig.loop.hardware.ports[0].opener = opener
+
+
+def test_an_id_that_says_who_it_is_but_gives_no_sound_reading_is_not_connected() -> None:
+    """Row 12 of the fault matrix: two of one model say the same, and are in two places."""
+    rig = Rig()
+    mute_readings(rig, 4, 150)
+    rig.seconds(1.0)
+    (finding,) = rig.loop.identity.troubles
+    assert finding.message.startswith("id 5 on bus main answers, but not one of its readings is sound")
+    assert not rig.loop.hardware.connected
+    rig.seconds(2.0)  # one of the two was taken away
+    assert rig.loop.hardware.connected
+    assert rig.loop.identity.troubles == []
+    rig.close()
+
+
+def test_a_reading_that_is_lost_at_the_start_makes_no_duplicate() -> None:
+    rig = Rig()
+    mute_readings(rig, 4, 3)
+    rig.seconds(0.5)
+    assert rig.loop.hardware.connected
+    assert not rig.events("DEVICE_MISSING")
     rig.close()

@@ -5,7 +5,8 @@ Watches the ports after each exchange and turns what happened into states and fi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 SILENT = 2.0  # s without an answer from anybody: the bus counts as disconnected (design 6.4)
 GONE = 0.1  # s without an answer from anybody: their power may have gone (docs/safety.md, a stale state)
+UNREAD = 1.0  # s without a sound reading of a device that answers when it is asked who it is
+READINGS = 5  # that must have been tried before that is said
+DOUBLE = "two devices with this id? `twindctl scan --port` tells; disconnect one, change its id"
 SPOKE = 0.05  # s: somebody of a mute bus was heard just now, so its power is back
 
 # (bus name, id) -> device, for every device that answered -> what S09 says of them, joints as indices
@@ -128,12 +132,15 @@ class Identity:
             return
         if not task.done:
             return
-        port.identification = None
         port.devices = task.result or ()
+        unread = tuple(self._unread(port, bus))
+        if unread and port.readings < READINGS:
+            return
+        port.identification = None
         (self._mute.discard if port.devices else self._mute.add)(port.name)
         self._devices = {key: device for key, device in self._devices.items() if key[0] != port.name}
         self._devices |= {(port.name, device.id): device for device in port.devices}
-        findings = self._unfit(bus)
+        findings = (*self._unfit(port, bus), *unread)
         if findings != self.missing.get(port.name, ()):
             self._tell("error", findings)
         self.missing[port.name] = findings
@@ -143,11 +150,25 @@ class Identity:
         port.link = Link.CONNECTED
         self._found(now)
 
-    def _unfit(self, bus: BusMap) -> tuple[Finding, ...]:
+    def _unfit(self, port: Port, bus: BusMap) -> Iterator[Finding]:
         """Everybody of this bus who did not answer, or is not what the robot file says."""
-        mine, wrong = set(bus.joints.tolist()), (Code.DEVICE_MISSING, Code.DEVICE_MISMATCH)
-        said = self._judge(self._devices).refusals
-        return tuple(finding for finding in said if finding.code in wrong and finding.joint in mine)
+        mine = set(bus.joints.tolist())
+        for finding in self._judge(self._devices).refusals:
+            if finding.joint in mine and finding.code == Code.DEVICE_MISMATCH:
+                yield finding
+            elif finding.joint in mine and finding.code == Code.DEVICE_MISSING:
+                hint = f"; but bytes come that are no answer: {DOUBLE}" if port.strays else ""
+                yield replace(finding, message=finding.message + hint)
+
+    def _unread(self, port: Port, bus: BusMap) -> Iterator[Finding]:
+        """Who says who it is, but gives no sound reading: two of one model say the same, and show different
+        positions (fault matrix row 12)."""
+        said = {device.id for device in port.devices}
+        age = self._loop.measured.age[bus.joints]
+        for id, joint, unheard in zip(bus.ids, bus.joints.tolist(), ~(age < UNREAD), strict=True):
+            if id in said and unheard:
+                message = f"id {id} on bus {bus.name} answers, but not one of its readings is sound: {DOUBLE}"
+                yield Finding(Code.DEVICE_MISSING, joint, message=message)
 
     def _found(self, now: float) -> None:
         """Everybody of one bus is there; when that was the last bus, the robot is connected."""

@@ -100,6 +100,7 @@ class Port:
     counts: Counts = field(default_factory=Counts)
     tasks: list[Task[Any]] = field(default_factory=list)
     identification: Task[tuple[Device, ...]] | None = None
+    _begun: tuple[int, int] = (0, 0)  # exchanges and discarded bytes when identification began
     _retry: float = -inf
     _wait: float = REOPEN_FIRST
     _asked: Task[Any] | None = None
@@ -137,7 +138,18 @@ class Port:
             if self.identification is not None:
                 self.identification.cancel(BusError(f"{self.name}: everybody is asked anew"))
             self.link = Link.IDENTIFYING
+            self._begun = (self.counts.exchanges, self.counts.discarded)
             self.identification = self.run(self.reader.identify())
+
+    @property
+    def readings(self) -> int:
+        """Cyclic readings since identification began."""
+        return self.counts.exchanges - self._begun[0]
+
+    @property
+    def strays(self) -> int:
+        """Bytes since identification began that were no answer of ours."""
+        return self.counts.discarded - self._begun[1]
 
     def lose(self, error: PortError, now: float) -> None:
         """Close at once (an open descriptor would make the replugged adapter another ttyUSB); retry soon."""
@@ -232,6 +244,7 @@ class Port:
         reply, task = self.reader.answer(now), self._asked
         self._asked = None
         self.counts.busy += reply.waited
+        self.counts.discarded += reply.strays
         if task is not None and not task.done:
             task.advance(reply)
 
