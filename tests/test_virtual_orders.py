@@ -1,12 +1,14 @@
 import inspect
 import json
 import os
+import re
 import socket
 import stat
 from pathlib import Path
 
 import pytest
 
+from twind.virtual.main import parser
 from twind.virtual.orders import FAULTS, Order, OrderError, OrderSocket, arguments
 from twind_drivers.virtual.faults import Faults
 
@@ -48,6 +50,14 @@ def test_every_order_is_a_fault_with_these_arguments_and_no_fault_is_forgotten()
         assert [key.rstrip("?") for key in given] == list(taken)
         optional = {key for key, value in taken.items() if value.default is not inspect.Parameter.empty}
         assert {key[:-1] for key in given if key.endswith("?")} == optional
+
+
+def test_the_page_shows_every_order_and_option_and_what_it_shows_is_right() -> None:
+    page = (Path(__file__).parents[1] / "docs/virtual.md").read_text()
+    shown = [json.loads(each) for each in re.findall(r'`(\{"fault".*?\})`', page)]
+    assert {arguments(each)[0] for each in shown} == set(FAULTS)
+    for option in parser()._option_string_actions:
+        assert option in ("-h", "--help") or f"`{option}" in page, option
 
 
 def served(path: Path, lines: bytes) -> list[Order]:
