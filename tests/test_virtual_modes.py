@@ -239,6 +239,21 @@ def test_torque_on_in_velocity_mode_resumes_the_goal_register() -> None:
     assert host.read(1, 128, 4) == 100
 
 
+def test_a_p_series_servo_turns_at_its_own_scale() -> None:
+    """e-manual PH54-200: 1,003,846 ticks a turn, 0.01 rev/min a count, 100 % of PWM are 2009 counts, 24 V."""
+    host = Host([1], model="PH54-200-S500", settings={"operating_mode": 1})
+    at = {key: (field.address, field.size) for key, field in host.servos.memory.tables[0].fields.items()}
+    assert host.read(1, *at["present_input_voltage"]) == 240
+    host.write(1, at["torque_enable"][0], 1, 1)
+    assert host.write(1, at["goal_velocity"][0], 1000, 4) == 0
+    host.wait(1.0)
+    before = host.read(1, *at["present_position"])
+    host.wait(6.0)
+    assert host.read(1, *at["present_velocity"]) == 1000
+    assert host.read(1, *at["present_position"]) - before == pytest.approx(1_003_846, rel=0.01)
+    assert host.read(1, *at["hardware_error_status"]) == 0
+
+
 def test_a_frozen_encoder_repeats_itself_until_it_thaws() -> None:
     host = powered(3)
     host.servos.readings.freeze(0, True)

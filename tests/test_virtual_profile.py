@@ -3,17 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.virtual.profile import (
-    ACCELERATION,
-    NONE,
-    RECTANGLE,
-    TRAPEZOID,
-    TRIANGLE,
-    VELOCITY,
-    Profile,
-)
+from twind_drivers.virtual.profile import NONE, RECTANGLE, TRAPEZOID, TRIANGLE, Profile
 
-STEP = 0.002
+STEP = 0.002  # s
+VELOCITY, ACCELERATION = 0.229 / 60 * 4096, 214.577 / 3600 * 4096  # ticks/s, ticks/s² per raw value
 
 
 def made(velocity: float, acceleration: float, *, timed: bool = False, spins: bool = False) -> Profile:
@@ -151,3 +144,13 @@ def test_the_same_goal_again_does_not_begin_anew() -> None:
     profile.aim(np.array([700.0]), 0.5)
     profile.follow(1.0001)
     assert profile.reference[0] == 700.0
+
+
+def test_a_p_series_profile_is_in_its_own_units() -> None:
+    """e-manual PH54: 1,003,846 ticks a turn, 0.01 rev/min."""
+    profile = Profile(np.zeros(1), turn=1_003_846.0, rpm=0.01)
+    off = np.zeros(1, np.bool_)
+    profile.limit(np.array([1000.0]), np.array([0.0]), off, off)
+    profile.aim(np.array([1e6]), 0.0)
+    profile.follow(1.0)
+    assert profile.reference[0] == pytest.approx(10.0 / 60.0 * 1_003_846)

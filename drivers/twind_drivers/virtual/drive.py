@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from twind_drivers.dynamixel.models import X_SPEED
 from twind_drivers.virtual.columns import Columns
 from twind_drivers.virtual.memory import Memory
-from twind_drivers.virtual.modes import CURRENT, CURRENT_POSITION, PWM, VELOCITY, seeks_position
+from twind_drivers.virtual.modes import CURRENT, CURRENT_POSITION, POSITION, PWM, VELOCITY, seeks_position
 from twind_drivers.virtual.muscles import Drive
 
 Floats = NDArray[np.float64]
@@ -28,10 +28,12 @@ class Firmware:
         self._registers = registers
         self._capped = np.array(["current_limit" in each for each in memory.tables])
         # e-manual, "Drive Mode": there the reverse bit inverts velocity, current and PWM too
+        wide = [each["goal_position"].bounds for each in memory.tables]
+        self._widest = np.array(wide, np.int64).reshape(-1, 2).T  # ticks, where no limit register counts
         facts = [each.facts for each in memory.tables]
         self._full = np.array([float(each["pwm_limit"].bounds[1]) for each in memory.tables])
-        self._turn = np.array([float(each.counts_per_turn or 4096) for each in facts])
-        self._rpm = np.array([(each.radians_per_velocity_count or X_SPEED) * 30.0 / np.pi for each in facts])
+        self.turn = np.array([float(each.counts_per_turn or 4096) for each in facts])
+        self.rpm = np.array([(each.radians_per_velocity_count or X_SPEED) * 30.0 / np.pi for each in facts])
         self._inverts = np.array([each.stem.startswith("mx") or "540" in each.stem for each in memory.tables])
         self.changed()
 
@@ -40,6 +42,9 @@ class Firmware:
         registers, modes = self._registers, self._registers["drive_mode"]
         self.mode = registers["operating_mode"].astype(np.int64)
         self.on = registers["torque_enable"] != 0
+        limited = self.mode == POSITION  # e-manual, "Min/Max Position Limit": in mode 3 only
+        self.lower = np.where(limited, registers["min_position_limit"], self._widest[0]).astype(np.int64)
+        self.upper = np.where(limited, registers["max_position_limit"], self._widest[1]).astype(np.int64)
         self.seeks = seeks_position(self.mode)
         self.mixed = bool(np.count_nonzero(self.seeks) < len(self.seeks))
         self.spins, self.timed = self.mode == VELOCITY, (modes & TIMED) != 0
@@ -68,8 +73,8 @@ class Firmware:
             current_cap=np.where(self.mode == CURRENT_POSITION, np.minimum(current, goal_current), current),
             supply=supply,
             full=self._full,
-            turn=self._turn,
-            rpm=self._rpm,
+            turn=self.turn,
+            rpm=self.rpm,
         )
 
     def goals(self, position: Floats) -> Floats:

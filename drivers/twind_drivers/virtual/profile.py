@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-VELOCITY = 0.229 / 60.0 * 4096.0  # ticks/s per unit of register 112
-ACCELERATION = 214.577 / 3600.0 * 4096.0  # ticks/s² per unit of register 108
+RPM = 0.229  # rev/min per unit of register 112, X series
+RATE = 214.577  # rev/min² per unit of register 108, X series
+RATE_P = 1.0  # the P series' (assumed from older pages; today's give none)
 STEP = 0.002  # s
 NONE, RECTANGLE, TRIANGLE, TRAPEZOID = 0x00, 0x10, 0x20, 0x30  # bits of the moving status (123)
 TINY = 1e-9
@@ -22,9 +23,14 @@ TINY = 1e-9
 class Profile:
     """Plans of m servos. A place is in ticks (`spins` False) or raw velocity, speed is that per second."""
 
-    def __init__(self, position: Floats) -> None:
-        """At rest at `position` (m,), every goal a step."""
+    def __init__(self, position: Floats, turn: Floats | float = 4096.0, rpm: Floats | float = RPM) -> None:
+        """At rest at `position` (m,), every goal a step. `turn`: ticks a turn; `rpm`: of one raw velocity."""
         count = position.size
+        self.raw = np.broadcast_to(
+            np.asarray(turn * rpm / 60.0, np.float64), (count,)
+        )  # ticks/s per velocity
+        rate = np.where(np.asarray(rpm) > 0.1, RATE, RATE_P) * turn / 3600.0
+        self._rate = np.broadcast_to(np.asarray(rate, np.float64), (count,))  # ticks/s² per acceleration
         self.reference = position.copy()
         self.speed = np.zeros(count)
         self.kind = np.zeros(count, np.uint8)  # of the latest plan: NONE, RECTANGLE, TRIANGLE, TRAPEZOID
@@ -110,7 +116,7 @@ class Profile:
 
     def _ramp(self, row: int, way: float) -> tuple[float, float, tuple[float, float, float], int]:
         """Velocity mode: the reference is a velocity, and it changes at one rate."""
-        rate = self._acceleration[row] * ACCELERATION / VELOCITY  # raw/s; so t1 = 64 V / A ms
+        rate = self._acceleration[row] * self._rate[row] / self.raw[row]  # raw/s; so t1 = 64 V / A ms
         time = self._acceleration[row] * 1e-3 if self._timed[row] else abs(way) / rate
         return way / time, way / time, (0.0, float(time), 0.0), TRAPEZOID
 
@@ -130,7 +136,7 @@ class Profile:
         self, row: int, way: float, start: float
     ) -> tuple[float, float, tuple[float, float, float], int]:
         """Speed and acceleration are capped, the time follows."""
-        top, rate = self._velocity[row] * VELOCITY, self._acceleration[row] * ACCELERATION
+        top, rate = self._velocity[row] * self.raw[row], self._acceleration[row] * self._rate[row]
         if rate <= 0.0:
             peak = float(np.copysign(top, way))
             return peak, peak, (0.0, abs(way) / top, 0.0), RECTANGLE

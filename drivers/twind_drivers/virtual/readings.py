@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from twind_drivers.virtual.memory import Memory
 from twind_drivers.virtual.modes import FULL_PWM
 from twind_drivers.virtual.muscles import Muscles
-from twind_drivers.virtual.profile import VELOCITY, Profile
+from twind_drivers.virtual.profile import Profile
 from twind_drivers.virtual.protection import Protection
 
 Floats = NDArray[np.float64]
@@ -109,5 +109,5 @@ class Readings:
         bits = arrived * ARRIVED + profile.running * ONGOING + erring * ERRING
         self._moving_status.put(bits + profile.kind)
         self._place_wanted.put(np.where(seeks, np.rint(profile.reference) * direction + shift, place))
-        wanted = np.where(seeks, profile.speed / VELOCITY, np.where(profile.spins, profile.reference, 0.0))
+        wanted = np.where(seeks, profile.speed / profile.raw, np.where(profile.spins, profile.reference, 0.0))
         self._speed_wanted.put(np.rint(wanted * way))

@@ -73,22 +73,16 @@ class Servos:
         self.history: History | None = None  # of what the present position registers showed, on order
         self.power = Power(memory, self.registers, muscles, specs)
         self.direction, self.shift = self.power.direction, self.power.shift
-        self.profile = Profile(muscles.position)
         count = len(specs)
-        self.tripped = np.zeros(count, np.bool_)
+        self.tripped, self.shut, self.silenced, self._blocked = (np.zeros(count, np.bool_) for _ in range(4))
+        # shut: by a hardware error, until reboot; silenced: connector pulled, it hears and says nothing
         self.tripped_at = np.full(count, np.nan)  # s, the last time
         self.trip_delay = np.full(count, np.nan)  # s, from the last packet heard before that
-        self.shut = np.zeros(count, np.bool_)  # shut down by its hardware error, until reboot
-        self.silenced = np.zeros(count, np.bool_)  # its connector is pulled: it hears and says nothing
         self.heard_at = np.full(count, now)  # s, the last instruction packet that each servo heard
         self.baud = 0  # of the line; 0: whatever each servo is set to
         self.listening = np.ones(count, np.bool_)
         self.alert = np.zeros(count, np.uint8)
-        self._blocked = np.zeros(count, np.bool_)
         self._check_at = now + CHECK
-        wide = [each["goal_position"].bounds for each in tables]  # ticks, where no limit register counts
-        self._widest = np.array(wide, np.int64).reshape(count, 2).T
-        self._lower, self._upper = self._widest
         self._timeout, self._shortest, self._event = np.full(count, inf), inf, inf
         self._fresh, self._simple = -inf, True
         self._by_goal: NDArray[np.bool_] | None = None  # whose torque a goal turns on; None: nobody's
@@ -97,6 +91,7 @@ class Servos:
             self._fit(row, spec)
             self._boot(row, now)
         self._firmware = Firmware(memory, self.registers)
+        self.profile = Profile(muscles.position, turn=self._firmware.turn, rpm=self._firmware.rpm)
         self.changed()
 
     def _fit(self, row: int, spec: ServoSpec) -> None:
@@ -185,9 +180,8 @@ class Servos:
         self.epoch += 1
         self._fresh = -inf
         self._firmware.changed()
-        on, mode = self._firmware.on, self._firmware.mode
         units = self["bus_watchdog"].astype(np.float64)
-        self._timeout = np.where(on & (units > 0) & ~self.tripped, units * WATCHDOG_UNIT, inf)
+        self._timeout = np.where(self._firmware.on & (units > 0) & ~self.tripped, units * WATCHDOG_UNIT, inf)
         self._shortest = float(self._timeout.min())
         line = (np.take(BAUDS, self["baud_rate"], mode="clip") == self.baud) | (self.baud == 0)
         self.listening = np.isinf(self.power.boots_at) & ~self.silenced & line
@@ -196,8 +190,6 @@ class Servos:
         self.alert = np.where(self["hardware_error_status"] != 0, ALERT, 0).astype(np.uint8)
         by_goal = (self["drive_mode"] & TORQUE_BY_GOAL) != 0
         self._by_goal = by_goal if by_goal.any() else None
-        self._lower = np.where(mode == 3, self["min_position_limit"], self._widest[0]).astype(np.int64)
-        self._upper = np.where(mode == 3, self["max_position_limit"], self._widest[1]).astype(np.int64)
         limits = (self[key] for key in ("temperature_limit", "min_voltage_limit", "max_voltage_limit"))
         self._bounds = tuple(limit * unit for limit, unit in zip(limits, (1.0, 0.1, 0.1), strict=True))
         self.readings.follow(self._firmware.way, self._firmware.seeks)
@@ -210,7 +202,7 @@ class Servos:
 
     def aim(self, goals: Ints, rows: Any = slice(None)) -> None:
         """Goal positions (k,) for `rows`; those that a rule refuses are dropped, as by a sync write."""
-        fine = (goals >= self._lower[rows]) & (goals <= self._upper[rows])
+        fine = (goals >= self._firmware.lower[rows]) & (goals <= self._firmware.upper[rows])
         fine &= self.listening[rows] & ~self.tripped[rows]
         if np.count_nonzero(fine) < len(fine):
             rows = np.arange(self.tripped.size)[rows][fine]
@@ -222,7 +214,7 @@ class Servos:
 
     def allows(self, row: int, goal: int) -> bool:
         """Is `goal` inside the position limits of this servo (they count in mode 3 only)?"""
-        return bool(self._lower[row] <= goal <= self._upper[row])
+        return bool(self._firmware.lower[row] <= goal <= self._firmware.upper[row])
 
     def _torque_by_goal(self, by_goal: NDArray[np.bool_], rows: Any) -> None:
         for row in np.arange(by_goal.size)[rows]:
@@ -302,8 +294,6 @@ class Servos:
         A position is held; a velocity, current or PWM becomes 0.
         """
         due = self.heard_at + self._timeout <= now
-        if not due.any():
-            return
         self.tripped |= due
         self.tripped_at[due] = (self.heard_at + self._timeout)[due]
         self.trip_delay[due] = self._timeout[due]
