@@ -5,6 +5,7 @@ mode 5, the goal in mode 0), "Goal Velocity"; the limit registers 36, 38 and 44 
 """
 
 from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,11 @@ from twind_drivers.virtual.modes import CURRENT, CURRENT_POSITION, POSITION, PWM
 from twind_drivers.virtual.muscles import Drive
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[Any]
 REVERSE, SLAVE, TIMED, TORQUE_BY_GOAL = 1, 2, 4, 8  # bits of the drive mode
 GAINS = ("position_p_gain", "position_i_gain", "position_d_gain", "velocity_p_gain", "velocity_i_gain")
+BOUNDS = ("temperature_limit", "min_voltage_limit", "max_voltage_limit")
 WANTED = {CURRENT: "current", VELOCITY: "velocity", PWM: "pwm"}
 
 
@@ -49,6 +53,16 @@ class Firmware:
         self.mixed = bool(np.count_nonzero(self.seeks) < len(self.seeks))
         self.spins, self.timed = self.mode == VELOCITY, (modes & TIMED) != 0
         self.way = np.where(self._inverts & ((modes & REVERSE) != 0), -1.0, 1.0)
+
+    def bounds(self) -> tuple[Floats, Floats, Floats]:
+        """Highest temperature (°C), lowest and highest voltage (V): registers 31, 34 and 32."""
+        hottest, lowest, highest = (self._registers[key].astype(np.float64) for key in BOUNDS)
+        return hottest, lowest / 10.0, highest / 10.0
+
+    def shape(self) -> tuple[Ints, Ints, Bools, Bools]:
+        """Profile velocity and acceleration (112, 108), who has them in ms, whose goal is a velocity."""
+        registers = self._registers
+        return registers["profile_velocity"], registers["profile_acceleration"], self.timed, self.spins
 
     def drive(self, supply: Floats) -> Drive:
         """A slave obeys its master's cable only (e-manual, "Dual Mode"), and no such cable is simulated.

@@ -42,7 +42,7 @@ class Profile:
         self._begun, self._place, self._start = np.zeros(count), position.copy(), np.zeros(count)
         self._peak, self._ends = np.zeros(count), np.zeros((3, count))  # s of gathering, cruising, braking
 
-    def limit(self, velocity: Floats, acceleration: Floats, timed: Bools, spins: Bools) -> None:
+    def limit(self, velocity: NDArray[Any], acceleration: NDArray[Any], timed: Bools, spins: Bools) -> None:
         """Registers 112 and 108 (m,), 0 is none; they count from the next goal on.
 
         `timed`: 112 is the whole time and 108 the ramp in ms, at most half of it (drive mode bit 2). `spins`:

@@ -76,12 +76,11 @@ class Servos:
         count = len(specs)
         self.tripped, self.shut, self.silenced, self._blocked = (np.zeros(count, np.bool_) for _ in range(4))
         # shut: by a hardware error, until reboot; silenced: connector pulled, it hears and says nothing
-        self.tripped_at = np.full(count, np.nan)  # s, the last time
-        self.trip_delay = np.full(count, np.nan)  # s, from the last packet heard before that
+        # s, the last time, and how long after the last packet heard before that
+        self.tripped_at, self.trip_delay = np.full(count, np.nan), np.full(count, np.nan)
         self.heard_at = np.full(count, now)  # s, the last instruction packet that each servo heard
         self.baud = 0  # of the line; 0: whatever each servo is set to
-        self.listening = np.ones(count, np.bool_)
-        self.alert = np.zeros(count, np.uint8)
+        self.listening, self.alert = np.ones(count, np.bool_), np.zeros(count, np.uint8)
         self._check_at = now + CHECK
         self._timeout, self._shortest, self._event = np.full(count, inf), inf, inf
         self._fresh, self._simple = -inf, True
@@ -103,8 +102,6 @@ class Servos:
     def __getitem__(self, key: str) -> NDArray[Any]:
         """(m,) values of one of `COLUMNS`; do not write to them."""
         return self.registers[key]
-
-    # ------------------------------------------------------------------------------------------- time
 
     def advance(self, now: float) -> None:
         """Let time pass until `now`, stopping at every watchdog and every end of a boot on the way."""
@@ -168,7 +165,9 @@ class Servos:
         dark = self.protection.dark
         for row in np.flatnonzero(dark & awake):
             self.reboot(int(row), now)
-        found = self.protection.errors(*self._bounds) & ~self["hardware_error_status"].astype(np.int64)
+        found = self.protection.errors(*self._firmware.bounds()) & ~self["hardware_error_status"].astype(
+            np.int64
+        )
         for row in np.flatnonzero(np.where(awake & ~dark, found, 0)):
             self.damage(int(row), int(found[row]))
 
@@ -189,16 +188,11 @@ class Servos:
         self._event = self._next()
         self.alert = np.where(self["hardware_error_status"] != 0, ALERT, 0).astype(np.uint8)
         by_goal = (self["drive_mode"] & TORQUE_BY_GOAL) != 0
-        self._by_goal = by_goal if by_goal.any() else None
-        limits = (self[key] for key in ("temperature_limit", "min_voltage_limit", "max_voltage_limit"))
-        self._bounds = tuple(limit * unit for limit, unit in zip(limits, (1.0, 0.1, 0.1), strict=True))
+        self._by_goal = by_goal if np.count_nonzero(by_goal) else None
         self.readings.follow(self._firmware.way, self._firmware.seeks)
-        timed, spins = self._firmware.timed, self._firmware.spins
-        self.profile.limit(self["profile_velocity"], self["profile_acceleration"], timed, spins)
+        self.profile.limit(*self._firmware.shape())
         self.muscles.drive(self._firmware.drive(self.protection.strength))
         self._retarget()
-
-    # ------------------------------------------------------------------------------------------- goals
 
     def aim(self, goals: Ints, rows: Any = slice(None)) -> None:
         """Goal positions (k,) for `rows`; those that a rule refuses are dropped, as by a sync write."""
@@ -236,8 +230,6 @@ class Servos:
             self.profile.hold(off, target[off])
         self.profile.aim(target, self.now)
         self.muscles.aim(self.profile.reference)
-
-    # ------------------------------------------------------------------------------------------- torque
 
     def torque(self, row: int, on: bool) -> None:
         """Torque enable; `changed` must follow. On after a shutdown does nothing: only a reboot restores."""
@@ -285,8 +277,6 @@ class Servos:
         self.tripped[row] = self.shut[row] = False
         self.readings.origin[row] = self.heard_at[row] = now
         self.power.up(row)
-
-    # ------------------------------------------------------------------------------------------- watchdog
 
     def _trip(self, now: float) -> None:
         """Bus watchdog (e-manual, register 98): stops with the profile as 0, goals locked, torque stays on.
