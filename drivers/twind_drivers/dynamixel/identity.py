@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import floor
 from typing import Protocol
 
 from twind_drivers.bus import Device, Ping, Query, Read, Script
@@ -121,21 +122,17 @@ def _read(
 
 def _slices(bus: Asker, ids: Sequence[int], block: Block) -> list[Read]:
     """Reads of as many devices each as fit beside a cycle, at least one."""
-    queries: list[Read] = []
-    for id in ids:
-        longer = Read((*queries[-1].ids, id), block.address, block.size) if queries else None
-        if longer is not None and bus.span(longer) <= SLICE:
-            queries[-1] = longer
-        else:
-            queries.append(Read((id,), block.address, block.size))
-    return queries
+    one, two = (bus.span(Read(tuple(ids[:count]), block.address, block.size)) for count in (1, 2))
+    count = max(1, floor((SLICE - one) / (two - one) + 1) if two > one else 1)
+    chunks = (tuple(ids[first : first + count]) for first in range(0, len(ids), count))
+    return [Read(chunk, block.address, block.size) for chunk in chunks]
 
 
 def _blocks(tables: Mapping[int, Table], names: Sequence[str], *, eeprom: bool) -> dict[Block, list[int]]:
-    """Ids by the smallest block that holds the named registers of one kind of memory."""
+    """Ids by the smallest block that holds the named registers (in snake case) of one kind of memory."""
     blocks: dict[Block, list[int]] = {}
     for id, each in tables.items():
-        fields = [each[name] for name in names if name in each and each[name].eeprom is eeprom]
+        fields = [field for name in names if (field := each.fields.get(name)) and field.eeprom is eeprom]
         if fields:
             first = min(field.address for field in fields)
             block = Block(first, max(field.end for field in fields) - first)
@@ -146,7 +143,8 @@ def _blocks(tables: Mapping[int, Table], names: Sequence[str], *, eeprom: bool) 
 def _decode(each: Table, names: Sequence[str], block: Block, raw: bytes) -> Settings:
     values: Settings = {}
     for name in names:
-        at = block.offset(each[name]) if name in each else None
-        if at is not None:
-            values[name] = each[name].decode(raw[at:])
+        field = each.fields.get(name)
+        at = block.offset(field) if field else None
+        if field and at is not None:
+            values[name] = field.decode(raw[at:])
     return values
