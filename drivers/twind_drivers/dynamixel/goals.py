@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.bus import Ints, WireClamp
-from twind_drivers.dynamixel.crc import Crc
+from twind_drivers.dynamixel.crc import crc16
 from twind_drivers.dynamixel.layout import Block
 from twind_drivers.dynamixel.packet import PATTERN, stuff, sync_write, unstuff
 
@@ -20,45 +20,48 @@ class GoalPacket:
     def __init__(self, name: str, ids: Sequence[int], goal: Block, lower: Ints, upper: Ints) -> None:
         """`lower`, `upper` (m,): goals that may ever be sent. Raises ValueError where lower > upper."""
         self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
-        self._name, self._ids = name, np.array(ids, np.uint8)
+        self._name, self._ids, self._shape = name, bytes(ids), (len(ids),)
         self._row = np.dtype([("id", "u1"), ("goal", f"<i{goal.size}")])
         self._packet = bytearray(sync_write(goal.address, {id: bytes(goal.size) for id in ids}))
         self._head = bytes(self._packet[:FIRST])
-        self._all = np.frombuffer(self._packet, np.uint8, len(self._packet) - 2)
+        self._all = memoryview(self._packet)[:-2]
         self._goals = np.frombuffer(self._packet, self._row, len(ids), FIRST)["goal"]
-        self._check = np.frombuffer(self._packet, "<u2", 1, len(self._packet) - 2)
-        self._crc = Crc(len(self._packet) - 2)
+        self._span = (self.upper - self.lower).view(np.uint64)
 
     def encode(self, ticks: Ints) -> bytes:
         """The packet for goals (m,), stuffed where needed. Raises WireClamp, ValueError (shape)."""
-        if ticks.shape != self._ids.shape or ticks.dtype.kind != "i":
+        if ticks.shape != self._shape or ticks.dtype.kind != "i":
             raise ValueError(f"{self._name}: {len(self._ids)} whole ticks needed, got {ticks!r}")
         self._goals[:] = ticks
         if self._packet.find(PATTERN, BODY, -2) < 0:
-            self._check[0] = self._crc(self._all)
+            self._packet[-2:] = crc16(self._all).to_bytes(2, "little")
             packet = plain = bytes(self._packet)
         else:
             packet = self._stuffed()
-            plain = packet[:BODY] + unstuff(packet[BODY:-2])
+            plain = packet[:BODY] + unstuff(packet[BODY:-2]) + packet[-2:]
         self._judge(plain, ticks)
         return packet
 
     def _stuffed(self) -> bytes:
         body = stuff(self._packet[BODY:-2])
         packet = self._head[:5] + (len(body) + 2).to_bytes(2, "little") + body
-        crc = int(Crc(len(packet))(np.frombuffer(packet, np.uint8)))
-        return packet + crc.to_bytes(2, "little")
+        return packet + crc16(packet).to_bytes(2, "little")
 
     def _judge(self, plain: bytes, ticks: Ints) -> None:
         """What stands in the bytes, not what was meant: ids, address and every goal word."""
-        rows = np.frombuffer(plain, self._row, len(self._ids), FIRST)
-        words: NDArray[np.signedinteger] = rows["goal"]
-        right = (words == ticks) & (words >= self.lower) & (words <= self.upper) & (rows["id"] == self._ids)
-        if np.count_nonzero(right) == len(right) and plain[BODY:FIRST] == self._head[BODY:]:
+        words: NDArray[np.signedinteger] = np.frombuffer(plain, self._row, len(ticks), FIRST)["goal"]
+        # Below the lower bound a difference is negative, so as an unsigned number beyond every span.
+        outside = (words - self.lower).view(np.uint64) > self._span
+        if (
+            not np.count_nonzero(outside)
+            and not np.count_nonzero(words != ticks)
+            and plain[FIRST : -2 : self._row.itemsize] == self._ids
+            and plain[BODY:FIRST] == self._head[BODY:]
+        ):
             return
-        place = int(np.argmin(right))
+        place = int(np.argmax(outside | (words != ticks)))
         lower, upper = int(self.lower[place]), int(self.upper[place])
-        raise WireClamp(self._name, int(self._ids[place]), int(ticks[place]), lower, upper)
+        raise WireClamp(self._name, self._ids[place], int(ticks[place]), lower, upper)
 
 
 class MixedGoals:
