@@ -27,8 +27,13 @@ class Host:
         wire_timing: bool = True,
         keep_goal: bool = True,
         firmware: int = 47,
+        forgets_offset: bool = False,
+        seam_seed: int | None = None,
     ) -> None:
-        specs = [ServoSpec(id, model, FAST | dict(settings or {}), firmware) for id in ids]
+        specs = [
+            ServoSpec(id, model, FAST | dict(settings or {}), firmware, forgets_offset, seam_seed)
+            for id in ids
+        ]
         self.muscles = FirstOrder(np.full(len(ids), start))
         self.bus = VirtualBus("test", specs, self.muscles, wire_timing=wire_timing, keep_goal=keep_goal)
         self.clock = FakeClock()

@@ -144,9 +144,12 @@ class Memory:
         return field.decode(self.raw[row, field.address : field.end].tobytes())
 
     def readable(self, row: int, address: int, size: int) -> bool:
-        """Is there a register in this span, and does it end inside the table? Gaps read as 0."""
+        """Is there a register in this span, and does it end inside the table? Gaps read as 0.
+
+        Indirect data that points at a gap is one.
+        """
         layout, end = self._layouts[row], address + size
-        return size >= 1 and end <= layout.end and bool(layout.defined[address:end].any())
+        return size >= 1 and end <= layout.end and bool(layout.defined[self.where[row, address:end]].any())
 
     def read(self, row: int, address: int, size: int) -> bytes:
         """What a read of one servo gives; indirect data is that of its target."""

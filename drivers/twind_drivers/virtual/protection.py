@@ -24,7 +24,6 @@ SAG = 0.05  # Ω of cable and supply, shared by the bus
 BEARABLE = 0.35
 TIRED = 1.0 - BEARABLE**2
 BROWN_OUT = 0.5  # of the nominal voltage: below it the controller stops
-X330 = range(1190, 1241)
 NOMINAL, NOMINAL_X330, NOMINAL_P = 12.0, 5.0, 24.0  # V
 
 
@@ -34,11 +33,12 @@ def ampere(table: Table) -> float:
 
 
 def nominal(table: Table) -> float:
-    """V that the model is made for (e-manual, "Specifications"): 5 (X330), 24 (P, XH-V), 12 (all others)."""
-    if table.number in X330:
+    """V that the model is made for, by its voltage limit: 5 (XL330, XC330-M), 24 (P, XH-V), 12 (others)."""
+    field = table.fields.get("max_voltage_limit")
+    highest = (field.rule.default or 0) if field else 0  # 0.1 V; 0: not known
+    if 0 < highest <= 70:
         return NOMINAL_X330
-    highest = table.fields.get("max_voltage_limit")
-    return NOMINAL_P if highest and (highest.rule.default or 0) > 240 else NOMINAL
+    return NOMINAL_P if highest > 240 else NOMINAL
 
 
 class Protection:
