@@ -24,7 +24,7 @@ class LineFaults:
         self.stream.babble(on)
 
     def split(self, bytes: int) -> None:
-        """What arrives comes in pieces of 1 to `bytes` bytes, 0.1 ms apart; 0: as it comes.
+        """What arrives comes in pieces of 1 to `bytes` bytes, 5 us apart; 0: as it comes.
 
         It takes the place of `latency`. Raises ValueError outside 0..4096.
         """

@@ -11,7 +11,7 @@ import numpy as np
 from twind_drivers.virtual.wire import BITS, Wire
 
 GRAIN = 0.001  # s of noise handed over at once
-GAP = 0.0001  # s between two pieces of what came as one
+GAP = 0.000005  # s between two pieces of what came as one
 MOST = 4096  # bytes: of noise at once, and what an adapter holds that it does not send
 PAYLOAD = 62  # bytes of a full-speed USB packet of an FTDI chip, behind its two status bytes
 
