@@ -113,7 +113,7 @@ class Identity:
         before = self._gone.pop(port.name, 0.0)
         if silence > SILENT:
             message = f"{port.name}: nobody answers any more: check power; everybody is asked anew"
-        elif silence > GONE:
+        elif silence > GONE and not self._loop.inhibited:  # then it is we who are silent
             self._gone[port.name] = silence
             return
         elif before:
