@@ -11,6 +11,7 @@ import pytest
 from rig import Rig
 
 from twind import link
+from twind.robot.finding import Code, Finding
 from twind.robot.modes import State
 from twind_drivers.bus import Reader, Sample
 
@@ -161,6 +162,13 @@ def test_one_servo_that_is_silent_for_a_moment_is_no_power_blip() -> None:
     rig.seconds(0.5)
     assert not rig.events("HW_DISCONNECTED")
     rig.close()
+
+
+def test_a_loop_that_is_silent_on_purpose_takes_nobody_for_gone(armed: Rig) -> None:
+    armed.loop.inhibit(Finding(Code.INTERNAL), armed.clock.now())
+    armed.seconds(1.0)
+    assert not armed.events("HW_DISCONNECTED")
+    assert armed.loop.hardware.connected
 
 
 # ------------------------------------------------------------------------------------- the port itself
