@@ -15,11 +15,13 @@ VOLTAGE, HEAT, OVERLOAD = 1, 4, 32
 
 
 def on_its_own(stall: float = 855.0, model: str = "XM430-W350") -> Protection:
-    return Protection([table(number_of(model), 47)], np.array([stall]))
+    protection = Protection([table(number_of(model), 47)], np.array([stall]))
+    protection.watch(np.array([80.0]), np.array([9.5]), np.array([16.0]))
+    return protection
 
 
 def errors(protection: Protection) -> int:
-    return int(protection.errors(np.array([80.0]), np.array([9.5]), np.array([16.0]))[0])
+    return int(protection.errors()[0])
 
 
 def test_the_current_unit_is_the_model_s() -> None:

@@ -125,7 +125,7 @@ class FirstOrder:
         )
         self._turning = np.flatnonzero(pulls & ~seeks & (rate > 0.0))
         self._quickness = rate[self._turning]
-        self._jammed = np.flatnonzero(self._blocked & pulls)
+        self.block(self._blocked)
 
     def aim(self, goal: Floats) -> None:
         """See `Muscles.aim`."""
@@ -135,6 +135,7 @@ class FirstOrder:
         """See `Muscles.block`."""
         self._blocked = held.copy()
         self._jammed = np.flatnonzero(held & self._on & (self._speed > 1e-9))
+        self._odd = bool(self._turning.size or held.any())  # does anyone do else than seek a position?
 
     def advance(self, now: float) -> None:
         """Constant speed while the error is beyond speed/rate, exponential decay after it."""
@@ -142,7 +143,7 @@ class FirstOrder:
         if not dt > 0.0:
             return
         self._time = now
-        if self._turning.size or self._blocked.any():
+        if self._odd:
             self._advance_all(dt)
         else:
             self._seek(dt)

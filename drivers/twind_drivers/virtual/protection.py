@@ -50,12 +50,22 @@ class Protection:
         self.nominal = np.array([nominal(each) for each in tables])
         self.source = float(self.nominal.max(initial=0.0))  # V, what feeds the bus
         self.own = self.nominal < self.source  # fed through a converter of their own
-        self.drawn = 0.0  # A, all of them
         self.surroundings = np.full(len(tables), AMBIENT)
         self._warm = np.zeros((2, len(tables)))  # °C above the surroundings: winding, case
-        self._stall = stall
+        self._drawn = 0.0  # A, all of them
+        self._bearable = BEARABLE * stall * self.ampere  # A
         self._tired = np.zeros(len(tables))
-        self._time = now
+        self._weary = False  # is anyone tired?
+        self._time, self._span = now, -1.0
+        self._kept = self._gained = np.zeros((2, 1))  # shares of the warmth in a step of `_span`
+        self._hottest, self._highest = np.full(len(tables), np.inf), np.full(len(tables), np.inf)
+        self._lowest = self._least = BROWN_OUT * self.nominal
+        self._fed = np.where(self.own, self.nominal, self.source)  # V at the connectors, but for the sag
+        self._sense()
+
+    def watch(self, hottest: Floats, lowest: Floats, highest: Floats) -> None:
+        """From now on: limits (m,) by registers 31 (°C), 34 and 32 (V)."""
+        self._hottest, self._lowest, self._highest = hottest, lowest, highest
 
     def supply(self, volts: float) -> None:
         """What feeds the bus from now on, V. Raises ValueError outside 0..60 V."""
@@ -63,6 +73,8 @@ class Protection:
             raise ValueError(f"supply: {volts} V is outside 0..60 V")
         self.source = float(volts)
         self.own[:] = False
+        self._fed = np.full(len(self.own), self.source)
+        self._sense()
 
     def heat(self, row: int, celsius: float) -> None:
         """One servo and its surroundings are that warm from now on. Raises ValueError outside -40..200 °C."""
@@ -70,16 +82,7 @@ class Protection:
             raise ValueError(f"heat: {celsius} °C is outside -40..200 °C")
         self.surroundings[row] = celsius
         self._warm[:, row] = 0.0
-
-    @property
-    def celsius(self) -> Floats:
-        """(m,) what the sensor inside shows."""
-        return np.asarray(self.surroundings + self._warm.sum(axis=0))
-
-    @property
-    def volts(self) -> Floats:
-        """(m,) at the connectors, sagging by what all of them draw together."""
-        return np.where(self.own, self.nominal, self.source) - SAG * self.drawn
+        self._sense()
 
     @property
     def strength(self) -> Floats:
@@ -89,28 +92,40 @@ class Protection:
     @property
     def dark(self) -> Bools:
         """(m,) too little voltage for the controller."""
-        return np.asarray(~(self.volts >= BROWN_OUT * self.nominal))
+        return np.asarray(~(self.volts >= self._least))
 
     def rest(self, row: int) -> None:
         """A boot forgets how tired the servo was, not how warm it is."""
         self._tired[row] = 0.0
 
-    def step(self, now: float, current: Floats) -> None:
-        """Let time pass until `now` (s) with this raw current (m,): warmth, sag, fatigue."""
+    def step(self, now: float, current: Floats) -> bool:
+        """Let time pass until `now` (s) with this raw current (m,). Is there anything to react to?"""
+        span, self._time = max(now - self._time, 0.0), max(now, self._time)
+        if abs(span - self._span) > 1e-9:
+            self._span, self._kept = span, np.exp(-span / SLOWNESS)
+            self._gained = WARMTH * (1.0 - self._kept)
         amperes = np.abs(current) * self.ampere
-        self.drawn = float(amperes.sum())
-        dt = max(now - self._time, 0.0)
-        rest = WARMTH * amperes**2
-        self._warm = rest + (self._warm - rest) * np.exp(-dt / SLOWNESS)
-        effort = (current / self._stall) ** 2 - BEARABLE**2
-        self._tired = np.clip(self._tired + effort * dt, 0.0, TIRED)
-        self._time = now
+        self._drawn = float(np.add.reduce(amperes))
+        self._warm *= self._kept
+        self._warm += self._gained * (amperes * amperes)
+        self._sense()
+        if self._weary or np.count_nonzero(amperes > self._bearable):
+            self._tire(amperes, span)
+        fine = (self.volts >= self._lowest) & (self.volts >= self._least) & (self.volts <= self._highest)
+        return self._weary or bool(np.count_nonzero(fine & (self.celsius < self._hottest)) < len(fine))
 
-    def errors(self, hottest: Floats, lowest: Floats, highest: Floats) -> NDArray[np.int64]:
-        """(m,) bits of register 70 that hold now; limits by registers 31 (°C), 34 and 32 (V)."""
-        volts = self.volts
-        fine = (volts >= lowest) & (volts <= highest)
-        cool = self.celsius < hottest
-        bearable = self._tired < TIRED - 1e-9
-        bits = np.where(fine, 0, INPUT_VOLTAGE) + np.where(cool, 0, OVERHEATING)
-        return np.asarray(bits + np.where(bearable, 0, OVERLOAD), np.int64)
+    def errors(self) -> NDArray[np.int64]:
+        """(m,) bits of register 70 that hold now."""
+        fine = (self.volts >= self._lowest) & (self.volts <= self._highest)
+        bits = np.where(fine, 0, INPUT_VOLTAGE) + np.where(self.celsius < self._hottest, 0, OVERHEATING)
+        return np.asarray(bits + np.where(self._tired < TIRED - 1e-9, 0, OVERLOAD), np.int64)
+
+    def _sense(self) -> None:
+        """What the sensors inside show, (m,): °C, and V that sag by what all servos draw together."""
+        self.celsius = self.surroundings + self._warm[0] + self._warm[1]
+        self.volts = self._fed - SAG * self._drawn
+
+    def _tire(self, amperes: Floats, span: float) -> None:
+        effort = (amperes / self._bearable * BEARABLE) ** 2 - BEARABLE**2
+        self._tired = np.clip(self._tired + effort * span, 0.0, TIRED)
+        self._weary = bool(np.count_nonzero(self._tired))

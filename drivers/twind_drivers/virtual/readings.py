@@ -43,6 +43,7 @@ class Readings:
         self._frozen: Bools | None = None
         self._stuck = np.zeros(count)  # ticks, what a frozen encoder repeats
         self._slow_at = -np.inf
+        self._shaped = True  # may the velocity trajectory be other than 0?
 
     def follow(self, way: Floats, seeks: Bools) -> None:
         """From now on: direction (m,) of velocity, current and PWM; which servos seek a position."""
@@ -96,12 +97,15 @@ class Readings:
         else:
             self._moving_status.put(near * ARRIVED + (gap > FOLLOWING) * ERRING)
         self._place_wanted.put(np.rint(goal) * direction + shift)
-        self._speed_wanted.put(0)
+        if self._shaped:
+            self._speed_wanted.put(0)
+            self._shaped = False
 
     def _show_profile(
         self, profile: Profile, encoder: Floats, place: Floats, direction: Floats, shift: Floats
     ) -> None:
         """e-manual, "Moving Status": in position and following error only where a position is sought."""
+        self._shaped = True
         seeks = np.ones(len(encoder), np.bool_) if self._seeks is None else self._seeks
         way = 1.0 if self._way is None else self._way
         arrived = seeks & (np.abs(profile.target - encoder) < IN_POSITION)

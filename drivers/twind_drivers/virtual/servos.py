@@ -160,15 +160,14 @@ class Servos:
     def _check(self, now: float) -> None:
         """Supply, heat and load: brown-outs and hardware errors that come by themselves."""
         self._check_at = now + CHECK
-        self.protection.step(now, self.muscles.current)
-        awake = np.isinf(self.power.boots_at)
-        dark = self.protection.dark
+        if not self.protection.step(now, self.muscles.current):
+            return
+        awake, dark = np.isinf(self.power.boots_at), self.protection.dark
         for row in np.flatnonzero(dark & awake):
             self.reboot(int(row), now)
-        found = self.protection.errors(*self._firmware.bounds()) & ~self["hardware_error_status"].astype(
-            np.int64
-        )
-        for row in np.flatnonzero(np.where(awake & ~dark, found, 0)):
+        known = self["hardware_error_status"].astype(np.int64)
+        found = np.where(awake & ~dark, self.protection.errors() & ~known, 0)
+        for row in np.flatnonzero(found):
             self.damage(int(row), int(found[row]))
 
     def _next(self) -> float:
@@ -191,6 +190,7 @@ class Servos:
         self._by_goal = by_goal if np.count_nonzero(by_goal) else None
         self.readings.follow(self._firmware.way, self._firmware.seeks)
         self.profile.limit(*self._firmware.shape())
+        self.protection.watch(*self._firmware.bounds())
         self.muscles.drive(self._firmware.drive(self.protection.strength))
         self._retarget()
 
