@@ -159,6 +159,28 @@ def test_every_model_that_can_be_driven_can_be_virtual(model: str) -> None:
     assert write("goal_position", goal) == 0
 
 
+def test_an_x_a_small_x_and_a_p_on_one_bus_each_keep_their_own_rules() -> None:
+    """Registers at other addresses: one trips, one reboots, one is shut down, the others do not notice."""
+    host = Host([1, 2, 3, 4], model=["XM430-W350", "XL330-M288", "PH54-100-S500", "XL430-W250"], firmware=52)
+    tables = host.servos.memory.tables
+    for id, registers in enumerate(tables, start=1):
+        assert host.write(id, registers["torque_enable"].address, 1, 1) == 0
+    assert host.write(3, tables[2]["bus_watchdog"].address, 5, 1) == 0
+    host.wait(0.2)
+    assert host.servos.tripped.tolist() == [False, False, True, False]
+    assert host.servos["bus_watchdog"].tolist() == [0, 0, 255, 0]
+    host.ask(packet.reboot(2))
+    host.bus.faults.damage(4, 32)
+    host.wait(0.2)
+    assert host.servos["torque_enable"].tolist() == [1, 0, 1, 0]
+    assert host.servos["hardware_error_status"].tolist() == [0, 0, 0, 32]
+    host.write(3, tables[2]["bus_watchdog"].address, 0, 1)
+    for registers, id in zip(tables, (1, 2, 3, 4), strict=True):
+        request = packet.sync_write(registers["goal_position"].address, {id: (2100).to_bytes(4, "little")})
+        assert host.raw(request) == b""
+    assert host.servos["goal_position"].tolist() == [2100] * 4
+
+
 @pytest.mark.parametrize("model", ["XL320", "YM070-210-M001"])
 def test_a_model_of_another_layout_is_refused_with_a_reason(model: str) -> None:
     with pytest.raises(ValueError, match=f"{model}: not simulated: .*layout"):

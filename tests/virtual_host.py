@@ -21,7 +21,7 @@ class Host:
         self,
         ids: Sequence[int] = (1, 2, 3),
         *,
-        model: str = "XM430-W350",
+        model: str | Sequence[str] = "XM430-W350",
         settings: Mapping[str, int] | None = None,
         start: float = 2048.0,
         wire_timing: bool = True,
@@ -30,9 +30,11 @@ class Host:
         forgets_offset: bool = False,
         seam_seed: int | None = None,
     ) -> None:
+        """`model`: of all, or one for each."""
+        each = [model] * len(ids) if isinstance(model, str) else model
         specs = [
-            ServoSpec(id, model, FAST | dict(settings or {}), firmware, forgets_offset, seam_seed)
-            for id in ids
+            ServoSpec(id, name, FAST | dict(settings or {}), firmware, forgets_offset, seam_seed)
+            for id, name in zip(ids, each, strict=True)
         ]
         self.muscles = FirstOrder(np.full(len(ids), start))
         self.bus = VirtualBus("test", specs, self.muscles, wire_timing=wire_timing, keep_goal=keep_goal)

@@ -55,7 +55,7 @@ class Column:
             return
         count = self._rows[rows].shape[0]
         raw = np.ascontiguousarray(np.broadcast_to(values, (count,)), self._kind)
-        self._memory[self._rows[rows], self._bytes[rows]] = raw.view(np.uint8).reshape(count, -1)
+        self._memory[self._rows[rows], self._bytes[rows]] = raw.view(np.uint8).reshape(count, raw.itemsize)
 
 
 class Layout:
