@@ -129,7 +129,9 @@ class Wire:
         del self.inbox[:count]
         return count
 
-    def drain(self) -> int:
+    def drain(self, thrown: bytearray | None = None) -> int:
+        if thrown is not None:
+            thrown += self.inbox
         count = len(self.inbox)
         self.inbox.clear()
         return count

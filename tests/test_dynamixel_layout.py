@@ -1,4 +1,4 @@
-"""Layouts: the blocks of each series, and which models cannot be driven together or at all."""
+"""Layouts: the blocks of each series, and which models cannot be driven."""
 
 import pytest
 
@@ -6,24 +6,49 @@ from twind_drivers.dynamixel.layout import Block, layout_of
 from twind_drivers.dynamixel.tables import number_of, table
 
 
-def test_the_x_and_p_series_blocks_are_where_the_manual_says() -> None:
-    x = layout_of([table(1020), table(1060), table(1200)])
+@pytest.mark.parametrize("number", [1020, 1060, 1200, 30, 1110])
+def test_the_x_and_mx_series_blocks_are_where_the_manual_says(number: int) -> None:
+    x = layout_of(table(number))
     assert (x.cyclic, x.goal, x.status) == (Block(126, 10), Block(116, 4), Block(64, 35))
-    assert (x.health, x.gains, x.motion) == (Block(144, 3), Block(80, 6), Block(108, 12))
+    assert (x.state, x.health, x.gains, x.motion) == (
+        Block(64, 7),
+        Block(120, 27),
+        Block(80, 6),
+        Block(108, 12),
+    )
     assert (x.torque, x.watchdog, x.profile) == (Block(64, 1), Block(98, 1), Block(108, 8))
-    p = layout_of([table(2000), table(2120)])
+
+
+@pytest.mark.parametrize("number", [2000, 2120])
+def test_the_p_series_has_the_same_blocks_from_512_on(number: int) -> None:
+    p = layout_of(table(number))
     assert (p.cyclic, p.goal, p.status) == (Block(574, 10), Block(564, 4), Block(512, 35))
+    assert (p.state, p.health) == (Block(512, 7), Block(568, 27))
 
 
-@pytest.mark.parametrize("name", ["XL320", "YM070-210-A099"])
-def test_a_model_with_another_order_of_registers_is_refused_by_name(name: str) -> None:
-    with pytest.raises(ValueError, match=f"{name} cannot be driven"):
-        layout_of([table(number_of(name))])
+@pytest.mark.parametrize("number", [1020, 1060, 2000])
+def test_longer_cyclic_blocks_hold_whole_readable_registers_and_have_sizes_of_their_own(number: int) -> None:
+    each = table(number)
+    layout = layout_of(each)
+    borders = {field.address for field in each.fields.values()} | {
+        field.end for field in each.fields.values()
+    }
+    sizes = [size for _, size in layout.wider]
+    assert len(set(sizes)) == len(sizes) >= 8
+    others = {getattr(layout, name).size for name in ("cyclic", "state", "status", "health", "motion")}
+    assert others.isdisjoint(sizes)
+    for before, size in layout.wider:
+        start = layout.cyclic.address - before
+        assert {start, start + size} <= borders
+        assert start + size >= layout.cyclic.address + 10
+        named = [field for field in each.fields.values() if start <= field.address < start + size]
+        assert sum(field.size for field in named) == size  # without a gap: reading that is error 7
 
 
-def test_an_empty_bus_is_refused() -> None:
-    with pytest.raises(ValueError, match="at least one"):
-        layout_of([])
+@pytest.mark.parametrize(("name", "lacks"), [("XL320", "bus_watchdog"), ("YM070-210-A099", "hardware_error")])
+def test_a_model_that_cannot_be_driven_is_refused_with_the_reason(name: str, lacks: str) -> None:
+    with pytest.raises(ValueError, match=f"{name} cannot be driven: .*{lacks}"):
+        layout_of(table(number_of(name)))
 
 
 def test_a_field_is_found_in_a_block_only_if_it_is_whole() -> None:

@@ -35,7 +35,9 @@ class Port:
         self.late = self.late[count:]
         return count
 
-    def drain(self) -> int:
+    def drain(self, thrown: bytearray | None = None) -> int:
+        if thrown is not None:
+            thrown += self.late
         count, self.late = len(self.late), b""
         return count
 

@@ -19,7 +19,8 @@ from twind_drivers.bus import (
 )
 from twind_drivers.clock import FakeClock, MonotonicClock
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.reader import CALM, DynamixelReader
+from twind_drivers.dynamixel.cyclic import CALM
+from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 IDS = tuple(range(1, 25))
@@ -212,30 +213,46 @@ def test_ping_and_reads_answer_by_id() -> None:
     assert ask(Ping(99)) == ({}, {})
 
 
-def test_upkeep_refreshes_status_twenty_and_health_five_times_a_second() -> None:
+@pytest.mark.parametrize(("fast", "longest"), [(True, 214e-5), (False, 296e-5)])
+def test_upkeep_refreshes_status_twenty_and_health_five_times_a_second(fast: bool, longest: float) -> None:
     servos = Servos(IDS)
     for id in IDS:
         servos.put(id, 98, 5, 1)
+        servos.put(id, 120, 32_767 - id, 2)
         servos.put(id, 144, 118, 2)
         servos.put(id, 146, 41, 1)
-    reader, _ = make(servos)
+    reader, _ = make(servos, fast=fast)
     clock = FakeClock()
-    status, health = [reader.registers.status_time.copy()], [reader.registers.health_time.copy()]
+    spans = []
     for tick in range(100):
         clock.sleep_until(tick * 0.01)
-        reader.begin(reader.upkeep(clock.now()), clock.now())
+        query = reader.upkeep(clock.now())
+        spans.append(reader.span(query))
+        reader.begin(query, clock.now())
         assert reader.feed(clock.now())
         reader.answer(clock.now())
-        status.append(reader.registers.status_time.copy())
-        health.append(reader.registers.health_time.copy())
         if tick >= 20:
-            assert (clock.now() - status[-1] < 0.05).all()
-            assert (clock.now() - health[-1] < 0.2).all()
+            assert (clock.now() - reader.registers.status_time < 0.05).all()
+            assert (clock.now() - reader.registers.health_time < 0.2).all()
     assert reader.registers.torque.tolist() == [0] * 24
     assert reader.registers.watchdog.tolist() == [5] * 24
     assert reader.registers.voltage == pytest.approx([11.8] * 24)
     assert reader.registers.temperature == pytest.approx([41.0] * 24)
-    assert reader.span(reader.upkeep(clock.now())) == pytest.approx(296e-5)
+    assert reader.registers.tick.tolist() == [32_767 - id for id in IDS]
+    assert max(spans) == pytest.approx(longest)
+
+
+def test_status_is_as_old_as_the_older_of_its_two_slices() -> None:
+    reader, _ = make(Servos((1, 2)), ids=(1, 2))
+    clock = FakeClock(1.0)
+    perform(reader, reader.collect((1, 2), 64, 7), clock)
+    assert reader.registers.status_time.tolist() == [-inf, -inf]
+    clock.sleep_until(2.0)
+    perform(reader, reader.collect((2,), 98, 1), clock)
+    assert reader.registers.status_time.tolist() == [-inf, 1.0]
+    reader.slow.forget(2)
+    assert reader.registers.status_time.tolist() == [-inf, -inf]
+    assert reader.registers.torque.tolist() == [0, -1]
 
 
 def test_a_tripped_watchdog_reads_as_255() -> None:
@@ -300,13 +317,14 @@ def test_slices_of_a_script_are_short_enough_to_fit_beside_a_cycle() -> None:
     script.close()
 
 
-def test_ids_given_twice_and_mixed_layouts_are_refused() -> None:
+def test_ids_given_twice_no_ids_and_models_that_cannot_be_driven_are_refused() -> None:
     wire = Wire(Servos(IDS))
     with pytest.raises(ValueError, match="distinct ids"):
         DynamixelReader("main", wire, (1, 1), [1020, 1020], baud=1_000_000, return_delay_us=0)
-    with pytest.raises(ValueError, match="PH54-200-S500 differ from XM430-W350"):
-        DynamixelReader("main", wire, (1, 2), [1020, 2020], baud=1_000_000, return_delay_us=0)
-    DynamixelReader("main", wire, (1, 2), [1020, 1060], baud=1_000_000, return_delay_us=0)
+    with pytest.raises(ValueError, match=r"XL320 cannot be driven: .*bus_watchdog"):
+        DynamixelReader("main", wire, (1, 2), [1020, 350], baud=1_000_000, return_delay_us=0)
+    with pytest.raises(ValueError, match="0 distinct ids"):
+        DynamixelReader("main", wire, (), [], baud=1_000_000, return_delay_us=0)
 
 
 def test_p_series_registers_lie_elsewhere_and_are_read_there() -> None:

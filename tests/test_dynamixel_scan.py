@@ -268,8 +268,8 @@ def test_traffic_that_nobody_asked_for_is_named_and_makes_no_duplicates() -> Non
     wire.arrival = lambda: inf  # type: ignore[method-assign]
     drain = wire.drain
 
-    def babbling() -> int:
-        count = drain()
+    def babbling(thrown: bytearray | None = None) -> int:
+        count = drain(thrown)
         wire.inbox += packet.sync_read((1, 2), 126, 10)
         return count
 

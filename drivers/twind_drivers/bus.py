@@ -240,8 +240,8 @@ class Transport(Arrivals, Protocol):
     def read_into(self, buffer: memoryview) -> int:
         """Bytes taken without blocking; 0 if none are there. Raises PortError(lost=True)."""
 
-    def drain(self) -> int:
-        """Throw away what has arrived; bytes thrown. Called before each request."""
+    def drain(self, thrown: bytearray | None = None) -> int:
+        """Throw away what has arrived; bytes thrown, put into `thrown` too. Called before each request."""
 
     def backlog(self) -> int:
         """Bytes written that have not left yet; 0 where that is unknown. Raises PortError(lost=True)."""

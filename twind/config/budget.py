@@ -1,11 +1,13 @@
 """The cycle of every bus of a robot at a rate: bytes, µs, Hz reachable; or a refusal."""
 
+from collections import Counter
 from dataclasses import dataclass
 from difflib import get_close_matches
 
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.config.section import file_error
 from twind_drivers.dynamixel.budget import Budget, budget
+from twind_drivers.dynamixel.layout import layout_of
 from twind_drivers.dynamixel.tables import number_of, table
 
 
@@ -71,9 +73,27 @@ def unknown_names(robot: RobotFile) -> list[str]:
 def _budget(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> BusBudget:
     delay = max(joint.type.return_delay_us for joint in joints)
     latency = bus.latency_timer_ms * 1e-3
+    groups = _groups(joints)
     # A reply that does not fill the adapter's buffer ends on its latency timer: one period at most.
     plain, fast = (
-        budget(len(joints), bus.baud, fast=way, return_delay_us=delay, upkeep_hz=rate_hz, usb_s=latency)
+        budget(
+            len(joints),
+            bus.baud,
+            fast=way,
+            return_delay_us=delay,
+            upkeep_hz=rate_hz,
+            usb_s=latency,
+            groups=groups,
+        )
         for way in (False, True)
     )
     return BusBudget(bus, len(joints), rate_hz, plain, fast)
+
+
+def _groups(joints: list[JointSpec]) -> tuple[int, ...]:
+    """Joints of each register layout; of an unknown or undrivable device, which is refused elsewhere: one."""
+    try:
+        found = Counter(layout_of(table(number_of(joint.type.device))) for joint in joints)
+    except (KeyError, ValueError):
+        return (len(joints),)
+    return tuple(found.values())

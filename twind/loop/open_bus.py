@@ -39,6 +39,7 @@ class Buses:
             baud=self.robot.bus(name).baud,
             return_delay_us=max(joint.type.return_delay_us for joint in joints),
             rate_hz=self.rate_hz,
+            one_write=self.robot.bus(name).one_write,
         )
 
     def enable(self, reader: Reader) -> Writer:

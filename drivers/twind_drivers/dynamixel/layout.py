@@ -1,10 +1,10 @@
-"""Where the registers of one bus lie: the blocks that are read and written together. Pure.
+"""Where the registers of a device lie: the blocks that are read and written together. Pure.
 
-All devices of a bus share one layout (the X and MX-2.0 tables do, and so does the P series among itself).
+The X and MX-2.0 tables share one layout, the P series another; both kinds may sit on one bus.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 from twind_drivers.dynamixel.tables import Field, Table
 
@@ -24,35 +24,27 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The blocks of one bus."""
+    """The blocks of one kind of device."""
 
     cyclic: Block  # effort (current or load) 2, velocity 4, position 4
     goal: Block
     torque: Block
     watchdog: Block
     status: Block  # torque enable .. bus watchdog
-    health: Block  # voltage 2, temperature 1
+    state: Block  # torque enable .. hardware error: the beginning of `status`
+    health: Block  # realtime tick 2 .. voltage 2, temperature 1
     gains: Block  # position D, I, P: 2 each
     profile: Block  # profile acceleration 4, profile velocity 4
     motion: Block  # profile and goal position
+    # The cyclic block within longer ones: (bytes before it, bytes of the whole). No two sizes are equal.
+    wider: tuple[tuple[int, int], ...]
 
 
-def layout_of(tables: Sequence[Table]) -> Layout:
-    """The layout that all `tables` share. Raises ValueError that names the models which do not."""
-    if not tables:
-        raise ValueError("a bus needs at least one device")
-    layouts = {table.model: _layout(table) for table in tables}
-    first = layouts[tables[0].model]
-    others = sorted(model for model, layout in layouts.items() if layout != first)
-    if others:
-        raise ValueError(
-            f"one bus needs one register layout: {', '.join(others)} differ from {tables[0].model}; "
-            "put them on another bus"
-        )
-    return first
+SIZES = {"cyclic": 10, "goal": 4, "status": 35, "state": 7, "health": 27, "gains": 6, "motion": 12}
 
 
-def _layout(table: Table) -> Layout:
+def layout_of(table: Table) -> Layout:
+    """The layout of a model. Raises ValueError that says why it cannot be driven."""
     effort = "present_current" if "present_current" in table else "present_load"
     try:
         layout = Layout(
@@ -61,21 +53,37 @@ def _layout(table: Table) -> Layout:
             torque=_span(table, "torque_enable"),
             watchdog=_span(table, "bus_watchdog"),
             status=_span(table, "torque_enable", "hardware_error_status", "bus_watchdog"),
-            health=_span(table, "present_input_voltage", "present_temperature"),
+            state=_span(table, "torque_enable", "hardware_error_status"),
+            health=_span(table, "realtime_tick", "present_input_voltage", "present_temperature"),
             gains=_span(table, "position_d_gain", "position_i_gain", "position_p_gain"),
             profile=_span(table, "profile_acceleration", "profile_velocity"),
             motion=_span(table, "profile_acceleration", "profile_velocity", "goal_position"),
+            wider=_wider(table, effort),
         )
     except KeyError as error:
         raise ValueError(f"{table.model} cannot be driven: {error.args[0]}") from error
-    sizes = tuple(
-        getattr(layout, name).size for name in ("cyclic", "goal", "status", "health", "gains", "motion")
-    )
-    if sizes != (10, 4, 35, 3, 6, 12):
+    if any(getattr(layout, name).size != size for name, size in SIZES.items()):
         raise ValueError(
             f"{table.model} cannot be driven: its registers do not lie in the X or P series' order"
         )
     return layout
+
+
+def _wider(table: Table, effort: str) -> tuple[tuple[int, int], ...]:
+    """From and up to register borders around the cyclic block, all of it readable.
+
+    12 is left out: it is the size of `motion`, which scripts read back.
+    """
+    first, last = table[effort].address, table["present_position"].end
+    before = ("realtime_tick", "moving", "moving_status", "present_pwm", effort)
+    starts = [table[name].address for name in before if name in table]
+    ends = [table[name].end for name in ("velocity_trajectory", "position_trajectory") if name in table]
+    found = {
+        end - start: (first - start, end - start)
+        for start, end in product(starts, (last, *ends))
+        if first - 6 <= start and end <= last + 8
+    }
+    return tuple(found[size] for size in sorted(found) if size not in (last - first, SIZES["motion"]))
 
 
 def _span(table: Table, *names: str) -> Block:

@@ -1,13 +1,15 @@
 """One half-duplex line: one transaction at a time, what is pending before it, its deadline.
 
-Does the I/O through a `Transport`; time is an argument.
+Does the I/O through a `Transport`; time is an argument. It also judges what came unasked (R08).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
-from twind_drivers.bus import Transport
+from twind_drivers.bus import PortFull, Transport
 from twind_drivers.dynamixel.budget import wire
+from twind_drivers.dynamixel.packet import STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import Expected
 
 
@@ -30,38 +32,69 @@ class Line:
 
     `goals` leave with the next cyclic request. `urgent` leaves with the next write of any kind; goals that
     were set before it left are dropped.
+
+    `foreign` counts whole sound packets that nobody asked for. The answer of a device that did not answer in
+    time is not one of them, as long as that device has not answered since. `echo`: the adapter gives back
+    what we send; recognised by a packet of ours in the answer, from then on taken off each answer.
     """
 
     def __init__(
-        self, name: str, transport: Transport, *, baud: int, return_delay_s: float, slack: float
+        self,
+        name: str,
+        transport: Transport,
+        *,
+        baud: int,
+        return_delay_s: float,
+        slack: float,
+        one_write: bool = True,
     ) -> None:
+        """`one_write`: what is pending and the request leave in one system call, else in two."""
         self.name, self.transport, self.baud, self.slack = name, transport, baud, slack
-        self.return_delay_s = return_delay_s
+        self.return_delay_s, self.one_write = return_delay_s, one_write
         self.urgent = b""
         self.goals = b""
         self.sent = self.received = self.deadline = -inf  # s
         self.strays = 0  # bytes dropped in the present transaction
+        self.foreign = 0  # packets; whoever reports it sets it back
+        self.echo = False
         self.exchange: Exchange | None = None
         self._done = True
         self._busy = -inf  # s, until when our own bytes are still going out
+        self._out: tuple[bytes, bytes] = (b"", b"")  # what was sent last
+        self._echoed = bytearray()  # of that, what has come back; only with an echo
+        self._owed: frozenset[int] = frozenset()  # devices whose answer may still come late
+        self._late = bytearray()
 
     def span(self, exchange: Exchange, extra: int = 0) -> float:
         """Bus time (s) that it takes, with `extra` bytes before it."""
         return wire(exchange.size + extra, self.baud) + exchange.delays * self.return_delay_s
 
     def send(self, exchange: Exchange, now: float, *, goals: bool = False) -> None:
-        """Begin a transaction: late bytes of the last one are dropped, then everything leaves in one write.
+        """Begin a transaction: late bytes of the last one are dropped, then everything leaves.
 
-        Raises PortError. Goals that could not be sent are dropped, an urgent packet stays until it is sent.
+        Raises PortError; PortFull when more than the last packet still waits in the port (R23). Goals
+        that could not be sent are dropped, an urgent packet stays until it is sent.
         """
-        self.strays = self.transport.drain()
+        self.exchange, self._done = None, True
+        self.strays = self.transport.drain(self._late)
+        if self.strays:
+            self._look_back()
         lead = self.urgent or (self.goals if goals else b"")
         if lead:
             self.goals = b""
+        if self.transport.holds:
+            self._require_room()
         if exchange.reply is not None:
             exchange.reply.start()
         self.exchange, self._done, self.sent = exchange, exchange.reply is None, now
-        self.transport.write(lead + exchange.packet)
+        self._out = (lead, exchange.packet)
+        if self.echo:
+            self._echoed.clear()
+        if lead and not self.one_write:
+            self.transport.write(lead)
+            self.transport.write(exchange.packet)
+        else:
+            self.transport.write(lead + exchange.packet)
         self.urgent = b""
         begin = max(now, self._busy)
         self._busy = begin + wire(len(lead) + len(exchange.packet), self.baud)
@@ -73,6 +106,8 @@ class Line:
         reply = self.exchange.reply if self.exchange else None
         if self._done or reply is None:
             return True
+        if self.echo and not self._past_echo(reply):
+            return self._done
         count = self.transport.read_into(reply.room())
         if count:
             self.received = now
@@ -82,7 +117,55 @@ class Line:
     def end(self) -> Exchange | None:
         """End the transaction; what it heard stands in the exchange's reply until the next one."""
         exchange, self.exchange, self._done = self.exchange, None, True
-        if exchange is not None and exchange.reply is not None:
-            exchange.reply.end()
-            self.strays += exchange.reply.strays
+        reply = exchange.reply if exchange is not None else None
+        if reply is not None:
+            reply.end()
+            self.strays += reply.strays
+            if reply.unasked:
+                self._judge(reply.unasked)
+            if self._owed or not reply.whole:
+                self._remember(reply)
         return exchange
+
+    # --------------------------------------------------------------------------- the rare cases
+
+    def _require_room(self) -> None:
+        waiting, most = self.transport.backlog(), len(self._out[0]) + len(self._out[1])
+        if waiting > most:
+            self.transport.flush()
+            self._busy = -inf
+            raise PortFull(self.name, waiting, most)
+
+    def _look_back(self) -> None:
+        """What came after the last transaction had ended."""
+        packets = Framer(status=None).feed(self._late)
+        self._late.clear()
+        self._judge(packets)
+
+    def _judge(self, packets: Sequence[Packet]) -> None:
+        own = Framer(status=False).feed(b"".join(self._out))
+        if own and list(packets[: len(own)]) == own:
+            self.echo, packets = True, packets[len(own) :]
+            self.strays -= sum(map(len, self._out))
+        self.foreign += sum(each.instruction != STATUS or each.id not in self._owed for each in packets)
+
+    def _remember(self, reply: Expected) -> None:
+        """Who owes an answer: in order on the wire, so who has answered since owes none."""
+        answered = {id for id, ok in zip(reply.ids, reply.answered.tolist(), strict=True) if ok}
+        self._owed = (self._owed | frozenset(reply.ids)) - answered
+
+    def _past_echo(self, reply: Expected) -> bool:
+        """Take our own bytes off the front; others than ours belong to the answer."""
+        sent = b"".join(self._out)
+        left = len(sent) - len(self._echoed)
+        if left:
+            part = bytearray(left)
+            count = self.transport.read_into(memoryview(part))
+            self._echoed += part[:count]
+            if not sent.startswith(self._echoed):
+                self.echo = False
+                reply.room()[: len(self._echoed)] = self._echoed
+                self._done = reply.take(len(self._echoed))
+                return False
+            return count == left
+        return True

@@ -138,6 +138,16 @@ def sync_write(address: int, rows: Mapping[int, Bytes]) -> bytes:
     return instruction(BROADCAST, Instruction.SYNC_WRITE, _span(address, sizes.pop()) + body)
 
 
+def bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
+    """A block (address, size) of its own of each device; each answers with a status, in this order."""
+    return instruction(BROADCAST, Instruction.BULK_READ, _spans(spans))
+
+
+def fast_bulk_read(spans: Mapping[int, tuple[int, int]]) -> bytes:
+    """As `bulk_read`, answered by one joint status."""
+    return instruction(BROADCAST, Instruction.FAST_BULK_READ, _spans(spans))
+
+
 def reboot(id: int) -> bytes:
     """Restart one device."""
     return instruction(id, Instruction.REBOOT)
@@ -166,6 +176,10 @@ def _span(address: int, size: int) -> bytes:
     return address.to_bytes(2, "little") + size.to_bytes(2, "little")
 
 
+def _spans(spans: Mapping[int, tuple[int, int]]) -> bytes:
+    return b"".join(bytes((id,)) + _span(*span) for id, span in spans.items())
+
+
 # --------------------------------------------------------------------------------------------- finding
 
 
@@ -191,12 +205,12 @@ class Packet(NamedTuple):
 class Framer:
     """Finds packets in a stream of untrusted bytes. Never raises, never holds more than `CAPACITY` bytes.
 
-    `status` chooses the direction: True finds statuses only, False everything else. Every header in the
-    buffer is tried, so a false one in garbage delays no true one. `broken` also reports whole packets with a
-    wrong CRC.
+    `status` chooses the direction: True finds statuses only, False everything else, None both (but no fast
+    reply: its layout is its asker's). Every header in the buffer is tried, so a false one in garbage delays
+    no true one. `broken` also reports whole packets with a wrong CRC.
     """
 
-    def __init__(self, *, status: bool, broken: bool = False) -> None:
+    def __init__(self, *, status: bool | None, broken: bool = False) -> None:
         self.discarded = 0  # bytes dropped so far because they belonged to no packet of this direction
         self._status = status
         self._broken = broken
@@ -251,9 +265,10 @@ class Framer:
             return 8
         length = buffer[start + 5] | buffer[start + 6] << 8
         id, code = buffer[start + 4], buffer[start + 7]
-        legal = id <= LAST_ID or (id == BROADCAST and not self._status)
-        shortest = 4 if self._status else 3
-        if not legal or (code == STATUS) != self._status or not shortest <= length <= CAPACITY - 7:
+        answer = code == STATUS
+        legal = id <= LAST_ID or (id == BROADCAST and not answer)
+        wanted = self._status is None or answer == self._status
+        if not legal or not wanted or not (4 if answer else 3) <= length <= CAPACITY - 7:
             return 0
         return length + 7
 

@@ -3,6 +3,8 @@
 For tools that own the port alone. It sends pings and reads only: there is no way to write through it.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from twind_drivers.bus import Transport
@@ -25,7 +27,8 @@ class Heard:
     def __init__(self, expected: int) -> None:
         """`expected`: bytes to allow wire time for."""
         self.ids: tuple[int, ...] = ()
-        self.size, self.expected, self.strays = 0, expected, 0
+        self.size, self.expected, self.strays, self.whole = 0, expected, 0, False
+        self.unasked: Sequence[Packet] = ()  # nothing is: all that comes is kept
         self.heard = self.answered = np.zeros(0, np.bool_)
         self.error = self.data = np.zeros(0, np.uint8)
         self.statuses: list[Packet] = []

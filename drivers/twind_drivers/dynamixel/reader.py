@@ -3,9 +3,7 @@
 Runs in the loop's one thread. Accepts only queries: a mirror has no object that can write.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-
-import numpy as np
+from collections.abc import Mapping, Sequence
 
 from twind_drivers.bus import (
     Device,
@@ -26,20 +24,22 @@ from twind_drivers.bus import (
 )
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.budget import upkeep, wire
+from twind_drivers.dynamixel.cyclic import Cyclic
 from twind_drivers.dynamixel.identity import identify
-from twind_drivers.dynamixel.layout import layout_of
+from twind_drivers.dynamixel.layout import Layout, layout_of
 from twind_drivers.dynamixel.line import Exchange, Line
 from twind_drivers.dynamixel.replies import Expected, FastReply, PlainReply
 from twind_drivers.dynamixel.slow import SlowRegisters
 from twind_drivers.dynamixel.tables import Table, table
 
-CYCLIC = np.dtype([("effort", "<i2"), ("velocity", "<i4"), ("position", "<i4")])
-CALM = 10  # whole plain cycles in a row before the fast read is tried again
 SLICE = 0.002  # s of bus time that one transaction of a script may take
 
 
 class DynamixelReader:
-    """A bus by its ids. Arrays are in the order of `ids`; raw ticks and register units."""
+    """A bus by its ids. Arrays are in the order of `ids`; raw ticks and register units.
+
+    `layouts`: where each id's registers lie; models of several layouts may share a bus.
+    """
 
     def __init__(
         self,
@@ -53,31 +53,37 @@ class DynamixelReader:
         fast: bool | None = None,
         rate_hz: float = 100.0,
         slack: float = 0.002,
+        one_write: bool = True,
     ) -> None:
-        """`models`: model number of each id. `fast`: use the fast sync read; None: what `identify` finds.
+        """`models`: model number of each id. `fast`: use the fast reads; None: what `identify` finds.
 
         `return_delay_us`: the longest of the devices. `rate_hz`: how often the loop calls. `slack` (s):
-        what a reply may take beyond its wire time. Raises ValueError for mixed layouts or ids
-        given twice, KeyError for an unknown model.
+        what a reply may take beyond its wire time. `one_write`: goals and request leave in one system call.
+        Raises ValueError for no ids or ids given twice, and for a model that cannot be driven, with the
+        reason; KeyError for an unknown model.
         """
-        if len(ids) != len(models) or len(set(ids)) != len(ids):
+        if not ids or len(ids) != len(models) or len(set(ids)) != len(ids):
             raise ValueError(
                 f"{name}: {len(ids)} distinct ids need as many models, got {list(ids)}, {len(models)}"
             )
         self.name, self.ids, self.transport = name, tuple(ids), transport
         tables = [table(number) for number in models]
         self.tables: dict[int, Table] = dict(zip(self.ids, tables, strict=True))
-        self.layout = layout_of(tables)
-        self.line = Line(name, transport, baud=baud, return_delay_s=return_delay_us * 1e-6, slack=slack)
-        self.fast = bool(fast)
-        self._choose_fast = fast is None
-        block = self.layout.cyclic
-        self._plain = _group(packet.sync_read, PlainReply(self.ids, block.size), block.address, len(ids))
-        self._fast = _group(packet.fast_sync_read, FastReply(self.ids, block.size), block.address, 1)
-        self._calm = 0  # plain cycles still to come before the fast read is trusted again
-        self.slow = SlowRegisters(self.ids, tables, self.layout, upkeep(len(ids), rate_hz))
+        self.layouts: dict[int, Layout] = {id: layout_of(each) for id, each in self.tables.items()}
+        self.line = Line(
+            name,
+            transport,
+            baud=baud,
+            return_delay_s=return_delay_us * 1e-6,
+            slack=slack,
+            one_write=one_write,
+        )
+        layouts = tuple(self.layouts.values())
+        self._choose_fast, self._rate_hz = fast is None, rate_hz
+        self.cyclic = Cyclic(self.ids, layouts, fast=bool(fast))
+        self.slow = SlowRegisters(self.ids, tables, layouts)
         self.registers: Registers = self.slow.registers
-        self._slices: dict[Query, Exchange] = {query: self._exchange(query) for query in self.slow.queries}
+        self._schedule()
         self._query: Request | None = None
 
     @property
@@ -85,11 +91,16 @@ class DynamixelReader:
         """When the outstanding transaction ends at the latest, s."""
         return self.line.deadline
 
+    @property
+    def fast(self) -> bool:
+        """Every device knows the fast reads, and they are used."""
+        return self.cyclic.fast
+
     # --------------------------------------------------------------------------- the cyclic reading
 
     def request(self, now: float) -> None:
-        """Begin the cyclic reading: pending goals and the request leave in one write. Raises PortError."""
-        self.line.send(self._fast if self.fast and not self._calm else self._plain, now, goals=True)
+        """Begin the cyclic reading: pending goals and the request leave together. Raises PortError."""
+        self.line.send(self.cyclic.next(), now, goals=True)
 
     def feed(self, now: float) -> bool:
         """Take what has arrived; True when the transaction is complete. Raises PortError."""
@@ -97,32 +108,22 @@ class DynamixelReader:
 
     def finish(self, now: float) -> Sample:
         """End the cyclic reading with what was heard; zeros where a device stayed silent."""
-        exchange = self.line.end()
-        reply: Expected | None = exchange.reply if exchange else None
-        if reply is None:
+        if self.line.end() is None:
             raise RuntimeError(f"{self.name}: finish without request")
-        rows = reply.data.view(CYCLIC)[:, 0]
-        heard = reply.heard.copy()
-        self._trust(exchange is self._fast, np.count_nonzero(heard) == len(heard))
-        return Sample(
-            sent=self.line.sent,
-            received=self.line.received,
-            position=rows["position"].astype(np.int64),
-            velocity=rows["velocity"].astype(np.int64),
-            effort=rows["effort"].astype(np.int64),
-            error=reply.error,
-            heard=heard,
-            asked=np.ones(len(heard), np.bool_),
-            foreign=0,
-            discarded=self.line.strays,
-        )
+        sample = self.cyclic.sample(self.line, now)
+        if self._asked is not self.cyclic.attendance.asked:
+            self._schedule()
+        return sample
 
-    def _trust(self, fast: bool, whole: bool) -> None:
-        """A hole hides all devices behind it in a fast reply: read plainly until ten cycles were whole."""
-        if not whole:
-            self._calm = CALM
-        elif not fast and self._calm:
-            self._calm -= 1
+    def _schedule(self) -> None:
+        """The slices of upkeep, of those who are asked."""
+        self._asked = asked = self.cyclic.attendance.asked
+        ids = [id for id, there in zip(self.ids, asked.tolist(), strict=True) if there]
+        layouts = [self.layouts[id] for id in ids]
+        groups = [layouts.count(each) for each in dict.fromkeys(layouts)]
+        queries = self.slow.schedule(ids, upkeep(groups, self._rate_hz, fast=self.fast))
+        self._plain: dict[Query, Exchange] = {query: self._exchange(query) for query in queries}
+        self._fast: dict[Query, Exchange] = {query: _fast(query) for query in queries if len(query.ids) > 1}
 
     # --------------------------------------------------------------------------- the rare path
 
@@ -131,7 +132,9 @@ class DynamixelReader:
         if not isinstance(query, Ping | Read):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
         self._query = query
-        self.line.send(self._slices.get(query) or self._exchange(query), now)
+        if isinstance(query, Read) and self._is_probe(query):
+            self.cyclic.attendance.probed(self.ids.index(query.ids[0]), now)
+        self.line.send(self._asking(query), now)
 
     def answer(self, now: float) -> Reply:
         """End it. What was read of the slow registers is kept in `registers`, with its time."""
@@ -144,30 +147,53 @@ class DynamixelReader:
         data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
         error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
         if isinstance(self._query, Read):
-            self.slow.fold(self._query, data, self.line.received)
+            own = reply.data if reply.whole else reply.data[reply.heard]
+            self.slow.fold(self._query, tuple(data), own, self.line.received)
+        if self.cyclic.attendance.parked:
+            self._welcome(data, now)
         self._query = None
         return Reply(data, error, waited, self.line.strays)
 
     def upkeep(self, now: float) -> Query:
-        """The next slice of the slow registers, round robin (the arithmetic: `budget.Upkeep`)."""
-        return self.slow.next()
+        """The next slice of the slow registers, round robin (the arithmetic: `budget.Upkeep`).
+
+        Once a second, for each parked device, a read of what its cyclic reading would be: the probe.
+        """
+        place = self.cyclic.attendance.due(now)
+        return self.slow.next() if place is None else Read((self.ids[place],), *self.cyclic.block(place))
 
     def span(self, query: Request) -> float:
         """Bus time (s) that a transaction takes at most, its timeout excluded."""
         if isinstance(query, Ping | Read):
-            return self.line.span(self._slices.get(query) or self._exchange(query))
+            return self.line.span(self._asking(query))
         writes = () if isinstance(query, Reboot) else (query,) if isinstance(query, Write) else query.writes
         size = sum(14 + sum(1 + len(data) for data in each.data.values()) for each in writes)
         return wire(size + 21, self.line.baud) + self.line.return_delay_s
 
+    def _asking(self, query: Query) -> Exchange:
+        """Slices are read fast while all is well, and never made twice."""
+        found = self._fast.get(query) if self.fast and not self.cyclic.trouble else None
+        return found or self._plain.get(query) or self._exchange(query)
+
     def _exchange(self, query: Query) -> Exchange:
         if isinstance(query, Ping):
             return Exchange(packet.ping(query.id), PlainReply((query.id,), 3), 1)
-        if len(query.ids) == 1:
-            reply = PlainReply(query.ids, query.size)
-            return Exchange(packet.read(query.ids[0], query.address, query.size), reply, 1)
         reply = PlainReply(query.ids, query.size)
-        return _group(packet.sync_read, reply, query.address, len(query.ids))
+        if len(query.ids) == 1:
+            return Exchange(packet.read(query.ids[0], query.address, query.size), reply, 1)
+        request = packet.sync_read(query.ids, query.address, query.size)
+        return Exchange(request, reply, len(query.ids))
+
+    def _is_probe(self, query: Read) -> bool:
+        [id, *others] = query.ids or (-1,)
+        return not others and id in self.tables and not self._asked[self.ids.index(id)]
+
+    def _welcome(self, data: Mapping[int, bytes], now: float) -> None:
+        """A parked device that answers anything is back."""
+        for id in data:
+            if id in self.tables and not self.cyclic.attendance.asked[place := self.ids.index(id)]:
+                self.cyclic.back(place, now)
+                self._schedule()
 
     # --------------------------------------------------------------------------- scripts
 
@@ -180,7 +206,8 @@ class DynamixelReader:
         devices, tables, fast = yield from identify(self)
         self.tables.update(tables)
         if self._choose_fast:
-            self.fast = fast and len(devices) == len(self.ids)
+            self.cyclic.fast = fast and len(devices) == len(self.ids)
+            self._schedule()
         return devices
 
     def collect(self, ids: Sequence[int], address: int, size: int) -> Script[Mapping[int, bytes]]:
@@ -221,10 +248,6 @@ class DynamixelReader:
         return self.tables[id]
 
 
-def _group(
-    build: Callable[[Sequence[int], int, int], bytes],
-    reply: PlainReply | FastReply,
-    address: int,
-    delays: int,
-) -> Exchange:
-    return Exchange(build(reply.ids, address, reply.size), reply, delays)
+def _fast(query: Read) -> Exchange:
+    reply = FastReply(query.ids, query.size)
+    return Exchange(packet.fast_sync_read(query.ids, query.address, query.size), reply, 1)

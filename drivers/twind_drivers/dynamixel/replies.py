@@ -15,6 +15,7 @@ from twind_drivers.dynamixel.packet import (
     BROADCAST,
     CAPACITY,
     HEADER,
+    OVERHEAD,
     STATUS,
     STATUS_OVERHEAD,
     STUFFED,
@@ -35,7 +36,9 @@ class Expected(Protocol):
     error: Octets  # (m,) error byte of each status; also of one that carried no data; 0: none came
     data: Octets  # (m, size), zero where not heard; valid until the next `start`
     answered: NDArray[np.bool_]  # (m,) a status came, with data or with an error alone
+    whole: bool  # everybody was heard
     strays: int  # bytes that were no part of it
+    unasked: Sequence[Packet]  # whole sound packets among those
 
     def start(self) -> None:
         """Forget the last one."""
@@ -94,8 +97,11 @@ class PlainReply:
         self._crc = Crc(stride - 2)
         self._index = {id: place for place, id in enumerate(ids)}
         self._spare = np.zeros((len(ids), size), np.uint8)
-        self._framer = Framer(status=True)
+        self._framer = Framer(status=None)
+        self._heads, self._crcs, self._errors = (self._records[name] for name in ("head", "crc", "error"))
+        self._checked, self._blocks = self._rows[:, :-2], self._rows[:, 9:-2]
         self.heard, self.answered = np.zeros((2, len(ids)), np.bool_)
+        self.unasked: Sequence[Packet] = ()
         self.error = np.zeros(len(ids), np.uint8)
         self.data = self._spare
         self.start()
@@ -103,9 +109,11 @@ class PlainReply:
     def start(self) -> None:
         """Forget the last one."""
         self._got = self.strays = 0
-        self._framing = self._settled = False
+        self._framing = self.whole = False
         self.heard.fill(False)
         self.answered.fill(False)
+        if self.unasked:
+            self.unasked = ()
 
     def room(self) -> memoryview:
         """Where the next bytes go."""
@@ -122,28 +130,32 @@ class PlainReply:
 
     def end(self) -> None:
         """Settle what was heard."""
-        if not (self._settled or self._framing):
+        if not (self.whole or self._framing):
             self._reframe()
         if self._framing:
             self._framer.clear()
             self.strays += self._framer.discarded
+            self.whole = bool(self.heard.all())
 
     def _whole(self) -> bool:
         """All rows are there, in order, intact; what follows them is stray."""
-        records = self._records
-        if (
-            np.count_nonzero(records["head"] != self._head)
-            or self._bytes.find(STUFFED, 0, self.expected) >= 0
-        ):
+        if np.count_nonzero(self._heads != self._head) or self._bytes.find(STUFFED, 0, self.expected) >= 0:
             return False
-        if np.count_nonzero(records["crc"] != self._crc(self._rows[:, :-2])):
+        if np.count_nonzero(self._crcs != self._crc(self._checked)):
             return False
+        if self._got > self.expected:
+            self._take_rest()
         self.heard.fill(True)
         self.answered.fill(True)
-        self.error, self.data = records["error"].copy(), self._rows[:, 9:-2]
-        self.strays = self._got - self.expected
-        self._settled = True
+        self.error, self.data = self._errors.copy(), self._blocks
+        self.whole = True
         return True
+
+    def _take_rest(self) -> None:
+        """What came behind the last row."""
+        self.strays = self._got - self.expected
+        self.unasked = tuple(self._framer.feed(self._view[self.expected : self._got]))
+        self._framer.clear()
 
     def _reframe(self) -> bool:
         """From here on by the framer, beginning with what is in the buffer."""
@@ -160,11 +172,12 @@ class PlainReply:
 
     def _accept(self, packet: Packet) -> None:
         """The exact id and length of this request, once; an error may come without data. Else stray."""
-        place = self._index.get(packet.id)
+        place = self._index.get(packet.id) if packet.instruction == STATUS else None
         whole = len(packet.data) == self.size
         refused = not packet.data and packet.error & 0x7F != 0
         if place is None or self.answered[place] or not (whole or refused):
-            self.strays += len(packet.params) + STATUS_OVERHEAD - 1
+            self.strays += len(packet.params) + OVERHEAD
+            self.unasked = (*self.unasked, packet)
             return
         self.answered[place] = True
         self.error[place] = packet.error
@@ -188,20 +201,25 @@ class FastReply:
         self._head = HEADER + bytes((BROADCAST,)) + length + bytes((STATUS,))
         self._bytes = bytearray(CAPACITY)
         self._view = memoryview(self._bytes)
-        self._all = np.frombuffer(self._bytes, np.uint8, self.expected - 2)
+        self._all = self._view[: self.expected - 2]
+        self._last = self._view[self.expected - 2 : self.expected]
         self._rows = np.frombuffer(self._bytes, np.uint8, count * stride, 8).reshape(count, stride)
-        self._crc = Crc(self.expected - 2)
         self._wanted = np.array(self.ids, np.uint8)
         self.heard = self.answered = np.zeros(count, np.bool_)
         self.error = np.zeros(count, np.uint8)
         self.data = self._rows[:, 2:-2]
+        self._errors, self._ids = self._rows[:, 0], self._rows[:, 1]
+        self._framer = Framer(status=None)  # of what is no part of it
+        self.unasked: Sequence[Packet] = ()
         self.start()
 
     def start(self) -> None:
         """Forget the last one."""
         self._got = self.strays = 0
-        self._settled = False
+        self._settled = self.whole = False
         self.heard.fill(False)
+        if self.unasked:
+            self.unasked = ()
 
     def room(self) -> memoryview:
         """Where the next bytes go."""
@@ -233,16 +251,19 @@ class FastReply:
     def _shift(self, count: int) -> None:
         """The first `count` bytes are no part of the reply."""
         if count:
+            self._drop(0, count)
             self._bytes[: self._got - count] = self._bytes[count : self._got]
             self._got -= count
-            self.strays += count
+
+    def _drop(self, first: int, end: int) -> None:
+        self.strays += end - first
+        self.unasked = (*self.unasked, *self._framer.feed(self._view[first:end]))
 
     def _intact(self) -> int:
         """How many devices' blocks, from the first, are there and right."""
-        whole = self._got >= self.expected and not np.count_nonzero(self._rows[:, 1] != self._wanted)
-        if whole and int(self._crc(self._all)) == int.from_bytes(
-            self._view[self.expected - 2 : self.expected], "little"
-        ):
+        whole = self._got >= self.expected and not np.count_nonzero(self._ids != self._wanted)
+        # The last CRC is over all before it, the other CRCs included.
+        if whole and crc16(self._all) == int.from_bytes(self._last, "little"):
             return len(self.ids)
         stride = self.size + 4
         for place, id in enumerate(self.ids):
@@ -254,9 +275,14 @@ class FastReply:
         return len(self.ids)
 
     def _keep(self, count: int) -> bool:
-        self._settled = True
+        self._settled, self.whole = True, count == len(self.ids)
+        used = 8 + count * (self.size + 4) if count else 0
+        if used < self._got:
+            self._drop(used, self._got)
+        if self.strays:
+            self._framer.clear()
         self.heard[:count] = True
-        self._rows[count:] = 0
-        self.error = self._rows[:, 0].copy()
-        self.strays += self._got - (8 + count * (self.size + 4) if count else 0)
+        if not self.whole:
+            self._rows[count:] = 0
+        self.error = self._errors.copy()
         return True

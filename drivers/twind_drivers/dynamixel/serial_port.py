@@ -115,16 +115,18 @@ class SerialTransport:
         self._check_speed(baud)
         self.baud = baud
 
-    def drain(self) -> int:
-        """Throw away what has arrived; bytes thrown."""
+    def drain(self, thrown: bytearray | None = None) -> int:
+        """Throw away what has arrived; bytes thrown, put into `thrown` too (of a babbling line the last)."""
         if not self._ask(termios.FIONREAD, "read"):
             return 0
-        thrown = 0
+        total = 0
         while count := self.read_into(self._scratch):
-            thrown += count
-            if thrown > 64 * SCRATCH:  # a babbling line never runs dry
+            total += count
+            if thrown is not None:
+                thrown[:] = self._scratch[:count] if total > 2 * SCRATCH else thrown + self._scratch[:count]
+            if total > 64 * SCRATCH:  # a babbling line never runs dry
                 break
-        return thrown
+        return total
 
     def close(self) -> None:
         """Let go of the port. May be called twice."""

@@ -85,7 +85,7 @@ def _servo(
             f"{where}: profile acceleration {acceleration} belongs to mode 1 and 0..{MAX_ACCELERATION}"
         )
     raw = b"" if found.rests_at_zero else _gain_bytes(where, table, gains)
-    return Servo(id, table, layout_of([table]), found, raw, cap, acceleration)
+    return Servo(id, table, layout_of(table), found, raw, cap, acceleration)
 
 
 def _gain_bytes(where: str, table: Table, gains: Gains) -> bytes:

@@ -45,12 +45,13 @@ class Loopback:
         self._left = self._left[count:]
         return count
 
-    def drain(self) -> int:
-        """Throw away what has arrived."""
+    def drain(self, thrown: bytearray | None = None) -> int:
+        """Throw away what has arrived; bytes thrown, put into `thrown` too."""
         self._check()
-        count = len(self._left) + len(self._bus.take(self._clock.now()))
-        self._left = b""
-        return count
+        gone, self._left = self._left + self._bus.take(self._clock.now()), b""
+        if thrown is not None:
+            thrown += gone
+        return len(gone)
 
     def backlog(self) -> int:
         """Bytes written that have not left yet: those of a stalled adapter. Raises PortError(lost=True)."""
