@@ -154,3 +154,16 @@ def test_a_p_series_profile_is_in_its_own_units() -> None:
     profile.aim(np.array([1e6]), 0.0)
     profile.follow(1.0)
     assert profile.reference[0] == pytest.approx(10.0 / 60.0 * 1_003_846)
+
+
+@pytest.mark.parametrize(("velocity", "acceleration", "timed"), [(600, 200, True), (100, 8, False)])
+def test_a_plan_that_began_in_motion_arrives_without_a_jump(
+    velocity: int, acceleration: int, timed: bool
+) -> None:
+    profile = made(velocity, acceleration, timed=timed)
+    run(profile, 1000.0, 0.3)
+    assert profile.speed[0] > 500
+    places, speeds = run(profile, -400.0, 3.0, begin=0.3)
+    assert np.abs(np.diff(places)).max() <= np.abs(speeds).max() * STEP + 1e-6
+    assert abs(speeds[-1]) == 0.0
+    assert places[-1] == -400.0

@@ -221,3 +221,18 @@ def test_encoder_and_shock_errors_come_on_order_only() -> None:
     assert status(host) == (ALERT, 8, 1), "the encoder bit is not in 52"
     host.bus.faults.damage(1, 16)
     assert status(host) == (ALERT, 24, 0)
+
+
+def test_servos_that_pull_their_own_supply_down_brown_out_unasked() -> None:
+    """A weak supply under 24 blocked servos: 1.6 V of sag take 6.8 V below what the controllers need."""
+    host = Host(range(1, 25))
+    host.servos.supply(6.8)
+    for id in range(1, 25):
+        host.write(id, 64, 1, 1)
+        host.servos.block(id - 1, True)
+    assert host.read(24, 64, 1) == 1
+    host.raw(packet.sync_write(116, {id: (4000).to_bytes(4, "little") for id in range(1, 25)}))
+    host.wait(0.15)
+    assert host.ask(packet.ping(1)) == []
+    host.wait(0.3)
+    assert [host.read(id, 64, 1) for id in (1, 24)] == [0, 0]
