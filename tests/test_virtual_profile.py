@@ -164,6 +164,8 @@ def test_a_plan_that_began_in_motion_arrives_without_a_jump(
     run(profile, 1000.0, 0.3)
     assert profile.speed[0] > 500
     places, speeds = run(profile, -400.0, 3.0, begin=0.3)
-    assert np.abs(np.diff(places)).max() <= np.abs(speeds).max() * STEP + 1e-6
+    assert np.abs(np.diff(places)).max() <= np.abs(speeds).max() * STEP * 1.002, (
+        "the peak is between two looks"
+    )
     assert abs(speeds[-1]) == 0.0
     assert places[-1] == -400.0
