@@ -291,7 +291,3 @@ class Servos:
         here = self.muscles.position
         held = here + np.clip(self.profile.reference - here, -PULL, PULL)
         self.profile.hold(due, np.where(self._firmware.seeks, held, 0.0)[due])
-
-    def untrip(self, row: int) -> None:
-        """Register 98 was written 0: goals are open again; at `changed` the servo resumes to its old goal."""
-        self.tripped[row] = False
