@@ -44,7 +44,11 @@ class Servos:
         self.seen.append(each)
         match each.instruction:
             case Instruction.SYNC_READ | Instruction.FAST_SYNC_READ:
-                return self._group(each)
+                address, size = _span(each.params)
+                return self._group(each, [(id, address, size) for id in each.params[4:]])
+            case Instruction.BULK_READ | Instruction.FAST_BULK_READ:
+                rows = [each.params[at : at + 5] for at in range(0, len(each.params), 5)]
+                return self._group(each, [(row[0], *_span(row[1:])) for row in rows])
             case Instruction.SYNC_WRITE:
                 address, size = _span(each.params)
                 for at in range(4, len(each.params), size + 1):
@@ -73,11 +77,13 @@ class Servos:
             self._store(each.id, int.from_bytes(each.params[:2], "little"), each.params[2:])
         return packet.status(each.id, error)
 
-    def _group(self, each: Packet) -> bytes:
-        address, size = _span(each.params)
-        ids = [id for id in each.params[4:] if id in self.memory]
-        rows = [(self.error.get(id, 0), id, bytes(self.memory[id][address : address + size])) for id in ids]
-        if each.instruction == Instruction.SYNC_READ:
+    def _group(self, each: Packet, spans: list[tuple[int, int, int]]) -> bytes:
+        rows = [
+            (self.error.get(id, 0), id, bytes(self.memory[id][address : address + size]))
+            for id, address, size in spans
+            if id in self.memory
+        ]
+        if each.instruction in (Instruction.SYNC_READ, Instruction.BULK_READ):
             return b"".join(
                 packet.status(id, error, data) for error, id, data in rows if id not in self.silent
             )
@@ -86,7 +92,7 @@ class Servos:
             if row[1] in self.silent:
                 break
             heard.append(row)
-        return b"".join(packet.fast_status(heard, len(each.params[4:]) * (size + 4) + 1))
+        return b"".join(packet.fast_status(heard, sum(size + 4 for _, _, size in spans) + 1))
 
     def _store(self, id: int, address: int, data: bytes) -> None:
         if id in self.memory and id not in self.silent:

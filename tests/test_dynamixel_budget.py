@@ -91,7 +91,7 @@ def test_what_a_map_of_indirect_addresses_would_save_is_the_table_in_the_docs() 
         assert upkeep((24,), 100.0, fast=fast).most == blocks
         assert indirect_bytes(24, 100.0, fast=fast) == mapped
         for baud, saved in SAVED.items():
-            assert wire(blocks - mapped, baud) * 1e3 == pytest.approx(saved[place], abs=0.005)
+            assert wire(blocks - mapped, baud) * 1e3 == pytest.approx(saved[place], abs=0.006)
 
 
 @pytest.mark.parametrize("fast", [True, False])

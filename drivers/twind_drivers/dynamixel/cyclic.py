@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.bus import Bools, Sample
+from twind_drivers.bus import Sample
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.attendance import Attendance
 from twind_drivers.dynamixel.layout import Layout
@@ -100,7 +100,7 @@ class Cyclic:
             position, velocity, effort = self._spread(position), self._spread(velocity), self._spread(effort)
             error, heard = self._spread(error), self._spread(heard)
         if self.trouble or not reply.whole:
-            self._judge(asked, heard, now)
+            self._judge(asked, now)
         foreign, line.foreign = line.foreign, 0
         return Sample(
             sent=line.sent,
@@ -121,19 +121,22 @@ class Cyclic:
         self.trouble, self._calm = True, CALM
         self.rebuild()
 
-    def _judge(self, asked: Question, heard: Bools, now: float) -> None:
-        if asked.reply.whole:
+    def _judge(self, asked: Question, now: float) -> None:
+        reply = asked.reply
+        if reply.whole:
             self.attendance.whole()
             self._calm -= 1
             self.trouble = self._calm > 0
             return
         self.trouble, self._calm = True, CALM
-        could = self.attendance.asked
+        if reply.size > ROW.itemsize and np.count_nonzero(reply.answered & ~reply.heard):
+            self._wider = []  # somebody refuses the longer blocks: then late answers are not told by length
+        answered, could = self._spread(reply.answered), self.attendance.asked
         if asked.fast:
-            first = np.flatnonzero(could & ~heard)[:1]
-            could = heard.copy()
+            first = np.flatnonzero(could & ~answered)[:1]
+            could = answered.copy()
             could[first] = True
-        if self.attendance.missed(heard, could, now):
+        if self.attendance.missed(answered, could, now):
             self.rebuild()
 
     def _spread(self, part: NDArray[T]) -> NDArray[T]:
