@@ -1,11 +1,11 @@
-"""One line, one transaction at a time: deadlines while our own bytes still go out, and what stays pending."""
+"""One line, one transaction at a time: deadlines, what stays pending, what nobody asked for, a full port."""
 
 import pytest
 
-from twind_drivers.bus import PortError
+from twind_drivers.bus import PortError, PortFull
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.line import Exchange, Line
-from twind_drivers.dynamixel.replies import PlainReply
+from twind_drivers.dynamixel.replies import FastReply, PlainReply
 
 
 class Port:
@@ -13,10 +13,10 @@ class Port:
 
     name = "port"
     warning = ""
-    holds = False
 
     def __init__(self) -> None:
         self.full, self.late, self.taken = False, b"", b""
+        self.holds, self.waiting, self.flushed, self.writes = False, 0, 0, 0
 
     def fileno(self) -> int:
         return -1
@@ -28,6 +28,7 @@ class Port:
         if self.full:
             raise PortError(self.name, "full")
         self.taken += bytes(data)
+        self.writes += 1
 
     def read_into(self, buffer: memoryview) -> int:
         count = min(len(buffer), len(self.late))
@@ -42,10 +43,11 @@ class Port:
         return count
 
     def backlog(self) -> int:
-        return 0
+        return self.waiting
 
     def flush(self) -> None:
-        pass
+        self.flushed += self.waiting
+        self.waiting = 0
 
     def close(self) -> None:
         pass
@@ -53,6 +55,17 @@ class Port:
 
 PING = Exchange(p.ping(1), PlainReply((1,), 3), 1)
 ORDER = Exchange(p.sync_write(64, dict.fromkeys(range(50), b"\0")), None, 0)
+
+
+def talk(line: Line, answer: bytes, exchange: Exchange | None = None, now: float = 0.0) -> None:
+    """One transaction; `answer` is what arrives until its deadline."""
+    port = line.transport
+    assert isinstance(port, Port)
+    line.send(exchange or PING, now)
+    port.late = answer
+    while port.late and not line.feed(now):
+        pass
+    line.end()
 
 
 @pytest.fixture
@@ -112,3 +125,163 @@ def test_the_time_of_a_reply_is_that_of_its_last_byte(line: Line) -> None:
 def test_nothing_under_way_is_nothing_to_wait_for(line: Line) -> None:
     assert line.feed(0.0)
     assert line.end() is None
+
+
+# --------------------------------------------------------------------------------------------- unasked (R08)
+
+OWN = p.status(1, 0, b"\1\2\3")
+OTHERS = {
+    "a status of an id nobody knows": p.status(99, 0, b"\1\2\3"),
+    "a second status of one device": p.status(1, 0, b"\1\2\3"),
+    "a status of another length": p.status(1, 0, b"\1\2\3\4"),
+    "another master's read": p.read(1, 132, 4),
+    "another master's goals": p.sync_write(116, {1: bytes(4), 2: bytes(4)}),
+}
+
+
+@pytest.mark.parametrize("other", OTHERS)
+@pytest.mark.parametrize("before", [True, False])
+def test_what_nobody_asked_for_is_counted(line: Line, other: str, before: bool) -> None:
+    """R08: e-manual, "Protocol 2.0": one master, and a device speaks only when asked."""
+    talk(line, OWN)
+    assert line.foreign == 0
+    talk(line, OTHERS[other] + OWN if before else OWN + OTHERS[other])
+    assert line.foreign == 1
+    assert line.strays >= len(OWN)
+
+
+@pytest.mark.parametrize("other", OTHERS)
+def test_what_comes_while_nothing_is_outstanding_is_counted_with_the_next_request(
+    line: Line, other: str
+) -> None:
+    port = line.transport
+    assert isinstance(port, Port)
+    talk(line, OWN)
+    port.late = OTHERS[other] + b"noise" + OTHERS[other]
+    talk(line, OWN)
+    assert line.foreign == 2
+    assert line.strays == 2 * len(OTHERS[other]) + 5
+
+
+def test_bytes_around_a_fast_reply_are_judged_as_well(line: Line) -> None:
+    fast = Exchange(p.fast_sync_read((1, 2), 126, 10), FastReply((1, 2), 10), 1)
+    joint = b"".join(p.fast_status([(0, 1, bytes(10)), (0, 2, bytes(10))], 29))
+    talk(line, joint, fast)
+    assert (line.foreign, line.strays) == (0, 0)
+    talk(line, p.status(9, 0, bytes(3)) + joint + p.ping(1), fast)
+    assert line.foreign == 2
+    assert line.strays == 14 + 10
+
+
+def test_an_answer_that_comes_too_late_is_none_of_them(line: Line) -> None:
+    port = line.transport
+    assert isinstance(port, Port)
+    talk(line, b"")
+    port.late = OWN  # of the first
+    talk(line, OWN[:5])
+    assert line.foreign == 0
+    talk(line, p.status(1, 0, b"\1\2") + OWN)
+    assert line.foreign == 0
+    assert line.strays == 13
+    talk(line, OWN + OWN)  # it has answered since: this one is nobody's answer
+    assert line.foreign == 1
+
+
+def test_noise_is_not_foreign(line: Line) -> None:
+    talk(line, bytes(range(256)) + OWN[:-1] + b"x" + OWN)
+    assert line.foreign == 0
+    assert line.strays == 256 + 14
+
+
+# --------------------------------------------------------------------------------------------- echo
+
+
+def test_an_echo_is_recognised_once_and_then_taken_off_each_answer(line: Line) -> None:
+    """Half-duplex adapters without a direction switch give back what they send."""
+    assert not line.echo
+    for _ in range(3):
+        line.goals = p.sync_write(116, {1: bytes(4)})
+        lead = line.goals
+        line.send(PING, 0.0, goals=True)
+        port = line.transport
+        assert isinstance(port, Port)
+        port.late = lead + p.ping(1) + OWN
+        while not line.feed(0.0):
+            pass
+        exchange = line.end()
+        assert exchange is not None
+        assert exchange.reply is not None
+        assert exchange.reply.heard.all()
+        assert line.echo
+        assert (line.strays, line.foreign) == (0, 0)
+
+
+def test_the_echo_of_an_order_that_is_never_answered_is_no_traffic_either(line: Line) -> None:
+    port = line.transport
+    assert isinstance(port, Port)
+    line.send(ORDER, 0.0)
+    port.late = ORDER.packet
+    talk(line, PING.packet + OWN)
+    assert line.echo
+    assert (line.strays, line.foreign) == (0, 0)
+
+
+def test_a_damaged_echo_costs_no_answer(line: Line) -> None:
+    talk(line, PING.packet + OWN)
+    assert line.echo
+    for damaged in (b"\0" + PING.packet[1:], PING.packet[:5], PING.packet[:-1] + b"\0"):
+        talk(line, PING.packet + OWN)
+        talk(line, damaged + OWN)
+        assert PING.reply is not None
+        assert PING.reply.heard.all()
+        assert line.foreign == 0
+
+
+def test_the_same_packet_of_another_master_behind_the_answer_is_no_echo(line: Line) -> None:
+    talk(line, OWN + PING.packet)
+    assert not line.echo
+    assert line.foreign == 1
+
+
+# --------------------------------------------------------------------------------------------- a full port
+
+
+def test_a_port_that_still_holds_more_than_the_last_packet_is_flushed_and_nothing_is_sent(
+    line: Line,
+) -> None:
+    """R23: goals that wait in the port would arrive late, one after the other."""
+    port = line.transport
+    assert isinstance(port, Port)
+    talk(line, OWN)
+    port.holds, port.waiting, sent = True, len(PING.packet), port.taken
+    talk(line, OWN)  # the last packet may still be on its way
+    assert port.taken != sent
+    port.waiting, sent = len(PING.packet) + 1, port.taken
+    line.goals, line.urgent = b"goals", b"off"
+    with pytest.raises(PortFull, match=r"11 bytes still wait.*had 10.*nothing sent") as caught:
+        line.send(PING, 1.0, goals=True)
+    assert not caught.value.lost
+    assert (port.taken, port.flushed) == (sent, 11)
+    assert line.feed(1.0)
+    assert line.end() is None
+    talk(line, OWN)
+    assert port.taken == sent + b"off" + PING.packet
+
+
+def test_a_port_that_cannot_tell_is_not_asked(line: Line) -> None:
+    port = line.transport
+    assert isinstance(port, Port)
+    port.waiting = 1000
+    talk(line, OWN)
+    assert port.flushed == 0
+
+
+@pytest.mark.parametrize(("one_write", "writes"), [(True, 1), (False, 2)])
+def test_goals_and_request_leave_in_one_write_or_in_two(one_write: bool, writes: int) -> None:
+    port = Port()
+    line = Line("main", port, baud=10_000, return_delay_s=0.0, slack=0.002, one_write=one_write)
+    line.goals = b"goals"
+    line.send(PING, 0.0, goals=True)
+    assert (port.taken, port.writes) == (b"goals" + PING.packet, writes)
+    line.send(PING, 0.0, goals=True)
+    assert port.writes == writes + 1

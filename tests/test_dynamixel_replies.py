@@ -162,6 +162,84 @@ def test_alerts_and_errors_are_kept() -> None:
     assert not reply.heard[0]
 
 
+MANY = tuple(range(1, 25))
+
+
+def many(kind: type[PlainReply | FastReply]) -> list[bytes]:
+    """What each of 24 devices puts on the wire."""
+    if kind is PlainReply:
+        return [p.status(id, 0, block(id)) for id in MANY]
+    return p.fast_status([(0, id, block(id)) for id in MANY], len(MANY) * (SIZE + 4) + 1)
+
+
+@given(data=st.data())
+@settings(max_examples=150, deadline=None)
+@pytest.mark.parametrize("kind", [PlainReply, FastReply])
+def test_whatever_happens_to_a_reply_no_wrong_number_is_heard(
+    kind: type[PlainReply | FastReply], data: st.DataObject
+) -> None:
+    """Truncated, bits flipped, blocks lost or doubled, noise before, inside and behind, in any chunks."""
+    pieces = [(place, piece) for place, piece in enumerate(many(kind))]
+    for place in data.draw(st.lists(st.integers(0, 23), max_size=3)):  # lost
+        pieces = [each for each in pieces if each[0] != place]
+    for at in data.draw(st.lists(st.integers(0, 24), max_size=2)):
+        pieces.insert(at, (-1, data.draw(st.binary(min_size=1, max_size=40))))
+    stream = bytearray(b"".join(piece for _, piece in pieces))
+    del stream[data.draw(st.integers(len(stream) // 2, len(stream))) :]
+    for bit in data.draw(st.lists(st.integers(0, 8 * len(stream) - 1), max_size=3)) if stream else []:
+        stream[bit // 8] ^= 1 << bit % 8
+    reply = kind(MANY, SIZE)
+    give(reply, bytes(stream), data.draw(st.integers(1, 400)))
+    check_data(reply)
+    assert reply.whole == bool(reply.heard.all())
+
+
+@given(lost=st.sets(st.integers(1, 24), max_size=5), noise=st.binary(max_size=60), chunk=st.integers(1, 400))
+@settings(max_examples=60, deadline=None)
+def test_every_intact_answer_is_heard_within_the_same_transaction(
+    lost: set[int], noise: bytes, chunk: int
+) -> None:
+    """Plain: all that are there. Fast: the prefix; noise before it costs nothing."""
+    plain, fast = PlainReply(MANY, SIZE), FastReply(MANY, SIZE)
+    there = [piece for id, piece in zip(MANY, many(PlainReply), strict=True) if id not in lost]
+    give(plain, noise + noise.join(there) + noise, chunk)
+    assert set(np.array(MANY)[plain.heard].tolist()) == set(MANY) - lost
+    first = min(lost, default=25)
+    give(fast, noise + b"".join(many(FastReply)[: first - 1]) + noise, chunk)
+    assert set(np.array(MANY)[fast.heard].tolist()) == set(range(1, first))
+    for reply in (plain, fast):
+        check_data(reply)
+
+
+@pytest.mark.parametrize("kind", [PlainReply, FastReply])
+@pytest.mark.parametrize(
+    "babble",
+    [b"\0", b"\xff", p.HEADER, p.HEADER + b"\xfe\x01\x05\x55", p.status(200, 0, b"abc"), p.ping(7)],
+)
+def test_endless_babble_never_fills_the_buffer(kind: type[PlainReply | FastReply], babble: bytes) -> None:
+    reply = kind(MANY, SIZE)
+    reply.start()
+    for _ in range(300):
+        room = reply.room()
+        assert len(room) > 0
+        count = min(len(room), 300)
+        room[:count] = (babble * 300)[:count]
+        if reply.take(count):
+            break
+    reply.end()
+    assert not reply.heard.any()
+
+
+def test_whole_sound_packets_that_are_no_part_of_a_reply_are_kept_aside() -> None:
+    other, request = p.status(99, 0, b"abc"), p.sync_read(IDS, 126, SIZE)
+    for reply, data in ((PlainReply(IDS, SIZE), plain()), (FastReply(IDS, SIZE), fast())):
+        give(reply, other + data + request)
+        assert [each.id for each in reply.unasked] == [99, p.BROADCAST]
+        assert reply.whole
+        give(reply, data)
+        assert len(reply.unasked) == 0
+
+
 def test_nothing_of_the_last_reply_is_left_in_the_next() -> None:
     for reply, data in ((PlainReply(IDS, SIZE), plain()), (FastReply(IDS, SIZE), fast())):
         give(reply, data)

@@ -9,7 +9,7 @@ from math import inf
 
 from twind_drivers.bus import PortFull, Transport
 from twind_drivers.dynamixel.budget import wire
-from twind_drivers.dynamixel.packet import STATUS, Framer, Packet
+from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import Expected
 
 
@@ -122,7 +122,7 @@ class Line:
             reply.end()
             self.strays += reply.strays
             if reply.unasked:
-                self._judge(reply.unasked)
+                self._judge(reply.unasked, reply.first)
             if self._owed or not reply.whole:
                 self._remember(reply)
         return exchange
@@ -138,15 +138,17 @@ class Line:
 
     def _look_back(self) -> None:
         """What came after the last transaction had ended."""
-        packets = Framer(status=None).feed(self._late)
+        self._judge(Framer(status=None).feed(self._late), bytes(self._late))
         self._late.clear()
-        self._judge(packets)
 
-    def _judge(self, packets: Sequence[Packet]) -> None:
-        own = Framer(status=False).feed(b"".join(self._out))
-        if own and list(packets[: len(own)]) == own:
+    def _judge(self, packets: Sequence[Packet], first: bytes) -> None:
+        """`first`: what came first in this window; where our own packets stand there, they are an echo."""
+        sent = b"".join(self._out)
+        own = Framer(status=False).feed(sent)
+        ours = first.startswith(sent) or (len(first) > len(HEADER) and sent.startswith(first))
+        if own and ours and list(packets[: len(own)]) == own:
             self.echo, packets = True, packets[len(own) :]
-            self.strays -= sum(map(len, self._out))
+            self.strays -= len(sent)
         self.foreign += sum(each.instruction != STATUS or each.id not in self._owed for each in packets)
 
     def _remember(self, reply: Expected) -> None:

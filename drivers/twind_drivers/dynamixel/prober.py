@@ -27,7 +27,8 @@ class Heard:
     def __init__(self, expected: int) -> None:
         """`expected`: bytes to allow wire time for."""
         self.ids: tuple[int, ...] = ()
-        self.size, self.expected, self.strays, self.whole = 0, expected, 0, False
+        self.size, self.expected, self.strays = 0, expected, 0
+        self.whole, self.first = False, b""
         self.unasked: Sequence[Packet] = ()  # nothing is: all that comes is kept
         self.heard = self.answered = np.zeros(0, np.bool_)
         self.error = self.data = np.zeros(0, np.uint8)

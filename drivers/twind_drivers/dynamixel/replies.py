@@ -39,6 +39,7 @@ class Expected(Protocol):
     whole: bool  # everybody was heard
     strays: int  # bytes that were no part of it
     unasked: Sequence[Packet]  # whole sound packets among those
+    first: bytes  # what came first, if it was not all as usual (an echo of the request begins there)
 
     def start(self) -> None:
         """Forget the last one."""
@@ -110,6 +111,7 @@ class PlainReply:
         """Forget the last one."""
         self._got = self.strays = 0
         self._framing = self.whole = False
+        self.first = b""
         self.heard.fill(False)
         self.answered.fill(False)
         if self.unasked:
@@ -159,7 +161,7 @@ class PlainReply:
 
     def _reframe(self) -> bool:
         """From here on by the framer, beginning with what is in the buffer."""
-        self._framing = True
+        self._framing, self.first = True, bytes(self._view[: self._got])
         self._spare.fill(0)
         self.error, self.data = np.zeros(len(self.ids), np.uint8), self._spare
         self._framer.discarded = 0
@@ -217,6 +219,7 @@ class FastReply:
         """Forget the last one."""
         self._got = self.strays = 0
         self._settled = self.whole = False
+        self.first = b""
         self.heard.fill(False)
         if self.unasked:
             self.unasked = ()
@@ -256,6 +259,8 @@ class FastReply:
             self._got -= count
 
     def _drop(self, first: int, end: int) -> None:
+        if not (first or self.strays):
+            self.first = bytes(self._view[:end])
         self.strays += end - first
         self.unasked = (*self.unasked, *self._framer.feed(self._view[first:end]))
 
