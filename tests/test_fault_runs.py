@@ -1,0 +1,72 @@
+"""Fault runs under the fake clock: readings are right, or stale and marked, or absent; never wrong and fresh.
+
+Every fault of the table of orders is walked, so that a new one cannot be forgotten. Faults by the matrix of
+`docs/safety.md`; what a fault does on the wire by `docs/virtual.md`.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pytest
+from fault_cases import CASES, Order, healing, order
+from fault_world import Judge, Moved, Wire
+from rig import Rig
+
+from twind.robot.modes import Mode
+from twind.virtual.orders import FAULTS, arguments
+
+WALK = [(name, number) for name, cases in CASES.items() for number in range(len(cases))]
+
+
+def obey(rig: Rig, orders: Sequence[Order]) -> None:
+    """Carry out orders on every bus, as the socket would."""
+    for each in orders:
+        name, given = arguments(each)
+        for bus in rig.virtual.values():
+            bus.advance(rig.clock.now())
+            getattr(bus.faults, name)(**given)
+
+
+def test_every_fault_that_can_be_ordered_has_its_cases() -> None:
+    assert CASES.keys() == FAULTS.keys()
+    assert all(CASES.values())
+
+
+# --------------------------------------------------------------------------------------------- the mirror
+
+
+@pytest.fixture(scope="module")
+def mirror() -> Iterator[tuple[Rig, Judge, Wire]]:
+    """A mirror of a robot whose joints hands move all the time, whatever goes wrong."""
+    rig = Rig(mode=Mode.MIRROR, muscles=Moved)
+    judge, wire = Judge(rig), Wire(rig, writes=False)
+    rig.connect()
+    rig.seconds(0.3)
+    yield rig, judge, wire
+    rig.close()
+
+
+def heard_again(rig: Rig, seconds: float = 3.0) -> bool:
+    """Everybody, within that time."""
+    for _ in range(round(seconds / rig.loop.period)):
+        rig.ticks(1)
+        if rig.loop.measured.heard.all() and rig.loop.hardware.connected:
+            return True
+    return False
+
+
+@pytest.mark.parametrize(("name", "number"), WALK)
+def test_a_mirror_shows_no_wrong_reading_as_fresh(
+    mirror: tuple[Rig, Judge, Wire], name: str, number: int
+) -> None:
+    rig, judge, wire = mirror
+    random = np.random.default_rng([number, *name.encode()])
+    case = CASES[name][number]
+    given = order(name, case, random)
+    rig.ticks(int(random.integers(1, 6)))
+    obey(rig, [given])
+    rig.ticks(min(40, round(random.uniform(*case.lasts) / rig.loop.period)))
+    obey(rig, healing(case, given))
+    assert heard_again(rig), given
+    judge.verdict(str(given))
+    wire.verdict(str(given))
