@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
-from fault_cases import CASES, Order, healing, order
+from fault_cases import CASES, Case, Order, healing, order
 from fault_world import Judge, Moved, Wire
 from rig import Rig
 
@@ -70,3 +70,50 @@ def test_a_mirror_shows_no_wrong_reading_as_fresh(
     assert heard_again(rig), given
     judge.verdict(str(given))
     wire.verdict(str(given))
+
+
+# Alone they change nothing; a run of several faults shall not be spent on them.
+IDLE = {"free", "replug", "clear", "seed", "record", "garble"}
+
+
+def several(random: np.random.Generator) -> list[tuple[Case, Order]]:
+    """Two or three faults of the table, in order."""
+    names = random.choice(sorted(CASES.keys() - IDLE), int(random.integers(2, 4)), replace=False).tolist()
+    cases = [(name, CASES[name][int(random.integers(len(CASES[name])))]) for name in names]
+    return [(case, order(name, case, random)) for name, case in cases]
+
+
+def mix(rig: Rig, judge: Judge, wire: Wire, seed: int) -> int:
+    """Several faults at once, at odd moments, healed in any order; how many they were."""
+    random = np.random.default_rng(seed)
+    faults = several(random)
+    said = f"seed {seed}: {[given for _, given in faults]}"
+    obey(rig, [{"fault": "seed", "number": seed}])
+    for _, given in faults:
+        rig.ticks(int(random.integers(0, 5)))
+        obey(rig, [given])
+    rig.ticks(int(random.integers(5, 15)))
+    for at in random.permutation(len(faults)).tolist():
+        obey(rig, healing(*faults[at]))
+        rig.ticks(int(random.integers(0, 5)))
+    judge.verdict(said)
+    wire.verdict(said)
+    return len(faults)
+
+
+def run_mixes(judged: tuple[Rig, Judge, Wire], seeds: range, least: int) -> None:
+    rig, judge, wire = judged
+    assert sum(mix(rig, judge, wire, seed) for seed in seeds) >= least
+    assert heard_again(rig, 5.0)
+    judge.verdict(str(seeds))
+    assert judge.fresh > 20 * len(seeds), "nobody was heard: the judge saw nothing"
+    assert judge.stale > 20 * len(seeds), "nothing went wrong: the judge saw nothing"
+
+
+def test_several_faults_at_once_make_no_wrong_reading_fresh(mirror: tuple[Rig, Judge, Wire]) -> None:
+    run_mixes(mirror, range(90), 200)
+
+
+@pytest.mark.slow
+def test_thousands_of_faults_make_no_wrong_reading_fresh(mirror: tuple[Rig, Judge, Wire]) -> None:
+    run_mixes(mirror, range(1000, 3000), 4000)
