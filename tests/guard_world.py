@@ -52,9 +52,16 @@ def facts(**over: object) -> Facts:
         torque=np.ones(N, np.int8),
         torque_expected=True,
         torque_settled=True,
-        watchdog=np.zeros(N, np.int16),
+        watchdog=np.full(N, 5, np.int16),
         status_time=np.full(N, 9.99),
         discarded=0,
+        traffic=(),
+        alerts=np.zeros(N, np.uint8),
+        fault=np.zeros(N, np.int16),
+        tick=np.full(N, -1, np.int32),
+        health_time=np.full(N, -np.inf),
+        jumps=np.zeros(N, np.int64),
+        leaps=np.zeros(N),
     )
     return replace(usual, **over)
 

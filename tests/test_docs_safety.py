@@ -11,7 +11,7 @@ from twind.front import server
 from twind.loop import arming, front_process, ports, release, submissions, tick
 from twind.robot.finding import Code
 from twind.robot.modes import State
-from twind.safety import gate, guard, lease, stream
+from twind.safety import gate, guard, lease, senses, stream
 from twind.safety.states import TABLE, Event
 from twind.twin import binding
 from twind_drivers.dynamixel import budget
@@ -90,6 +90,17 @@ NUMBERS = {
     "joint silent, armed: told": ms(GUARD.stale_warn),
     "joint silent, armed: HOLD": ms(GUARD.stale_hold),
     "joint silent, armed: fault, SETTLE": ms(GUARD.stale_fault),
+    "bad exchanges of a bus in 1 s: told": f"{GUARD.errors_warn * 100:g} %",
+    "bad exchanges of a bus in 1 s: HOLD": f"{GUARD.errors_hold * 100:g} %",
+    "bad exchanges of a bus in a row: HOLD": f"{GUARD.errors_row_hold}",
+    "bad exchanges of a bus in a row: fault": f"{GUARD.errors_row_fault}",
+    "packets that nobody asked for, in 1 s: fault, INHIBIT": f"{GUARD.foreign}",
+    "packets in a row without room in the port: fault": f"{GUARD.full}",
+    "a servo's own clock, off between two readings: fault": f"{ms(GUARD.clock_slack)} + "
+    f"{GUARD.clock_drift * 100:g} % of the time between",
+    "a position that cannot be": f"{senses.REACH:g} × the motor's fastest × the time between + "
+    f"{senses.TICKS:g} ticks",
+    "such positions in a row: HOLD": f"{GUARD.jumps}",
     "tick late: told": ms(GUARD.late),
     "ticks missed in a row: told": f"{GUARD.missed_warn}",
     "ticks missed in a row: HOLD": f"{GUARD.missed_hold}",

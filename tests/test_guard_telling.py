@@ -58,7 +58,7 @@ def test_a_robot_that_is_watched_without_its_servos_does_not_flood_the_log() -> 
 
 def test_what_must_be_latched_comes_alone_and_again_until_it_is_latched() -> None:
     guard = Guard(LIMITS)
-    watchdog = np.array([255, 0, 0], np.int16)
+    watchdog = np.array([255, 5, 5], np.int16)
     for _ in range(3):
         judgement = guard.judge(facts(watchdog=watchdog, lateness=0.01, discarded=1))
         assert (judgement.latches, codes(judgement)) == (True, [Code.WATCHDOG_TRIPPED])
@@ -69,7 +69,7 @@ def test_what_must_be_latched_comes_alone_and_again_until_it_is_latched() -> Non
 @pytest.mark.parametrize("state", [State.FAULT, State.ESTOP])
 def test_a_second_fault_is_latched_beside_the_first(state: State) -> None:
     guard = Guard(LIMITS)
-    watchdog = np.array([255, 0, 0], np.int16)
+    watchdog = np.array([255, 5, 5], np.int16)
     guard.judge(facts(watchdog=watchdog))
     both = {"watchdog": watchdog, "measured": reading([0.0, 3.0, 0.0]), "state": state}
     first, second = guard.judge(facts(**both)), guard.judge(facts(**both))
@@ -79,7 +79,7 @@ def test_a_second_fault_is_latched_beside_the_first(state: State) -> None:
 
 def test_the_hardest_reaction_counts_and_names_its_cause() -> None:
     judgement = judge(
-        lease_ok=False, measured=reading(age=[0.0, 0.9, 0.2]), watchdog=np.array([255, 0, 0], np.int16)
+        lease_ok=False, measured=reading(age=[0.0, 0.9, 0.2]), watchdog=np.array([255, 5, 5], np.int16)
     )
     assert judgement.reaction is Reaction.SETTLE
     found = {(finding.code, finding.joint) for finding in judgement.findings}

@@ -22,6 +22,7 @@ PERIOD = 0.01
 BAUD, BAUD_CODE = 1_000_000, 3
 LOWER, UPPER = 1000, 3000  # ticks that may ever be sent
 IDS = {"left": (1, 2, 3), "right": (4, 5, 6)}
+FASTEST = 46.0 / 60.0 * 4096  # ticks/s: no-load speed at 12 V
 TURN = 2.0 * np.pi / 4096.0  # rad per tick without gear
 
 
@@ -37,6 +38,7 @@ def bus_map(name: str, places: list[int], zero: list[int], scale: list[float]) -
         effort_scale=np.sign(factors) * 0.001,
         lower=np.full(len(places), LOWER),
         upper=np.full(len(places), UPPER),
+        fastest=np.full(len(places), FASTEST),
     )
 
 

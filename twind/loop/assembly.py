@@ -74,7 +74,12 @@ def build(
         hardware=Hardware(binding.joint_map, ports, clock, period),
         twin=Twin(binding, period),
         executor=Executor(binding.limits, period),
-        guard=Guard(binding.limits, Bounds(setpoint_age=robot.file.command_timeout_ms / 1e3)),
+        guard=Guard(
+            binding.limits,
+            Bounds(setpoint_age=robot.file.command_timeout_ms / 1e3),
+            buses=[bus.name for bus in binding.joint_map.buses],
+            support=robot.file.support,
+        ),
         lease=Lease(),
         health=Health(len(ports), thresholds.latency_warn),
         thresholds=thresholds,

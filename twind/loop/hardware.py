@@ -9,12 +9,16 @@ from dataclasses import dataclass
 from math import inf, nan
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twind.loop.ports import Link, Port, Task
 from twind.loop.procedures import all_of
 from twind.robot.arrays import Bools, Floats, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
+from twind.safety.device_rules import ALERT
+from twind.safety.facts import Traffic
+from twind.safety.senses import Senses
 from twind_drivers.bus import PortError, Reader, Sample, Script, WireClamp, Writer
 from twind_drivers.clock import Clock
 
@@ -39,6 +43,8 @@ class Slow:
         self.voltage = np.full(count, nan)
         self.temperature = np.full(count, nan)
         self.status_time = np.full(count, -inf)
+        self.tick = np.full(count, -1, np.int32)  # ms, the servo's own clock modulo 32768; -1 unknown
+        self.health_time = np.full(count, -inf)
 
 
 class Hardware:
@@ -54,6 +60,10 @@ class Hardware:
         self.left = False  # the last goals went out, to every bus that holds
         self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
         self.discarded = 0  # bytes thrown away in the last exchange (R07)
+        self.traffic = tuple(Traffic() for _ in self.ports)  # of the last exchange, bus by bus
+        self.jumps = np.zeros(len(joints), np.int64)  # readings in a row that could not be (R13)
+        self.leaps = np.zeros(len(joints))  # rad, how far the last of them was off
+        self._senses = [self._sense(bus) for bus in joints.buses]
         self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
         self.alerts = np.zeros(len(joints), np.uint8)  # error byte of the last status, 0x80 = alert
@@ -162,16 +172,51 @@ class Hardware:
             result[bus.joints] = (self.ticks(bus, position) - bus.zero) * bus.scale
         return result
 
-    def _take(self, bus: BusMap, sample: Sample) -> None:
-        heard = sample.heard
+    def _sense(self, bus: BusMap) -> Senses:
+        return Senses(bus.fastest, self.period)
+
+    def _take(self, bus: BusMap, number: int, sample: Sample) -> Bools:
+        """Keep what was read of bus `number`; whose position (m,) is believed (R13)."""
+        heard = self._believe(bus, number, sample)
         rows = slice(None) if every(heard) else heard
         places = bus.joints[rows]
         self._position[places] = (sample.position[rows] - bus.zero[rows]) * bus.scale[rows]
         self._velocity[places] = sample.velocity[rows] * bus.velocity_scale[rows]
         self._effort[places] = sample.effort[rows] * bus.effort_scale[rows]
         self._heard_at[places] = sample.received
-        self.alerts[bus.joints] = np.where(heard, sample.error, 0)
+        alerts = np.where(sample.heard, sample.error, 0)
+        if some(alerts):
+            self._ask_why(number, bus, alerts)
+        self.alerts[bus.joints] = alerts
         self.discarded += sample.discarded
+        return heard
+
+    def _believe(self, bus: BusMap, number: int, sample: Sample) -> Bools:
+        """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""
+        senses, heard = self._senses[number], sample.heard
+        limp = self.slow.torque[bus.joints] == 0
+        believed = senses.believe(sample.position, heard, sample.sent, sample.received, limp)
+        if believed is not heard:
+            self.jumps[bus.joints] = senses.jumps
+            self.leaps[bus.joints] = senses.leaps * np.abs(bus.scale)
+        return believed
+
+    def _ask_why(self, number: int, bus: BusMap, alerts: NDArray[np.uint8]) -> None:
+        """Who begins to say that it has a hardware error is asked for it at once (R09)."""
+        port = self.ports[number]
+        new = (alerts & ALERT) > (self.alerts[bus.joints] & ALERT)
+        for row in np.flatnonzero(new).tolist():
+            if port.reader is not None and not port.full:
+                port.run(port.reader.read(bus.ids[row], "hardware_error_status"), urgent=True)
+
+    @staticmethod
+    def _count(traffic: Traffic, port: Port, sample: Sample) -> None:
+        """R06 counts who is known to be there: who is missing is told where a bus is identified."""
+        whole = every(sample.heard)
+        traffic.asked = port.holding or port.link is Link.CONNECTED
+        traffic.bad = sample.discarded > 0 or (not whole and some(sample.asked & ~sample.heard))
+        traffic.answered = whole or some(sample.heard)
+        traffic.foreign = sample.foreign
 
     def _take_registers(self, port: Port, bus: BusMap) -> None:
         if port.reader is None:
@@ -183,11 +228,16 @@ class Hardware:
         slow.voltage[places] = registers.voltage
         slow.temperature[places] = registers.temperature
         slow.status_time[places] = registers.status_time
+        slow.tick[places] = registers.tick
+        slow.health_time[places] = registers.health_time
 
     def forget(self, bus: BusMap) -> None:
-        """A lost bus: what its slow registers said is no longer known."""
-        for array in (self.slow.torque, self.slow.fault, self.slow.watchdog):
+        """A lost bus: what its slow registers said is no longer known, and its joints may be anywhere."""
+        for array in (self.slow.torque, self.slow.fault, self.slow.watchdog, self.slow.tick):
             array[bus.joints] = -1
+        self.slow.health_time[bus.joints] = -inf
+        self.alerts[bus.joints] = 0
+        self._senses[self.joints.buses.index(bus)] = self._sense(bus)
         self.slow.voltage[bus.joints] = self.slow.temperature[bus.joints] = nan
 
     # --------------------------------------------------------------------------- the exchange
@@ -222,7 +272,7 @@ class Hardware:
                     port.enable(self._access[1])
 
     def _read(self, now: float, end: float) -> JointState:
-        self.discarded = 0
+        self._begin()
         quiet = now < self.quiet_until
         asked = [] if quiet else [pair for pair in self.pairs if self._try(pair, "request")]
         sent = self.clock.now()
@@ -232,15 +282,25 @@ class Hardware:
         for port, bus in asked:
             sample = port.finish(self.clock.now())
             if sample is not None:
-                self._take(bus, sample)
-                heard[bus.joints] = sample.heard
-                if some(sample.heard):
+                number = self.ports.index(port)
+                heard[bus.joints] = self._take(bus, number, sample)
+                self._count(self.traffic[number], port, sample)
+                if self.traffic[number].answered:
                     received = max(received, sample.received)
-                    self.trips[self.ports.index(port)] = sample.received - sample.sent
+                    self.trips[number] = sample.received - sample.sent
         self.hops = (first - sent, received - first) if some(heard) else (nan, nan)
         if not quiet:
             self._rare(end)
         return self._state(heard, sent, received)
+
+    def _begin(self) -> None:
+        """Forget what the last exchange brought."""
+        self.discarded = 0
+        if some(self.jumps):
+            self.jumps[:] = 0
+        for traffic in self.traffic:
+            traffic.asked = traffic.bad = traffic.answered = False
+            traffic.foreign = traffic.full = 0
 
     def _rare(self, end: float) -> None:
         """One further transaction per bus, all at once, in what is left of the tick."""
@@ -264,6 +324,7 @@ class Hardware:
                 self._lose(pair, error)
             else:  # the output is full: this packet is not sent, and the reading is missed
                 port.counts.errors += 1
+                self.traffic[self.ports.index(port)].full += 1
                 self.left = self.left and not port.holding
             return False
         return True

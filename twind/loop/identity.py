@@ -88,6 +88,13 @@ class Identity:
         if loop.stop_level is not None and idle and loop.inherited and not loop.stop_wanted:
             release.stop(loop, loop.stop_level, now)  # it came back with torque on under a latched stop
 
+    def restarted(self, findings: Sequence[Finding]) -> None:
+        """Servos that began anew (R11): settings and turns may be gone, so their buses are asked anew."""
+        joints = {finding.joint for finding in findings}
+        for port, bus in self._loop.hardware.pairs:
+            if not joints.isdisjoint(bus.joints.tolist()):
+                port.identify()
+
     # ----------------------------------------------------------------------------- coming
 
     def _tend(self, port: Port, bus: BusMap, now: float) -> None:

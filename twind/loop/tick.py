@@ -181,6 +181,13 @@ class Loop:
                 watchdog=slow.watchdog,
                 status_time=slow.status_time,
                 discarded=self.hardware.discarded,
+                traffic=self.hardware.traffic,
+                alerts=self.hardware.alerts,
+                fault=slow.fault,
+                tick=slow.tick,
+                health_time=slow.health_time,
+                jumps=self.hardware.jumps,
+                leaps=self.hardware.leaps,
             )
         )
         return self._react(judgement, reference, now)
@@ -190,6 +197,8 @@ class Loop:
         for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
             same = tuple(findings)
             self.say.event("warning", code, same[0].message, same)
+            if code is Code.SERVO_REBOOTED:
+                self.identity.restarted(same)
         if judgement.latches:
             for finding in judgement.findings:
                 self.latch(finding)
@@ -326,6 +335,7 @@ class Loop:
             latency_p95=self.health.latency_p95(now),
             reference=reference,
             busy=self.submissions.busy,
+            bars=self.parts.guard.bars,
         )
 
     def may_arm(self, client: int, now: float) -> Verdict:

@@ -1,5 +1,7 @@
 """Names for the arrays that the whole house passes around."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,8 +15,8 @@ def every(flags: Bools) -> bool:
     return bool(np.count_nonzero(flags) == flags.size)
 
 
-def some(flags: Bools) -> bool:
-    """At least one is set."""
+def some(flags: Bools | NDArray[np.integer[Any]]) -> bool:
+    """At least one is set; of numbers: is not 0."""
     return bool(np.count_nonzero(flags))
 
 

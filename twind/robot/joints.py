@@ -23,6 +23,7 @@ class BusMap:
     effort_scale: Floats  # N·m per count, signed; NaN where the actuator cannot tell
     lower: Ints  # ticks: the smallest goal that may ever be sent (R22)
     upper: Ints  # ticks: the largest
+    fastest: Floats  # ticks/s that the motor turns at most, by its type (R13)
 
 
 @dataclass(frozen=True)

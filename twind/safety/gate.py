@@ -43,6 +43,9 @@ class Snapshot:
     latency_p95: float  # s, of the last 0.5 s; NaN unknown
     reference: Reference  # last commanded while holding or moving, measured otherwise
     busy: bool = False  # one trajectory runs and one waits
+    bars: tuple[
+        Finding, ...
+    ] = ()  # what is wrong now with servos or buses, so that nobody may arm (R08, R09)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +100,7 @@ def arming(snapshot: Snapshot, thresholds: Thresholds, joints: Bools | None = No
         refusals.append(Finding(Code.NO_JOINTS, message="no joint to arm"))
     refusals += _calibration(snapshot, chosen) + _hearing(snapshot, chosen, thresholds)
     late, warnings = _latency(snapshot, thresholds)
-    return Verdict((*refusals, *late), tuple(warnings))
+    return Verdict((*refusals, *late, *snapshot.bars), tuple(warnings))
 
 
 def _lease(snapshot: Snapshot) -> list[Finding]:

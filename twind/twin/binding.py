@@ -252,4 +252,5 @@ def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[_Reach]) 
         ),
         lower=np.array([reach[place].first for place in places], np.int64),
         upper=np.array([reach[place].last for place in places], np.int64),
+        fastest=frozen([j.type.velocity_limit_rad_s * j.type.ticks_per_turn / math.tau for j in joints]),
     )

@@ -1,0 +1,193 @@
+"""What servos say of themselves (R09, R11): alerts at once, and clocks that tell a restart from a wrap."""
+
+import numpy as np
+import pytest
+from guard_world import FINE, LIMITS, N, codes, facts
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from twind.robot.finding import Code
+from twind.robot.modes import Mode, Motion, State
+from twind.safety.device_rules import CLOCK, words
+from twind.safety.guard import Guard, Judgement, Reaction
+
+DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
+ARMING = DISARMED | {"state": State.ARMING, "torque_settled": False}
+MIRROR = {"mode": Mode.MIRROR, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
+SIM = {"mode": Mode.SIM, "motion": Motion.IDLE, "goal": None, "state": State.DISCONNECTED}
+
+
+def at(joint: int, value: int, usual: int = 0, kind: type = np.uint8) -> np.ndarray:
+    row = np.full(N, usual, kind)
+    row[joint] = value
+    return row
+
+
+def guard(support: str = "gantry") -> Guard:
+    return Guard(LIMITS, support=support)
+
+
+# ----------------------------------------------------------------------------------------------- R09
+
+
+@pytest.mark.parametrize(("error", "alert"), [(0, False), (1, False), (7, False), (127, False), (128, True),
+                                              (129, True), (135, True), (255, True)])  # fmt: skip
+def test_r09_the_alert_bit_alone_faults_the_joint_at_once(error: int, alert: bool) -> None:
+    judgement = guard().judge(facts(alerts=at(1, error)))
+    assert judgement.latches == alert
+    assert [(one.code, one.joint) for one in judgement.findings] == [(Code.SERVO_ALERT, 1)] * alert
+
+
+@pytest.mark.parametrize(("support", "reaction"), [
+    ("fixed", Reaction.HOLD), ("gantry", Reaction.HOLD), ("free", Reaction.SETTLE), ("?", Reaction.SETTLE),
+])  # fmt: skip
+def test_r09_the_others_hold_or_settle_by_support_and_unknown_is_free(
+    support: str, reaction: Reaction
+) -> None:
+    assert guard(support).judge(facts(alerts=at(0, 128))).reaction is reaction
+
+
+@pytest.mark.parametrize(("bits", "said"), [
+    (1, "input voltage"), (4, "overheating"), (8, "encoder"), (16, "electrical shock"), (32, "overload"),
+    (36, "overheating, overload"), (2, "bit 1"), (0, "not read yet"), (-1, "not read yet"),
+])  # fmt: skip
+def test_r09_the_bits_of_register_70_are_named_in_words(bits: int, said: str) -> None:
+    """e-manual, Hardware Error Status (70): bits 0, 2, 3, 4, 5."""
+    assert said in words(bits)
+    finding = guard().judge(facts(alerts=at(2, 128), fault=at(2, bits, 0, np.int16))).findings[0]
+    assert said in finding.message
+    assert finding.value == (bits if bits > 0 else None)
+
+
+def test_r09_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() -> None:
+    judge = guard()
+    over = {"alerts": at(0, 128), "state": State.FAULT}
+    told = [codes(judge.judge(facts(fault=at(0, bits, 0, np.int16), **over))) for bits in (0, 0, 32, 32)]
+    assert told == [[Code.SERVO_ALERT], [], [Code.SERVO_ALERT], []]
+
+
+def test_r09_while_arming_it_is_a_fault() -> None:
+    assert guard().judge(facts(alerts=at(0, 128), **ARMING)).latches
+
+
+@pytest.mark.parametrize("over", [DISARMED, MIRROR])
+def test_r09_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
+    over: dict[str, object],
+) -> None:
+    judge = guard()
+    judgement = judge.judge(facts(alerts=at(0, 128), **over))
+    assert (judgement.reaction, judgement.latches) == (Reaction.NONE, False)
+    assert [one.code for one in judge.bars] == [Code.SERVO_ALERT]
+    assert judge.judge(facts(alerts=at(0, 128), **over)) == FINE  # told once
+    assert judge.bars
+    judge.judge(facts(**over))
+    assert not judge.bars
+
+
+def test_r09_in_sim_there_is_no_bus_to_speak_of() -> None:
+    assert guard().judge(facts(alerts=at(0, 128), **SIM)) == FINE
+
+
+# ----------------------------------------------------------------------------------------------- R11
+
+
+class Clocks:
+    """Servos whose clocks are read; joint 1 is the one that may restart."""
+
+    def __init__(self, start: int, **over: object) -> None:
+        self.guard, self.over, self.now = guard(), over, 100.0
+        self.ticks = np.full(N, start, np.int64)
+        self.read()
+
+    def read(self) -> Judgement:
+        tick = (self.ticks % CLOCK).astype(np.int32)
+        return self.guard.judge(facts(tick=tick, health_time=np.full(N, self.now), **self.over))
+
+    def later(self, seconds: float, drift: float = 0.0) -> Judgement:
+        self.now += seconds
+        self.ticks += round(seconds * (1.0 + drift) * 1e3)
+        return self.read()
+
+    def restart(self, seconds: float, uptime: float) -> Judgement:
+        """`seconds` after the last reading joint 1 has been up for `uptime` s."""
+        self.now += seconds
+        self.ticks += round(seconds * 1e3)
+        self.ticks[1] = round(uptime * 1e3)
+        return self.read()
+
+
+@given(st.integers(0, CLOCK - 1), st.lists(st.floats(0.001, 250.0), max_size=8), st.floats(-0.04, 0.04))
+def test_r11_a_clock_that_goes_on_is_never_a_restart_whatever_it_wraps(
+    start: int, gaps: list[float], drift: float
+) -> None:
+    """e-manual, Realtime Tick (120): 0..32767 ms, then 0."""
+    clocks = Clocks(start)
+    assert all(clocks.later(gap, drift) == FINE for gap in gaps)
+
+
+@given(st.integers(0, CLOCK - 1), st.floats(0.05, 5.0), st.floats(0.0, 1.0))
+def test_r11_a_restart_is_seen_unless_the_clock_stands_where_it_would_have(
+    start: int, gap: float, share: float
+) -> None:
+    clocks = Clocks(start)
+    expected, uptime = (start + gap * 1e3) % CLOCK, gap * share * 1e3
+    off = abs((uptime - expected + CLOCK / 2) % CLOCK - CLOCK / 2)
+    assume(off > 52.0 + 0.05 * gap * 1e3)
+    judgement = clocks.restart(gap, gap * share)
+    assert [(one.code, one.joint) for one in judgement.findings] == [(Code.SERVO_REBOOTED, 1)]
+    assert (judgement.latches, judgement.reaction) == (True, Reaction.HOLD)
+
+
+@pytest.mark.parametrize(("off", "restarted"), [(58.0, False), (62.0, True)])
+def test_r11_the_margin_is_fifty_milliseconds_and_five_per_cent(off: float, restarted: bool) -> None:
+    clocks = Clocks(int(-200 + off) % CLOCK)  # expected to stand at `off` ms, read at 0
+    assert clocks.restart(0.2, 0.0).latches == restarted
+
+
+def test_r11_a_clock_that_is_older_than_the_time_since_it_was_read_was_read_late_not_restarted() -> None:
+    clocks = Clocks(20_000)
+    clocks.now += 5.0  # the process stood still between the question and the look at the answer
+    clocks.ticks += 10
+    assert clocks.read() == FINE
+
+
+def test_r11_who_was_not_read_for_minutes_is_not_known_to_be_the_same() -> None:
+    clocks = Clocks(0)
+    assert codes(clocks.later(400.0)) == [Code.SERVO_REBOOTED] * N
+
+
+def test_r11_a_forgotten_clock_begins_anew() -> None:
+    clocks = Clocks(20_000)
+    clocks.guard.judge(facts())  # -1: the bus was lost, or the restart was ordered
+    assert clocks.restart(0.2, 0.1) == FINE
+
+
+def test_r11_a_restart_is_one_event_and_the_next_reading_is_fine() -> None:
+    clocks = Clocks(20_000, **DISARMED)
+    judgement = clocks.restart(0.4, 0.2)
+    assert (judgement.latches, codes(judgement)) == (False, [Code.SERVO_REBOOTED])
+    assert clocks.later(0.2) == FINE
+
+
+def test_r11_while_arming_it_is_a_fault() -> None:
+    assert Clocks(20_000, **ARMING).restart(0.4, 0.2).latches
+
+
+@pytest.mark.parametrize(("watchdog", "restarted"), [(0, True), (1, False), (5, False), (-1, False)])
+def test_r11_an_armed_watchdog_that_reads_zero_is_a_restart(watchdog: int, restarted: bool) -> None:
+    judgement = guard().judge(facts(watchdog=at(2, watchdog, 5, np.int16)))
+    assert judgement.latches == restarted
+    assert [(one.code, one.joint) for one in judgement.findings] == [(Code.SERVO_REBOOTED, 2)] * restarted
+
+
+def test_r11_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> None:
+    judge, zero = guard(), at(0, 0, 5, np.int16)
+    judge.judge(facts(watchdog=zero, **DISARMED))
+    assert judge.judge(facts(watchdog=zero)) == FINE  # read at the same time as before
+    assert judge.judge(facts(watchdog=zero, status_time=np.full(N, 10.1), torque_settled=False)) == FINE
+    assert judge.judge(facts(watchdog=zero, status_time=np.full(N, 10.2))).latches
+
+
+def test_r11_torque_off_and_watchdog_off_is_a_restart_at_the_first_reading() -> None:
+    off, zero = at(0, 0, 1, np.int8), at(0, 0, 5, np.int16)
+    assert codes(guard().judge(facts(torque=off, watchdog=zero))) == [Code.SERVO_REBOOTED]

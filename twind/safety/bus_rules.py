@@ -1,0 +1,113 @@
+"""What each bus brought: rules R06, R07, R08 and R23. Pure."""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+from twind.robot.finding import Code, Finding
+from twind.robot.modes import State
+from twind.safety.facts import Facts, Reaction, Said, Thresholds, Traffic, held, hold, ours
+
+WINDOW = 1.0  # s that are looked back
+ROUNDING = 1e-9  # of a share
+
+
+class Record:
+    """What one bus did lately. A good bus costs nothing to remember."""
+
+    def __init__(self) -> None:
+        self.bad_in_a_row = self.full_in_a_row = self.foreign = 0
+        self._bad: deque[float] = deque()  # s, each bad exchange within the window
+        self._foreign: deque[tuple[float, int]] = deque()  # s and packets, within the window
+
+    def add(self, traffic: Traffic, now: float) -> None:
+        """One more tick. A bus that was not asked says nothing about itself."""
+        if traffic.asked:
+            self.bad_in_a_row = self.bad_in_a_row + 1 if traffic.bad else 0
+            if traffic.bad:
+                self._bad.append(now)
+        if traffic.full:
+            self.full_in_a_row += traffic.full
+        elif traffic.answered:  # what was sent has left
+            self.full_in_a_row = 0
+        if traffic.foreign:
+            self._foreign.append((now, traffic.foreign))
+            self.foreign += traffic.foreign
+        while self._bad and not now - self._bad[0] < WINDOW:
+            self._bad.popleft()
+        while self._foreign and not now - self._foreign[0][0] < WINDOW:
+            self.foreign -= self._foreign.popleft()[1]
+
+    def share(self, period: float) -> float:
+        """Bad exchanges of the window, of as many as a whole one has."""
+        return len(self._bad) * period / WINDOW
+
+
+class BusRules:
+    """Judges each bus by its last second."""
+
+    def __init__(self, names: Sequence[str], bounds: Thresholds) -> None:
+        self._names, self._bounds = tuple(names), bounds
+        self._records = tuple(Record() for _ in names)
+
+    def judge(self, facts: Facts) -> Iterator[Said]:
+        """What is wrong with the buses. `facts.traffic` is in the order of their names."""
+        if facts.discarded:
+            message = "bytes that were no answer of ours were dropped"
+            yield Said(Finding(Code.RX_SHAPE, value=float(facts.discarded), message=message))
+        for bus, (record, traffic) in enumerate(zip(self._records, facts.traffic, strict=True)):
+            record.add(traffic, facts.now)
+            share = record.share(facts.period)
+            if share:
+                yield from self._errors(facts, bus, record.bad_in_a_row, share)
+            if record.foreign:
+                yield from self._foreign(facts, bus, record.foreign)
+            if record.full_in_a_row:
+                yield self._full(facts, bus, record.full_in_a_row)
+
+    def _errors(self, facts: Facts, bus: int, row: int, share: float) -> Iterator[Said]:
+        """R06: a share of a second's exchanges, or several in a row. The fault leaves everything as it is."""
+        bounds, reaction = self._bounds, hold(facts) if held(facts) else Reaction.NONE
+        if row >= bounds.errors_row_fault:
+            finding = self._bad(bus, row, bounds.errors_row_fault, "bad exchanges in a row")
+            yield Said(finding, reaction, latches=held(facts), bus=bus)
+        elif row >= bounds.errors_row_hold:
+            finding = self._bad(bus, row, bounds.errors_row_hold, "bad exchanges in a row")
+            yield Said(finding, reaction, bus=bus)
+        elif share >= bounds.errors_hold - ROUNDING:
+            finding = self._bad(bus, share, bounds.errors_hold, "of the last second's exchanges were bad")
+            yield Said(finding, reaction, bus=bus)
+        elif share >= bounds.errors_warn - ROUNDING:
+            finding = self._bad(bus, share, bounds.errors_warn, "of the last second's exchanges were bad")
+            yield Said(finding, bus=bus)
+
+    def _bad(self, bus: int, value: float, bound: float, what: str) -> Finding:
+        message = f"bus {self._names[bus]}: {what}: check its wiring, termination, power and baud rate"
+        return Finding(Code.BUS_ERRORS, value=float(value), bound=float(bound), message=message)
+
+    def _foreign(self, facts: Facts, bus: int, count: int) -> Iterator[Said]:
+        """R08: somebody else talks. Nothing more is written, since two masters cannot both be obeyed."""
+        bound = self._bounds.foreign
+        if count < bound:
+            return
+        message = (
+            f"packets on bus {self._names[bus]} in a second that nobody asked for: "
+            "disconnect the other master, or the second servo with one id"
+        )
+        finding = Finding(Code.FOREIGN_TRAFFIC, value=float(count), bound=float(bound), message=message)
+        if ours(facts) and facts.state is not State.INHIBITED:
+            yield Said(finding, Reaction.INHIBIT, latches=True, bars=True, bus=bus)
+        else:
+            yield Said(finding, bars=True, bus=bus)
+
+    def _full(self, facts: Facts, bus: int, count: int) -> Said:
+        """R23: what we send does not leave. The line has thrown it away."""
+        most = self._bounds.full
+        many = count >= most
+        message = (
+            f"packets that the port of bus {self._names[bus]} had no room for: is the adapter stuck, or "
+            "slower than its baud rate says?"
+        )
+        bound = float(most if many else 1)
+        finding = Finding(Code.TX_BACKLOG, value=float(count), bound=bound, message=message)
+        fault = many and held(facts)
+        return Said(finding, hold(facts) if fault else Reaction.NONE, latches=fault, bus=bus)

@@ -1,0 +1,130 @@
+"""What the servos say of themselves: rules R09 to R12. Pure."""
+
+from collections.abc import Iterator
+from math import inf
+
+import numpy as np
+
+from twind.robot.arrays import Bools, some
+from twind.robot.finding import Code, Finding
+from twind.robot.modes import Mode
+from twind.safety.facts import Facts, Reaction, Said, Thresholds, held, hold, ours
+
+ALERT = 0x80  # of a status's error byte: the hardware error register (70) says more
+BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
+TRIPPED = 255  # what a device's watchdog register (98) reads after it has tripped
+CLOCK = 32768  # ms: a servo's realtime tick (120) counts up to this, then from 0
+
+
+def words(bits: int) -> str:
+    """What register 70 says (e-manual, Hardware Error Status): the names of its bits."""
+    if bits <= 0:  # -1 unknown; 0 was read before the alert
+        return "register 70 was not read yet"
+    return ", ".join(BITS.get(bit, f"bit {bit}") for bit in range(bits.bit_length()) if bits >> bit & 1)
+
+
+class DeviceRules:
+    """Remembers per joint: how often its torque disagreed, and its clock when that was last read."""
+
+    def __init__(self, count: int, settles: bool, bounds: Thresholds) -> None:
+        """`settles`: what stands freely cannot hold itself with a joint that may be limp."""
+        self._bounds, self._settles = bounds, settles
+        self._disagreed = np.zeros(count, np.int64)
+        self._unwatched = np.zeros(count, np.bool_)
+        self._refreshed = np.full(count, -inf)
+        self._tick = np.full(count, -1, np.int64)
+        self._tick_time = np.full(count, -inf)
+
+    def judge(self, facts: Facts) -> Iterator[Said]:
+        """What is wrong with the servos."""
+        if some(facts.alerts) and facts.mode is not Mode.SIM:
+            yield from self._alerts(facts)
+        if some(facts.health_time != self._tick_time):
+            yield from self._restarts(facts)
+        if not held(facts):
+            self._disagreed[:] = 0
+            self._unwatched[:] = False
+            self._refreshed = facts.status_time.copy()  # what was read before says nothing of an armed servo
+            return
+        tripped = facts.watchdog == TRIPPED
+        if some(tripped):
+            for joint in np.flatnonzero(tripped).tolist():
+                message = "its watchdog tripped and it takes no goals: disarm, reset, arm"
+                finding = Finding(Code.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
+                yield Said(finding, hold(facts), latches=True)
+        yield from self._torque(facts)
+
+    def _rest(self, facts: Facts) -> Reaction:
+        """What the others do when one joint may have gone limp."""
+        return Reaction.SETTLE if self._settles else hold(facts)
+
+    def _alerts(self, facts: Facts) -> Iterator[Said]:
+        """R09: a hardware error. With its bits unread it has no bound, so that it is told again with them."""
+        for joint in np.flatnonzero(facts.alerts & ALERT).tolist():
+            bits = int(facts.fault[joint])
+            message = f"hardware error: {words(bits)}: find the cause, disarm, then `twindctl reboot BUS ID`"
+            value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
+            finding = Finding(Code.SERVO_ALERT, joint, value=value, bound=bound, message=message)
+            if ours(facts):
+                yield Said(finding, self._rest(facts), latches=True, bars=True)
+            else:
+                yield Said(finding, bars=True)
+
+    def _restarts(self, facts: Facts) -> Iterator[Said]:
+        """R11: a clock that is not where it must be, and no older than the time since it was read."""
+        tick = facts.tick.astype(np.int64)
+        for joint in np.flatnonzero(self._restarted(tick, facts)).tolist():
+            finding = Finding(
+                Code.SERVO_REBOOTED, joint, value=float(tick[joint]), message=_rebooted("ms up")
+            )
+            if ours(facts):
+                yield Said(finding, self._rest(facts), latches=True, bars=True)
+            else:
+                yield Said(finding, bars=True)
+        self._tick, self._tick_time = tick, facts.health_time.copy()
+
+    def _restarted(self, tick: np.ndarray[tuple[int], np.dtype[np.int64]], facts: Facts) -> Bools:
+        """Joints (n,) whose servo has begun anew between the last two readings of its clock.
+
+        It wraps at 32768 ms, perhaps several times between two readings. One that was not read for so long
+        that its drift covers a whole turn is not known to be the same any more.
+        """
+        known = (facts.health_time != self._tick_time) & (tick >= 0) & (self._tick >= 0)
+        last = np.where(known, self._tick_time, 0.0)
+        passed = 1e3 * (np.where(known, facts.health_time, 0.0) - last)  # ms
+        margin = 1e3 * self._bounds.clock_slack + self._bounds.clock_drift * np.abs(passed)
+        off = (tick - self._tick - passed + CLOCK / 2) % CLOCK - CLOCK / 2
+        right = (np.abs(off) <= margin) & (margin < CLOCK / 2)
+        young = tick <= passed + margin
+        restarted: Bools = known & young & ~right
+        return restarted
+
+    def _torque(self, facts: Facts) -> Iterator[Said]:
+        """R10: torque that reads back off, or unknown, in too many refreshes in a row. R11: no watchdog."""
+        fresh = facts.status_time > self._refreshed
+        if some(fresh):
+            self._refreshed = facts.status_time.copy()
+            wrong = fresh & (facts.torque != 1)
+            self._disagreed[fresh & ~wrong] = 0
+            if some(wrong):
+                self._disagreed[wrong] += 1
+            self._unwatched[fresh] = (facts.watchdog == 0)[fresh]
+        if not facts.torque_settled:
+            self._disagreed[:] = 0
+            self._unwatched[:] = False
+            return
+        if some(self._unwatched):
+            for joint in np.flatnonzero(self._unwatched).tolist():
+                message = _rebooted("is its watchdog (98), armed before")
+                finding = Finding(Code.SERVO_REBOOTED, joint, value=0.0, message=message)
+                yield Said(finding, self._rest(facts), latches=True)
+        if some(self._disagreed > 0):
+            for joint in np.flatnonzero(self._disagreed >= self._bounds.disagreements).tolist():
+                message = "torque reads back off (0) or unknown (-1) while armed"
+                value = float(facts.torque[joint])
+                finding = Finding(Code.TORQUE_MISMATCH, joint, value=value, bound=1.0, message=message)
+                yield Said(finding, hold(facts), latches=True)
+
+
+def _rebooted(how: str) -> str:
+    return f"{how}: its servo restarted by itself: check power and cable, disarm, reset, arm"

@@ -1,0 +1,139 @@
+"""What the per-tick gate judges, and the form of its answers (docs/safety.md). Pure data."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.robot.arrays import Floats, Ints
+from twind.robot.finding import Code, Finding
+from twind.robot.modes import Mode, Motion, State
+from twind.robot.state import JointState
+from twind.robot.trajectory import Reference
+from twind.safety.states import LATCHED
+
+MOVING = (Motion.ACTIVE, Motion.STREAMING)
+REACTING = (State.SETTLING, *LATCHED)  # stopping already: a hold would only cut the way to rest short
+
+
+class Reaction(IntEnum):
+    """What to do, in order of severity (docs/safety.md). The hardest of all rules counts."""
+
+    NONE = 0
+    HOLD = 1  # brake, then repeat the last goal
+    SETTLE = 2  # move to the rest pose, then torque off
+    INHIBIT = 3  # write nothing more
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """The guard's numbers that do not depend on the joint (design 6.4)."""
+
+    late: float = 0.002  # s, a tick that starts later is told (R02)
+    missed_warn: int = 2  # ticks in a row
+    missed_hold: int = 5
+    setpoint_age: float = 0.1  # s (R04)
+    stale_warn: float = 0.03  # s, age of a joint (R05)
+    stale_hold: float = 0.1
+    stale_fault: float = 0.5
+    errors_warn: float = 0.01  # of a second's exchanges of one bus (R06)
+    errors_hold: float = 0.05
+    errors_row_hold: int = 5  # bad exchanges of one bus in a row
+    errors_row_fault: int = 20
+    foreign: int = 3  # packets of nobody in a second (R08)
+    disagreements: int = 2  # refreshes in a row in which torque differs from what was commanded (R10)
+    clock_slack: float = 0.05  # s that a servo's own clock may be off between two readings (R11) ...
+    clock_drift: float = 0.05  # ... and of the time between them
+    jumps: int = 3  # readings in a row that cannot be (R13)
+    beyond_hard: float = 0.0087  # rad past the hard limit (R14)
+    full: int = 3  # packets in a row that the port had no room for (R23)
+    quiet: float = 1.0  # s before the same is said of the same joint again
+
+
+@dataclass(slots=True)
+class Traffic:
+    """What the last tick's exchange of one bus brought."""
+
+    asked: bool = False  # a reading was asked for, of devices that are known to be there
+    bad: bool = False  # a device that was asked was not heard, or bytes were thrown away (R06)
+    answered: bool = False  # somebody was heard
+    foreign: int = 0  # packets that nobody asked for (R08)
+    full: int = 0  # packets of ours that the port had no room for (R23)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All that one judgement rests on. Arrays are (n,)."""
+
+    now: float  # s
+    mode: Mode
+    state: State
+    motion: Motion
+    period: float  # s, nominal
+    lateness: float  # s, of this tick's start
+    missed_in_a_row: int  # ticks skipped just before this one
+    measured: JointState | None  # the target of commands; None where there is none
+    goal: Reference | None  # what is about to be written; None: nothing
+    previous: Floats | None  # rad, the last goal that was really written; None: none since the hold began
+    lease_ok: bool  # somebody may command, or a procedure of our own does
+    setpoint_age: float | None  # s; None: the executor ages its setpoints itself
+    torque: NDArray[np.int8]  # read back: 1 on, 0 off, -1 unknown
+    torque_expected: bool
+    torque_settled: bool  # no procedure is changing it
+    watchdog: NDArray[np.int16]  # read back, raw; 255 tripped, -1 unknown
+    status_time: Floats  # s, when torque and watchdog were read; -inf never
+    discarded: int  # bytes thrown away in the last exchange
+    traffic: Sequence[Traffic]  # of the last exchange, in the order of the buses
+    alerts: NDArray[np.uint8]  # error byte of the last status; 0x80: hardware error; 0 where not heard
+    fault: NDArray[np.int16]  # register 70 read back; -1 unknown
+    tick: NDArray[np.int32]  # ms, the servo's own clock modulo 32768; -1 unknown
+    health_time: Floats  # s, when that clock was read; -inf never
+    jumps: Ints  # readings in a row, up to the last one, that could not be (R13)
+    leaps: Floats  # rad, by how much the last one was off the one before
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The answer of one tick. When `latches`, `findings` are exactly the codes to latch."""
+
+    reaction: Reaction = Reaction.NONE
+    findings: tuple[Finding, ...] = ()
+    latches: bool = False  # the robot goes to FAULT
+    goal_refused: bool = False  # this goal must not be written: the last one again, or nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What one rule says of one tick."""
+
+    finding: Finding
+    reaction: Reaction = Reaction.NONE
+    latches: bool = False
+    refuses: bool = False  # the goal of this tick
+    bars: bool = False  # nobody arms while it is so
+    bus: int = -1  # place of the bus it is about; -1: of none alone
+
+    @property
+    def key(self) -> "Key":
+        """What makes it the same as one said before: rule, joint, threshold and bus."""
+        return self.finding.code, self.finding.joint, self.finding.bound, self.bus
+
+
+Key = tuple[Code, int | None, float | None, int]
+
+
+def held(facts: Facts) -> bool:
+    """Our torque holds the robot: a fault of it is a fault of the robot."""
+    return facts.mode is Mode.LIVE and facts.torque_expected
+
+
+def ours(facts: Facts) -> bool:
+    """The same, or is just about to: what is wrong must end the arming."""
+    return facts.mode is Mode.LIVE and (facts.torque_expected or facts.state is State.ARMING)
+
+
+def hold(facts: Facts) -> Reaction:
+    """HOLD, but where a harder reaction is under way already."""
+    return Reaction.NONE if facts.state in REACTING else Reaction.HOLD

@@ -1,0 +1,100 @@
+"""What was read of the joints: rules R05, R13 and R14. Pure."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from twind.robot.arrays import Floats, every, some
+from twind.robot.finding import Code, Finding
+from twind.robot.limits import Limits
+from twind.safety.facts import MOVING, Facts, Reaction, Said, Thresholds, held, hold
+from twind.safety.goal_rules import ROUNDING
+
+
+class ReadingRules:
+    """Without memory: each tick by itself. What R13 remembers stands in `senses`."""
+
+    def __init__(self, limits: Limits, bounds: Thresholds) -> None:
+        self._limits, self._bounds = limits, bounds
+        self._hard_lower = limits.hard_lower - bounds.beyond_hard
+        self._hard_upper = limits.hard_upper + bounds.beyond_hard
+
+    def judge(self, facts: Facts) -> Iterator[Said]:
+        """What is wrong with where the joints are, and with how that is known."""
+        if some(facts.jumps):
+            yield from self._jumps(facts)
+        yield from self._readings(facts)
+
+    def _jumps(self, facts: Facts) -> Iterator[Said]:
+        """R13: a reading that cannot be is told; several in a row hold the robot."""
+        most = self._bounds.jumps
+        for joint in np.flatnonzero(facts.jumps).tolist():
+            many = not facts.jumps[joint] < most
+            text = f"rad from where it was just before, {facts.jumps[joint]} in a row: "
+            text += "check its horn, gear, cable and calibration" if many else "more than its motor can do"
+            bound = float(most if many else 1)
+            finding = Finding(
+                Code.SENSE_JUMP, joint, value=float(facts.leaps[joint]), bound=bound, message=text
+            )
+            yield Said(finding, hold(facts) if many and held(facts) else Reaction.NONE)
+
+    def _readings(self, facts: Facts) -> Iterator[Said]:
+        """R05 and R14: every joint is heard, and inside its limits."""
+        measured, limits = facts.measured, self._limits
+        if measured is None:
+            if held(facts):
+                yield Said(Finding(Code.STATE_STALE, message="no reading at all: holding"), hold(facts))
+            return
+        age = measured.age + (facts.now - measured.time)
+        if not every(age <= self._bounds.stale_warn):
+            yield from self._stale(facts, age)
+        position = measured.position
+        if not every((position >= limits.lower) & (position <= limits.upper)):
+            yield from self._beyond(facts, position)
+            yield from self._outward(facts, position)
+
+    def _stale(self, facts: Facts, age: Floats) -> Iterator[Said]:
+        bounds = self._bounds
+        for joint in np.flatnonzero(~(age <= bounds.stale_warn)).tolist():
+            value = float(age[joint])
+            bound, reaction = bounds.stale_warn, Reaction.NONE
+            if not value <= bounds.stale_fault:
+                bound, reaction = bounds.stale_fault, Reaction.SETTLE
+            elif not value <= bounds.stale_hold:
+                bound, reaction = bounds.stale_hold, hold(facts)
+            finding = Finding(
+                Code.STATE_STALE, joint, value=value, bound=bound, message="s since it answered"
+            )
+            if held(facts):
+                yield Said(finding, reaction, latches=reaction is Reaction.SETTLE)
+            else:
+                yield Said(finding)
+
+    def _beyond(self, facts: Facts, position: Floats) -> Iterator[Said]:
+        """R14: past the hard limit. A joint that was never heard (NaN) is R05's."""
+        low, high = position < self._hard_lower, position > self._hard_upper
+        for joint in np.flatnonzero(low | high).tolist():
+            bound = float((self._hard_lower if low[joint] else self._hard_upper)[joint])
+            message = "past the hard limit: move it inside by hand, check its calibration"
+            finding = Finding(
+                Code.OUT_OF_LIMIT, joint, value=float(position[joint]), bound=bound, message=message
+            )
+            if held(facts):
+                yield Said(finding, hold(facts), latches=True)
+            else:
+                yield Said(finding)
+
+    def _outward(self, facts: Facts, position: Floats) -> Iterator[Said]:
+        """R14: past a limit a motion may only lead inwards. A hold or a stop is never refused."""
+        if facts.goal is None or facts.previous is None or facts.motion not in MOVING:
+            return
+        goal, previous, limits = facts.goal.position, facts.previous, self._limits
+        above = (position > limits.upper) & (goal > limits.upper) & (goal > previous + ROUNDING)
+        below = (position < limits.lower) & (goal < limits.lower) & (goal < previous - ROUNDING)
+        for joint in np.flatnonzero(above | below).tolist():
+            bound = float((limits.upper if above[joint] else limits.lower)[joint])
+            message = "past its limit it may only move inwards: holding the last goal"
+            finding = Finding(
+                Code.OUT_OF_LIMIT, joint, value=float(goal[joint]), bound=bound, message=message
+            )
+            yield Said(finding, Reaction.HOLD, refuses=True)
