@@ -233,6 +233,17 @@ def test_fast_reads_need_the_firmware_for_them(model: str, firmware: int, answer
     assert bool(host.raw(packet.fast_sync_read([1], 132, 4))) is answers
 
 
+def test_who_answers_no_reads_ends_a_joint_answer_as_a_missing_one_does() -> None:
+    """Status Return Level (68) 0: ping only. Those behind it have nothing to go on with."""
+    ids = [4, 5, 6]
+    host = Host(ids)
+    whole = host.raw(packet.fast_sync_read(ids, 132, 4))
+    host.raw(packet.write(5, 68, b"\0"))
+    for _ in range(2):
+        assert host.raw(packet.fast_sync_read(ids, 132, 4)) == whole[: 8 + 8]
+        assert [each.id for each in host.ask(packet.sync_read(ids, 132, 4))] == [4, 6]
+
+
 def test_goals_by_sync_write_reach_everyone_also_when_one_is_silent() -> None:
     host = Host([1, 2, 3])
     for id in (1, 2, 3):

@@ -137,6 +137,8 @@ def test_without_power_nobody_answers_and_with_it_all_have_booted() -> None:
     host.bus.faults.power(False)
     host.bus.faults.clear()
     host.wait(100.0)
+    host.bus.faults.brown_out(2)
+    host.wait(1.0)
     assert host.ask(packet.sync_read(IDS, 132, 4)) == []
     assert not host.servos["torque_enable"].any()
     host.bus.faults.power(True)

@@ -76,6 +76,18 @@ def test_pwm_mode_drives_the_goal_pwm_and_shows_its_sign() -> None:
         assert host.read(1, 128, 4) == pytest.approx(201 * goal / 885, abs=1)
 
 
+@pytest.mark.parametrize(("mode", "goal", "shown"), [(0, (102, 12), 126), (16, (100, 442), 124)])
+def test_current_and_pwm_have_no_profile(mode: int, goal: tuple[int, int], shown: int) -> None:
+    """e-manual, "Profile Velocity", "Profile Acceleration": used in neither mode."""
+    host = powered(mode)
+    host.write(1, 112, 1, 4)
+    host.write(1, 108, 1, 4)
+    assert host.write(1, *goal, 2) == 0
+    host.wait(0.3)
+    assert host.read(1, shown, 2) == goal[1]
+    assert host.read(1, 123, 1) == 0
+
+
 def test_in_mode_5_the_goal_current_is_how_hard_it_pushes() -> None:
     """e-manual, "Current-based Position Control Mode"."""
     host = powered(5)

@@ -182,9 +182,11 @@ def test_the_forum_case_of_a_present_of_3700_that_becomes_minus_396() -> None:
     host.muscles.position[0] = 4212.0
     host.wait(0.01)
     assert host.present(1) == 3700
-    host.write(1, 100, 0, 2)
+    host.goal(1, 3700)
     host.torque(1)
-    assert host.present(1) == -396
+    assert host.present(1) == pytest.approx(-396, abs=3)
+    host.wait(5.0)
+    assert (host.present(1), round(host.muscles.position[0])) == (3700, 4212 + 4096), "a full turn"
 
 
 @pytest.mark.parametrize(("offset", "shown"), [(1024, 3072), (-1024, 1024), (1025, 2048), (-5000, 2048)])
@@ -198,11 +200,13 @@ def test_in_mode_3_an_offset_beyond_1024_is_silently_ignored(offset: int, shown:
 
 
 def test_a_change_of_mode_resets_gains_profile_and_caps() -> None:
-    host = Host([1])
-    for address, value, size in ((84, 1600, 2), (112, 50, 4), (100, 300, 2)):
-        host.write(1, address, value, size)
+    """e-manual, "Operating Mode" note: PID and feedforward gains, profile, goal PWM and goal current."""
+    host = Host([1], settings={"pwm_limit": 700})
+    registers = ((84, 2), (82, 2), (80, 2), (90, 2), (88, 2), (112, 4), (108, 4), (100, 2), (102, 2))
+    for address, size in registers:
+        assert host.write(1, address, 30, size) == 0
     host.write(1, 11, 4, 1)
-    assert [host.read(1, address, size) for address, size in ((84, 2), (112, 4), (100, 2))] == [800, 0, 885]
+    assert [host.read(1, *at) for at in registers] == [800, 0, 0, 0, 0, 0, 0, 700, 1193]
 
 
 def test_the_realtime_tick_wraps_at_32768_ms() -> None:

@@ -60,9 +60,12 @@ class Firmware:
         return hottest, lowest / 10.0, highest / 10.0
 
     def shape(self) -> tuple[Ints, Ints, Bools, Bools]:
-        """Profile velocity and acceleration (112, 108), who has them in ms, whose goal is a velocity."""
-        registers = self._registers
-        return registers["profile_velocity"], registers["profile_acceleration"], self.timed, self.spins
+        """Profile velocity and acceleration (112, 108), who has them in ms, whose goal is a velocity.
+
+        112 counts in the position modes only (e-manual, "Profile Velocity"): current and PWM have no profile.
+        """
+        velocity = np.where(self.seeks, self._registers["profile_velocity"], 0)
+        return velocity, self._registers["profile_acceleration"], self.timed, self.spins
 
     def drive(self, supply: Floats) -> Drive:
         """A slave obeys its master's cable only (e-manual, "Dual Mode"), and no such cable is simulated.

@@ -175,15 +175,21 @@ class Instructions:
         """Each (id, address, size) in the order asked. A fast reply ends before the first that is missing."""
         self._servos.settle(now)
         statuses: list[Answer] = []
+        registers = self._servos.registers
         for id, address, size in wishes:
             rows = self._places.get(id, ())
-            if fast and not (rows and self._servos.registers.answers_fast(rows[0])):
+            if fast and not (rows := [row for row in rows if self._joins(row)]):
                 break
             for row in rows:
-                error, data = self._servos.registers.read(row, address, size)
+                error, data = registers.read(row, address, size)
                 statuses.append(Answer(row, id, error, data.ljust(size, b"\0") if fast else data))
         promised = sum(size + 4 for _, _, size in wishes) + 1 if fast else 0
         return Answers(statuses, READ_LEVEL, promised)
+
+    def _joins(self, row: int) -> bool:
+        """Does it take its turn in a joint answer: does it know of such, and is it to answer reads?"""
+        registers = self._servos.registers
+        return registers.answers_fast(row) and registers.level(row) >= READ_LEVEL
 
     def _sync_write(self, packet: Packet, now: float) -> Answers:
         address, size = _span(packet.params)

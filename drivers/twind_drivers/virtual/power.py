@@ -24,6 +24,8 @@ MODE_RESETS = (
     "position_d_gain",
     "position_i_gain",
     "position_p_gain",
+    "feedforward_2nd_gain",
+    "feedforward_1st_gain",
     "profile_acceleration",
     "profile_velocity",
 )
@@ -116,7 +118,7 @@ class Power:
         """What a change of operating mode resets (e-manual, "Operating Mode")."""
         table = self._memory.tables[row]
         for key in MODE_RESETS:
-            self._registers.put(key, factory(table[key], table.number), row)
+            self._memory.store(row, table[key], factory(table[key], table.number))
         self._caps(row)
         self.reframe(row, one_turn=self._registers["operating_mode"][row] == 3)
 

@@ -30,7 +30,8 @@ class ServoFaults:
     def brown_out(self, id: int) -> None:
         """One servo loses its supply for a moment: a reboot that nobody asked for. Raises KeyError."""
         for row in self.rows(id):
-            self._servos.reboot(row, self._servos.now)
+            if self._servos.power.boots_at[row] != NEVER:  # what has no supply cannot lose it
+                self._servos.reboot(row, self._servos.now)
 
     def power(self, on: bool) -> None:
         """The supply of the bus. Off: nobody answers or holds. On: all boot, RAM and turns are lost."""

@@ -84,7 +84,9 @@ class Servos:
         self._check_at = now + CHECK
         self._timeout, self._shortest, self._event = np.full(count, inf), inf, inf
         self._fresh, self._simple = -inf, True
-        self._by_goal: NDArray[np.bool_] | None = None  # whose torque a goal turns on; None: nobody's
+        self._by_goal: NDArray[np.bool_] | None = (
+            None  # whose torque a goal position turns on; None: nobody's
+        )
         for row, spec in enumerate(specs):
             memory.fill(row)
             self._fit(row, spec)
@@ -186,7 +188,7 @@ class Servos:
         self._simple = bool(self.listening.all() and np.isinf(self.power.boots_at).all())
         self._event = self._next()
         self.alert = np.where(self["hardware_error_status"] != 0, ALERT, 0).astype(np.uint8)
-        by_goal = (self["drive_mode"] & TORQUE_BY_GOAL) != 0
+        by_goal = self._firmware.seeks & ((self["drive_mode"] & TORQUE_BY_GOAL) != 0)
         self._by_goal = by_goal if np.count_nonzero(by_goal) else None
         self.readings.follow(self._firmware.way, self._firmware.seeks)
         self.profile.limit(*self._firmware.shape())
