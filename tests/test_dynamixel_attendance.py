@@ -1,9 +1,11 @@
 """The roll of a bus by itself: who is left out, when a probe is due, who comes back."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from twind_drivers.dynamixel.attendance import MISSES, PROBE, Attendance
+from twind_drivers.dynamixel.attendance import FIRST, MISSES, PROBE, Attendance
 
 ALL = np.ones(3, np.bool_)
 
@@ -39,20 +41,51 @@ def test_a_reading_that_nobody_answered_parks_nobody() -> None:
     assert not any(roll.missed(heard(0, 0, 0), ALL, 0.0) for _ in range(9))
 
 
-def test_probes_are_due_a_second_apart_and_at_once_when_another_came_back() -> None:
-    roll = Attendance(3)
+def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> None:
+    roll, now = Attendance(3), 5.0
     assert roll.due(1e9) is None
+    for _ in range(MISSES):
+        roll.missed(heard(1, 0, 1), ALL, now)
+    assert roll.due(now + 0.99 * FIRST) is None
+    pauses = []
+    for _ in range(9):
+        before = now
+        while roll.due(now) is None:
+            now += 0.001
+        roll.probed(1, now)
+        pauses.append(now - before)
+    assert pauses[0] == pytest.approx(FIRST, abs=0.002)
+    assert all(late >= early - 0.002 for early, late in pairwise(pauses))
+    assert pauses[-1] == pytest.approx(PROBE, abs=0.002)
+    assert sum(pauses[:2]) + MISSES * 0.01 < 0.15  # a joint is stale for a moment, not until R05 lets it down
+
+
+def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
+    roll, now = Attendance(2), 0.0
+    pauses = []
+    for _ in range(8):
+        for _ in range(MISSES):
+            now += 0.01
+            roll.missed(heard(1, 0), np.ones(2, np.bool_), now)
+        before = now
+        while roll.due(now) is None:
+            now += 0.001
+        pauses.append(now - before)
+        roll.probed(1, now)
+        roll.back(1, now)
+    assert pauses[-1] > 0.9 * PROBE
+
+
+def test_all_parked_are_probed_at_once_when_another_came_back() -> None:
+    roll = Attendance(3)
     for _ in range(MISSES):
         roll.missed(heard(1, 0, 0), ALL, 5.0)
     before = roll.asked
-    assert roll.due(5.0 + 0.99 * PROBE) is None
-    assert roll.due(5.0 + PROBE) == 1
     roll.probed(1, 6.0)
-    assert roll.due(6.0) == 2
-    roll.probed(2, 6.2)
-    assert roll.due(6.5) is None
-    roll.back(1, 6.5)
-    assert roll.due(6.5) == 2
+    roll.probed(2, 6.01)
+    assert roll.due(6.02) is None
+    roll.back(1, 6.02)
+    assert roll.due(6.02) == 2
     assert roll.asked.tolist() == [True, True, False]
     assert before.tolist() == [True, False, False]  # a sample that holds it does not change
     with pytest.raises(ValueError, match="read-only"):

@@ -5,7 +5,8 @@ import numpy as np
 from twind_drivers.bus import Bools
 
 MISSES = 3  # cycles in a row that a device was asked, could have been heard, and was not
-PROBE = 1.0  # s between probes of a parked device
+FIRST = 0.03  # s until a device that was just parked is probed: a burst of noise is no dead servo
+PROBE = 1.0  # s between probes of one that stays silent; each time twice as long until then
 
 
 class Attendance:
@@ -19,6 +20,8 @@ class Attendance:
         self.asked = _frozen(np.ones(count, np.bool_))
         self._misses = np.zeros(count, np.int64)
         self._due = np.full(count, np.inf)  # s, next probe of the parked
+        self._pause = np.full(count, FIRST)  # s, from its last probe to the next
+        self._back_at = np.full(count, -np.inf)  # s, when each came back
 
     @property
     def parked(self) -> bool:
@@ -43,7 +46,9 @@ class Attendance:
         if not gone.any():
             return False
         self.asked = _frozen(self.asked & ~gone)
-        self._due[gone] = now + PROBE
+        anew = now - self._back_at > PROBE  # else it comes and goes: asked ever more rarely
+        self._pause[gone] = np.where(anew, FIRST, np.minimum(2.0 * self._pause, PROBE))[gone]
+        self._due[gone] = now + self._pause[gone]
         return True
 
     def due(self, now: float) -> int | None:
@@ -53,14 +58,15 @@ class Attendance:
 
     def probed(self, place: int, now: float) -> None:
         """Its probe leaves now; the next one comes later, answered or not."""
-        self._due[place] = now + PROBE
+        self._pause[place] = min(2.0 * self._pause[place], PROBE)
+        self._due[place] = now + self._pause[place]
 
     def back(self, place: int, now: float) -> None:
         """A parked device answered: it is asked again, and the other parked ones are probed at once."""
         asked = self.asked.copy()
         asked[place] = True
         self.asked = _frozen(asked)
-        self._misses[place], self._due[place] = 0, np.inf
+        self._misses[place], self._due[place], self._back_at[place] = 0, np.inf, now
         self._due[~asked] = now
 
 
