@@ -29,7 +29,11 @@ class World:
         """Is it believed that joint 1 is at `place`?"""
         position = np.array([0, round(place)], np.int64)
         ears = np.array([True, heard])
-        believed = self.senses.believe(position, ears, self.now, self.now + TRIP, np.array([limp, limp]))
+        after = self.now + TRIP
+        if heard and self.senses.usual(position, self.now, after):
+            believed = ears
+        else:
+            believed = self.senses.believe(position, ears, self.now, after, np.array([limp, limp]))
         assert believed[0]
         assert (believed & ~ears).sum() == 0
         self.now += PERIOD

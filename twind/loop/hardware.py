@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from math import inf, nan
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twind.loop.ports import Link, Port, Task
 from twind.loop.procedures import all_of
@@ -177,37 +176,41 @@ class Hardware:
 
     def _take(self, bus: BusMap, number: int, sample: Sample) -> Bools:
         """Keep what was read of bus `number`; whose position (m,) is believed (R13)."""
-        heard = self._believe(bus, number, sample)
-        rows = slice(None) if every(heard) else heard
+        heard, senses = sample.heard, self._senses[number]
+        whole = every(heard)
+        if not (whole and senses.usual(sample.position, sample.sent, sample.received)):
+            heard = self._believe(bus, senses, sample)
+            whole = every(heard)
+        rows = slice(None) if whole else heard
         places = bus.joints[rows]
         self._position[places] = (sample.position[rows] - bus.zero[rows]) * bus.scale[rows]
         self._velocity[places] = sample.velocity[rows] * bus.velocity_scale[rows]
         self._effort[places] = sample.effort[rows] * bus.effort_scale[rows]
         self._heard_at[places] = sample.received
-        alerts = np.where(sample.heard, sample.error, 0)
-        if some(alerts):
-            self._ask_why(number, bus, alerts)
-        self.alerts[bus.joints] = alerts
+        self._listen(number, bus, sample)
         self.discarded += sample.discarded
         return heard
 
-    def _believe(self, bus: BusMap, number: int, sample: Sample) -> Bools:
+    def _believe(self, bus: BusMap, senses: Senses, sample: Sample) -> Bools:
         """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""
-        senses, heard = self._senses[number], sample.heard
         limp = self.slow.torque[bus.joints] == 0
-        believed = senses.believe(sample.position, heard, sample.sent, sample.received, limp)
-        if believed is not heard:
-            self.jumps[bus.joints] = senses.jumps
-            self.leaps[bus.joints] = senses.leaps * np.abs(bus.scale)
+        believed = senses.believe(sample.position, sample.heard, sample.sent, sample.received, limp)
+        self.jumps[bus.joints] = senses.jumps
+        self.leaps[bus.joints] = senses.leaps * np.abs(bus.scale)
         return believed
 
-    def _ask_why(self, number: int, bus: BusMap, alerts: NDArray[np.uint8]) -> None:
-        """Who begins to say that it has a hardware error is asked for it at once (R09)."""
+    def _listen(self, number: int, bus: BusMap, sample: Sample) -> None:
+        """Error bytes; who begins to say that it has a hardware error is asked for it at once (R09)."""
+        if not some(sample.error):
+            self.alerts[bus.joints] = 0
+            return
+        alerts = np.where(sample.heard, sample.error, 0)
         port = self.ports[number]
         new = (alerts & ALERT) > (self.alerts[bus.joints] & ALERT)
         for row in np.flatnonzero(new).tolist():
             if port.reader is not None and not port.full:
                 port.run(port.reader.read(bus.ids[row], "hardware_error_status"), urgent=True)
+        self.alerts[bus.joints] = alerts
 
     @staticmethod
     def _count(traffic: Traffic, port: Port, sample: Sample) -> None:

@@ -37,6 +37,11 @@ class Record:
         while self._foreign and not now - self._foreign[0][0] < WINDOW:
             self.foreign -= self._foreign.popleft()[1]
 
+    @property
+    def blemished(self) -> bool:
+        """Something was wrong lately; else a good tick changes nothing."""
+        return bool(self._bad or self._foreign or self.bad_in_a_row or self.full_in_a_row)
+
     def share(self, period: float) -> float:
         """Bad exchanges of the window, of as many as a whole one has."""
         return len(self._bad) * period / WINDOW
@@ -55,6 +60,8 @@ class BusRules:
             message = "bytes that were no answer of ours were dropped"
             yield Said(Finding(Code.RX_SHAPE, value=float(facts.discarded), message=message))
         for bus, (record, traffic) in enumerate(zip(self._records, facts.traffic, strict=True)):
+            if not (record.blemished or traffic.bad or traffic.foreign or traffic.full):
+                continue
             record.add(traffic, facts.now)
             share = record.share(facts.period)
             if share:

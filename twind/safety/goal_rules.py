@@ -22,13 +22,7 @@ class GoalRules:
     def __init__(self, limits: Limits, bounds: Thresholds) -> None:
         self._limits, self._bounds = limits, bounds
 
-    def judge(self, facts: Facts) -> Iterator[Said]:
-        """What is wrong with the tick, with who commands it, and with its goal."""
-        yield from self._timing(facts)
-        yield from self._authority(facts)
-        yield from self._goal(facts)
-
-    def _timing(self, facts: Facts) -> Iterator[Said]:
+    def timing(self, facts: Facts) -> Iterator[Said]:
         """R02: late ticks are told, too many missed ones hold. The executor re-times by itself."""
         bounds, missed = self._bounds, facts.missed_in_a_row
         if missed >= bounds.missed_hold:
@@ -38,7 +32,7 @@ class GoalRules:
         elif not facts.lateness <= bounds.late:
             yield Said(_late(facts.lateness, bounds.late, "s that the tick began late"))
 
-    def _authority(self, facts: Facts) -> Iterator[Said]:
+    def authority(self, facts: Facts) -> Iterator[Said]:
         """R01, R03, R04 and W5: who moves the robot, and in which state."""
         if facts.goal is not None and facts.mode is Mode.LIVE and facts.state in UNWRITABLE:
             message = f"a goal while {facts.state.value}: nothing may be written"
@@ -54,7 +48,7 @@ class GoalRules:
         if not facts.lease_ok and facts.motion in MOVING and facts.state not in REACTING:
             yield Said(Finding(Code.LEASE_LOST, message="the lease lapsed: holding"), Reaction.HOLD)
 
-    def _goal(self, facts: Facts) -> Iterator[Said]:
+    def goal(self, facts: Facts) -> Iterator[Said]:
         """R21 and NaN: what is written is finite, and within one step of what was written last."""
         if facts.goal is None:
             return

@@ -55,8 +55,8 @@ class Guard:
 
     def judge(self, facts: Facts) -> Judgement:
         """The reaction to this tick's facts, and what to tell. Never raises for bad numbers."""
-        said = [*self._goals.judge(facts), *self._readings.judge(facts)]
-        said += [*self._buses.judge(facts), *self._devices.judge(facts)]
+        said = [*self._goals.timing(facts), *self._goals.authority(facts), *self._goals.goal(facts)]
+        said += [*self._readings.judge(facts), *self._buses.judge(facts), *self._devices.judge(facts)]
         if not said:
             self._present.clear()
             self.bars = ()

@@ -20,10 +20,21 @@ class ReadingRules:
         self._hard_upper = limits.hard_upper + bounds.beyond_hard
 
     def judge(self, facts: Facts) -> Iterator[Said]:
-        """What is wrong with where the joints are, and with how that is known."""
+        """R05, R13 and R14: every joint is heard, where it can be, and inside its limits."""
         if some(facts.jumps):
             yield from self._jumps(facts)
-        yield from self._readings(facts)
+        measured, limits = facts.measured, self._limits
+        if measured is None:
+            if held(facts):
+                yield Said(Finding(Code.STATE_STALE, message="no reading at all: holding"), hold(facts))
+            return
+        age = measured.age + (facts.now - measured.time)
+        if not every(age <= self._bounds.stale_warn):
+            yield from self._stale(facts, age)
+        position = measured.position
+        if not every((position >= limits.lower) & (position <= limits.upper)):
+            yield from self._beyond(facts, position)
+            yield from self._outward(facts, position)
 
     def _jumps(self, facts: Facts) -> Iterator[Said]:
         """R13: a reading that cannot be is told; several in a row hold the robot."""
@@ -37,21 +48,6 @@ class ReadingRules:
                 Code.SENSE_JUMP, joint, value=float(facts.leaps[joint]), bound=bound, message=text
             )
             yield Said(finding, hold(facts) if many and held(facts) else Reaction.NONE)
-
-    def _readings(self, facts: Facts) -> Iterator[Said]:
-        """R05 and R14: every joint is heard, and inside its limits."""
-        measured, limits = facts.measured, self._limits
-        if measured is None:
-            if held(facts):
-                yield Said(Finding(Code.STATE_STALE, message="no reading at all: holding"), hold(facts))
-            return
-        age = measured.age + (facts.now - measured.time)
-        if not every(age <= self._bounds.stale_warn):
-            yield from self._stale(facts, age)
-        position = measured.position
-        if not every((position >= limits.lower) & (position <= limits.upper)):
-            yield from self._beyond(facts, position)
-            yield from self._outward(facts, position)
 
     def _stale(self, facts: Facts, age: Floats) -> Iterator[Said]:
         bounds = self._bounds

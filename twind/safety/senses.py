@@ -22,7 +22,8 @@ class Senses:
         """`fastest` (m,): ticks/s that each motor turns at most; `period` (s) between two exchanges."""
         self._reach = REACH * fastest
         self._least = NOMINAL * period
-        self._near = self._reach * self._least + TICKS  # ticks, within the shortest usual time
+        near = self._reach * self._least + TICKS
+        self._near = np.floor(near).astype(np.int64)  # ticks, within the shortest usual time
         count = len(fastest)
         self.jumps: Ints = np.zeros(count, np.int64)  # in a row, up to the last reading; 0: it fits
         self.leaps: Ints = np.zeros(count, np.int64)  # ticks, how far the last reading was off
@@ -34,24 +35,21 @@ class Senses:
         self._other_at = np.full(count, -inf)
         self._whole = -inf  # s, when the last exchange was asked for; -inf: not all of it fitted
 
-    def believe(
-        self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools | None = None
-    ) -> Bools:
-        """Who (m,) was heard with a position that can be; `heard` itself when all can.
+    def usual(self, position: Ints, sent: float, received: float) -> bool:
+        """The healthy case: all were heard, now and before, and none went further than it can."""
+        if not inf > received - self._whole >= self._least:
+            return False
+        if not every(np.abs(position - self._place) <= self._near):
+            return False
+        self._place, self._whole = position, sent
+        return True
 
-        The time between two readings is at most from the question for one to the end of the other. `limp`:
-        torque is read back off, so a hand may be faster than the motor: believed, and told.
+    def believe(self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools) -> Bools:
+        """Who (m,) was heard with a position that can be; `jumps` and `leaps` say who was not.
+
+        The time between two readings is at most from the question for one to the end of the other. `limp`
+        (m,): torque is read back off, so a hand may be faster than the motor: believed, and told.
         """
-        if (
-            inf > received - self._whole >= self._least
-            and every(np.abs(position - self._place) <= self._near)
-            and every(heard)
-        ):
-            self._place, self._whole = position, sent
-            return heard
-        return self._look(position, heard, sent, received, limp)
-
-    def _look(self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools | None) -> Bools:
         if self._whole > -inf:
             self._at[:] = self._whole
         leap = np.abs(position - self._place)
@@ -61,13 +59,9 @@ class Senses:
         self._agreeing = np.where(wild, np.where(near, self._agreeing, 0) + 1, self._agreeing * ~heard)
         self._row = np.where(wild, self._row + 1, self._row * ~heard)
         self.jumps, self.leaps = np.where(wild, self._row, 0), np.where(wild, leap, 0)
-        self._other, self._other_at = (
-            np.where(wild, position, self._other),
-            np.where(wild, sent, self._other_at),
-        )
-        believed: Bools = fits | (wild & (self._agreeing >= AGREEING))
-        if limp is not None:
-            believed |= wild & limp
+        self._other = np.where(wild, position, self._other)
+        self._other_at = np.where(wild, sent, self._other_at)
+        believed: Bools = fits | (wild & (limp | (self._agreeing >= AGREEING)))
         self._place, self._at = np.where(believed, position, self._place), np.where(believed, sent, self._at)
         self._row[believed] = self._agreeing[believed] = 0
         self._whole = sent if every(fits) else -inf
