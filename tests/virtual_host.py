@@ -70,7 +70,7 @@ class Host:
 
     def keep_readings(self) -> None:
         """From now on the present registers keep what a test puts there."""
-        self.servos.settle = lambda now: None  # type: ignore[method-assign]
+        self.servos.settle = lambda now, **rest: None  # type: ignore[method-assign]
 
     def torque(self, id: int, on: bool = True) -> None:
         assert self.write(id, 64, int(on), 1) == 0

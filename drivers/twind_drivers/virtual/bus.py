@@ -32,6 +32,7 @@ from twind_drivers.virtual.uart import clash, misheard
 from twind_drivers.virtual.wire import Wire
 
 REMEMBERED = 256  # requests
+GOAL = np.dtype([("id", "u1"), ("ticks", "<i4")])  # one row of a sync write
 Group = PlainGroup | FastGroup
 
 
@@ -150,14 +151,13 @@ class VirtualBus:
             return False
         if crc16(packet[:-2]) != packet[-2] | packet[-1] << 8:
             return False
-        table = np.frombuffer(packet, np.uint8, len(packet) - 14, 12).reshape(-1, 5)
-        plan = self._plan_goals(table[:, 0].tobytes())
+        plan = self._plan_goals(packet[12:-2:5])
         if plan is None:
             return False
         rows, here = plan
         servos.advance(at)
         servos.feed(at)
-        servos.aim(table[:, 1:].copy().view("<i4")[:, 0][here], rows)
+        servos.aim(np.frombuffer(packet, GOAL, (len(packet) - 14) // 5, 12)["ticks"][here], rows)
         return True
 
     def _recall(self) -> None:
@@ -193,7 +193,7 @@ class VirtualBus:
     def _answer_group(self, group: Group, at: float) -> bool:
         """False when an answer needs stuffing: then it goes the long way."""
         if group.live:
-            self.servos.settle(at)
+            self.servos.settle(at, whole=group.live > 1)
         data = group.data()
         if data is None:
             return False

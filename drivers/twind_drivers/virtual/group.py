@@ -5,17 +5,19 @@ A group is remembered with its request, so the next equal request costs no parsi
 """
 
 from collections.abc import Sequence
-from functools import cache
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from fastcrc.crc16 import umts
 
-from twind_drivers.dynamixel.crc import Crc, crc16
+from twind_drivers.dynamixel.crc import Crc
 from twind_drivers.dynamixel.packet import BROADCAST, HEADER, PATTERN, STATUS
 from twind_drivers.virtual.servos import Servos
 from twind_drivers.virtual.wire import Wire
 
-Bytes = NDArray[np.uint8]
+# The CRC behind its own two bytes, at [low ^ high]: low, high fed into the state low | high << 8 are as
+# low ^ high twice fed into 0 (linearity).
+AFTER_ITSELF = tuple(umts(bytes((mixed, mixed))) for mixed in range(256))
 
 
 class PlainGroup:
@@ -29,7 +31,7 @@ class PlainGroup:
         length = 11 + size
         self._servos, self._rows = servos, servos.registers.selection(rows)
         self._cells = servos.memory.block(rows, address, size)
-        self.live = servos.registers.live(rows, address, size)  # does it hold what changes by itself?
+        self.live = servos.registers.live(rows, address, size)
         self._out = np.zeros((len(rows), length), np.uint8)
         self._out[:, :4] = np.frombuffer(HEADER, np.uint8)
         self._out[:, 4] = np.frombuffer(ids, np.uint8)
@@ -62,40 +64,28 @@ class FastGroup:
         count, block = len(rows), 4 + size
         self._servos, self._rows = servos, servos.registers.selection(rows)
         self._cells = servos.memory.block(rows, address, size)
-        self.live = servos.registers.live(rows, address, size)  # does it hold what changes by itself?
+        self.live = servos.registers.live(rows, address, size)
         lead = HEADER + bytes((BROADCAST,)) + (asked * block + 1).to_bytes(2, "little") + bytes((STATUS,))
-        self._lead = lead
-        self._blocks = np.zeros((count, block), np.uint8)
+        self.cuts = [len(lead) + block * (place + 1) for place in range(count)]
+        self.ends = wire.ends(
+            [servos.registers.delays(rows[:1])[0]] + [0.0] * (count - 1),
+            [self.cuts[0]] + [block] * (count - 1),
+        )
+        self._reply = np.zeros(self.cuts[-1], np.uint8)
+        self._reply[: len(lead)] = np.frombuffer(lead, np.uint8)
+        self._blocks = self._reply[len(lead) :].reshape(count, block)
         self._blocks[:, 1] = np.frombuffer(ids, np.uint8)
         self._check = self._blocks[:, -2:].view("<u2")[:, 0]
-        self._crc, self._carry = Crc(block - 2), carry(block - 2)
-        self._lead_crc = crc16(lead + bytes(block - 2))  # what the lead contributes to the first block's CRC
-        sizes = [len(lead) + block] + [block] * (count - 1)
-        self.cuts = [len(lead) + block * (place + 1) for place in range(count)]
-        self.ends = wire.ends([servos.registers.delays(rows[:1])[0]] + [0.0] * (count - 1), sizes)
+        reply = self._reply.data
+        self._shares = [reply[first : last - 2] for first, last in pairwise((0, *self.cuts))]
 
     def data(self) -> bytes | None:
         """The reply; never None, a fast reply is not stuffed."""
-        blocks, carry = self._blocks, self._carry
-        blocks[:, 0] = self._servos.alert[self._rows]
-        blocks[:, 2:-2] = self._cells.get()
-        crc, *own = self._crc(blocks[:, :-2]).tolist()
-        crc ^= self._lead_crc
-        checks = [crc]
-        for each in own:
-            crc = carry[(crc ^ (crc >> 8)) & 0xFF] ^ each
+        self._blocks[:, 0] = self._servos.alert[self._rows]
+        self._blocks[:, 2:-2] = self._cells.get()
+        crc, checks = 0, []
+        for share in self._shares:
+            crc = umts(share, AFTER_ITSELF[(crc ^ crc >> 8) & 0xFF])
             checks.append(crc)
         self._check[:] = checks
-        return self._lead + blocks.tobytes()
-
-
-@cache
-def carry(size: int) -> list[int]:
-    """What a CRC c contributes behind its own two bytes and `size` more, at [low(c) ^ high(c)].
-
-    Feeding low(c), high(c) into the state c equals feeding x, x into the state 0, x = low ^ high (linearity).
-    """
-    rows = np.zeros((256, 2 + size), np.uint8)
-    rows[:, 0] = rows[:, 1] = np.arange(256)
-    table: list[int] = Crc(2 + size)(rows).tolist()
-    return table
+        return self._reply.tobytes()

@@ -13,6 +13,7 @@ Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 ASSUMED: Mapping[str, int] = {"velocity_i_gain": 1920, "velocity_p_gain": 100, "position_p_gain": 800}
 LIVE = ("present_", "realtime_", "moving", "position_trajectory", "velocity_trajectory")
+LIVELIEST = ("present_current", "present_velocity", "present_position")
 
 
 def factory(field: Field, number: int) -> int:
@@ -66,10 +67,11 @@ class Layout:
         self.rows = indirect.rows(table)
         self.end = max(field.end for field in self.fields.values())
         self.defined = np.zeros(self.end, np.bool_)  # (end,) does a register hold this byte?
-        self.live = np.zeros(self.end, np.bool_)  # (end,) does the servo write it without being told?
+        self.live = np.zeros(self.end, np.uint8)  # (end,) see `Memory.live`
         for field in self.fields.values():
             self.defined[field.address : field.end] = True
-            self.live[field.address : field.end] = field.key.startswith(LIVE)
+            live = 1 if field.key in LIVELIEST else 2 if field.key.startswith(LIVE) else 0
+            self.live[field.address : field.end] = live
         self._fresh = np.zeros(self.end, np.uint8)
         for field in self.fields.values():
             value = np.frombuffer(field.encode(factory(field, table.number)), np.uint8)
@@ -155,9 +157,9 @@ class Memory:
         """What a read of one servo gives; indirect data is that of its target."""
         return bytes(self.raw[row, self.where[row, address : address + size]])
 
-    def live(self, row: int, address: int, size: int) -> bool:
-        """Does the span touch registers that the servo writes itself, without being told?"""
-        return bool(self._layouts[row].live[self.where[row, address : address + size]].any())
+    def live(self, row: int, address: int, size: int) -> int:
+        """Does the span touch registers that the servo writes itself? 0: none, 1: `LIVELIEST` only, 2: more."""
+        return int(self._layouts[row].live[self.where[row, address : address + size]].max())
 
     def block(self, rows: Sequence[int], address: int, size: int) -> "Cells":
         """The same span of several servos, to be read again and again, until an indirect address changes."""

@@ -106,6 +106,7 @@ class FirstOrder:
         pulls = drive.on & (drive.pwm_cap > 0.0) & (drive.current_cap > 0.0) & (drive.supply > 0.0)
         seeks = seeks_position(self._mode)
         self._cap, self._current_cap = drive.pwm_cap.copy(), drive.current_cap.copy()
+        self._floor = -self._cap
         self._volts = np.maximum(drive.supply, 1e-9)
         whole = np.ones_like(self.position)
         self._full, self._ticks = drive.full * whole, drive.rpm / 60.0 * drive.turn * whole
@@ -117,7 +118,8 @@ class FirstOrder:
         self._top = np.minimum(self._free * duty * self._volts, self._current_cap / self._friction)  # raw
         self._speed = np.maximum(np.where(pulls, self._top * self._ticks, 0.0), 1e-9)  # ticks/s: to divide by
         self._rate = np.where(pulls & seeks, drive.p / (self._gain * self._lag), 0.0)
-        self._slowest = np.maximum(self._rate, 1e-9)
+        self._pulled, self._slowest = self._rate > 0.0, np.maximum(self._rate, 1e-9)
+        self._per_tick = self._rate / self._ticks  # raw velocity per tick of error
         self._p = np.where(pulls & seeks, drive.p / 128.0, 0.0)
         gains = (drive.velocity_p / FACTORY_P + drive.velocity_i / FACTORY_I) / 2.0
         rate = np.select(
@@ -150,24 +152,26 @@ class FirstOrder:
 
     def _seek(self, dt: float) -> None:
         """Modes 3, 4 and 5."""
-        rate = self._rate
         error = self._goal - self.position
+        cruises = np.count_nonzero(np.abs(error * self._rate) > self._speed)
+        left = self._cruise(error, dt) if cruises else error * np.exp(self._rate * -dt)
+        np.subtract(self._goal, left, out=self.position, where=self._pulled)
+        np.multiply(left, self._per_tick, out=self.velocity)
+        if cruises:
+            top = self._speed / self._ticks
+            np.clip(self.velocity, -top, top, out=self.velocity)
+        np.multiply(self.velocity, self._friction, out=self.current)
+        np.multiply(left, self._p, out=self.pwm)
+        np.minimum(self.pwm, self._cap, out=self.pwm)
+        np.maximum(self.pwm, self._floor, out=self.pwm)
+
+    def _cruise(self, error: Floats, dt: float) -> Floats:
+        """What is left of an error: full speed until the decay is no faster, then the decay."""
         size = np.abs(error)
-        beyond = size * rate - self._speed
-        if np.count_nonzero(beyond > 0.0):
-            cruise = np.maximum(beyond, 0.0) / self._slowest  # ticks at full speed
-            moved = np.minimum(cruise, self._speed * dt)
-            left = (size - moved) * np.exp(rate * (moved / self._speed - dt))
-        else:
-            left = size * np.exp(rate * -dt)
-        way = np.copysign(1.0, error)
-        np.copyto(self.position, self._goal - way * left, where=rate > 0.0)
-        raw = np.minimum(left * rate, self._speed) * way
-        raw /= self._ticks
-        self.velocity[:] = raw
-        np.multiply(raw, self._friction, out=self.current)
-        np.minimum(self._p * left, self._cap, out=left)
-        np.multiply(left, way, out=self.pwm)
+        cruise = np.maximum(size * self._rate - self._speed, 0.0) / self._slowest  # ticks at full speed
+        moved = np.minimum(cruise, self._speed * dt)
+        left: Floats = (size - moved) * np.exp(self._rate * (moved / self._speed - dt))
+        return np.copysign(left, error, out=left)
 
     def _advance_all(self, dt: float) -> None:
         before, speed = self.position.copy(), self.velocity[self._turning]

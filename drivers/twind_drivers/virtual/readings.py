@@ -42,6 +42,7 @@ class Readings:
         self._seeks: Bools | None = None
         self._frozen: Bools | None = None
         self._stuck = np.zeros(count)  # ticks, what a frozen encoder repeats
+        self._encoder, self._at, self._told = np.zeros(count), 0.0, True  # of the last refresh
         self._slow_at = -np.inf
         self._shaped = True  # may the velocity trajectory be other than 0?
 
@@ -57,32 +58,37 @@ class Readings:
         self._stuck[row] = np.rint(self._muscles.position[row])
         self._frozen = frozen if frozen.any() else None
 
-    def refresh(self, now: float, direction: Floats, shift: Floats, profile: Profile) -> None:
-        """Bring every present register up to `now`. `direction`, `shift`: encoder to register frame."""
+    def refresh(self, now: float, direction: Floats, shift: Floats) -> None:
+        """Bring position, velocity and current up to `now`. `direction`, `shift`: of encoder to register."""
         muscles, way = self._muscles, self._way
         encoder = np.rint(muscles.position)
         if self._frozen is not None:
             encoder = np.where(self._frozen, self._stuck, encoder)
-        place = encoder * direction + shift
-        self.position.put(place)
-        velocity = np.rint(muscles.velocity)
-        moving = np.abs(velocity) > self._threshold.get()
+        self.position.put(encoder * direction + shift)
+        self._velocity.put(np.rint(muscles.velocity if way is None else muscles.velocity * way))
+        if self._current is not None:
+            self._current.put(np.rint(muscles.current if way is None else muscles.current * way))
+        self._encoder, self._at, self._told = encoder, now, False
+
+    def tell(self, direction: Floats, shift: Floats, profile: Profile) -> None:
+        """All that is read more rarely, as of the last refresh."""
+        if self._told:
+            return
+        self._told, now = True, self._at
+        muscles, way, encoder = self._muscles, self._way, self._encoder
+        moving = np.abs(np.rint(muscles.velocity)) > self._threshold.get()
         if profile.shaped or self._seeks is not None:
-            self._show_profile(profile, encoder, place, direction, shift)
+            self._show_profile(profile, encoder, encoder * direction + shift, direction, shift)
             moving |= profile.running
         else:
             self._show_step(profile.reference, encoder, direction, shift)
         self._moving.put(moving)
-        self._velocity.put(velocity if way is None else velocity * way)
-        if self._current is not None:
-            self._current.put(np.rint(muscles.current if way is None else muscles.current * way))
         pwm = np.rint(muscles.pwm if way is None else muscles.pwm * way)
         self._pwm.put(pwm)
         if self._load is not None:  # e-manual XL430, "Present Load": of the output, not of a sensor; 0.1 %
             self._load.put(np.rint(pwm * (1000.0 / FULL_PWM)))
-        self._tick.put(
-            ((now - self.origin) * 1e3).astype(np.int64) & 0x7FFF
-        )  # 15 bits: facts of register 120
+        # 15 bits: e-manual, "Realtime Tick (120)"
+        self._tick.put(((now - self.origin) * 1e3).astype(np.int64) & 0x7FFF)
         if now - self._slow_at >= 0.1:
             self._slow_at = now
             self._temperature.put(np.clip(np.rint(self._protection.celsius), 0, 255))

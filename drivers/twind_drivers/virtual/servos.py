@@ -130,16 +130,21 @@ class Servos:
             self.heard_at[self.listening] = now
             self._event = self._next()
 
-    def settle(self, now: float) -> None:
-        """Bring the present registers up to `now`, but for what a servo has not refreshed yet."""
+    def settle(self, now: float, *, whole: bool = True) -> None:
+        """Bring the present registers up to `now`, but for what a servo has not refreshed yet.
+
+        `whole` False: only those of position, velocity and current.
+        """
         self.expire(now)
         if not 0.0 <= now - self._fresh < REFRESH:
             if now - self.now >= REFRESH:
                 self._move(now)
             self._fresh = now
-            self.readings.refresh(now, self.direction, self.shift, self.profile)
+            self.readings.refresh(now, self.direction, self.shift)
             if self.history is not None:
                 self.history.note(now, self.readings.position.get())
+        if whole:
+            self.readings.tell(self.direction, self.shift, self.profile)
 
     def _move(self, now: float) -> None:
         while self._check_at <= now:
