@@ -173,18 +173,24 @@ def test_bytes_around_a_fast_reply_are_judged_as_well(line: Line) -> None:
     assert line.strays == 14 + 10
 
 
-def test_an_answer_that_comes_too_late_is_none_of_them(line: Line) -> None:
+def test_an_answer_that_comes_too_late_is_none_of_them_for_a_second(line: Line) -> None:
     port = line.transport
     assert isinstance(port, Port)
-    talk(line, b"")
+    talk(line, b"", now=1.0)
     port.late = OWN  # of the first
-    talk(line, OWN[:5])
+    talk(line, OWN[:5], now=1.1)
     assert line.foreign == 0
-    talk(line, p.status(1, 0, b"\1\2") + OWN)
+    talk(line, p.status(1, 0, b"\1\2") + OWN, now=1.2)
     assert line.foreign == 0
     assert line.strays == 13
-    talk(line, OWN + OWN)  # it has answered since: this one is nobody's answer
+    talk(line, OWN + OWN, now=2.05)
+    assert line.foreign == 0
+    talk(line, OWN + OWN, now=2.15)
+    talk(line, OWN + OWN, now=2.2)
     assert line.foreign == 1
+    talk(line, p.status(99, 0, b"\1\2\3") + p.ping(1), now=2.3)
+    talk(line, p.status(99, 0, b"\1\2\3") + p.ping(1) + OWN, now=2.4)  # of others nothing was awaited
+    assert line.foreign == 5
 
 
 def test_noise_is_not_foreign(line: Line) -> None:

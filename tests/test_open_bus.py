@@ -2,10 +2,12 @@
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from dxl_responder import Servos, Wire
 
 from twind.config.robot_file import load_robot
 from twind.loop.open_bus import Buses
@@ -108,3 +110,11 @@ def test_the_bus_is_timed_by_its_baud_and_its_slowest_servo(ports: list[str]) ->
     assert reader.line.return_delay_s == pytest.approx(max(delays) * 1e-6)
     assert len(reader.ids) == int(np.size(JOINTS.buses[0].joints))
     reader.transport.close()
+
+
+@pytest.mark.parametrize("one_write", [True, False])
+def test_whether_goals_and_request_leave_together_is_the_robot_files(one_write: bool) -> None:
+    robot = replace(ROBOT, buses=tuple(replace(bus, one_write=one_write) for bus in ROBOT.buses))
+    reader = Buses(robot, JOINTS, {FIRST: None, SECOND: None}, 100.0).reader(FIRST, Wire(Servos(())))
+    assert isinstance(reader, DynamixelReader)
+    assert reader.line.one_write is one_write

@@ -12,6 +12,8 @@ from twind_drivers.dynamixel.budget import wire
 from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
 from twind_drivers.dynamixel.replies import Expected
 
+LATE = 1.0  # s that an answer may be late and is still known as one
+
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
@@ -33,9 +35,9 @@ class Line:
     `goals` leave with the next cyclic request. `urgent` leaves with the next write of any kind; goals that
     were set before it left are dropped.
 
-    `foreign` counts whole sound packets that nobody asked for. The answer of a device that did not answer in
-    time is not one of them, as long as that device has not answered since. `echo`: the adapter gives back
-    what we send; recognised by a packet of ours in the answer, from then on taken off each answer.
+    `foreign` counts whole sound packets that nobody asked for. A status of a device that missed an answer
+    within the last second is not one of them: it may be that answer. `echo`: the adapter gives back what we
+    send; recognised by a packet of ours in the answer, from then on taken off each answer.
     """
 
     def __init__(
@@ -62,7 +64,7 @@ class Line:
         self._busy = -inf  # s, until when our own bytes are still going out
         self._out: tuple[bytes, bytes] = (b"", b"")  # what was sent last
         self._echoed = bytearray()  # of that, what has come back; only with an echo
-        self._owed: frozenset[int] = frozenset()  # devices whose answer may still come late
+        self._owed: dict[int, float] = {}  # devices whose answer may still come late: s, until when
         self._late = bytearray()
 
     def span(self, exchange: Exchange, extra: int = 0) -> float:
@@ -152,9 +154,10 @@ class Line:
         self.foreign += sum(each.instruction != STATUS or each.id not in self._owed for each in packets)
 
     def _remember(self, reply: Expected) -> None:
-        """Who owes an answer: in order on the wire, so who has answered since owes none."""
-        answered = {id for id, ok in zip(reply.ids, reply.answered.tolist(), strict=True) if ok}
-        self._owed = (self._owed | frozenset(reply.ids)) - answered
+        """Who owes an answer, and until when."""
+        self._owed = {id: until for id, until in self._owed.items() if until > self.sent}
+        missed = [id for id, ok in zip(reply.ids, reply.answered.tolist(), strict=True) if not ok]
+        self._owed.update(dict.fromkeys(missed, self.sent + LATE))
 
     def _past_echo(self, reply: Expected) -> bool:
         """Take our own bytes off the front; others than ours belong to the answer."""

@@ -137,7 +137,10 @@ class DynamixelReader:
         self.line.send(self._asking(query), now)
 
     def answer(self, now: float) -> Reply:
-        """End it. What was read of the slow registers is kept in `registers`, with its time."""
+        """End it. What was read of the slow registers is kept in `registers`, with its time.
+
+        Not while nobody answers the cyclic reading: then this may be a late answer to an earlier question.
+        """
         exchange = self.line.end()
         reply: Expected | None = exchange.reply if exchange else None
         waited = now - self.line.sent
@@ -146,7 +149,7 @@ class DynamixelReader:
         heard, answered, errors = reply.heard.tolist(), reply.answered.tolist(), reply.error.tolist()
         data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
         error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
-        if isinstance(self._query, Read):
+        if isinstance(self._query, Read) and self.cyclic.proven:
             own = reply.data if reply.whole else reply.data[reply.heard]
             self.slow.fold(self._query, tuple(data), own, self.line.received)
         if self.cyclic.attendance.parked:
