@@ -18,15 +18,11 @@ class Attendance:
 
     def __init__(self, count: int) -> None:
         self.asked = _frozen(np.ones(count, np.bool_))
+        self.parked = False  # somebody is left out
         self._misses = np.zeros(count, np.int64)
         self._due = np.full(count, np.inf)  # s, next probe of the parked
         self._pause = np.full(count, FIRST)  # s, from its last probe to the next
         self._back_at = np.full(count, -np.inf)  # s, when each came back
-
-    @property
-    def parked(self) -> bool:
-        """Is anybody left out?"""
-        return not self.asked.all()
 
     def whole(self) -> None:
         """Everybody who was asked answered."""
@@ -45,7 +41,7 @@ class Attendance:
         gone = self.asked & (self._misses >= MISSES)
         if not gone.any():
             return False
-        self.asked = _frozen(self.asked & ~gone)
+        self.asked, self.parked = _frozen(self.asked & ~gone), True
         anew = now - self._back_at > PROBE  # else it comes and goes: asked ever more rarely
         self._pause[gone] = np.where(anew, FIRST, np.minimum(2.0 * self._pause, PROBE))[gone]
         self._due[gone] = now + self._pause[gone]
@@ -53,6 +49,8 @@ class Attendance:
 
     def due(self, now: float) -> int | None:
         """Place of a parked device whose probe is due."""
+        if not self.parked:
+            return None
         place = int(self._due.argmin())
         return place if self._due[place] <= now else None
 
@@ -65,7 +63,7 @@ class Attendance:
         """A parked device answered: it is asked again, and the other parked ones are probed at once."""
         asked = self.asked.copy()
         asked[place] = True
-        self.asked = _frozen(asked)
+        self.asked, self.parked = _frozen(asked), not asked.all()
         self._misses[place], self._due[place], self._back_at[place] = 0, np.inf, now
         self._due[~asked] = now
 
