@@ -52,7 +52,7 @@ class MonotonicClock:
 
     def wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
         """One `poll` over all descriptors. Errors and hang-ups wake it too: the read then says what it is."""
-        key = tuple(source.fileno() for source in sources)
+        key = tuple([source.fileno() for source in sources])
         poll = self._polls.get(key)
         if poll is None:
             if len(self._polls) > 64:  # descriptors of replugged ports: do not grow for ever

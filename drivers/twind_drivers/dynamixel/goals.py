@@ -36,10 +36,12 @@ class GoalPacket:
         if self._packet.find(PATTERN, BODY, -2) < 0:
             self._packet[-2:] = crc16(self._all).to_bytes(2, "little")
             packet = plain = bytes(self._packet)
+            words = self._goals  # what `packet` is a copy of
         else:
             packet = self._stuffed()
             plain = packet[:BODY] + unstuff(packet[BODY:-2]) + packet[-2:]
-        self._judge(plain, ticks)
+            words = np.frombuffer(plain, self._row, len(ticks), FIRST)["goal"]
+        self._judge(plain, words, ticks)
         return packet
 
     def _stuffed(self) -> bytes:
@@ -47,9 +49,8 @@ class GoalPacket:
         packet = self._head[:5] + (len(body) + 2).to_bytes(2, "little") + body
         return packet + crc16(packet).to_bytes(2, "little")
 
-    def _judge(self, plain: bytes, ticks: Ints) -> None:
+    def _judge(self, plain: bytes, words: NDArray[np.signedinteger], ticks: Ints) -> None:
         """What stands in the bytes, not what was meant: ids, address and every goal word."""
-        words: NDArray[np.signedinteger] = np.frombuffer(plain, self._row, len(ticks), FIRST)["goal"]
         # Below the lower bound a difference is negative, so as an unsigned number beyond every span.
         outside = (words - self.lower).view(np.uint64) > self._span
         if (

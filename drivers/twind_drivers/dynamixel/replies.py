@@ -206,11 +206,11 @@ class FastReply:
         self._all = self._view[: self.expected - 2]
         self._last = self._view[self.expected - 2 : self.expected]
         self._rows = np.frombuffer(self._bytes, np.uint8, count * stride, 8).reshape(count, stride)
-        self._wanted = np.array(self.ids, np.uint8)
+        self._wanted, self._stride = bytes(self.ids), stride
         self.heard = self.answered = np.zeros(count, np.bool_)
         self.error = np.zeros(count, np.uint8)
         self.data = self._rows[:, 2:-2]
-        self._errors, self._ids = self._rows[:, 0], self._rows[:, 1]
+        self._errors = self._rows[:, 0]
         self._framer = Framer(status=None)  # of what is no part of it
         self.unasked: Sequence[Packet] = ()
         self.start()
@@ -266,11 +266,11 @@ class FastReply:
 
     def _intact(self) -> int:
         """How many devices' blocks, from the first, are there and right."""
-        whole = self._got >= self.expected and not np.count_nonzero(self._ids != self._wanted)
+        there = self._bytes[9 : self.expected : self._stride] if self._got >= self.expected else b""
         # The last CRC is over all before it, the other CRCs included.
-        if whole and crc16(self._all) == int.from_bytes(self._last, "little"):
+        if there == self._wanted and crc16(self._all) == int.from_bytes(self._last, "little"):
             return len(self.ids)
-        stride = self.size + 4
+        stride = self._stride
         for place, id in enumerate(self.ids):
             end = 8 + (place + 1) * stride
             if end > self._got or self._bytes[end - stride + 1] != id:
