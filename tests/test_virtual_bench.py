@@ -56,6 +56,31 @@ def test_the_settings_given_are_in_the_registers_and_the_adapter_is_as_told() ->
     assert bus.take(0.0).startswith(packet.ping(1))
 
 
+@pytest.mark.parametrize("register", [(120, 2), (132, 4)])
+def test_two_of_one_id_never_say_the_same_bits_of_tick_and_position(register: tuple[int, int]) -> None:
+    """Else no scan could tell that there are two: where the bits of both agree the line shows just that."""
+    for seed in range(20):
+        named = [servo("arm:3:XM430-W350"), servo("arm:3:XM430-W350")]
+        (bus,) = bench(named, Line(seed=seed)).values()
+        bus.receive(packet.read(3, *register), 5.0)
+        assert Framer(status=True).feed(bus.take(6.0)) == []
+
+
+def test_the_same_seed_lays_the_same_servos_out() -> None:
+    named = [servo(f"arm:{id}:XM430-W350") for id in (3, 3, 7)]
+
+    def laid(seed: int) -> tuple[list[float], list[float]]:
+        (bus,) = bench(named, Line(seed=seed)).values()
+        return bus.servos.muscles.position.tolist(), bus.servos.readings.origin.tolist()
+
+    assert laid(1) == laid(1)
+    assert laid(1) != laid(2)
+    ticks, since = laid(1)
+    assert len(set(ticks)) == len(set(since)) == 3
+    assert all(1648 <= tick <= 2448 for tick in ticks)
+    assert all(-20.0 < at <= 0.0 for at in since)
+
+
 def test_a_servo_beside_a_robots_with_the_same_id_is_a_twin() -> None:
     made = specimen(load_robot("h24"))
     extra = by_bus([("main", ServoSpec(7, "XM430-W350", settings(made.robot.bus("main").baud, 400)))])

@@ -272,6 +272,25 @@ def test_goals_beyond_a_limit_are_dropped_one_by_one() -> None:
     assert host.servos["goal_position"].tolist() == [2100, 2048, 2300]
 
 
+@pytest.mark.parametrize(("address", "size"), [(120, 4), (124, 2), (136, 8), (120, 16)])
+def test_what_is_read_rarely_is_as_fresh_as_position_and_velocity(address: int, size: int) -> None:
+    """Within the same millisecond as a read of 126..135: tick, moving, PWM, trajectories."""
+    block, rare = packet.fast_sync_read([1, 2], 126, 10), packet.fast_sync_read([1, 2], address, size)
+    heard = []
+    for before in ([], [block]):
+        host = Host([1, 2], wire_timing=False)
+        host.write(1, 112, 50, 4)
+        host.torque(1)
+        host.goal(1, 3500)
+        host.raw(block)
+        stale = host.raw(rare)  # both are remembered from here on
+        host.wait(0.1)
+        for request in before:
+            host.raw(request)
+        heard.append(host.raw(rare))
+    assert heard[0] == heard[1] != stale
+
+
 def test_readings_are_as_of_the_end_of_the_request() -> None:
     host = Host([1])
     host.torque(1)

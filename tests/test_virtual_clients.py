@@ -205,7 +205,8 @@ def test_sdk_reads_through_indirect_registers_of_three_layouts(port: sdk.PortHan
             assert answer == (0, 0)
         straight = ask(lambda i=id, p=position: talk.read4ByteTxRx(port, i, p))
         assert ask(lambda i=id, d=data: talk.read4ByteTxRx(port, i, d)) == straight
-        assert straight == (2048, 0, 0)
+        assert 1648 <= straight[0] <= 2448
+        assert straight[1:] == (0, 0)
 
 
 def test_sdk_changes_an_id(port: sdk.PortHandler) -> None:

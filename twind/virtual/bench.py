@@ -4,7 +4,7 @@ Runs in `twind-virtual`.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from twind_drivers.virtual.servos import BAUDS, ServoSpec
 from twind_drivers.virtual.stream import Adapter
 
 FIRMWARE = 47
-MIDDLE = 2048.0  # ticks, where such a servo stands
+MIDDLE, SPREAD = 2048, 400  # ticks: where such servos stand, and how far from there
+PLUGGED = 20_000  # ms: they got power one by one in the time before
 FACTORY_BAUD = 57600  # e-manual, "Baud Rate": the default of the X series
 
 
@@ -30,7 +31,7 @@ class Line:
 
     wire_timing: bool = True
     adapter: Adapter = field(default_factory=Adapter)
-    seed: int = 0  # of all that is random in the faults
+    seed: int = 0  # of all that is random
 
 
 def servo(text: str, *, firmware: int = FIRMWARE) -> tuple[str, ServoSpec]:
@@ -72,17 +73,24 @@ def bench(
 
     Raises SpecimenError for a model that cannot be simulated.
     """
-    return {
-        name: virtual_bus(
-            name,
-            specs,
-            FirstOrder(np.full(len(specs), MIDDLE), now=now),
-            line,
-            baud=baud or FACTORY_BAUD,
-            now=now,
-        )
-        for name, specs in by_bus(servos).items()
-    }
+    buses = {}
+    for name, specs in by_bus(servos).items():
+        laid, start = laid_out(specs, line.seed)
+        muscles = FirstOrder(np.array(start), now=now)
+        buses[name] = virtual_bus(name, laid, muscles, line, baud=baud or FACTORY_BAUD, now=now)
+    return buses
+
+
+def laid_out(specs: Sequence[ServoSpec], seed: int) -> tuple[list[ServoSpec], list[float]]:
+    """The servos as someone has put them there, and where they stand (ticks): no two alike.
+
+    Else two with one id would say the same bits for ever, and no scan could tell that there are two.
+    """
+    random, count = np.random.default_rng(seed), len(specs)
+    ticks = random.permutation(np.arange(MIDDLE - SPREAD, MIDDLE + SPREAD + 1))[:count]
+    powered = random.permutation(PLUGGED)[:count] * 1e-3
+    laid = [replace(spec, powered=float(since)) for spec, since in zip(specs, powered, strict=True)]
+    return laid, ticks.astype(np.float64).tolist()
 
 
 def virtual_bus(

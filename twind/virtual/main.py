@@ -47,7 +47,7 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--firmware", type=int, default=FIRMWARE, metavar="N", help="of every servo")
     parser.add_argument("--latency-timer", type=float, default=0.0, metavar="MS", help="of the adapter")
     parser.add_argument("--echo", action="store_true", help="the adapter gives back what the host sends")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all that is random in faults")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all that is random")
     parser.add_argument("--no-wire-timing", action="store_true", help="answer at once")
     parser.add_argument("--muscles", choices=("mujoco", "first-order"), default="mujoco")
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="write the calibration that fits")

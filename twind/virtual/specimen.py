@@ -16,7 +16,7 @@ from twind.config.counts import tick_range, ticks_of
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.twin.muscles import MujocoMuscles, body_of
 from twind.version import __version__
-from twind.virtual.bench import FIRMWARE, MIDDLE, Line, SpecimenError, settings, virtual_bus
+from twind.virtual.bench import FIRMWARE, Line, SpecimenError, laid_out, settings, virtual_bus
 from twind_drivers.bus import Device
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.bus import VirtualBus
@@ -124,26 +124,25 @@ def buses(
         raise SpecimenError(f"no bus {strange[0]!r}; {made.robot.name} has {', '.join(made.servos)}")
     if extra and physics:
         raise SpecimenError("servos beside those of a robot have no body: say --muscles first-order")
+    line = line or Line()
     body = body_of(made.robot, made.zeros, now=now) if physics else None
-    return {
-        spec.name: virtual_bus(
-            spec.name,
-            [*made.servos[spec.name], *extra.get(spec.name, ())],
-            _muscles(made, spec, body, now, len(extra.get(spec.name, ()))),
-            line or Line(),
-            baud=BAUDS[made.servos[spec.name][0].settings["baud_rate"]]
-            if made.servos[spec.name]
-            else spec.baud,
-            now=now,
-        )
-        for spec in made.robot.buses
-    }
+    virtual = {}
+    for spec in made.robot.buses:
+        own = made.servos[spec.name]
+        beside, stand = laid_out(extra.get(spec.name, ()), line.seed)
+        baud = BAUDS[own[0].settings["baud_rate"]] if own else spec.baud
+        muscles = _muscles(made, spec, body, now, stand)
+        virtual[spec.name] = virtual_bus(spec.name, [*own, *beside], muscles, line, baud=baud, now=now)
+    return virtual
 
 
-def _muscles(made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: float, extra: int) -> Muscles:
+def _muscles(
+    made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: float, beside: list[float]
+) -> Muscles:
+    """Those of one bus; `beside`: ticks where servos stand that belong to no joint."""
     if body is not None:
         return body.part([at for at, joint in enumerate(made.robot.joints) if joint.bus == bus.name])
     rest = made.robot.poses["rest"]
     joints = made.joints(bus.name)
     start = [ticks_of(joint, made.zeros[joint.name], rest[joint.name]) for joint in joints]
-    return FirstOrder(np.array(start + [MIDDLE] * extra, np.float64), now=now)
+    return FirstOrder(np.array(start + beside, np.float64), now=now)

@@ -158,7 +158,7 @@ class Memory:
         return bytes(self.raw[row, self.where[row, address : address + size]])
 
     def live(self, row: int, address: int, size: int) -> int:
-        """Does the span touch registers that the servo writes itself? 0: none, 1: `LIVELIEST` only, 2: more."""
+        """Does the span touch registers that the servo writes itself? 0: no, 1: `LIVELIEST` only, 2: more."""
         return int(self._layouts[row].live[self.where[row, address : address + size]].max())
 
     def block(self, rows: Sequence[int], address: int, size: int) -> "Cells":

@@ -41,6 +41,7 @@ class ServoSpec:
     `forgets_offset`: a homing offset that counts for nothing in mode 3 falls back to 0 (ROBOTIS forum 5477);
     else the register keeps it. `seam_seed`: the encoder reads up to a tick off at boot, drawn by this seed,
     so near tick 0 a servo of many turns comes back a turn away (DynamixelSDK #380, #515); None: it does not.
+    `powered`: s that it has had power when time begins.
     """
 
     id: int
@@ -49,6 +50,7 @@ class ServoSpec:
     firmware: int = 47
     forgets_offset: bool = False
     seam_seed: int | None = None
+    powered: float = 0.0
 
 
 class Servos:
@@ -91,6 +93,7 @@ class Servos:
             memory.fill(row)
             self._fit(row, spec)
             self._boot(row, now)
+            self.readings.origin[row] = now - spec.powered
         self._firmware = Firmware(memory, self.registers)
         self.profile = Profile(muscles.position, turn=self._firmware.turn, rpm=self._firmware.rpm)
         self.changed()
