@@ -14,13 +14,15 @@ from rig import Rig
 
 from twind.robot.arrays import Bools, Floats
 from twind.robot.state import JointState
+from twind.robot.trajectory import Trajectory
 from twind_drivers.dynamixel.packet import Framer, Instruction
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.muscles import RPM, FirstOrder
 from twind_drivers.virtual.servos import REFRESH
 
 EPS = 1e-6  # s
-SETTLED = 0.1  # s: registers as reported were true within that (docs/safety.md, X3)
+TICK = 0.01  # s: a register as reported was true at its stamp, or one tick before
+SETTLED = 0.1  # s: one without a stamp of its own was true within that (docs/safety.md, X3)
 WRITES = {
     Instruction.WRITE,
     Instruction.REG_WRITE,
@@ -74,7 +76,7 @@ class Witness:
         self._readings = [memory.column(key, size, signed=True) for key, size in self.READINGS]
         self._slow = [memory.column(key, size, signed=sign) for key, size, sign in self.SLOW]
         self.readings: deque[tuple[float, NDArray[np.int64]]] = deque(maxlen=64)
-        self.slow: deque[tuple[float, NDArray[np.int64]]] = deque(maxlen=128)
+        self.slow: deque[tuple[float, NDArray[np.int64]]] = deque(maxlen=1024)
         refresh = bus.servos.readings.refresh
 
         def seen(now: float, *rest: Any) -> None:
@@ -92,16 +94,16 @@ class Witness:
         found = [each for time, each in self.readings if since - EPS <= time <= until + EPS]
         return np.array(found, np.int64).reshape(len(found), 3, len(self.bus.servos.tripped))
 
-    def held(self, since: float, until: float) -> NDArray[np.int64]:
-        """(k, 5, m): what the slow registers held from the last look before `since` to the first after."""
-        found: list[NDArray[np.int64]] = []
-        for time, each in reversed(self.slow):
-            if time >= until:
-                found.clear()
-            found.append(each)
-            if time <= since:
+    def held(self, since: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """(k, 5, m) slow registers at the last looks, and (k, m) those back to `since` (m,)."""
+        looks: list[tuple[float, NDArray[np.int64]]] = []
+        for look in reversed(self.slow):
+            looks.append(look)
+            if look[0] <= since.min():
                 break
-        return np.array(found)
+        after = np.array([time for time, _ in looks])[:, None] > since
+        near = np.vstack([np.ones_like(after[:1]), after[:-1]])
+        return np.array([each for _, each in looks]), near
 
 
 class Judge:
@@ -197,7 +199,7 @@ class Judge:
     # ------------------------------------------------------------------------------- slow registers
 
     def _slow(self) -> None:
-        """What is newly said of torque, error, watchdog, voltage, temperature was true within 100 ms."""
+        """What is newly said of torque, error, watchdog, voltage, temperature was true when it was read."""
         slow, now = self.rig.loop.hardware.slow, self.rig.clock.now()
         volts = np.where(np.isnan(slow.voltage), -1.0, np.rint(slow.voltage * 10.0))
         warmth = np.where(np.isnan(slow.temperature), -1.0, slow.temperature)
@@ -212,13 +214,14 @@ class Judge:
             changed = [(told[at] != old[at]) for told, old in zip(said[:5], before[:5], strict=True)]
             if not (again[at].any() or any(each.any() for each in changed)):
                 continue
-            held = self.witnesses[bus.name].held(now - SETTLED, now)
+            since = np.where(again[at], np.minimum(said[5][at], now) - TICK, now - SETTLED)
+            registers, held = self.witnesses[bus.name].held(since)
             for row, name in enumerate(names):
                 told = said[row][at]
                 news = changed[row] | (again[at] & (row < 3))
                 bad = np.zeros(len(slow.torque), np.bool_)
-                bad[at] = news & (told >= 0.0) & ~(held[:, row] == told).any(axis=0)
-                self._blame(bad, f"{name} as reported was not so in the last 0.1 s", said[row])
+                bad[at] = news & (told >= 0.0) & ~((registers[:, row] == told) & held).any(axis=0)
+                self._blame(bad, f"{name} as reported was not so at its stamp", said[row], now - said[5])
 
 
 class Wire:
@@ -281,3 +284,15 @@ class Wire:
     def verdict(self, said: str = "") -> None:
         """Raises AssertionError."""
         assert not self.wrong, "\n".join([said, *self.wrong[:20]])
+
+
+def nod_all(rig: Rig, seconds: float = 60.0, far: float = 0.2) -> Trajectory:
+    """Every joint from where it is towards the middle of its travel and back, again and again."""
+    here = rig.loop.executor.reference.position if rig.loop.executor.reference else rig.loop.measured.position
+    middle = (rig.loop.limits.lower + rig.loop.limits.upper) / 2.0
+    there = here + np.clip(middle - here, -far, far)
+    knots = int(seconds)
+    position = np.where(np.arange(knots)[:, None] % 2, here, there)
+    return Trajectory(
+        np.arange(1.0, knots + 1.0), position, np.ones(len(here), np.bool_), np.zeros_like(position)
+    )

@@ -5,17 +5,24 @@ Every fault of the table of orders is walked, so that a new one cannot be forgot
 """
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
-from fault_cases import CASES, Case, Order, healing, order
-from fault_world import Judge, Moved, Wire
+from fault_cases import ARMED, CASES, EITHER, FAULT, Case, Order, healing, order
+from fault_world import Judge, Moved, Wire, nod_all
 from rig import Rig
 
-from twind.robot.modes import Mode
+from twind import link
+from twind.robot.modes import Mode, Motion, State
 from twind.virtual.orders import FAULTS, arguments
 
-WALK = [(name, number) for name, cases in CASES.items() for number in range(len(cases))]
+# The strongest case of each fault in every run; all of them, which takes half a minute, where time allows.
+WALK = [
+    pytest.param(name, number, marks=[] if number == len(cases) - 1 else [pytest.mark.slow])
+    for name, cases in CASES.items()
+    for number in range(len(cases))
+]
 
 
 def obey(rig: Rig, orders: Sequence[Order]) -> None:
@@ -117,3 +124,69 @@ def test_several_faults_at_once_make_no_wrong_reading_fresh(mirror: tuple[Rig, J
 @pytest.mark.slow
 def test_thousands_of_faults_make_no_wrong_reading_fresh(mirror: tuple[Rig, Judge, Wire]) -> None:
     run_mixes(mirror, range(1000, 3000), 4000)
+
+
+# --------------------------------------------------------------------------------------------- armed
+
+
+def nodding(rig: Rig) -> None:
+    """All joints on their way, to and fro."""
+    ticket = rig.submit(nod_all(rig), more=True)
+    rig.ticks(20)
+    assert rig.loop.executor.motion is Motion.ACTIVE, rig.replies(ticket)
+
+
+def told(rig: Rig, since: float) -> dict[str, float]:
+    """When each code was first told, s after `since`."""
+    found: dict[str, float] = {}
+    for event in rig.events():
+        if event.time >= since:
+            found.setdefault(event.code, event.time - since)
+    return found
+
+
+def bring_back(rig: Rig, down: type[link.Command], **how: Any) -> None:
+    """Torque off, latches acknowledged, servos that shut themselves down restarted, and armed again."""
+    if rig.loop.latches:
+        assert rig.call(down, ticks=900, **how).error is None
+        assert rig.call(link.Reset).error is None
+        for name, bus in rig.virtual.items():
+            for row in np.flatnonzero(bus.servos["hardware_error_status"]).tolist():
+                id = bus.servos.registers.id_of(row)
+                assert rig.call(link.Reboot, bus=name, id=id).error is None
+        rig.connect()
+        rig.lease()
+        reply = rig.call(link.Arm)
+        assert reply.error is None, reply
+    rig.lease()
+    nodding(rig)
+    assert rig.loop.state is State.ARMED
+    assert np.asarray(rig.register("torque_enable")).all()
+
+
+@pytest.mark.parametrize("down", [link.EStop, pytest.param(link.Disarm, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("name", "number"), WALK)
+def test_an_armed_robot_tells_what_is_wrong_in_time_and_can_be_armed_again(
+    live: Rig, name: str, number: int, down: type[link.Command]
+) -> None:
+    """Bounds: threshold, refresh period and two ticks (docs/safety.md)."""
+    rig = live
+    judge, wire, case = Judge(rig), Wire(rig, writes=True), CASES[name][number]
+    random = np.random.default_rng([number, *name.encode()])
+    given = order(name, case, random)
+    rig.arm()
+    nodding(rig)
+    rig.ticks(int(random.integers(0, 40)))
+    begun = rig.clock.now()
+    obey(rig, [given])
+    rig.seconds(random.uniform(*case.lasts))
+    obey(rig, healing(case, given))
+    rig.seconds(1.3)  # the rules look back a second
+    codes = told(rig, begun)
+    if case.alarm:
+        assert min(codes.get(code, np.inf) for code in case.alarm) <= case.within, (given, codes)
+    assert case.ends in (EITHER, FAULT if rig.loop.latches else ARMED), (given, codes)
+    assert rig.loop.armed or rig.loop.latches, "torque went off, and nothing says so"
+    bring_back(rig, down, **({"level": "cut"} if down is link.EStop else {}))
+    judge.verdict(str(given))
+    wire.verdict(str(given))
