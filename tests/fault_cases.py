@@ -56,8 +56,8 @@ def _of_answers(**more: Any) -> Sequence[Case]:
     return [
         Case(lambda random: {"count": int(random.integers(1, 4)), **more}, (0.02, 0.1)),
         Case(lambda random: {"count": int(random.integers(2, 5)), "id": one(random), **more}, (0.05, 0.1)),
-        Case(lambda random: {"count": 1_000_000, "id": one(random), **more}, (0.7, 0.8), **silent),
-        Case(_for_ever(**more), (0.7, 0.8), **silent),
+        Case(lambda random: {"count": 1_000_000, "id": one(random), **more}, (0.55, 0.6), **silent),
+        Case(_for_ever(**more), (0.55, 0.6), **silent),
     ]
 
 
@@ -66,8 +66,8 @@ def _silence() -> Sequence[Case]:
     return [
         Case(lambda random: {"id": one(random)}, (0.01, 0.05), heal=back_on("silence")),
         Case(lambda random: {"id": one(random)}, (0.2, 0.3), **pulled),  # its watchdog trips meanwhile
-        Case(lambda random: {"id": one(random)}, (0.7, 0.8), **pulled),
-        Case(_plain(), (0.7, 0.8), **pulled),
+        Case(lambda random: {"id": one(random)}, (0.55, 0.6), **pulled),
+        Case(_plain(), (0.55, 0.6), **pulled),
     ]
 
 
@@ -117,7 +117,7 @@ CASES: Mapping[str, Sequence[Case]] = {
     "noise": [
         Case(lambda random: {"seconds": float(random.uniform(0.001, 0.04))}, (0.05, 0.1)),
         Case(lambda random: {"seconds": 0.0005, "count": 2, "id": one(random)}, (0.05, 0.1)),
-        Case(_plain(seconds=1.0), (0.7, 0.8), FAULT, (STALE, BUS), 0.06),
+        Case(_plain(seconds=1.0), (0.55, 0.6), FAULT, (STALE, BUS), 0.06),
     ],
     "delay": [
         Case(lambda random: {"seconds": float(random.uniform(0.0001, 0.001))}, (0.1, 0.3)),
@@ -133,20 +133,20 @@ CASES: Mapping[str, Sequence[Case]] = {
     ],
     "babble": [
         Case(_plain(), (0.005, 0.04)),
-        Case(_plain(), (0.7, 0.8), FAULT, (STALE, BUS, FOREIGN), 0.06, back_on("babble")),
+        Case(_plain(), (0.55, 0.6), FAULT, (STALE, BUS, FOREIGN), 0.06, back_on("babble")),
     ],
     "split": [Case(lambda random: {"bytes": int(random.integers(1, 64))}, (0.1, 0.3))],
     "latency": [
         Case(lambda random: {"seconds": 0.001, "payload": int(random.choice([62, 510]))}, (0.1, 0.3)),
         Case(_plain(seconds=0.016), (0.1, 0.3), EITHER),
-        Case(_plain(seconds=0.016, payload=510), (0.7, 0.8), EITHER, (STALE, BUS), 0.06),
+        Case(_plain(seconds=0.016, payload=510), (0.55, 0.6), EITHER, (STALE, BUS), 0.06),
     ],
     "echo": [Case(_plain(), (0.2, 0.3), heal=back_on("echo"))],
     "collide": [Case(_plain(), (0.2, 0.3), heal=back_on("collide"))],
     "garble": [Case(_plain(), (0.2, 0.3), heal=back_on("garble"))],  # nobody is set to another rate
     "stall": [
         Case(_plain(), (0.01, 0.02), EITHER, heal=back_on("stall")),
-        Case(_plain(), (0.7, 0.8), FAULT, ("TX_BACKLOG", STALE, BUS), 0.06, back_on("stall")),
+        Case(_plain(), (0.55, 0.6), FAULT, ("TX_BACKLOG", STALE, BUS), 0.06, back_on("stall")),
     ],
     "silence": _silence(),
     "damage": [
@@ -156,7 +156,7 @@ CASES: Mapping[str, Sequence[Case]] = {
     "brown_out": [Case(lambda random: {"id": one(random)}, (0.3, 0.5), FAULT, GONE, 0.25)],
     "power": [
         Case(_plain(on=False), (0.05, 0.1), FAULT, GONE, 0.3, _power),
-        Case(_plain(on=False), (0.7, 0.8), FAULT, GONE, 0.3, _power),
+        Case(_plain(on=False), (0.55, 0.6), FAULT, GONE, 0.3, _power),
     ],
     "supply": _supply(),
     "heat": _heat(),

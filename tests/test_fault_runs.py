@@ -181,7 +181,7 @@ def test_an_armed_robot_tells_what_is_wrong_in_time_and_can_be_armed_again(
     obey(rig, [given])
     rig.seconds(random.uniform(*case.lasts))
     obey(rig, healing(case, given))
-    rig.seconds(1.3)  # the rules look back a second
+    rig.seconds(1.05)  # the rules look back a second
     codes = told(rig, begun)
     if case.alarm:
         assert min(codes.get(code, np.inf) for code in case.alarm) <= case.within, (given, codes)

@@ -1,0 +1,186 @@
+"""Fault runs over pseudo-terminals: the daemon and twind-virtual as processes, faults by the orders socket.
+
+What `Monitor` shows is judged by the history of the servos' registers. The servos' clock is CLOCK_MONOTONIC
+less the time that their process did not run (`lost`), so a reading is right if the register held it, to the
+count, within the exchange and what the two clocks may be apart.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pytest
+from fault_cases import CASES, FAULT, Case, healing, order
+from processes import Daemon, Virtual, daemon, robot
+
+from twind.client import CallError, Client, ClientError
+from twind.config.robot_file import load_robot
+from twind.virtual.specimen import specimen
+
+pytestmark = pytest.mark.realtime
+
+EARLY, LATE = 0.004, 0.04  # s: a refresh before the tick began, or after it on a loaded machine
+# Which case of each fault; the others differ in strength or ids, and are run under the fake clock.
+RUN = {
+    **{
+        "drop": 2,
+        "corrupt": 3,
+        "cut": 2,
+        "foreign": 1,
+        "duplicate": 1,
+        "noise": 0,
+        "delay": 4,
+        "bit_errors": 1,
+    },
+    **{"babble": 0, "split": 0, "latency": 1, "echo": 0, "collide": 0, "stall": 1, "silence": 1, "damage": 0},
+    **{"brown_out": 0, "power": 0, "supply": 1, "heat": 1, "lock": 0, "freeze": 0, "unplug": 0},
+}
+SWING = {"head_yaw": 0.5, "head_pitch": 0.3, "r_shoulder_pitch": -0.6, "l_shoulder_pitch": -0.6}
+
+
+class Watch(Thread):
+    """Everything that `Monitor` tells of state and events, until the daemon ends."""
+
+    def __init__(self, running: Daemon) -> None:
+        super().__init__(daemon=True)
+        self._client = running.client()
+        self.states: list[dict[str, Any]] = []
+        self.events: list[tuple[float, str]] = []
+        self.start()
+
+    def run(self) -> None:
+        with suppress(ClientError):
+            for news in self._client.stream("Monitor", topics=["state", "events"], rate=100.0):
+                if news["topic"] == "state":
+                    self.states.append(news)
+                else:
+                    self.events.append((news["event"]["time"], news["event"]["code"]))
+
+
+class LiveJudge:
+    """Judges the messages of a span of time by what the registers showed."""
+
+    def __init__(self, virtual: Virtual, watch: Watch) -> None:
+        self._virtual, self._watch = virtual, watch
+        made = specimen(load_robot("h24"))
+        self._joints = {joint.name: joint for joint in made.robot.joints}
+        self._zeros = made.zeros
+        self._seen, self._since = 0, -1.0
+        self._before: dict[str, float | None] = {}
+        self._lost = self._read_lost()
+        self.fresh = self.stale = 0
+
+    def _read_lost(self) -> float:
+        return float(self._virtual.order(query="state")["lost"])
+
+    def _history(self) -> tuple[np.ndarray, np.ndarray, list[int]]:
+        times, rows, more, ids = list[float](), list[list[int]](), True, list[int]()
+        while more:
+            page = self._virtual.order(query="history", since=self._since)
+            times, rows = times + page["time"], rows + page["position"]
+            more, ids = page["more"], page["ids"]
+            self._since = times[-1] if times else self._since
+        self._since -= 0.2  # what a message shows may have been read a little before
+        return np.array(times), np.array(rows), ids
+
+    def judge(self, said: str) -> None:
+        """All messages that came since the last time. Raises AssertionError."""
+        states = self._watch.states[self._seen :]
+        self._seen += len(states)
+        lost, self._lost = self._lost, self._read_lost()
+        times, rows, ids = self._history()
+        wrong: list[str] = []
+        for state in states:
+            first = np.searchsorted(times, state["time"] - self._lost - EARLY)
+            last = np.searchsorted(times, state["time"] - lost + LATE)
+            for joint in state["joints"]:
+                shown = rows[first:last, ids.index(joint["id"])] if last > first else np.empty(0)
+                wrong += self._one(joint, shown, state["time"])
+        assert not wrong, "\n".join([said, *wrong[:10]])
+
+    def _one(self, joint: dict[str, Any], shown: np.ndarray, at: float) -> list[str]:
+        name, place, age = joint["name"], joint["position"], joint["age_ms"]
+        before, self._before[name] = self._before.get(name, place), place
+        if not joint["heard"]:
+            self.stale += 1
+            if place is not None and (place != before or age is None or age <= 0.0):
+                return [f"{at:.3f} {name}: not heard, and yet {before} became {place}, {age} ms old"]
+            return []
+        self.fresh += 1
+        spec = self._joints[name]
+        counts = self._zeros[name] + place * spec.sign * spec.ratio * spec.type.ticks_per_turn / (2.0 * np.pi)
+        if not (np.abs(shown - counts) < 0.01).any():
+            return [f"{at:.3f} {name}: fresh {counts:.2f}, {age} ms old; its register held {shown.tolist()}"]
+        return []
+
+
+def to_and_fro() -> dict[str, Any]:
+    """Some joints away from the rest pose and back, again and again."""
+    names = list(SWING)
+    points = [
+        {"positions": [SWING[name] * (k % 2) for name in names], "velocities": [0.0] * len(names)}
+        | {"time_from_start": 1.2 * (k + 1)}
+        for k in range(1, 40)
+    ]
+    return {"joint_names": names, "points": points}
+
+
+@pytest.fixture(scope="module")
+def world() -> Iterator[tuple[Virtual, Daemon]]:
+    with robot("h24", "--seed", "1") as (virtual, folder), daemon(virtual, folder) as running:
+        running.reach(state="connected")
+        virtual.order(fault="record", count=20_000)
+        yield virtual, running
+
+
+def arm_and_move(client: Client, running: Daemon) -> None:
+    """Whatever is latched is acknowledged; then armed, and on the way."""
+    status = running.status()
+    if not status["armed"] or status["faults"] or status["state"] != "armed":
+        client.call("EStop", level="cut")
+        deadline = time.monotonic() + 10.0
+        while True:
+            with suppress(CallError):
+                client.call("Reset")
+                for joint in client.call("GetStatus", joints=True)["joints"]:
+                    if joint["faults"]:
+                        client.call("Reboot", bus=joint["bus"], id=joint["id"])
+                client.call("AcquireLease")
+                client.call("Arm")
+                break
+            assert time.monotonic() < deadline, running.status()
+            time.sleep(0.05)
+    client.call("AcquireLease")
+    client.call("SubmitTrajectory", trajectory=to_and_fro())
+
+
+def test_what_monitor_shows_is_right_or_marked_whatever_goes_wrong(world: tuple[Virtual, Daemon]) -> None:
+    virtual, running = world
+    watch = Watch(running)
+    judge = LiveJudge(virtual, watch)
+    with running.client() as client:
+        for name, number in RUN.items():
+            case: Case = CASES[name][number]
+            random = np.random.default_rng([number, *name.encode()])
+            given = order(name, case, random)
+            arm_and_move(client, running)
+            time.sleep(0.2)
+            begun = time.monotonic()
+            virtual.order(**given)
+            time.sleep(min(0.6, random.uniform(*case.lasts)))
+            for each in healing(case, given):
+                virtual.order(**each)
+            time.sleep(0.3)
+            judge.judge(str(given))
+            told = [at - begun for at, code in watch.events if at >= begun and code in case.alarm]
+            print(f"{name}: {given}: {'told after %.0f ms' % (told[0] * 1e3) if told else 'not told'}")
+            if case.alarm:
+                assert told and min(told) <= 2.0 * case.within + 0.05, (given, told, watch.events[-10:])
+            if case.ends == FAULT:
+                assert running.status()["faults"], given
+    print(f"{judge.fresh} fresh, {judge.stale} stale readings judged")
+    assert judge.fresh > 10_000
+    assert judge.stale > 1_000
