@@ -31,13 +31,13 @@ class Firmware:
     def __init__(self, memory: Memory, registers: Columns) -> None:
         self._registers = registers
         self._capped = np.array(["current_limit" in each for each in memory.tables])
-        # e-manual, "Drive Mode": there the reverse bit inverts velocity, current and PWM too
         wide = [each["goal_position"].bounds for each in memory.tables]
         self._widest = np.array(wide, np.int64).reshape(-1, 2).T  # ticks, where no limit register counts
         facts = [each.facts for each in memory.tables]
         self._full = np.array([float(each["pwm_limit"].bounds[1]) for each in memory.tables])
         self.turn = np.array([float(each.counts_per_turn or 4096) for each in facts])
         self.rpm = np.array([(each.radians_per_velocity_count or X_SPEED) * 30.0 / np.pi for each in facts])
+        # e-manual, "Drive Mode": there the reverse bit inverts velocity, current and PWM too
         self._inverts = np.array([each.stem.startswith("mx") or "540" in each.stem for each in memory.tables])
         self.changed()
 

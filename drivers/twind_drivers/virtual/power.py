@@ -12,13 +12,13 @@ from typing import Protocol
 import numpy as np
 
 from twind_drivers.virtual.columns import Columns
+from twind_drivers.virtual.drive import REVERSE
 from twind_drivers.virtual.memory import Bytes, Memory, factory
 from twind_drivers.virtual.muscles import Muscles
 
 BOOT = 0.1  # s off the bus after a reboot
 TURN = 4096  # ticks, of all models but the P series; also of the gripper, whose pages disagree
 OFFSET_IN_MODE_3 = 1024  # of a 4096 tick servo: a homing offset beyond it does nothing in position mode
-REVERSE = 1  # bit of the drive mode
 TORQUE_AT_BOOT, RAM_AT_BOOT = 1, 2  # bits of the startup configuration
 MODE_RESETS = (
     "position_d_gain",

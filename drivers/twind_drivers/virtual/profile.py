@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twind_drivers.virtual.muscles import RPM
+
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-RPM = 0.229  # rev/min per unit of register 112, X series
 RATE = 214.577  # rev/min² per unit of register 108, X series
 RATE_P = 1.0  # the P series' (assumed from older pages; today's give none)
 STEP = 0.002  # s
