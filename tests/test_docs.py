@@ -177,7 +177,8 @@ def readme_lines() -> list[str]:
 @pytest.mark.realtime
 def test_the_commands_of_the_readme_do_what_they_say_on_a_virtual_robot(tmp_path: Path) -> None:
     left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
-    verbs = [line for line in left if line.startswith("twindctl ") and not line.startswith("twindctl check")]
+    apart = ("check", "scan")  # those that need no daemon
+    verbs = [line for line in left if line.startswith("twindctl ") and line.split()[1] not in apart]
     assert [line.split()[1] for line in verbs] == [
         "status",
         "arm",
@@ -205,7 +206,9 @@ def test_the_commands_of_the_readme_do_what_they_say_on_a_virtual_robot(tmp_path
 @pytest.mark.realtime
 def test_the_other_commands_of_the_readme_run_as_printed(tmp_path: Path) -> None:
     left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
-    check, servos = [line for line in left if line.split()[:2] == ["twindctl", "check"] or "virtual" in line]
+    scan, check, servos = [
+        line for line in left if line.split()[1] in ("check", "scan") or line.startswith("twind-virtual")
+    ]
     robots = Path(str(resources.files("twind.robots")))
     shutil.copy(robots / "h24.yaml", tmp_path / "my_robot.yaml")
     shutil.copy(robots / "h24.xml", tmp_path)
@@ -223,6 +226,8 @@ def test_the_other_commands_of_the_readme_run_as_printed(tmp_path: Path) -> None
     assert process.stdout.readline().startswith("bus main ")
     assert process.stdout.readline() == "ready\n"
     assert (tmp_path / "robot" / "main").exists() and (tmp_path / "robot-faults").is_socket()
+    found = run(scan.replace("/dev/ttyUSB0", f"{tmp_path}/robot/main"), tmp_path, environment)
+    assert found.count("XM430-W350") == 24 and "2000000" in found.replace(",", "").replace("_", "")
     process.stdin.close()
     assert process.wait(10.0) == 0
     process.stdout.close()
