@@ -148,6 +148,16 @@ def test_without_power_nobody_answers_and_with_it_all_have_booted() -> None:
     assert host.read(3, 64, 1) == 0
 
 
+def test_what_was_under_way_when_the_adapter_was_pulled_out_never_comes() -> None:
+    host = Host(IDS)
+    host.bus.receive(packet.ping(2), host.clock.now())
+    host.bus.faults.unplug()
+    host.bus.faults.replug()
+    host.wait(0.01)
+    assert host.bus.take(host.clock.now()) == b""
+    assert [each.id for each in host.ask(packet.ping(3))] == [3]
+
+
 def test_all_connectors_pulled_and_plugged_in() -> None:
     host, request = Host(IDS), packet.sync_read(IDS, 132, 4)
     host.bus.faults.silence()

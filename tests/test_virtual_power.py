@@ -91,6 +91,20 @@ def test_a_p_series_has_its_own_turn() -> None:
     assert host.read(1, 580, 4) == 5
 
 
+def test_a_boot_ends_a_trip_of_the_watchdog() -> None:
+    """Register 98 is RAM (e-manual, "Bus Watchdog"): 0 after a boot, goals are open again."""
+    host = Host([1])
+    host.write(1, 98, 5, 1)
+    host.torque(1)
+    host.wait(0.2)
+    assert (host.read(1, 98, 1), host.goal(1, 2100)) == (-1, 4)
+    reboot(host)
+    host.torque(1)
+    assert (host.read(1, 98, 1), host.goal(1, 2100)) == (0, 0)
+    host.wait(1.0)
+    assert host.present(1) == pytest.approx(2100, abs=1)
+
+
 # ---------------------------------------------------------------------- startup configuration
 
 
