@@ -17,6 +17,7 @@ class Port:
     def __init__(self) -> None:
         self.full, self.late, self.taken = False, b"", b""
         self.holds, self.waiting, self.flushed, self.writes = False, 0, 0, 0
+        self.cut_short = False
 
     def fileno(self) -> int:
         return -1
@@ -27,6 +28,8 @@ class Port:
     def write(self, data: bytes | bytearray | memoryview) -> None:
         if self.full:
             raise PortError(self.name, "full")
+        if self.cut_short:
+            raise PortFull(self.name, 1, len(data))
         self.taken += bytes(data)
         self.writes += 1
 
@@ -291,3 +294,45 @@ def test_goals_and_request_leave_in_one_write_or_in_two(one_write: bool, writes:
     assert (port.taken, port.writes) == (b"goals" + PING.packet, writes)
     line.send(PING, 0.0, goals=True)
     assert port.writes == writes + 1
+
+
+def test_torque_off_that_is_thrown_away_with_what_waited_leaves_again_until_an_answer_shows_it_left(
+    line: Line,
+) -> None:
+    """R23 on a stalled adapter: the port takes the packet, and the next look throws it away."""
+    port = line.transport
+    assert isinstance(port, Port)
+    port.holds, line.urgent = True, b"off"
+    talk(line, b"")
+    port.waiting = len(b"off" + PING.packet)
+    talk(line, b"", now=0.1)
+    for now in (0.2, 0.4):
+        port.waiting = 1000
+        with pytest.raises(PortFull):
+            line.send(PING, now)
+        port.taken = b""
+        talk(line, b"", now=now + 0.1)
+        assert port.taken == b"off" + PING.packet
+    talk(line, OWN, now=1.0)
+    port.waiting, port.taken = 1000, b""
+    with pytest.raises(PortFull):
+        line.send(PING, 1.1)
+    talk(line, OWN, now=1.2)
+    assert port.taken == PING.packet
+
+
+def test_a_packet_that_the_port_cuts_short_is_no_question_and_torque_off_goes_before_the_next(
+    line: Line,
+) -> None:
+    port = line.transport
+    assert isinstance(port, Port)
+    line.urgent = b"off"
+    talk(line, b"")
+    port.cut_short, line.goals = True, b"goals"
+    with pytest.raises(PortFull):
+        line.send(PING, 0.1, goals=True)
+    assert line.feed(0.1)
+    assert line.end() is None
+    port.cut_short, port.taken = False, b""
+    talk(line, OWN, now=0.2)
+    assert port.taken == b"off" + PING.packet

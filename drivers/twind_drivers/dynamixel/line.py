@@ -33,7 +33,8 @@ class Line:
     """The wire of one bus.
 
     `goals` leave with the next cyclic request. `urgent` leaves with the next write of any kind; goals that
-    were set before it left are dropped.
+    were set before it left are dropped. Until an answer shows that it left, it is sent again when what waits
+    in the port is thrown away.
 
     `foreign` counts whole sound packets that nobody asked for. A status of a device that missed an answer
     within the last second is not one of them: it may be that answer. `echo`: the adapter gives back what we
@@ -55,6 +56,7 @@ class Line:
         self.return_delay_s, self.one_write = return_delay_s, one_write
         self.urgent = b""
         self.goals = b""
+        self._leaving = b""  # urgent, written, and not yet known to have left the port
         self.sent = self.received = self.deadline = -inf  # s
         self.strays = 0  # bytes dropped in the present transaction
         self.foreign = 0  # packets; whoever reports it sets it back
@@ -74,9 +76,17 @@ class Line:
     def send(self, exchange: Exchange, now: float, *, goals: bool = False) -> None:
         """Begin a transaction: late bytes of the last one are dropped, then everything leaves.
 
-        Raises PortError; PortFull when more than the last packet still waits in the port (R23). Goals
-        that could not be sent are dropped, an urgent packet stays until it is sent.
+        Raises PortError; PortFull when more than the last packet still waits in the port (R23), or it does
+        not take all of this one. Goals that could not be sent are dropped, an urgent packet is sent later.
         """
+        try:
+            self._send(exchange, now, goals=goals)
+        except PortFull:
+            self.exchange, self._done = None, True
+            self.urgent, self._busy = self.urgent or self._leaving, -inf
+            raise
+
+    def _send(self, exchange: Exchange, now: float, *, goals: bool) -> None:
         self.exchange, self._done = None, True
         self.strays = self.transport.drain(self._late)
         if self.strays:
@@ -97,7 +107,8 @@ class Line:
             self.transport.write(exchange.packet)
         else:
             self.transport.write(lead + exchange.packet)
-        self.urgent = b""
+        if self.urgent:
+            self._leaving, self.urgent = self.urgent, b""
         begin = max(now, self._busy)
         self._busy = begin + wire(len(lead) + len(exchange.packet), self.baud)
         self.received = now
@@ -123,6 +134,8 @@ class Line:
         if reply is not None:
             reply.end()
             self.strays += reply.strays
+            if self._leaving and reply.answered.any():
+                self._leaving = b""
             if reply.unasked:
                 self._judge(reply.unasked, reply.first)
             if self._owed or not reply.whole:
@@ -135,7 +148,6 @@ class Line:
         waiting, most = self.transport.backlog(), len(self._out[0]) + len(self._out[1])
         if waiting > most:
             self.transport.flush()
-            self._busy = -inf
             raise PortFull(self.name, waiting, most)
 
     def _look_back(self) -> None:
