@@ -79,6 +79,21 @@ def test_a_mirror_shows_no_wrong_reading_as_fresh(
     wire.verdict(str(given))
 
 
+@pytest.mark.parametrize("late", range(1, 13))
+@pytest.mark.parametrize("id", [None, 15])
+def test_answers_that_are_late_by_whole_cycles_are_never_taken_for_new_ones(
+    mirror: tuple[Rig, Judge, Wire], id: int | None, late: int
+) -> None:
+    """Of the bus, or of one servo among others that answer in time; a late joint answer holds up both."""
+    rig, judge, _ = mirror
+    rig.ticks(late)
+    obey(rig, [{"fault": "delay", "seconds": 0.01 * late} | ({} if id is None else {"id": id})])
+    rig.ticks(30)
+    obey(rig, [{"fault": "clear"}])
+    rig.ticks(5 + late)
+    judge.verdict(f"id {id}, {late} cycles")
+
+
 # Alone they change nothing; a run of several faults shall not be spent on them.
 IDLE = {"free", "replug", "clear", "seed", "record", "garble"}
 
@@ -148,13 +163,17 @@ def told(rig: Rig, since: float) -> dict[str, float]:
 def bring_back(rig: Rig, down: type[link.Command], **how: Any) -> None:
     """Torque off, latches acknowledged, servos that shut themselves down restarted, and armed again."""
     if rig.loop.latches:
+        while down is link.Disarm and rig.loop.procedures.rank is not None:
+            rig.ticks(1)  # it is on its way down already
         assert rig.call(down, ticks=900, **how).error is None
         assert rig.call(link.Reset).error is None
         for name, bus in rig.virtual.items():
             for row in np.flatnonzero(bus.servos["hardware_error_status"]).tolist():
                 id = bus.servos.registers.id_of(row)
                 assert rig.call(link.Reboot, bus=name, id=id).error is None
+                rig.ticks(5)
         rig.connect()
+        rig.seconds(1.05)  # servos that restart do not answer, and the rules look back a second
         rig.lease()
         reply = rig.call(link.Arm)
         assert reply.error is None, reply

@@ -5,14 +5,15 @@ until a reading of all who are still asked was whole.
 
 A late answer. It carries no number of its request, so that of the last cycle looks like that of this one.
 In trouble each next request therefore asks for another length of the block (`Layout.wider`): a late answer
-has the wrong length and is dropped. Answers come in order, so whoever answers with a length that is used for
-the first time proves that nothing older is under way, and all lengths are free again.
+has the wrong length and is dropped. Answers of one device come in order, so if it answers with a length
+that was not used since its last one, nothing older of it is under way, and all lengths are free again for it.
 
-Nine cycles without any answer use them up. From then on a length is an old one, and a reading is a suspect:
-nobody is heard until three in a row were whole with no stray byte around. A pile of late answers has strays,
-and a steady delay meets the lengths in another order, as that changes from turn to turn. What stays possible:
-only then, an answer some tens of cycles late whose pile ends in three windows that look whole and clean, each
-in the length just asked for (none in 12,000 random runs of delays up to 40 writes, 2026-11; one with two).
+Nine cycles without its answer use them up. Who answers with a length used meanwhile is a suspect: not
+heard until three of its answers in a row came in time with no stray byte around. A pile of late answers has
+strays, and a steady delay meets the lengths in another order, as that changes from turn to turn.
+What stays possible: only then, an answer some tens of cycles late whose pile ends in three windows that look
+clean, each in the length just asked for (none in 12,000 random runs of delays up to 40 writes, 2026-11; one
+with two).
 """
 
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.bus import Sample
+from twind_drivers.bus import Bools, Sample
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.attendance import Attendance
 from twind_drivers.dynamixel.layout import Layout
@@ -36,7 +37,7 @@ T = TypeVar("T", bound=np.generic)
 REFUSALS = (packet.Error.DATA_LENGTH, packet.Error.ACCESS)  # of a block that a device does not have
 REFUSED = 3  # in a row, after which the longer blocks are not asked any more
 
-SURE = 3  # whole clean readings in a row after which a suspect one is believed
+SURE = 3  # answers in a row, without a stray byte around, after which a suspect is believed
 CALM = 2  # whole plain readings in a row before the fast one is tried again
 
 
@@ -64,11 +65,16 @@ class Cyclic:
             for before, size in layouts[0].wider
             if size <= most and all((before, size) in other.wider for other in layouts)
         ]
-        self.proven = True  # the last answer heard was to the last request
+        # In trouble, of each device: was its last answer to the last request?
+        self.proven: Bools = np.ones(len(ids), np.bool_)
         self._calm = self._turn = 0
         self._refused = 0  # longer blocks in a row that somebody refused
-        self._unproven = 0  # readings in trouble since anybody was heard
-        self._clean = 0  # of those, the last ones that were whole without a stray byte
+        self._cycle = 0
+        self._proven_at = np.zeros(len(ids), np.int64)  # the cycle in which each was heard last
+        self._clean = np.zeros(len(ids), np.int64)  # readings in a row with its answer and nothing astray
+        self._mixed = False  # somebody has used up all lengths
+        self._used_at: dict[int, int] = {}  # length, by its place in the ring -> the cycle it was asked last
+        self._before = 0  # the cycle in which the length asked now was asked before
         self._data: Octets | None = None
         self.rebuild()
 
@@ -89,6 +95,7 @@ class Cyclic:
 
     def next(self) -> Exchange:
         """The request of this cycle."""
+        self._cycle += 1
         self._now = self._troubled() if self.trouble else self._quick if self.fast else self._steady
         return self._now.exchange
 
@@ -99,7 +106,8 @@ class Cyclic:
         self._turn += 1
         turn, place = divmod(self._turn, count)
         steps = [step for step in range(1, count) if gcd(step, count) == 1] or [1]
-        which = place * steps[turn % len(steps)] % count if self._unproven >= count else place
+        which = place * steps[turn % len(steps)] % count if self._mixed else place
+        self._before, self._used_at[which] = self._used_at.get(which, 0), self._cycle
         if which not in self._ring:
             self._ring[which] = self._question(*self._wider[which])
         return self._ring[which]
@@ -118,8 +126,9 @@ class Cyclic:
             position, velocity, effort = self._spread(position), self._spread(velocity), self._spread(effort)
             error, heard = self._spread(error), self._spread(heard)
         if self.trouble or not reply.whole:
-            heard = heard & self._prove(reply, line.strays)
-            self._judge(asked, now)
+            answered = reply.answered if self._all else self._spread(reply.answered)
+            heard = heard & self._prove(answered, line.strays)
+            self._judge(asked, answered, now)
         foreign, line.foreign = line.foreign, 0
         return Sample(
             sent=line.sent,
@@ -140,18 +149,22 @@ class Cyclic:
         self.trouble, self._calm = True, CALM
         self.rebuild()
 
-    def _prove(self, reply: PlainReply | FastReply, strays: int) -> bool:
-        """Are the answers to this request? Those to a length of which none can be under way are."""
-        self._clean = self._clean + 1 if reply.whole and not strays else 0
-        suspect = self.trouble and self._unproven >= len(self._wider) > 0
-        self.proven = bool(np.count_nonzero(reply.answered)) and (not suspect or self._clean >= SURE)
-        self._unproven = 0 if self.proven else self._unproven + 1
+    def _prove(self, answered: Bools, strays: int) -> Bools:
+        """Whose answer (m,) is to this request? One in a length of which none can be under way is."""
+        if not self.trouble:  # the first hole: in the cycle before everybody who is asked was heard
+            self._proven_at[self._places], self._before = self._cycle - 1, 0
+        self._clean = np.where(answered & (strays == 0), self._clean + 1, 0)
+        suspect = (self._before > self._proven_at) & bool(self._wider)
+        self.proven = answered & (~suspect | (self._clean >= SURE))
+        self._proven_at[self.proven] = self._cycle
+        waited = self._cycle - self._proven_at[self._places]
+        self._mixed = bool((waited >= len(self._wider)).any())
         return self.proven
 
-    def _judge(self, asked: Question, now: float) -> None:
-        reply = asked.reply
+    def _judge(self, asked: Question, answered: Bools, now: float) -> None:
+        reply, could = asked.reply, self.attendance.asked
         if reply.whole:
-            if self.proven:
+            if not np.count_nonzero(could & ~self.proven):
                 self.attendance.whole()
                 self._calm -= 1
                 self.trouble = self._calm > 0
@@ -163,7 +176,6 @@ class Cyclic:
             self._refused = self._refused + 1 if np.count_nonzero(refusing) else 0
             if self._refused >= REFUSED:
                 self._wider = []  # somebody refuses the longer blocks: late answers are not told by length
-        answered, could = self._spread(reply.answered), self.attendance.asked
         if asked.fast:
             first = np.flatnonzero(could & ~answered)[:1]
             could = answered.copy()

@@ -139,7 +139,7 @@ class DynamixelReader:
     def answer(self, now: float) -> Reply:
         """End it. What was read of the slow registers is kept in `registers`, with its time.
 
-        Not while nobody answers the cyclic reading: then this may be a late answer to an earlier question.
+        But not of a device that did not answer the cyclic reading: it may answer an earlier question here.
         """
         exchange = self.line.end()
         reply: Expected | None = exchange.reply if exchange else None
@@ -149,18 +149,28 @@ class DynamixelReader:
         heard, answered, errors = reply.heard.tolist(), reply.answered.tolist(), reply.error.tolist()
         data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
         error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
-        if isinstance(self._query, Read) and self.cyclic.proven:
-            own = reply.data if reply.whole else reply.data[reply.heard]
-            self.slow.fold(self._query, tuple(data), own, self.line.received)
+        if isinstance(self._query, Read):
+            self._fold(self._query, reply)
         if self.cyclic.attendance.parked:
             self._welcome(data, now)
         self._query = None
         return Reply(data, error, waited, self.line.strays)
 
+    def _fold(self, query: Read, reply: Expected) -> None:
+        if reply.whole and not self.cyclic.trouble:
+            self.slow.fold(query, reply.ids, reply.data, self.line.received)
+            return
+        sound = reply.heard.copy()
+        if self.cyclic.trouble:
+            late = {id for id, ok in zip(self.ids, self.cyclic.proven.tolist(), strict=True) if not ok}
+            sound &= [id not in late for id in reply.ids]
+        ids = tuple(id for id, ok in zip(reply.ids, sound.tolist(), strict=True) if ok)
+        self.slow.fold(query, ids, reply.data[sound], self.line.received)
+
     def upkeep(self, now: float) -> Query:
         """The next slice of the slow registers, round robin (the arithmetic: `budget.Upkeep`).
 
-        Once a second, for each parked device, a read of what its cyclic reading would be: the probe.
+        For each parked device, at last once a second, a read of what its cyclic reading would be: the probe.
         """
         place = self.cyclic.attendance.due(now)
         return self.slow.next() if place is None else Read((self.ids[place],), *self.cyclic.block(place))
