@@ -146,6 +146,9 @@ def test_the_latency_timer_holds_back_what_does_not_fill_a_packet(timer: float, 
     assert b"".join(part for _, part in parts) == clean
     assert all(len(part) % payload == 0 for _, part in parts[:-1])
     assert parts[-1][0] <= timer + len(clean) * 5e-6 + len(request) * 5e-6
+    if (timer, payload) == (0.016, 62):  # 344 bytes on the wire are over before the timer is
+        arrived = (len(request) + len(clean)) * 5e-6
+        assert parts[0] == (pytest.approx(arrived), clean[: 5 * 62]), "full packets do not wait for the timer"
     if payload > len(clean):
         assert len(parts) == 1, "344 bytes never fill 510: each answer ends on the timer"
 
