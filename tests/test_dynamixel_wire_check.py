@@ -47,6 +47,13 @@ def test_anything_else_is_not_sent(data: bytes) -> None:
         CHECK.judge(data)
 
 
+@pytest.mark.parametrize("address", [*range(224, 252), *range(634, 662)])
+def test_nothing_is_written_by_way_of_an_indirect_address(address: int) -> None:
+    """Indirect data 1..56 of an X430 is whatever register it is mapped to, a goal or torque too."""
+    with pytest.raises(WireClamp, match="read-only address"):
+        CHECK.judge(p.write(1, address, b"\1"))
+
+
 @given(st.integers(0, 700), st.binary(min_size=1, max_size=12))
 @settings(max_examples=300, deadline=None)
 def test_no_write_reaches_a_goal_register_but_a_goal_inside_its_fence(address: int, data: bytes) -> None:

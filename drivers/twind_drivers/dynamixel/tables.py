@@ -81,7 +81,8 @@ class Table:
     model: str  # "XM430-W350"
     stem: str  # the vendor's file: "xm430_w350"
     fields: Mapping[str, Field]  # by key
-    writable: frozenset[int]  # addresses
+    # Addresses that an order may write. No indirect data: it is whatever register it is mapped to, a goal too.
+    writable: frozenset[int]
 
     def __getitem__(self, name: str) -> Field:
         """A register by its name, in either spelling. Raises KeyError that lists the near names."""
@@ -146,9 +147,9 @@ def table(number: int, firmware: int = 0) -> Table:
         (key := snake(name)): Field(name, key, address, size, address < ram, rule(stem, key))
         for name, address, size in rows
     }
-    spans = (range(each.address, each.end) for each in fields.values() if each.rule.writable)
-    writable = frozenset(address for span in spans for address in span)
-    return Table(number, _model(_index()[number]), stem, MappingProxyType(fields), writable)
+    writable = {at for each in fields.values() if each.rule.writable for at in range(each.address, each.end)}
+    mapped = {each.address for key, each in fields.items() if key.startswith("indirect_data")}
+    return Table(number, _model(_index()[number]), stem, MappingProxyType(fields), frozenset(writable - mapped))
 
 
 @cache

@@ -47,6 +47,7 @@ ELSEWHERE = {
     "id": "it would answer under another id than this bus knows",
     "baud_rate": "it would answer at another baud rate than this bus has",
     "protocol_type": "it would no longer speak this protocol",
+    "indirect_data": "it is the register that it is mapped to: write that one",
 }
 
 
@@ -223,8 +224,9 @@ class DynamixelWriter:
         """
         table = self._reader.table(id)
         field = table[name]
-        if field.key in ELSEWHERE:
-            raise ValueError(f"{field.name} is not written here: {ELSEWHERE[field.key]}")
+        key = "indirect_data" if field.key.startswith("indirect_data") else field.key
+        if key in ELSEWHERE:
+            raise ValueError(f"{field.name} is not written here: {ELSEWHERE[key]}")
         field.check(value)
         if field.eeprom and (yield from self._reader.read(id, "torque_enable")).value:
             reason = "is EEPROM, writable only while torque is off: disarm first"
