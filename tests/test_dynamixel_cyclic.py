@@ -206,6 +206,30 @@ def test_a_servo_that_refuses_the_longer_blocks_is_read_with_the_usual_one() -> 
     assert sample.heard.all()
 
 
+@pytest.mark.parametrize("error", [p.Error.CRC, p.Error.ACCESS])
+def test_a_single_error_is_no_refusal_of_the_longer_blocks(error: int) -> None:
+    """A bit error makes a request look like one to a single servo, which answers it with an error status."""
+    servos = Servos(IDS)
+    rig = Rig(servos)
+    change, spoilt = rig.wire.change, [9, 6, 3]
+
+    def spoil(reply: bytes) -> bytes:
+        if servos.seen[-1].instruction != PLAIN or servos.seen[-1].params[2] <= 12 or not spoilt:
+            return change(reply)
+        spoilt.pop()
+        return p.status(3, error) if error == p.Error.CRC or len(spoilt) == 1 else change(reply)
+
+    rig.wire.change = spoil
+    servos.silent = {7}
+    for _ in range(6):
+        rig.tick()
+    before = len(rig.asked)
+    servos.silent = {8}
+    for _ in range(3):
+        rig.tick()
+    assert all(each.params[2] > 12 for each in rig.asked[before + 1 :] if each.instruction == PLAIN)
+
+
 # --------------------------------------------------------------------------------------------- late answers
 
 
