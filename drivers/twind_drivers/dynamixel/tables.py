@@ -81,7 +81,7 @@ class Table:
     model: str  # "XM430-W350"
     stem: str  # the vendor's file: "xm430_w350"
     fields: Mapping[str, Field]  # by key
-    # Addresses that an order may write. No indirect data: it is whatever register it is mapped to, a goal too.
+    # Addresses that an order may write. No indirect data: it is whatever it is mapped to, a goal too.
     writable: frozenset[int]
 
     def __getitem__(self, name: str) -> Field:
@@ -149,7 +149,8 @@ def table(number: int, firmware: int = 0) -> Table:
     }
     writable = {at for each in fields.values() if each.rule.writable for at in range(each.address, each.end)}
     mapped = {each.address for key, each in fields.items() if key.startswith("indirect_data")}
-    return Table(number, _model(_index()[number]), stem, MappingProxyType(fields), frozenset(writable - mapped))
+    allowed = frozenset(writable - mapped)
+    return Table(number, _model(_index()[number]), stem, MappingProxyType(fields), allowed)
 
 
 @cache
