@@ -64,10 +64,11 @@ def test_it_never_overshoots_and_never_exceeds_its_speed(goal: float, dt: float)
 
 @pytest.mark.parametrize("mode", [0, 1, 3, 16])
 def test_a_joint_without_torque_stays_where_it_is(mode: int) -> None:
-    muscles = powered(start=100.0, mode=mode, on=False)
-    muscles.aim(np.array([900.0]))
-    muscles.advance(5.0)
-    assert muscles.position[0] == 100.0
+    muscles = powered(start=100.3, mode=mode, on=False)
+    for now, goal in ((5.0, 900.0), (9.0, -1e9 / 7.0)):
+        muscles.aim(np.array([goal]))
+        muscles.advance(now)
+        assert muscles.position[0] == 100.3, "not by the least bit"
     assert muscles.velocity[0] == muscles.current[0] == muscles.pwm[0] == 0.0
 
 
