@@ -265,6 +265,19 @@ def test_a_sync_write_with_a_wrong_crc_changes_nothing() -> None:
     assert host.servos["goal_position"].tolist() == [2048, 2048]
 
 
+@pytest.mark.parametrize("ask", [packet.fast_sync_read, packet.sync_read])
+def test_a_remembered_read_that_comes_too_late_does_not_save_a_servo_from_its_watchdog(ask) -> None:
+    """e-manual, "Bus Watchdog": it trips by itself, though nobody looks before the next packet."""
+    host = Host([1])
+    host.write(1, 98, 5, 1)
+    host.torque(1)
+    for late, tripped in ((0.09, False), (0.09, False), (0.11, True)):
+        host.raw(ask([1], 98, 1))
+        host.clock.sleep_until(host.clock.now() + late)
+        host.raw(ask([1], 98, 1))
+        assert host.servos.tripped[0] == tripped
+
+
 def test_goals_beyond_a_limit_are_dropped_one_by_one() -> None:
     host = Host([1, 2, 3])
     goals = {1: 2100, 2: 5000, 3: 2300}

@@ -61,6 +61,17 @@ def test_a_boot_leaves_one_turn_in_every_mode(turned: int, mode: int) -> None:
     assert host.present(1) == turned % 4096
 
 
+@pytest.mark.parametrize("mode", [0, 1, 4, 5, 16])
+def test_torque_on_keeps_the_turns_but_in_position_mode(mode: int) -> None:
+    """e-manual, operating mode note, case 2: of mode 3 alone."""
+    host = Host([1], settings={"operating_mode": mode})
+    host.write(1, 100, 0, 2)  # no output, so that it stays there
+    host.muscles.position[0] = 9000.0
+    host.wait(0.01)
+    host.torque(1)
+    assert host.present(1) == 9000
+
+
 def test_near_tick_0_a_boot_may_come_back_a_turn_away_by_its_seed() -> None:
     """DynamixelSDK #380, #515; forum 4570. The same seed gives the same boots; away from the seam nothing."""
     runs = []
