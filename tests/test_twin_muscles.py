@@ -81,6 +81,19 @@ def test_the_integral_gain_takes_the_error_away() -> None:
     assert abs(muscles.position[0] - 3024) < 3
 
 
+def test_the_integral_gain_adds_its_share_once_a_millisecond_and_ends_with_torque() -> None:
+    """e-manual, "Position PID Gain": I / 65536; that its loop runs once a millisecond is assumed."""
+    muscles = arms()
+    muscles.block(np.array([True, True]))
+    power(muscles, p=0, i=100)
+    muscles.aim(muscles.position + np.array([200.0, 0.0]))
+    muscles.advance(1.0)
+    assert muscles.pwm[0] == pytest.approx(100 / 65536 * 200 * 1000, rel=0.01)
+    power(muscles, on=False)
+    muscles.advance(1.1)
+    assert muscles.pwm[0] == muscles.current[0] == 0.0
+
+
 @pytest.mark.parametrize(("pwm", "current"), [(60, 1193), (885, 58)])
 def test_the_caps_of_pwm_and_current_bound_the_torque(pwm: float, current: float) -> None:
     """Both leave 0.28 N·m: friction and cap together hold the arm below asin((0.28 + 0.1) / 0.98)."""
@@ -247,6 +260,21 @@ def test_in_mode_5_the_goal_current_bounds_the_current_on_the_move_and_against_a
     muscles.advance(6.0)
     assert muscles.current == pytest.approx([cap, cap], rel=0.02)
     assert np.abs(muscles.position - here).max() < 10, "something holds it fast"
+
+
+def test_in_mode_5_braking_from_full_speed_keeps_the_cap_too() -> None:
+    """Back-EMF and output then push the same way: up to twice the stall current of 856."""
+    muscles = arms(friction=0.0)
+    power(muscles, mode=5, current=1000.0)
+    muscles.aim(muscles.position + 3 * 4096.0)
+    muscles.advance(0.6)
+    assert np.abs(muscles.velocity).min() > 120
+    muscles.aim(muscles.position - 3 * 4096.0)
+    worst = 0.0
+    for k in range(50):
+        muscles.advance(0.6 + 0.002 * (k + 1))
+        worst = max(worst, np.abs(muscles.current).max())
+    assert 900 < worst < 1010
 
 
 @settings(max_examples=25, deadline=None)

@@ -117,7 +117,7 @@ class Loops:
         self._mode = np.full(count, 3)
         self._ki, self._emf, self._full = np.zeros(count), np.zeros(count), np.ones(count)
         self._output, self._floor, self._ceiling = np.zeros(count), np.zeros(count), np.zeros(count)
-        self._pwm_cap, self._most = np.zeros(count), np.zeros(count)
+        self._most = np.zeros(count)
         self._live: Places = np.zeros(0, np.intp)
         self._simple = True  # does everyone seek a position?
         self._each = np.zeros(count, np.bool_)
@@ -152,7 +152,7 @@ class Loops:
         ki = np.select([on & seeks, on & spins], [drive.i * ticks, drive.velocity_i * raw])
         self._ki[at] = ki / 65536.0 * full / CYCLE
         self.integral[at] = np.where(self._ki[at] > 0.0, self.integral[at], 0.0)
-        self._mode[at], self._full[at], self._pwm_cap[at] = mode, np.maximum(full, 1e-12), drive.pwm_cap
+        self._mode[at], self._full[at] = mode, np.maximum(full, 1e-12)
         self._output[at], self._most[at] = output, current
         self._floor[at], self._ceiling[at] = -current, current
         most = np.where(mode == CURRENT_POSITION, 2.0 * output, output)  # braking adds the back-EMF
@@ -167,13 +167,12 @@ class Loops:
             return angle
         mode, way = self._mode[at], self._way[at]
         speed = goal * self._speed_lsb[at] * way / self._ratio[at]
-        counts = np.clip(goal, -self._pwm_cap[at], self._pwm_cap[at])
         torque = goal * self._torque_lsb[at] * self._ratio[at] * way
         torque = np.clip(torque, -self._most[at], self._most[at])
         wanted = mode == CURRENT
         self._floor[at] = np.where(wanted, torque, self._floor[at])
         self._ceiling[at] = np.where(wanted, torque, self._ceiling[at])
-        return np.select([wanted, mode == VELOCITY, mode == PWM], [0.0 * goal, speed, counts], angle)
+        return np.select([wanted, mode == VELOCITY, mode == PWM], [0.0 * goal, speed, goal], angle)
 
     def step(self, data: mujoco.MjData) -> None:
         """Before one step of the physics: the integral terms, and the room that the back-EMF leaves."""
