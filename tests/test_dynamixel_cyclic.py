@@ -115,6 +115,47 @@ def test_behind_a_hole_of_a_fast_reading_nobody_is_counted_as_missing() -> None:
     assert gone == [[], [], [], [7], [7, 12], [7, 12]]  # 12 was missed for the first time one cycle later
 
 
+@pytest.mark.parametrize(("away", "most"), [(0.1, 0.16), (0.15, 0.28)])
+def test_a_servo_that_restarts_is_back_soon_and_its_slow_registers_are_known_in_the_next_tick(
+    away: float, most: float
+) -> None:
+    """R11: a servo that lost its torque unasked is told by its registers. Off the bus some 100 ms
+    (e-manual, "Reboot")."""
+    servos = Servos(IDS)
+    rig = Rig(servos)
+    servos.put(7, 64, 1, 1)
+    for _ in range(20):
+        rig.tick()
+    gone, place = rig.clock.now(), IDS.index(7)
+    servos.silent = {7}
+    while rig.clock.now() < gone + away:
+        rig.tick()
+    assert rig.reader.registers.torque[place] == 1
+    servos.silent = set()
+    servos.put(7, 64, 0, 1)
+    while not rig.tick().heard[place]:
+        assert rig.clock.now() < gone + most
+    rig.tick()
+    assert rig.reader.registers.torque[place] == 0
+    assert rig.reader.registers.tick[place] == 0
+    assert rig.clock.now() - rig.reader.registers.status_time[place] < 2.5 * PERIOD
+    assert rig.clock.now() - rig.reader.registers.health_time[place] < 1.5 * PERIOD
+
+
+def test_a_parked_servo_that_answers_with_an_error_alone_is_back_too() -> None:
+    """What it says is no reading, but it is there."""
+    servos = Servos(IDS)
+    rig = Rig(servos)
+    servos.silent = {7}
+    for _ in range(10):
+        rig.tick()
+    servos.silent, servos.error[7] = set(), p.Error.DATA_LENGTH
+    rig.reader.begin(Read((7,), 126, 10), rig.clock.now())
+    rig.reader.feed(rig.clock.now())
+    rig.reader.answer(rig.clock.now())
+    assert rig.read().asked.all()
+
+
 def test_what_answers_anything_is_back() -> None:
     servos = Servos(IDS)
     rig = Rig(servos)

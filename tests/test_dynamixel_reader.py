@@ -12,6 +12,7 @@ from twind_drivers.bus import (
     NoReply,
     Ping,
     PortError,
+    PortFull,
     Read,
     Sample,
     Write,
@@ -22,6 +23,7 @@ from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.cyclic import CALM
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.dynamixel.writer import DynamixelWriter
 
 IDS = tuple(range(1, 25))
 FAST, PLAIN = p.Instruction.FAST_SYNC_READ, p.Instruction.SYNC_READ
@@ -253,6 +255,21 @@ def test_status_is_as_old_as_the_older_of_its_two_slices() -> None:
     reader.slow.forget(2)
     assert reader.registers.status_time.tolist() == [-inf, -inf]
     assert reader.registers.torque.tolist() == [0, -1]
+
+
+def test_a_query_that_a_full_port_did_not_take_is_not_answered_by_what_comes_next() -> None:
+    """R23, then a register write: its answer carries no data, and nothing is kept of it."""
+    servos = Servos((1,))
+    reader, wire = make(servos, ids=(1,), fast=False)
+    wire.holds, wire.backlog = True, lambda: 1000
+    with pytest.raises(PortFull):
+        reader.begin(reader.upkeep(0.0), 0.0)
+    wire.holds = False
+    writer = DynamixelWriter(reader, lower=np.array([0]), upper=np.array([4095]))
+    writer.begin(Write({1: b"\1"}, 65), 0.01)
+    assert reader.feed(0.01)
+    assert reader.answer(0.01).error == {1: 0}
+    assert reader.registers.status_time.tolist() == [-inf]
 
 
 def test_a_tripped_watchdog_reads_as_255() -> None:

@@ -84,7 +84,7 @@ class DynamixelReader:
         self.slow = SlowRegisters(self.ids, tables, layouts)
         self.registers: Registers = self.slow.registers
         self._schedule()
-        self._query: Request | None = None
+        self._query: Query | None = None  # the rare transaction under way, if it asks something
 
     @property
     def deadline(self) -> float:
@@ -131,17 +131,17 @@ class DynamixelReader:
         """Begin one query. Raises PortError; TypeError for anything that writes."""
         if not isinstance(query, Ping | Read):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
+        self.line.send(self._asking(query), now)
         self._query = query
         if isinstance(query, Read) and self._is_probe(query):
             self.cyclic.attendance.probed(self.ids.index(query.ids[0]), now)
-        self.line.send(self._asking(query), now)
 
     def answer(self, now: float) -> Reply:
         """End it. What was read of the slow registers is kept in `registers`, with its time.
 
         But not of a device that did not answer the cyclic reading: it may answer an earlier question here.
         """
-        exchange = self.line.end()
+        exchange, query, self._query = self.line.end(), self._query, None
         reply: Expected | None = exchange.reply if exchange else None
         waited = now - self.line.sent
         if reply is None:
@@ -149,11 +149,10 @@ class DynamixelReader:
         heard, answered, errors = reply.heard.tolist(), reply.answered.tolist(), reply.error.tolist()
         data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
         error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
-        if isinstance(self._query, Read):
-            self._fold(self._query, reply)
+        if isinstance(query, Read):
+            self._fold(query, reply)
         if self.cyclic.attendance.parked:
-            self._welcome(data, now)
-        self._query = None
+            self._welcome(error, now)
         return Reply(data, error, waited, self.line.strays)
 
     def _fold(self, query: Read, reply: Expected) -> None:
@@ -201,12 +200,13 @@ class DynamixelReader:
         [id, *others] = query.ids or (-1,)
         return not others and id in self.tables and not self._asked[self.ids.index(id)]
 
-    def _welcome(self, data: Mapping[int, bytes], now: float) -> None:
-        """A parked device that answers anything is back."""
-        for id in data:
+    def _welcome(self, answered: Mapping[int, int], now: float) -> None:
+        """A parked device that answers anything is back, and its slow registers are the next to be read."""
+        for id in answered:
             if id in self.tables and not self.cyclic.attendance.asked[place := self.ids.index(id)]:
                 self.cyclic.back(place, now)
                 self._schedule()
+                self.slow.ask_first(id)
 
     # --------------------------------------------------------------------------- scripts
 

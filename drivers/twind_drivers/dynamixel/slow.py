@@ -64,6 +64,7 @@ class SlowRegisters:
         self._plans: dict[tuple[Layout, int, int], Plan] = {}  # of the blocks read so far
         self._turns: list[Read] = []
         self._next = 0
+        self._first: list[Read] = []  # before all turns
 
     def schedule(self, ids: Sequence[int], plan: Upkeep) -> list[Read]:
         """From now on the slices of these `ids` come round robin; all of them, each once."""
@@ -80,8 +81,16 @@ class SlowRegisters:
         self._turns, self._next = _turns([*state, *watch], health, plan.slots - 1), 0
         return [*state, *watch, *health]
 
+    def ask_first(self, id: int) -> None:
+        """The registers of a device that came back are the next to be asked, all of them: it may have
+        restarted."""
+        layout = self._layouts[self._index[id]]
+        self._first += [Read((id,), block.address, block.size) for block in (layout.status, layout.health)]
+
     def next(self) -> Read:
         """The slice whose turn it is."""
+        if self._first:
+            return self._first.pop(0)
         query = self._turns[self._next]
         self._next = (self._next + 1) % len(self._turns)
         return query
