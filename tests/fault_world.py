@@ -142,7 +142,8 @@ class Judge:
 
     def verdict(self, said: str = "") -> None:
         """Raises AssertionError that names what was wrong and what was ordered (`said`)."""
-        assert not self.wrong, "\n".join([said, *self.wrong[:20]])
+        wrong, self.wrong = self.wrong, []
+        assert not wrong, "\n".join([said, *wrong[:20]])
 
     def _look(self) -> None:
         for witness in self.witnesses.values():

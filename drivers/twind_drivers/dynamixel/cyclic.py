@@ -8,12 +8,11 @@ In trouble each next request therefore asks for another length of the block (`La
 has the wrong length and is dropped. Answers of one device come in order, so if it answers with a length
 that was not used since its last one, nothing older of it is under way, and all lengths are free again for it.
 
-Nine cycles without its answer use them up. Who answers with a length used meanwhile is a suspect: not
-heard until three of its answers in a row came in time with no stray byte around. A pile of late answers has
-strays, and a steady delay meets the lengths in another order, as that changes from turn to turn.
-What stays possible: only then, an answer some tens of cycles late whose pile ends in three windows that look
-clean, each in the length just asked for (none in 12,000 random runs of delays up to 40 writes, 2026-11; one
-with two).
+Nine cycles without its answer use them up. Who answers with a length used meanwhile is a suspect: not heard
+until three of its answers in a row came in time with no stray byte around. A pile of late answers has strays,
+and a steady delay meets the lengths in another order, as that changes from turn to turn; it is the same again
+after six of them. What stays possible: a steady delay of 54 cycles, or an answer some tens of cycles late if
+its pile ends in three windows that look clean, each in the length just asked for.
 """
 
 from collections.abc import Sequence
@@ -72,7 +71,6 @@ class Cyclic:
         self._cycle = 0
         self._proven_at = np.zeros(len(ids), np.int64)  # the cycle in which each was heard last
         self._clean = np.zeros(len(ids), np.int64)  # readings in a row with its answer and nothing astray
-        self._mixed = False  # somebody has used up all lengths
         self._used_at: dict[int, int] = {}  # length, by its place in the ring -> the cycle it was asked last
         self._before = 0  # the cycle in which the length asked now was asked before
         self._data: Octets | None = None
@@ -106,7 +104,7 @@ class Cyclic:
         self._turn += 1
         turn, place = divmod(self._turn, count)
         steps = [step for step in range(1, count) if gcd(step, count) == 1] or [1]
-        which = place * steps[turn % len(steps)] % count if self._mixed else place
+        which = place * steps[turn % len(steps)] % count
         self._before, self._used_at[which] = self._used_at.get(which, 0), self._cycle
         if which not in self._ring:
             self._ring[which] = self._question(*self._wider[which])
@@ -157,8 +155,6 @@ class Cyclic:
         suspect = (self._before > self._proven_at) & bool(self._wider)
         self.proven = answered & (~suspect | (self._clean >= SURE))
         self._proven_at[self.proven] = self._cycle
-        waited = self._cycle - self._proven_at[self._places]
-        self._mixed = bool((waited >= len(self._wider)).any())
         return self.proven
 
     def _judge(self, asked: Question, answered: Bools, now: float) -> None:
