@@ -6,6 +6,7 @@ Only the front is missing: its end of the link is in the test's hands, over a re
 import os
 import socket
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -71,10 +72,13 @@ class Rig:
         *,
         start: Mapping[str, float] | None = None,
         muscles: type[FirstOrder] = FirstOrder,
+        rate_hz: float | None = None,
     ) -> None:
         self._muscles = muscles
         self.clock = FakeClock(100.0)
         self.robot = load_robot(robot)
+        if rate_hz is not None:
+            self.robot = replace(self.robot, rate_hz=rate_hz)
         self.made = specimen(self.robot)
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]

@@ -62,6 +62,33 @@ def test_r06_one_per_cent_of_a_second_is_told_and_five_hold(rate: float) -> None
         assert (Code.BUS_ERRORS in watch.told) == (count >= warn)
 
 
+@pytest.mark.parametrize("rate", [10.0, 20.0, 25.0, 50.0])
+def test_r06_at_low_rates_less_than_three_bad_ones_hold_nothing(rate: float) -> None:
+    watch = Watch(1.0 / rate)
+    found = watch.all([BAD, GOOD] * 3)
+    assert [one.reaction for one in found[:4]] == [Reaction.NONE] * 4
+    assert found[4].reaction is Reaction.HOLD
+
+
+def test_r06_a_row_is_not_remembered_of_a_bus_that_was_away() -> None:
+    watch = Watch()
+    watch.all([BAD] * 19)
+    watch.all([NOT_ASKED] * 102)
+    assert [(one.reaction, one.latches) for one in watch.all([BAD] * 2)] == [(Reaction.NONE, False)] * 2
+
+
+def test_r06_who_would_hold_at_once_does_not_arm() -> None:
+    watch = Watch()
+    watch.all([BAD] * 4, **DISARMED)
+    assert not watch.guard.bars
+    watch.see(BAD, **DISARMED)
+    assert [one.code for one in watch.guard.bars] == [Code.BUS_ERRORS]
+    watch.all([GOOD] * 94, **DISARMED)  # no longer in a row, but 5 % of a second
+    assert watch.guard.bars
+    watch.all([GOOD] * 4, **DISARMED)
+    assert not watch.guard.bars
+
+
 @settings(max_examples=15)
 @given(st.floats(0.002, 0.01), st.integers(0, 30))
 def test_r06_what_is_a_second_ago_does_not_count_any_more(period: float, extra: int) -> None:

@@ -309,41 +309,6 @@ def test_r14_before_anything_was_written_there_is_no_outwards() -> None:
     assert judge(measured=reading([2.01, 0.0, 0.0]), previous=None, goal=at_rest([2.02, 0.0, 0.0])) == FINE
 
 
-# -------------------------------------------------------------------------------------------- R21 and NaN
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize(
-    ("step", "fits"), [(STEP - TINY, True), (STEP, True), (STEP + TINY, False), (1.0, False)]
-)
-def test_r21_a_goal_steps_no_further_than_the_velocity_limit(side: float, step: float, fits: bool) -> None:
-    for mode, motion in product(Mode, Motion):
-        judgement = judge(mode=mode, motion=motion, setpoint_age=0.0, goal=at_rest([0.0, side * step, 0.0]))
-        if fits:
-            assert judgement == FINE
-        else:
-            assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
-            (finding,) = judgement.findings
-            assert (finding.code, finding.joint, finding.value) == (Code.STEP_LIMIT, 1, pytest.approx(step))
-            assert finding.bound == pytest.approx(STEP)
-
-
-def test_r21_a_first_goal_has_nothing_to_step_from() -> None:
-    assert judge(previous=None, goal=at_rest([1.0, 1.0, 1.0])) == FINE
-
-
-def test_r21_a_last_goal_that_is_no_number_refuses_the_next() -> None:
-    assert judge(previous=joints(0.0, 0.0, nan)).goal_refused
-
-
-@pytest.mark.parametrize("bad", [nan, inf, -inf])
-def test_a_goal_that_is_no_number_is_refused_in_every_mode(bad: float) -> None:
-    for mode, previous in product(Mode, [np.zeros(N), None]):
-        judgement = judge(mode=mode, goal=at_rest([0.0, 0.0, bad]), previous=previous)
-        assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
-        assert [(finding.code, finding.joint) for finding in judgement.findings] == [(Code.NONFINITE, 2)]
-
-
 # ------------------------------------------------------------------------------------ whatever comes in
 
 

@@ -49,6 +49,20 @@ def test_r06_a_noisy_line_holds_the_robot_and_keeps_its_torque(armed: Rig) -> No
     assert on(armed).all()
 
 
+def test_r06_one_broken_answer_at_a_low_rate_ends_no_motion() -> None:
+    rig = Rig(rate_hz=20.0)
+    rig.arm()
+    assert rig.events("STATE_STALE") == []  # 47 ms old when the tick begins, and not late at all
+    rig.lease()
+    rig.submit(rig.path("head_yaw", [1.0], [4.0]), more=True)
+    rig.seconds(0.5)
+    rig.virtual["main"].faults.corrupt(1)
+    rig.seconds(0.5)
+    assert rig.events("BUS_ERRORS")
+    assert rig.loop.executor.motion is Motion.ACTIVE
+    rig.close()
+
+
 def test_r06_one_silent_servo_is_no_matter_of_the_bus(armed: Rig) -> None:
     armed.virtual["main"].faults.silence(7)
     armed.seconds(0.4)
@@ -147,6 +161,16 @@ def test_r11_a_restart_while_disarmed_is_told_and_identified_anew(live: Rig) -> 
     assert not live.loop.latches
     assert not live.loop.hardware.connected
     until(live, lambda: live.loop.state is State.CONNECTED, 300)
+
+
+def test_r11_a_second_restart_within_a_second_is_identified_anew_too(live: Rig) -> None:
+    live.connect()
+    live.seconds(1.0)
+    for _ in range(2):
+        live.loop.parts.guard._devices._tick_time[8] -= 20.0  # its clock should be 20 s further
+        until(live, lambda: not live.loop.hardware.connected, HEALTH + 5)
+        until(live, lambda: live.loop.hardware.connected, 60)
+    assert len(live.events("SERVO_REBOOTED")) == 1
 
 
 def test_r11_clocks_that_wrap_are_no_restart(armed: Rig) -> None:

@@ -1,7 +1,7 @@
 """Puts a loop together: robot, calibration, ports and sockets into `Parts`, and what the front must know."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
@@ -76,7 +76,7 @@ def build(
         executor=Executor(binding.limits, period),
         guard=Guard(
             binding.limits,
-            Bounds(setpoint_age=robot.file.command_timeout_ms / 1e3),
+            _bounds(robot.file, period),
             buses=[bus.name for bus in binding.joint_map.buses],
             support=robot.file.support,
         ),
@@ -90,6 +90,12 @@ def build(
         live_denied=live_denied,
     )
     return Loop(parts, mode)
+
+
+def _bounds(robot: RobotFile, period: float) -> Bounds:
+    """Of the guard. At a low rate a joint that answers every time is older than 30 ms: that is not told."""
+    usual = Bounds(setpoint_age=robot.command_timeout_ms / 1e3)
+    return replace(usual, stale_warn=max(usual.stale_warn, min(1.5 * period, usual.stale_hold)))
 
 
 def brief(robot: Robot, rate_hz: float, parameters: dict[str, Any], log_level: str) -> int:

@@ -197,8 +197,9 @@ class Loop:
         for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
             same = tuple(findings)
             self.say.event("warning", code, same[0].message, same)
-            if code is Code.SERVO_REBOOTED:
-                self.identity.restarted(same)
+        told = (*judgement.findings, *self.parts.guard.bars)  # a second restart within a second is not told
+        if restarted := [finding for finding in told if finding.code is Code.SERVO_REBOOTED]:
+            self.identity.restarted(restarted)
         if judgement.latches:
             for finding in judgement.findings:
                 self.latch(finding)

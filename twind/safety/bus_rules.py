@@ -34,6 +34,8 @@ class Record:
             self.foreign += traffic.foreign
         while self._bad and not now - self._bad[0] < WINDOW:
             self._bad.popleft()
+        if not self._bad:
+            self.bad_in_a_row = 0  # it was not asked for so long that it may be another bus by now
         while self._foreign and not now - self._foreign[0][0] < WINDOW:
             self.foreign -= self._foreign.popleft()[1]
 
@@ -42,9 +44,10 @@ class Record:
         """Something was wrong lately; else a good tick changes nothing."""
         return bool(self._bad or self._foreign or self.bad_in_a_row or self.full_in_a_row)
 
-    def share(self, period: float) -> float:
-        """Bad exchanges of the window, of as many as a whole one has."""
-        return len(self._bad) * period / WINDOW
+    @property
+    def bad(self) -> int:
+        """Bad exchanges of the window."""
+        return len(self._bad)
 
 
 class BusRules:
@@ -63,26 +66,29 @@ class BusRules:
             if not (record.blemished or traffic.bad or traffic.foreign or traffic.full):
                 continue
             record.add(traffic, facts.now)
-            share = record.share(facts.period)
-            if share:
-                yield from self._errors(facts, bus, record.bad_in_a_row, share)
+            if record.bad:
+                yield from self._errors(facts, bus, record)
             if record.foreign:
                 yield from self._foreign(facts, bus, record.foreign)
             if record.full_in_a_row:
                 yield self._full(facts, bus, record.full_in_a_row)
 
-    def _errors(self, facts: Facts, bus: int, row: int, share: float) -> Iterator[Said]:
-        """R06: a share of a second's exchanges, or several in a row. The fault leaves everything as it is."""
+    def _errors(self, facts: Facts, bus: int, record: Record) -> Iterator[Said]:
+        """R06: a share of a second's exchanges, or several in a row. The fault leaves everything as it is.
+
+        On a bus too bad to move nobody arms.
+        """
         bounds, reaction = self._bounds, hold(facts) if held(facts) else Reaction.NONE
+        row, share = record.bad_in_a_row, record.bad * facts.period / WINDOW  # of as many as a second has
         if row >= bounds.errors_row_fault:
             finding = self._bad(bus, row, bounds.errors_row_fault, "bad exchanges in a row")
-            yield Said(finding, reaction, latches=held(facts), bus=bus)
+            yield Said(finding, reaction, latches=held(facts), bars=True, bus=bus)
         elif row >= bounds.errors_row_hold:
             finding = self._bad(bus, row, bounds.errors_row_hold, "bad exchanges in a row")
-            yield Said(finding, reaction, bus=bus)
-        elif share >= bounds.errors_hold - ROUNDING:
+            yield Said(finding, reaction, bars=True, bus=bus)
+        elif share >= bounds.errors_hold - ROUNDING and record.bad >= bounds.errors_least:
             finding = self._bad(bus, share, bounds.errors_hold, "of the last second's exchanges were bad")
-            yield Said(finding, reaction, bus=bus)
+            yield Said(finding, reaction, bars=True, bus=bus)
         elif share >= bounds.errors_warn - ROUNDING:
             finding = self._bad(bus, share, bounds.errors_warn, "of the last second's exchanges were bad")
             yield Said(finding, bus=bus)

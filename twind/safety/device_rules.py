@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 
-from twind.robot.arrays import Bools, some
+from twind.robot.arrays import Bools, same, some
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode
 from twind.safety.facts import Facts, Reaction, Said, Thresholds, held, hold, ours
@@ -29,29 +29,34 @@ class DeviceRules:
     def __init__(self, count: int, settles: bool, bounds: Thresholds) -> None:
         """`settles`: what stands freely cannot hold itself with a joint that may be limp."""
         self._bounds, self._settles = bounds, settles
+        self._suspect = False  # one of the next two says something
         self._disagreed = np.zeros(count, np.int64)
         self._unwatched = np.zeros(count, np.bool_)
         self._refreshed = np.full(count, -inf)
         self._tick = np.full(count, -1, np.int64)
         self._tick_time = np.full(count, -inf)
+        self._seen = self._ticked = self._refreshed.tobytes()  # the two times, as bytes: mostly unchanged
+        self._dogs = b""  # the watchdogs, too; and joints whose tripped
+        self._tripped: list[int] = []
 
     def judge(self, facts: Facts) -> Iterator[Said]:
         """What is wrong with the servos."""
         if some(facts.alerts) and facts.mode is not Mode.SIM:
             yield from self._alerts(facts)
-        if some(facts.health_time != self._tick_time):
+        if not same(facts.health_time, self._ticked):
             yield from self._restarts(facts)
         if not held(facts):
-            self._disagreed[:] = 0
-            self._unwatched[:] = False
-            self._refreshed = facts.status_time.copy()  # what was read before says nothing of an armed servo
+            self._forget()
+            if not same(facts.status_time, self._seen):  # what was read before says nothing of an armed servo
+                self._refreshed, self._seen = facts.status_time.copy(), facts.status_time.tobytes()
             return
-        tripped = facts.watchdog == TRIPPED
-        if some(tripped):
-            for joint in np.flatnonzero(tripped).tolist():
-                message = "its watchdog tripped and it takes no goals: disarm, reset, arm"
-                finding = Finding(Code.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
-                yield Said(finding, hold(facts), latches=True)
+        if not same(facts.watchdog, self._dogs):
+            self._dogs = facts.watchdog.tobytes()
+            self._tripped = np.flatnonzero(facts.watchdog == TRIPPED).tolist()
+        for joint in self._tripped:
+            message = "its watchdog tripped and it takes no goals: disarm, reset, arm"
+            finding = Finding(Code.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
+            yield Said(finding, hold(facts), latches=True)
         yield from self._torque(facts)
 
     def _rest(self, facts: Facts) -> Reaction:
@@ -82,6 +87,7 @@ class DeviceRules:
             else:
                 yield Said(finding, bars=True)
         self._tick, self._tick_time = tick, facts.health_time.copy()
+        self._ticked = facts.health_time.tobytes()
 
     def _restarted(self, tick: np.ndarray[tuple[int], np.dtype[np.int64]], facts: Facts) -> Bools:
         """Joints (n,) whose servo has begun anew between the last two readings of its clock.
@@ -101,29 +107,36 @@ class DeviceRules:
 
     def _torque(self, facts: Facts) -> Iterator[Said]:
         """R10: torque that reads back off, or unknown, in too many refreshes in a row. R11: no watchdog."""
-        fresh = facts.status_time > self._refreshed
-        if some(fresh):
-            self._refreshed = facts.status_time.copy()
-            wrong = fresh & (facts.torque != 1)
-            self._disagreed[fresh & ~wrong] = 0
-            if some(wrong):
-                self._disagreed[wrong] += 1
-            self._unwatched[fresh] = (facts.watchdog == 0)[fresh]
+        if not same(facts.status_time, self._seen):
+            self._refresh(facts)
         if not facts.torque_settled:
-            self._disagreed[:] = 0
-            self._unwatched[:] = False
+            self._forget()
+        if not self._suspect:
             return
-        if some(self._unwatched):
-            for joint in np.flatnonzero(self._unwatched).tolist():
-                message = _rebooted("is its watchdog (98), armed before")
-                finding = Finding(Code.SERVO_REBOOTED, joint, value=0.0, message=message)
-                yield Said(finding, self._rest(facts), latches=True)
-        if some(self._disagreed > 0):
-            for joint in np.flatnonzero(self._disagreed >= self._bounds.disagreements).tolist():
-                message = "torque reads back off (0) or unknown (-1) while armed"
-                value = float(facts.torque[joint])
-                finding = Finding(Code.TORQUE_MISMATCH, joint, value=value, bound=1.0, message=message)
-                yield Said(finding, hold(facts), latches=True)
+        for joint in np.flatnonzero(self._unwatched).tolist():
+            message = _rebooted("is its watchdog (98), armed before")
+            finding = Finding(Code.SERVO_REBOOTED, joint, value=0.0, message=message)
+            yield Said(finding, self._rest(facts), latches=True)
+        for joint in np.flatnonzero(self._disagreed >= self._bounds.disagreements).tolist():
+            message = "torque reads back off (0) or unknown (-1) while armed"
+            value = float(facts.torque[joint])
+            finding = Finding(Code.TORQUE_MISMATCH, joint, value=value, bound=1.0, message=message)
+            yield Said(finding, hold(facts), latches=True)
+
+    def _refresh(self, facts: Facts) -> None:
+        """Some were read anew: whose torque disagrees, and who has no watchdog."""
+        fresh = facts.status_time > self._refreshed
+        self._refreshed, self._seen = facts.status_time.copy(), facts.status_time.tobytes()
+        limp, unwatched = facts.torque != 1, facts.watchdog == 0
+        if self._suspect or some(limp) or some(unwatched):
+            self._disagreed[fresh & ~limp] = 0
+            self._disagreed[fresh & limp] += 1
+            self._unwatched[fresh] = unwatched[fresh]
+            self._suspect = some(self._disagreed) or some(self._unwatched)
+
+    def _forget(self) -> None:
+        if self._suspect:
+            self._disagreed[:], self._unwatched[:], self._suspect = 0, False, False
 
 
 def _rebooted(how: str) -> str:

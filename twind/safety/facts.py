@@ -40,6 +40,7 @@ class Thresholds:
     stale_fault: float = 0.5
     errors_warn: float = 0.01  # of a second's exchanges of one bus (R06)
     errors_hold: float = 0.05
+    errors_least: int = 3  # that a share holds for: at 20 Hz one alone is 5 %
     errors_row_hold: int = 5  # bad exchanges of one bus in a row
     errors_row_fault: int = 20
     foreign: int = 3  # packets of nobody in a second (R08)

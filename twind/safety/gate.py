@@ -43,9 +43,7 @@ class Snapshot:
     latency_p95: float  # s, of the last 0.5 s; NaN unknown
     reference: Reference  # last commanded while holding or moving, measured otherwise
     busy: bool = False  # one trajectory runs and one waits
-    bars: tuple[
-        Finding, ...
-    ] = ()  # what is wrong now with servos or buses, so that nobody may arm (R08, R09)
+    bars: tuple[Finding, ...] = ()  # why nobody may arm now, of servos and buses (R06, R08, R09, R11)
 
 
 @dataclass(frozen=True, slots=True)

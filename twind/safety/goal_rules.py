@@ -5,7 +5,7 @@ from math import isfinite
 
 import numpy as np
 
-from twind.robot.arrays import every
+from twind.robot.arrays import Floats, every
 from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
 from twind.robot.modes import Mode, Motion, State
@@ -21,6 +21,7 @@ class GoalRules:
 
     def __init__(self, limits: Limits, bounds: Thresholds) -> None:
         self._limits, self._bounds = limits, bounds
+        self._period, self._most = 0.0, 0.0 * limits.velocity  # s, and rad in one such tick
 
     def timing(self, facts: Facts) -> Iterator[Said]:
         """R02: late ticks are told, too many missed ones hold. The executor re-times by itself."""
@@ -58,16 +59,21 @@ class GoalRules:
             finding = Finding(Code.NONFINITE, joint, message="a goal that is no number: holding the last one")
             yield Said(finding, Reaction.HOLD, refuses=True)
         elif facts.previous is not None:
+            if facts.period != self._period:
+                self._period, self._most = facts.period, self._limits.velocity * facts.period + ROUNDING
             step = np.abs(goal - facts.previous)
-            fits = step <= self._limits.velocity * facts.period + ROUNDING
+            fits = step <= self._most
             if not every(fits):
-                joint = int(np.argmin(fits))
-                bound = float(self._limits.velocity[joint]) * facts.period
-                message = "rad in one tick: holding the last goal (a bug of ours)"
-                finding = Finding(
-                    Code.STEP_LIMIT, joint, value=float(step[joint]), bound=bound, message=message
-                )
-                yield Said(finding, Reaction.HOLD, refuses=True)
+                yield self._too_far(facts, int(np.argmin(fits)), step)
+
+    def _too_far(self, facts: Facts, joint: int, step: Floats) -> Said:
+        """R21. A goal that the port had no room for (R23) never left: then the next one is two steps away."""
+        full = any(traffic.full for traffic in facts.traffic)
+        cause = "the port was full" if full else "a bug of ours"
+        message = f"rad from the last goal that left: holding that one ({cause})"
+        bound = float(self._limits.velocity[joint]) * facts.period
+        finding = Finding(Code.STEP_LIMIT, joint, value=float(step[joint]), bound=bound, message=message)
+        return Said(finding, Reaction.HOLD, refuses=True)
 
 
 def _late(value: float, bound: float, message: str) -> Finding:

@@ -28,9 +28,9 @@ class ReadingRules:
             if held(facts):
                 yield Said(Finding(Code.STATE_STALE, message="no reading at all: holding"), hold(facts))
             return
-        age = measured.age + (facts.now - measured.time)
-        if not every(age <= self._bounds.stale_warn):
-            yield from self._stale(facts, age)
+        since = facts.now - measured.time
+        if not every(measured.age <= self._bounds.stale_warn - since):
+            yield from self._stale(facts, measured.age + since)
         position = measured.position
         if not every((position >= limits.lower) & (position <= limits.upper)):
             yield from self._beyond(facts, position)
