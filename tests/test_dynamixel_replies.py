@@ -230,6 +230,27 @@ def test_endless_babble_never_fills_the_buffer(kind: type[PlainReply | FastReply
     assert not reply.heard.any()
 
 
+@pytest.mark.parametrize("error", [p.Error.RESULT_FAIL, p.Error.ACCESS, p.ALERT | p.Error.DATA_RANGE])
+@pytest.mark.parametrize("kind", [PlainReply, FastReply])
+def test_numbers_that_come_with_an_error_number_are_no_reading(
+    kind: type[PlainReply | FastReply], error: int
+) -> None:
+    """E-manual, "Error": the number says that the instruction was not carried out; an alert alone says not."""
+    rows = [(error if id == 7 else p.ALERT, id, block(id)) for id in IDS]
+    statuses = b"".join(p.status(id, number, data) for number, id, data in rows)
+    joint = b"".join(p.fast_status(rows, len(IDS) * (SIZE + 4) + 1))
+    reply = kind(IDS, SIZE)
+    give(reply, statuses if kind is PlainReply else joint)
+    assert reply.heard.tolist() == [True, False, True, True]
+    assert reply.answered.all()
+    assert not reply.whole
+    assert reply.error.tolist() == [number for number, _, _ in rows]
+    assert reply.strays == 0
+    check_data(reply)
+    give(reply, b"")
+    assert not reply.answered.any()
+
+
 def test_whole_sound_packets_that_are_no_part_of_a_reply_are_kept_aside() -> None:
     other, request = p.status(99, 0, b"abc"), p.sync_read(IDS, 126, SIZE)
     for reply, data in ((PlainReply(IDS, SIZE), plain()), (FastReply(IDS, SIZE), fast())):

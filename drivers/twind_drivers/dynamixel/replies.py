@@ -24,6 +24,7 @@ from twind_drivers.dynamixel.packet import (
 )
 
 Octets = NDArray[np.uint8]
+FAILED = 0x7F  # bits of the error byte: a number that says why it was not done; bit 7 is the alert
 
 
 class Expected(Protocol):
@@ -32,7 +33,7 @@ class Expected(Protocol):
     ids: tuple[int, ...]
     size: int  # data bytes of each device
     expected: int  # bytes of the whole reply, nothing stuffed
-    heard: NDArray[np.bool_]  # (m,) its data came whole
+    heard: NDArray[np.bool_]  # (m,) its data came whole, and not as part of an error
     error: Octets  # (m,) error byte of each status; also of one that carried no data; 0: none came
     data: Octets  # (m, size), zero where not heard; valid until the next `start`
     answered: NDArray[np.bool_]  # (m,) a status came, with data or with an error alone
@@ -145,11 +146,14 @@ class PlainReply:
             return False
         if np.count_nonzero(self._crcs != self._crc(self._checked)):
             return False
+        error = self._errors.copy()
+        if self.size and np.count_nonzero(error) and np.count_nonzero(error & FAILED):
+            return False
         if self._got > self.expected:
             self._take_rest()
         self.heard.fill(True)
         self.answered.fill(True)
-        self.error, self.data = self._errors.copy(), self._blocks
+        self.error, self.data = error, self._blocks
         self.whole = True
         return True
 
@@ -173,10 +177,14 @@ class PlainReply:
         return bool(self.answered.all())
 
     def _accept(self, packet: Packet) -> None:
-        """The exact id and length of this request, once; an error may come without data. Else stray."""
+        """The exact id and length of this request, once; an error may come without data. Else stray.
+
+        What comes with an error number is no reading: the device says that it did not do what was asked.
+        """
         place = self._index.get(packet.id) if packet.instruction == STATUS else None
-        whole = len(packet.data) == self.size
-        refused = not packet.data and packet.error & 0x7F != 0
+        failed = packet.error & FAILED != 0
+        whole = len(packet.data) == self.size and not (failed and self.size)
+        refused = failed and len(packet.data) in (0, self.size)
         if place is None or self.answered[place] or not (whole or refused):
             self.strays += len(packet.params) + OVERHEAD
             self.unasked = (*self.unasked, packet)
@@ -191,7 +199,8 @@ class PlainReply:
 class FastReply:
     """The joint status of a fast sync read: not stuffed, every block's CRC over all bytes before it.
 
-    A missing device ends the reply, so an intact prefix is kept: its devices did answer.
+    A missing device ends the reply, so an intact prefix is kept: its devices did answer. Who answered with an
+    error number is not heard.
     """
 
     def __init__(self, ids: Sequence[int], size: int) -> None:
@@ -221,6 +230,7 @@ class FastReply:
         self._settled = self.whole = False
         self.first = b""
         self.heard.fill(False)
+        self.answered = self.heard
         if self.unasked:
             self.unasked = ()
 
@@ -290,4 +300,14 @@ class FastReply:
         if not self.whole:
             self._rows[count:] = 0
         self.error = self._errors.copy()
+        if np.count_nonzero(self.error):
+            self._leave_out_failed()
         return True
+
+    def _leave_out_failed(self) -> None:
+        """Not heard, though there: whoever answered with an error number."""
+        failed = (self.error & FAILED) != 0
+        if failed.any():
+            self.whole, self.answered = False, self.heard.copy()
+            self.heard[failed] = False
+            self._rows[failed] = 0
