@@ -334,6 +334,24 @@ def test_slices_of_a_script_are_short_enough_to_fit_beside_a_cycle() -> None:
     script.close()
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "least", "most"), [(50.0, 0.002, 0.002), (250.0, 0.002, 0.002), (500.0, 0.001, 0.001)]
+)
+def test_neither_a_silent_servo_nor_a_script_takes_more_than_half_a_period_beside_the_wire_time(
+    rate_hz: float, least: float, most: float
+) -> None:
+    """1 ms is what an adapter's latency timer is set to at best (FTDI): less would make all late."""
+    reader, _ = make(Servos(IDS), rate_hz=rate_hz, baud=4_000_000)
+    reader.begin(Read((99,), 64, 1), 1.0)
+    assert least <= reader.deadline - 1.0 - reader.span(Read((99,), 64, 1)) + 1e-9 <= most + 2e-9
+    script = reader.collect(IDS, 9, 55)
+    for request in (next(script), next(reader.identify())):
+        assert isinstance(request, Read)
+        assert reader.span(request) <= most + reader.span(Read((1,), 9, 55))
+        assert len(request.ids) > 1
+    script.close()
+
+
 def test_ids_given_twice_no_ids_and_models_that_cannot_be_driven_are_refused() -> None:
     wire = Wire(Servos(IDS))
     with pytest.raises(ValueError, match="distinct ids"):

@@ -235,7 +235,7 @@ def test_endless_babble_never_fills_the_buffer(kind: type[PlainReply | FastReply
 def test_numbers_that_come_with_an_error_number_are_no_reading(
     kind: type[PlainReply | FastReply], error: int
 ) -> None:
-    """E-manual, "Error": the number says that the instruction was not carried out; an alert alone says not."""
+    """E-manual, "Error": the number says that the instruction was not carried out; the alert does not."""
     rows = [(error if id == 7 else p.ALERT, id, block(id)) for id in IDS]
     statuses = b"".join(p.status(id, number, data) for number, id, data in rows)
     joint = b"".join(p.fast_status(rows, len(IDS) * (SIZE + 4) + 1))

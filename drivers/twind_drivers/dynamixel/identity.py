@@ -29,7 +29,6 @@ SETTINGS = (
 
 
 WHO = ("model_number", "firmware_version")
-SLICE = 0.002  # s of bus time that one transaction may take beside a cycle
 Settings = dict[str, int]
 
 
@@ -37,6 +36,7 @@ class Asker(Protocol):
     """What identification needs of a reader."""
 
     ids: tuple[int, ...]
+    slice: float  # s of bus time that one transaction may take beside a cycle
 
     def table(self, id: int) -> Table:
         """The table of the model that is expected there."""
@@ -123,7 +123,7 @@ def _read(
 def _slices(bus: Asker, ids: Sequence[int], block: Block) -> list[Read]:
     """Reads of as many devices each as fit beside a cycle, at least one."""
     one, two = (bus.span(Read(tuple(ids[:count]), block.address, block.size)) for count in (1, 2))
-    count = max(1, floor((SLICE - one) / (two - one) + 1) if two > one else 1)
+    count = max(1, floor((bus.slice - one) / (two - one) + 1) if two > one else 1)
     chunks = (tuple(ids[first : first + count]) for first in range(0, len(ids), count))
     return [Read(chunk, block.address, block.size) for chunk in chunks]
 

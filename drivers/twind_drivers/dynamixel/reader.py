@@ -32,13 +32,15 @@ from twind_drivers.dynamixel.replies import Expected, FastReply, PlainReply
 from twind_drivers.dynamixel.slow import SlowRegisters
 from twind_drivers.dynamixel.tables import Table, table
 
-SLICE = 0.002  # s of bus time that one transaction of a script may take
+SLACK = 0.002  # s that a reply may take beyond its wire time, at most half a period of the loop
+SLICE = 0.002  # s of bus time that one transaction of a script may take, at most half a period
 
 
 class DynamixelReader:
     """A bus by its ids. Arrays are in the order of `ids`; raw ticks and register units.
 
-    `layouts`: where each id's registers lie; models of several layouts may share a bus.
+    `layouts`: where each id's registers lie; models of several layouts may share a bus. `slice` (s): bus time
+    that one transaction of a script may take.
     """
 
     def __init__(
@@ -52,13 +54,16 @@ class DynamixelReader:
         return_delay_us: float,
         fast: bool | None = None,
         rate_hz: float = 100.0,
-        slack: float = 0.002,
+        slack: float | None = None,
         one_write: bool = True,
     ) -> None:
         """`models`: model number of each id. `fast`: use the fast reads; None: what `identify` finds.
 
         `return_delay_us`: the longest of the devices. `rate_hz`: how often the loop calls. `slack` (s):
-        what a reply may take beyond its wire time. `one_write`: goals and request leave in one system call.
+        what a reply may take beyond its wire time; None: 2 ms, or half a period where that is less (with less
+        than 1 ms, an adapter's timer, every reply would be late). `one_write`: goals and request leave in
+        one system call.
+
         Raises ValueError for no ids or ids given twice, and for a model that cannot be driven, with the
         reason; KeyError for an unknown model.
         """
@@ -75,11 +80,12 @@ class DynamixelReader:
             transport,
             baud=baud,
             return_delay_s=return_delay_us * 1e-6,
-            slack=slack,
+            slack=min(SLACK, 0.5 / rate_hz) if slack is None else slack,
             one_write=one_write,
         )
         layouts = tuple(self.layouts.values())
         self._choose_fast, self._rate_hz = fast is None, rate_hz
+        self.slice = min(SLICE, 0.5 / rate_hz)
         self.cyclic = Cyclic(self.ids, layouts, fast=bool(fast))
         self.slow = SlowRegisters(self.ids, tables, layouts)
         self.registers: Registers = self.slow.registers
@@ -231,7 +237,7 @@ class DynamixelReader:
         found: dict[int, bytes] = {}
         waited = 0.0
         each = wire(11 + size, self.line.baud) + self.line.return_delay_s
-        count = max(1, int(SLICE / each))
+        count = max(1, int(self.slice / each))
         for _ in range(2):
             missing = [id for id in ids if id not in found]
             for first in range(0, len(missing), count):
