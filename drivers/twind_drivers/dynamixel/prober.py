@@ -71,7 +71,7 @@ class Prober:
 
     def roll_call(self, last: int = LAST_ID) -> RollCall:
         """A broadcast ping, waited for until the slot of id `last` is over."""
-        call = RollCall(last=last)
+        call = RollCall(last)
         request = packet.ping(packet.BROADCAST)
         self._line.slack = self._slack + call.window
         self._wait(Exchange(request, call, 1))

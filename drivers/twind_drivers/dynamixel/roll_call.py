@@ -18,21 +18,18 @@ ROOM = 4096  # bytes taken at once
 
 
 class RollCall:
-    """What came back from a broadcast ping. Arrays are by id, (253,).
+    """What came back from a broadcast ping. Arrays are by id, (253,). Only the end of the window ends it.
 
-    `awaited`: done as soon as all of these have answered; none: only the end of the window ends it. `last`:
-    the highest id whose slot is waited for.
+    `last`: the highest id whose slot is waited for.
     """
 
-    def __init__(self, awaited: Sequence[int] = (), *, last: int = LAST_ID) -> None:
+    def __init__(self, last: int = LAST_ID) -> None:
         """Raises ValueError for an id that none can have."""
-        wrong = [id for id in (*awaited, last) if not 0 <= id <= LAST_ID]
-        if wrong:
-            raise ValueError(f"ids {wrong} are not of 0..{LAST_ID}: nobody could answer as them")
+        if not 0 <= last <= LAST_ID:
+            raise ValueError(f"id {last} is not one of 0..{LAST_ID}: nobody could answer as it")
         self.ids = tuple(range(LAST_ID + 1))
         self.size = SIZE
-        self._awaited = frozenset(awaited)
-        self.slots = max(self._awaited, default=last) + 1
+        self.slots = last + 1
         self.expected = self.slots * (STATUS_OVERHEAD + SIZE)
         self._buffer = memoryview(bytearray(ROOM))
         self._framer = Framer(status=True)
@@ -63,10 +60,10 @@ class RollCall:
         return self._buffer
 
     def take(self, count: int) -> bool:
-        """True when everybody expected has answered."""
+        """Never done: whoever else may answer is waited for."""
         for packet in self._framer.feed(self._buffer[:count]):
             self._accept(packet)
-        return bool(self._awaited) and all(self.heard[id] for id in self._awaited)
+        return False
 
     def end(self) -> None:
         """What is no status by now is stray."""
