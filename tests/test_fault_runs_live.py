@@ -23,20 +23,12 @@ from twind.virtual.specimen import specimen
 pytestmark = pytest.mark.realtime
 
 EARLY, LATE = 0.004, 0.04  # s: a refresh before the tick began, or after it on a loaded machine
-# Which case of each fault; the others differ in strength or ids, and are run under the fake clock.
+# Which case of each fault; the others differ in strength or ids and are run under the fake clock. Faults told
+# by the same code do not follow each other: what was told is not told again within a second.
 RUN = {
-    **{
-        "drop": 2,
-        "corrupt": 3,
-        "cut": 2,
-        "foreign": 1,
-        "duplicate": 1,
-        "noise": 0,
-        "delay": 4,
-        "bit_errors": 1,
-    },
-    **{"babble": 0, "split": 0, "latency": 1, "echo": 0, "collide": 0, "stall": 1, "silence": 1, "damage": 0},
-    **{"brown_out": 0, "power": 0, "supply": 1, "heat": 1, "lock": 0, "freeze": 0, "unplug": 0},
+    **{"drop": 2, "foreign": 1, "noise": 0, "corrupt": 3, "split": 0, "stall": 1, "echo": 0, "damage": 0},
+    **{"cut": 2, "duplicate": 1, "delay": 4, "brown_out": 0, "bit_errors": 1, "power": 0, "babble": 0},
+    **{"silence": 1, "latency": 1, "supply": 1, "collide": 0, "heat": 1, "lock": 0, "freeze": 0, "unplug": 0},
 }
 SWING = {"head_yaw": 0.5, "head_pitch": 0.3, "r_shoulder_pitch": -0.6, "l_shoulder_pitch": -0.6}
 
@@ -167,7 +159,7 @@ def test_what_monitor_shows_is_right_or_marked_whatever_goes_wrong(world: tuple[
             random = np.random.default_rng([number, *name.encode()])
             given = order(name, case, random)
             arm_and_move(client, running)
-            time.sleep(0.2)
+            time.sleep(0.4)
             begun = time.monotonic()
             virtual.order(**given)
             time.sleep(min(0.6, random.uniform(*case.lasts)))
