@@ -198,6 +198,15 @@ def test_an_inhibited_daemon_goes_quiet_so_that_the_servos_watchdogs_end_the_mot
     assert armed.loop.measured.heard.all()  # reading resumes
 
 
+def test_torque_off_does_not_wait_until_an_inhibited_daemon_has_been_quiet_long_enough(armed: Rig) -> None:
+    armed.loop.inhibit(Finding(Code.INTERNAL, message="a bug"), armed.clock.now())
+    armed.ticks(2)
+    assert on(armed).all()
+    armed.send(link.EStop, level="cut")
+    armed.ticks(2)
+    assert not on(armed).any()
+
+
 def test_an_estop_before_everybody_is_identified_still_leads_to_connected_after_a_reset() -> None:
     rig = Rig()
     rig.ticks(5)

@@ -7,6 +7,7 @@ What a procedure says of torque it has read back. What could not be read back is
 from __future__ import annotations
 
 from collections.abc import Generator
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -213,6 +214,7 @@ def loosen(loop: Loop) -> Procedure:
     loop.hardware.hold(False)
     for writer in loop.hardware.writers:
         writer.cut()  # twice, with the next packet of any kind
+    loop.hardware.quiet_until = -inf  # torque off waits for nobody's watchdog
     loop.armed, loop.energising = False, True  # not known to be off until it is read back
     until = loop.clock.now() + INSIST
     while True:
