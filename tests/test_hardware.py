@@ -5,41 +5,11 @@ from math import inf
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from two_buses import JOINTS, PERIOD, TURN, TwoBuses
+from two_buses import PERIOD, TURN, TwoBuses
 
 from twind.loop.ports import Link
 
-ANGLES = st.lists(st.floats(-1.5, 1.5), min_size=6, max_size=6).map(np.array)
-BUSES = TwoBuses().hardware  # never exchanged: its arithmetic only
-
-
 # ------------------------------------------------------------------------------------- raw ↔ SI
-
-
-@pytest.mark.parametrize(
-    ("ticks", "expected"), [(0.4, 0), (0.6, 1), (1.4, 1), (-0.4, 0), (-0.6, -1), (-1.4, -1), (-1.6, -2)]
-)
-def test_goals_are_rounded_to_the_nearest_tick_on_both_sides_of_zero(ticks: float, expected: int) -> None:
-    left = JOINTS.buses[0]
-    position = np.zeros(6)
-    position[left.joints] = ticks * left.scale
-    assert (BUSES.ticks(left, position) - left.zero).tolist() == [expected] * 3
-
-
-@settings(max_examples=100, deadline=None)
-@given(ANGLES)
-def test_a_quantised_position_is_a_whole_tick_less_than_half_a_tick_away(position: np.ndarray) -> None:
-    held = BUSES.quantised(position)
-    assert (np.abs(held - position) <= BUSES.resolution / 2 * (1 + 1e-9)).all()
-    for _, bus in BUSES.pairs:
-        assert BUSES.ticks(bus, held).tolist() == BUSES.ticks(bus, position).tolist()
-    assert BUSES.quantised(held).tolist() == held.tolist()
-
-
-def test_the_resolution_of_a_joint_is_a_tick_through_its_gear() -> None:
-    assert BUSES.resolution == pytest.approx(np.array([1.0, 0.5, 1.0, 1.0, 0.5, 1.0]) * TURN)
 
 
 def test_a_reading_has_every_joint_at_its_place_with_its_sign_and_ratio() -> None:
@@ -181,7 +151,7 @@ def test_slow_registers_arrive_in_joint_order_and_are_forgotten_with_their_bus()
     world.virtual["right"].faults.damage(5, 0b100)
     world.tick(count=20)
     assert slow.fault.tolist() == [0, 0, 0, 4, 0, 0]
-    assert world.hardware.alerts[3] == 0x80
+    assert world.hardware.readings.alerts[3] == 0x80
     world.virtual["right"].faults.unplug()
     world.tick()
     assert slow.torque.tolist() == [0, -1, 0, -1, 0, -1]

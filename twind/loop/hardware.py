@@ -1,4 +1,4 @@
-"""All buses of a robot at once, raw ↔ SI: the only place that multiplies ticks.
+"""All buses of a robot at once.
 
 `exchange` writes goals and read requests to every bus, collects all replies with one wait, then grants each
 bus at most one further transaction in the time that is left. One silent servo is `heard = False`.
@@ -12,16 +12,13 @@ import numpy as np
 
 from twind.loop.ports import Link, Port, Task
 from twind.loop.procedures import all_of
+from twind.loop.readings import Readings, radians, ticks
 from twind.robot.arrays import Bools, Floats, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
-from twind.safety.device_rules import ALERT
 from twind.safety.facts import Traffic
-from twind.safety.senses import Senses
 from twind_drivers.bus import PortError, Reader, Sample, Script, WireClamp, Writer
 from twind_drivers.clock import Clock
-
-NOWHERE = 1 << 40  # ticks: beyond every goal register
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,20 +29,6 @@ class Lost:
     error: PortError
 
 
-class Slow:
-    """The slowly read registers in joint order; arrays (n,)."""
-
-    def __init__(self, count: int) -> None:
-        self.torque = np.full(count, -1, np.int8)
-        self.fault = np.full(count, -1, np.int16)
-        self.watchdog = np.full(count, -1, np.int16)
-        self.voltage = np.full(count, nan)
-        self.temperature = np.full(count, nan)
-        self.status_time = np.full(count, -inf)
-        self.tick = np.full(count, -1, np.int32)  # ms, the servo's own clock modulo 32768; -1 unknown
-        self.health_time = np.full(count, -inf)
-
-
 class Hardware:
     """The ports of a robot in `JointMap` order."""
 
@@ -53,23 +36,16 @@ class Hardware:
         self.joints, self.clock, self.period = joints, clock, period
         self.ports = tuple(ports)
         self.pairs: tuple[tuple[Port, BusMap], ...] = tuple(zip(self.ports, joints.buses, strict=True))
-        self.slow = Slow(len(joints))
+        self.readings = Readings(joints, period)
+        self.slow = self.readings.slow
         self.lost: list[Lost] = []  # ports lost since the last look
         self.clamped: WireClamp | None = None  # why the last goals were not sent
         self.left = False  # the last goals went out, to every bus that holds
         self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
         self.discarded = 0  # bytes thrown away in the last exchange (R07)
         self.traffic = tuple(Traffic() for _ in self.ports)  # of the last exchange, bus by bus
-        self.jumps = np.zeros(len(joints), np.int64)  # readings in a row that could not be (R13)
-        self.leaps = np.zeros(len(joints))  # rad, how far the last of them was off
-        self._senses = [self._sense(bus) for bus in joints.buses]
         self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
-        self.alerts = np.zeros(len(joints), np.uint8)  # error byte of the last status, 0x80 = alert
-        self._position = np.full(len(joints), nan)
-        self._velocity = np.full(len(joints), nan)
-        self._effort = np.full(len(joints), nan)
-        self._heard_at = np.full(len(joints), -inf)
         self._access = (False, False)
         self.resolution = np.full(len(joints), nan)  # rad per tick
         for bus in joints.buses:
@@ -102,11 +78,11 @@ class Hardware:
 
     def prepare(self, position: Floats) -> list[Task[None]]:
         """Device watchdogs cleared with goal := position (n,), then armed; gains; all read back."""
-        return self._order(lambda writer, bus: writer.prepare(self.ticks(bus, position)))
+        return self._order(lambda writer, bus: writer.prepare(ticks(bus, position)))
 
     def aim(self, position: Floats) -> list[Task[None]]:
         """Goal := position (n,), read back."""
-        return self._order(lambda writer, bus: writer.aim(self.ticks(bus, position)))
+        return self._order(lambda writer, bus: writer.aim(ticks(bus, position)))
 
     def torque(self, on: bool) -> list[Task[None]]:
         """Torque of every device, read back."""
@@ -119,12 +95,12 @@ class Hardware:
         held = np.full(len(self.joints), nan)
         for task, bus in asked:
             if task.result is not None:
-                held[bus.joints] = (task.result - bus.zero) * bus.scale
+                held[bus.joints] = radians(bus, task.result)
         return held
 
     def silence(self, bus: BusMap, now: float) -> float:
         """Seconds since anybody on that bus answered; inf never."""
-        return now - float(self._heard_at[bus.joints].max())
+        return now - float(self.readings.heard_at[bus.joints].max())
 
     def _order(self, script: Callable[[Writer, BusMap], Script[None]]) -> list[Task[None]]:
         """The same script on the writer of every open bus, before anything else there."""
@@ -150,98 +126,12 @@ class Hardware:
             if port.writer is not None:
                 port.writer.clear()
 
-    # --------------------------------------------------------------------------- raw ↔ SI
-
-    def ticks(self, bus: BusMap, position: Floats) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-        """Goals (m,) of one bus in ticks, from positions (n,) in rad. Rounded to nearest.
-
-        NaN and what no register holds become `NOWHERE`, which no clamp lets pass.
-        """
-        exact = np.rint(bus.zero + position[bus.joints] / bus.scale)
-        # What a CPU makes of NaN as an integer is its own affair (0 on ARM, which may be a fine goal).
-        wanted: np.ndarray[tuple[int], np.dtype[np.int64]] = np.where(
-            np.abs(exact) < NOWHERE, exact, NOWHERE
-        ).astype(np.int64)
-        return wanted
-
     def quantised(self, position: Floats) -> Floats:
         """The positions (n,) that goals at `position` really mean, after rounding to ticks."""
         result = position.copy()
         for _, bus in self.pairs:
-            result[bus.joints] = (self.ticks(bus, position) - bus.zero) * bus.scale
+            result[bus.joints] = radians(bus, ticks(bus, position))
         return result
-
-    def _sense(self, bus: BusMap) -> Senses:
-        return Senses(bus.fastest, self.period)
-
-    def _take(self, bus: BusMap, number: int, sample: Sample) -> Bools:
-        """Keep what was read of bus `number`; whose position (m,) is believed (R13)."""
-        heard, senses = sample.heard, self._senses[number]
-        whole = every(heard)
-        if not (whole and senses.usual(sample.position, sample.sent, sample.received)):
-            heard = self._believe(bus, senses, sample)
-            whole = every(heard)
-        rows = slice(None) if whole else heard
-        places = bus.joints[rows]
-        self._position[places] = (sample.position[rows] - bus.zero[rows]) * bus.scale[rows]
-        self._velocity[places] = sample.velocity[rows] * bus.velocity_scale[rows]
-        self._effort[places] = sample.effort[rows] * bus.effort_scale[rows]
-        self._heard_at[places] = sample.received
-        self._listen(number, bus, sample)
-        self.discarded += sample.discarded
-        return heard
-
-    def _believe(self, bus: BusMap, senses: Senses, sample: Sample) -> Bools:
-        """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""
-        limp = self.slow.torque[bus.joints] == 0
-        believed = senses.believe(sample.position, sample.heard, sample.sent, sample.received, limp)
-        self.jumps[bus.joints] = senses.jumps
-        self.leaps[bus.joints] = senses.leaps * np.abs(bus.scale)
-        return believed
-
-    def _listen(self, number: int, bus: BusMap, sample: Sample) -> None:
-        """Error bytes; who begins to say that it has a hardware error is asked for it at once (R09)."""
-        if not some(sample.error):
-            self.alerts[bus.joints] = 0
-            return
-        alerts = np.where(sample.heard, sample.error, 0)
-        port = self.ports[number]
-        new = (alerts & ALERT) > (self.alerts[bus.joints] & ALERT)
-        for row in np.flatnonzero(new).tolist():
-            if port.reader is not None and not port.full:
-                port.run(port.reader.read(bus.ids[row], "hardware_error_status"), urgent=True)
-        self.alerts[bus.joints] = alerts
-
-    @staticmethod
-    def _count(traffic: Traffic, port: Port, sample: Sample) -> None:
-        """R06 counts who is known to be there: who is missing is told where a bus is identified."""
-        whole = every(sample.heard)
-        traffic.asked = port.holding or port.link is Link.CONNECTED
-        traffic.bad = sample.discarded > 0 or (not whole and some(sample.asked & ~sample.heard))
-        traffic.answered = whole or some(sample.heard)
-        traffic.foreign = sample.foreign
-
-    def _take_registers(self, port: Port, bus: BusMap) -> None:
-        if port.reader is None:
-            return
-        registers, slow, places = port.reader.registers, self.slow, bus.joints
-        slow.torque[places] = registers.torque
-        slow.fault[places] = registers.fault
-        slow.watchdog[places] = registers.watchdog
-        slow.voltage[places] = registers.voltage
-        slow.temperature[places] = registers.temperature
-        slow.status_time[places] = registers.status_time
-        slow.tick[places] = registers.tick
-        slow.health_time[places] = registers.health_time
-
-    def forget(self, bus: BusMap) -> None:
-        """A lost bus: what its slow registers said is no longer known, and its joints may be anywhere."""
-        for array in (self.slow.torque, self.slow.fault, self.slow.watchdog, self.slow.tick):
-            array[bus.joints] = -1
-        self.slow.health_time[bus.joints] = -inf
-        self.alerts[bus.joints] = 0
-        self._senses[self.joints.buses.index(bus)] = self._sense(bus)
-        self.slow.voltage[bus.joints] = self.slow.temperature[bus.joints] = nan
 
     # --------------------------------------------------------------------------- the exchange
 
@@ -261,7 +151,7 @@ class Hardware:
         try:
             for port, bus in self.pairs:
                 if port.writer is not None and port.holding:
-                    port.writer.goals(self.ticks(bus, goal))
+                    port.writer.goals(ticks(bus, goal))
                     self.left = True
         except WireClamp as error:  # all or nothing: no bus moves on a goal that another may not have
             self.clamped, self.left = error, False
@@ -286,32 +176,50 @@ class Hardware:
             sample = port.finish(self.clock.now())
             if sample is not None:
                 number = self.ports.index(port)
-                heard[bus.joints] = self._take(bus, number, sample)
+                heard[bus.joints] = self.readings.take(number, sample)
                 self._count(self.traffic[number], port, sample)
+                self._listen(number, bus, sample)
                 if self.traffic[number].answered:
                     received = max(received, sample.received)
                     self.trips[number] = sample.received - sample.sent
         self.hops = (first - sent, received - first) if some(heard) else (nan, nan)
         if not quiet:
             self._rare(end)
-        return self._state(heard, sent, received)
+        time, trip = (received, received - sent) if some(heard) else (self.clock.now(), nan)
+        return self.readings.state(heard, time, trip)
 
     def _begin(self) -> None:
         """Forget what the last exchange brought."""
         self.discarded = 0
-        if some(self.jumps):
-            self.jumps[:] = 0
+        self.readings.begin()
         for traffic in self.traffic:
             traffic.asked = traffic.bad = traffic.answered = False
             traffic.foreign = traffic.full = 0
+
+    def _count(self, traffic: Traffic, port: Port, sample: Sample) -> None:
+        """R06 counts who is known to be there: who is missing is told where a bus is identified."""
+        whole = every(sample.heard)
+        traffic.asked = port.holding or port.link is Link.CONNECTED
+        traffic.bad = sample.discarded > 0 or (not whole and some(sample.asked & ~sample.heard))
+        traffic.answered = whole or some(sample.heard)
+        traffic.foreign = sample.foreign
+        self.discarded += sample.discarded
+
+    def _listen(self, number: int, bus: BusMap, sample: Sample) -> None:
+        """Who begins to say that it has a hardware error is asked for it at once (R09)."""
+        port = self.ports[number]
+        for row in self.readings.alert(number, sample):
+            if port.reader is not None and not port.full:
+                port.run(port.reader.read(bus.ids[row], "hardware_error_status"), urgent=True)
 
     def _rare(self, end: float) -> None:
         """One further transaction per bus, all at once, in what is left of the tick."""
         asked = [pair for pair in self.pairs if self._try(pair, "rare", end)]
         self._collect(asked, look=not all(port.querying for port, _ in asked))
-        for port, bus in asked:
+        for port, _ in asked:
             port.end_rare(self.clock.now())
-            self._take_registers(port, bus)
+            if port.reader is not None:
+                self.readings.keep(self.ports.index(port), port.reader.registers)
 
     def _try(self, pair: tuple[Port, BusMap], what: str, end: float = inf) -> bool:
         """Begin a transaction on an open port; False where there is none, or the port was lost."""
@@ -370,24 +278,7 @@ class Hardware:
         self.clock.wait([reader.transport for reader in readers], deadline)
 
     def _lose(self, pair: tuple[Port, BusMap], error: PortError) -> None:
-        port, bus = pair
+        port, _ = pair
         port.lose(error, self.clock.now())
-        self.forget(bus)
+        self.readings.forget(self.ports.index(port))
         self.lost.append(Lost(port.name, error))
-
-    def _state(self, heard: Bools, sent: float, received: float) -> JointState:
-        somebody = some(heard)
-        time = received if somebody else self.clock.now()
-        trip = received - sent if somebody else nan
-        state = JointState(
-            time,
-            self._position.copy(),
-            self._velocity.copy(),
-            self._effort.copy(),
-            time - self._heard_at,
-            heard,
-            trip,
-        )
-        for array in (state.position, state.velocity, state.effort, state.age, state.heard):
-            array.setflags(write=False)
-        return state

@@ -98,7 +98,7 @@ class Publisher:
     def _faults(self) -> NDArray[np.int16]:
         """Hardware error bits (n,), -1 unknown; bit 8: the last answer carried the alert, whatever it is."""
         hardware = self._loop.hardware
-        alert = (hardware.alerts & ALERT) != 0
+        alert = (hardware.readings.alerts & ALERT) != 0
         faults: NDArray[np.int16] = np.where(
             alert, np.maximum(hardware.slow.fault, 0) | 0x100, hardware.slow.fault
         )

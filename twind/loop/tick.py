@@ -160,7 +160,7 @@ class Loop:
     def guard(self, reference: Reference | None, target: JointState, now: float) -> Floats | None:
         """What may be written this tick: the goal, the last goal again, or nothing."""
         held = self.lease.holds(now) and self.lease.epoch == self.motion_epoch
-        slow = self.hardware.slow
+        readings, slow = self.hardware.readings, self.hardware.slow
         judgement = self.parts.guard.judge(
             Facts(
                 now=now,
@@ -182,12 +182,12 @@ class Loop:
                 status_time=slow.status_time,
                 discarded=self.hardware.discarded,
                 traffic=self.hardware.traffic,
-                alerts=self.hardware.alerts,
+                alerts=readings.alerts,
                 fault=slow.fault,
                 tick=slow.tick,
                 health_time=slow.health_time,
-                jumps=self.hardware.jumps,
-                leaps=self.hardware.leaps,
+                jumps=readings.jumps,
+                leaps=readings.leaps,
             )
         )
         return self._react(judgement, reference, now)

@@ -1,0 +1,102 @@
+"""Ticks become radians here and nowhere else; a robot's joints may lie on their buses in any order."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from two_buses import JOINTS, PERIOD, TURN, TwoBuses
+
+from twind.loop.readings import Readings, ticks, where
+from twind_drivers.bus import Sample
+
+ANGLES = st.lists(st.floats(-1.5, 1.5), min_size=6, max_size=6).map(np.array)
+BUSES = TwoBuses().hardware  # never exchanged: its arithmetic only
+
+
+@pytest.mark.parametrize(
+    ("share", "expected"), [(0.4, 0), (0.6, 1), (1.4, 1), (-0.4, 0), (-0.6, -1), (-1.4, -1), (-1.6, -2)]
+)
+def test_goals_are_rounded_to_the_nearest_tick_on_both_sides_of_zero(share: float, expected: int) -> None:
+    left = JOINTS.buses[0]
+    position = np.zeros(6)
+    position[left.joints] = share * left.scale
+    assert (ticks(left, position) - left.zero).tolist() == [expected] * 3
+
+
+@settings(max_examples=100, deadline=None)
+@given(ANGLES)
+def test_a_quantised_position_is_a_whole_tick_less_than_half_a_tick_away(position: np.ndarray) -> None:
+    held = BUSES.quantised(position)
+    assert (np.abs(held - position) <= BUSES.resolution / 2 * (1 + 1e-9)).all()
+    for _, bus in BUSES.pairs:
+        assert ticks(bus, held).tolist() == ticks(bus, position).tolist()
+    assert BUSES.quantised(held).tolist() == held.tolist()
+
+
+def test_the_resolution_of_a_joint_is_a_tick_through_its_gear() -> None:
+    assert BUSES.resolution == pytest.approx(np.array([1.0, 0.5, 1.0, 1.0, 0.5, 1.0]) * TURN)
+
+
+@given(st.permutations(range(6)), st.integers(1, 6))
+def test_an_index_of_a_bus_names_its_joints_whatever_their_order(order: list[int], count: int) -> None:
+    bus = replace(JOINTS.buses[0], joints=np.array(order[:count], np.int64))
+    assert np.arange(6)[where(bus)].tolist() == order[:count]
+
+
+def sample(position: int, heard: list[bool], at: float, error: int = 0) -> Sample:
+    """Of the three devices of a bus, all `position` ticks from their zero."""
+    ears = np.array(heard)
+    return Sample(
+        sent=at,
+        received=at + 0.002,
+        position=np.where(ears, JOINTS.buses[0].zero + position, 0),
+        velocity=np.where(ears, 7, 0),
+        effort=np.zeros(3, np.int64),
+        error=np.where(ears, error, 0).astype(np.uint8),
+        heard=ears,
+        asked=np.ones(3, np.bool_),
+        discarded=0,
+        foreign=0,
+    )
+
+
+@given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=1, max_size=12))
+def test_who_is_not_heard_keeps_number_and_stamp(rows: list[list[bool]]) -> None:
+    readings, bus = Readings(JOINTS, PERIOD), JOINTS.buses[0]
+    last = np.full(3, np.nan)
+    stamp = np.full(3, -np.inf)
+    for turn, heard in enumerate(rows):
+        at = 10.0 + turn * PERIOD
+        assert readings.take(0, sample(turn, heard, at)).tolist() == heard
+        last[heard], stamp[heard] = turn, at + 0.002
+        assert readings.position[bus.joints] == pytest.approx(last * bus.scale, nan_ok=True)
+        assert readings.heard_at[bus.joints].tolist() == stamp.tolist()
+    others = JOINTS.buses[1].joints
+    assert np.isnan(readings.position[others]).all()
+
+
+def test_who_begins_to_say_that_it_has_an_error_is_named_once() -> None:
+    readings, all_three = Readings(JOINTS, PERIOD), [True] * 3
+    row = [
+        (0, all_three),
+        (0x80, [True, False, True]),
+        (0x80, all_three),
+        (0x04, all_three),
+        (0x80, all_three),
+    ]
+    named = [readings.alert(0, sample(0, heard, 10.0, error)) for error, heard in row]
+    assert named == [[], [0, 2], [1], [], [0, 1, 2]]
+
+
+def test_a_lost_bus_is_forgotten_and_the_other_is_not() -> None:
+    readings = Readings(JOINTS, PERIOD)
+    for store in (readings.slow.torque, readings.slow.fault, readings.slow.watchdog, readings.slow.tick):
+        store[:] = 1
+    readings.slow.health_time[:] = 5.0
+    readings.forget(0)
+    lost = np.isin(np.arange(6), JOINTS.buses[0].joints)
+    for store in (readings.slow.torque, readings.slow.fault, readings.slow.watchdog, readings.slow.tick):
+        assert store.tolist() == np.where(lost, -1, 1).tolist()
+    assert readings.slow.health_time.tolist() == np.where(lost, -np.inf, 5.0).tolist()

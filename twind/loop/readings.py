@@ -1,0 +1,153 @@
+"""What the robot was last read as, raw ↔ SI: the only place that multiplies ticks.
+
+Takes the sample of one bus after the other. A joint that was not heard, or not believed (R13), keeps its
+number, and says how old it is. Does no I/O.
+"""
+
+from math import inf, nan
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, Ints, every, some
+from twind.robot.joints import BusMap, JointMap
+from twind.robot.state import JointState
+from twind.safety.device_rules import ALERT
+from twind.safety.senses import Senses
+from twind_drivers.bus import Registers, Sample
+
+NOWHERE = 1 << 40  # ticks: beyond every goal register
+
+
+def ticks(bus: BusMap, position: Floats) -> Ints:
+    """Goals (m,) of one bus in ticks, from positions (n,) in rad. Rounded to nearest.
+
+    NaN and what no register holds become `NOWHERE`, which no clamp lets pass.
+    """
+    exact = np.rint(bus.zero + position[bus.joints] / bus.scale)
+    # What a CPU makes of NaN as an integer is its own affair (0 on ARM, which may be a fine goal).
+    wanted: Ints = np.where(np.abs(exact) < NOWHERE, exact, NOWHERE).astype(np.int64)
+    return wanted
+
+
+def radians(bus: BusMap, place: Ints) -> Floats:
+    """Positions (m,) of one bus in rad, from ticks (m,)."""
+    angle: Floats = (place - bus.zero) * bus.scale
+    return angle
+
+
+def where(bus: BusMap) -> slice | Ints:
+    """The joints of a bus as an index; joints side by side as a slice, which takes a third of the time."""
+    first, count = int(bus.joints[0]), len(bus.joints)
+    side_by_side = np.array_equal(bus.joints, np.arange(first, first + count))
+    return slice(first, first + count) if side_by_side else bus.joints
+
+
+class Slow:
+    """The slowly read registers in joint order; arrays (n,)."""
+
+    def __init__(self, count: int) -> None:
+        self.torque = np.full(count, -1, np.int8)
+        self.fault = np.full(count, -1, np.int16)
+        self.watchdog = np.full(count, -1, np.int16)
+        self.voltage = np.full(count, nan)
+        self.temperature = np.full(count, nan)
+        self.status_time = np.full(count, -inf)
+        self.tick = np.full(count, -1, np.int32)  # ms, the servo's own clock modulo 32768; -1 unknown
+        self.health_time = np.full(count, -inf)
+
+    def keep(self, places: slice | Ints, registers: Registers) -> None:
+        """What the reader of one bus knows now."""
+        self.torque[places] = registers.torque
+        self.fault[places] = registers.fault
+        self.watchdog[places] = registers.watchdog
+        self.voltage[places] = registers.voltage
+        self.temperature[places] = registers.temperature
+        self.status_time[places] = registers.status_time
+        self.tick[places] = registers.tick
+        self.health_time[places] = registers.health_time
+
+    def forget(self, places: slice | Ints) -> None:
+        """A lost bus: what its registers said is no longer known."""
+        for array in (self.torque, self.fault, self.watchdog, self.tick):
+            array[places] = -1
+        self.voltage[places] = self.temperature[places] = nan
+        self.health_time[places] = -inf
+
+
+class Readings:
+    """The last reading of every joint. Arrays are (n,), in `JointMap` order; buses by their number there."""
+
+    def __init__(self, joints: JointMap, period: float) -> None:
+        count = len(joints)
+        self.slow = Slow(count)
+        self.jumps = np.zeros(count, np.int64)  # readings in a row that could not be (R13)
+        self.leaps = np.zeros(count)  # rad, how far the last of them was off
+        self.alerts = np.zeros(count, np.uint8)  # error byte of the last status, 0x80 = alert
+        self.position = np.full(count, nan)
+        self.velocity = np.full(count, nan)
+        self.effort = np.full(count, nan)
+        self.heard_at = np.full(count, -inf)  # s
+        self._buses, self._period = joints.buses, period
+        self._where = [where(bus) for bus in joints.buses]
+        self._senses = [Senses(bus.fastest, period) for bus in joints.buses]
+
+    def begin(self) -> None:
+        """Forget what the last exchange said of jumps: each is told once."""
+        if some(self.jumps):
+            self.jumps[:] = 0
+
+    def take(self, number: int, sample: Sample) -> Bools:
+        """Keep what was read of a bus; whose position (m,) is believed."""
+        heard, senses, bus = sample.heard, self._senses[number], self._buses[number]
+        places = self._where[number]
+        if every(heard) and senses.usual(sample.position, sample.sent, sample.received):
+            self.position[places] = radians(bus, sample.position)
+            self.velocity[places] = sample.velocity * bus.velocity_scale
+            self.effort[places] = sample.effort * bus.effort_scale
+            self.heard_at[places] = sample.received
+            return heard
+        heard = self._believe(number, sample)
+        rows = bus.joints[heard]
+        self.position[rows] = radians(bus, sample.position)[heard]
+        self.velocity[rows] = (sample.velocity * bus.velocity_scale)[heard]
+        self.effort[rows] = (sample.effort * bus.effort_scale)[heard]
+        self.heard_at[rows] = sample.received
+        return heard
+
+    def alert(self, number: int, sample: Sample) -> list[int]:
+        """Keep the error bytes; places on the bus of those who begin to say that they have an error (R09)."""
+        places = self._where[number]
+        if not some(sample.error):
+            self.alerts[places] = 0
+            return []
+        alerts = np.where(sample.heard, sample.error, 0)
+        new = (alerts & ALERT) > (self.alerts[places] & ALERT)
+        self.alerts[places] = alerts
+        return np.flatnonzero(new).tolist()
+
+    def keep(self, number: int, registers: Registers) -> None:
+        """What the reader of a bus knows of the slow registers."""
+        self.slow.keep(self._where[number], registers)
+
+    def forget(self, number: int) -> None:
+        """A lost bus: its registers are not known, and its joints may be anywhere when it is back."""
+        self.slow.forget(self._where[number])
+        self.alerts[self._where[number]] = 0
+        self._senses[number] = Senses(self._buses[number].fastest, self._period)
+
+    def state(self, heard: Bools, time: float, trip: float) -> JointState:
+        """All joints at `time` (s), whose reading took `trip` (s). Arrays are read-only."""
+        position, velocity, effort = self.position.copy(), self.velocity.copy(), self.effort.copy()
+        state = JointState(time, position, velocity, effort, time - self.heard_at, heard, trip)
+        for array in (position, velocity, effort, state.age, heard):
+            array.setflags(write=False)
+        return state
+
+    def _believe(self, number: int, sample: Sample) -> Bools:
+        """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""
+        senses, bus, places = self._senses[number], self._buses[number], self._where[number]
+        limp = self.slow.torque[places] == 0
+        believed = senses.believe(sample.position, sample.heard, sample.sent, sample.received, limp)
+        self.jumps[places] = senses.jumps
+        self.leaps[places] = senses.leaps * np.abs(bus.scale)
+        return believed
