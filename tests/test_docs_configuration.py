@@ -1,0 +1,107 @@
+"""docs/configuration.md names every key of settings and robot file, and no other; with the right defaults."""
+
+import re
+from pathlib import Path
+
+import pytest
+from pages import ROOT, table
+
+from twind.config import robot_file, section
+from twind.config.robot_file import read_robot
+from twind.config.settings import load_settings
+
+TEXT = (ROOT / "docs" / "configuration.md").read_text()
+HEADING = ("key", "value", "default", "what")
+SETTINGS, ROBOT = (table(part, *HEADING) for part in TEXT.split("\n## Robot file\n"))
+LATER = set(re.findall(r"`(\w+)`", TEXT.rsplit("Refused by name", 1)[1]))
+NAMES = {"buses": "BUS", "types": "TYPE", "joints": "JOINT", "poses": "POSE"}
+
+FILE = """\
+format: twind-robot/1
+name: one
+model: {mjcf: one.xml, base: torso}
+buses: {main: {kind: dynamixel2}}
+types: {small: {device: XM430-W350, gains: {p: 1, i: 0, d: 0}, registers: {shutdown: 52}}}
+defaults: {type: small, bus: main}
+joints: {yaw: {id: 1, limits_rad: [-1.0, 1.0], registers: {shutdown: 52}}}
+poses: {rest: {yaw: 0.0}}
+collision: {}
+"""
+
+
+def documented(rows: list[list[str]]) -> set[str]:
+    return {key.strip("`") for key, *_ in rows}
+
+
+def asked(monkeypatch: pytest.MonkeyPatch, read: object) -> set[str]:
+    """Every key that is asked for, as the page spells it, while `read` reads a file."""
+    found: set[str] = set()
+    given = section.Section._given
+
+    def spy(self: section.Section, key: str) -> str | None:
+        found.add(f"{self.path}.{key}".strip("."))
+        return given(self, key)
+
+    monkeypatch.setattr(section.Section, "_given", spy)
+    read()  # type: ignore[operator]
+    return {_spelled(path) for path in found if not path.endswith(".")}
+
+
+def _spelled(path: str) -> str:
+    parts = path.split(".")
+    if parts[0] in NAMES and len(parts) > 1:
+        parts[1] = NAMES[parts[0]]
+    if parts[0] == "poses" and len(parts) == 3:
+        parts[2] = "JOINT"
+    if "registers" in parts[:-1]:
+        parts[-1] = "REGISTER"
+    return ".".join(parts)
+
+
+def _leaves(keys: set[str]) -> set[str]:
+    """Without the sections that hold others."""
+    return {key for key in keys if not any(other.startswith(f"{key}.") for other in keys)}
+
+
+def test_every_key_of_the_settings_is_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "twind.yaml"
+    file.write_text("mode: sim\n")
+    keys = asked(monkeypatch, lambda: load_settings(file, {}, 1000))
+    assert _leaves(keys) == documented(SETTINGS)
+
+
+def test_every_key_of_the_robot_file_is_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "one.xml").write_text("<mujoco/>")
+    (tmp_path / "one.yaml").write_text(FILE)
+    keys = asked(monkeypatch, lambda: read_robot(tmp_path / "one.yaml"))
+    keys = {key for key in _leaves(keys) if key.rsplit(".", 1)[-1] not in LATER}
+    collision = {key for key in documented(ROBOT) if key.startswith("collision.")}
+    assert _leaves(keys) - {"collision"} == documented(ROBOT) - collision
+    source = Path(robot_file.__file__).read_text()
+    for key in collision:
+        assert f'"{key.removeprefix("collision.")}"' in source
+
+
+def test_the_defaults_of_the_page_are_those_of_the_code(tmp_path: Path) -> None:
+    (tmp_path / "one.xml").write_text("<mujoco/>")
+    (tmp_path / "one.yaml").write_text(FILE)
+    robot, page = read_robot(tmp_path / "one.yaml"), {key.strip("`"): usual for key, _, usual, _ in ROBOT}
+    bus, kind, joint = robot.buses[0], robot.joints[0].type, robot.joints[0]
+    assert page["support"] == f"`{robot.support}`"
+    assert page["loop.rate_hz"] == f"{robot.rate_hz:g}"
+    assert page["loop.command_timeout_ms"] == f"{robot.command_timeout_ms:g}"
+    assert page["buses.BUS.baud"] == f"{bus.baud}"
+    assert page["buses.BUS.latency_timer_ms"] == f"{bus.latency_timer_ms}"
+    assert page["buses.BUS.one_write"] == f"`{str(bus.one_write).lower()}`"
+    assert page["types.TYPE.mode"] == f"`{kind.mode}`"
+    assert page["types.TYPE.return_delay_us"] == f"{kind.return_delay_us}"
+    assert page["types.TYPE.velocity_limit_rad_s"] == f"{kind.velocity_limit_rad_s:g}"
+    assert page["types.TYPE.acceleration_limit_rad_s2"] == f"{kind.acceleration_limit_rad_s2:g}"
+    assert (page["defaults.sign"], page["defaults.ratio"]) == (f"{joint.sign}", f"{joint.ratio:g}")
+    assert page["gate.on_velocity"] == f"`{robot.gate.on_velocity}`"
+    usual = {key.strip("`"): usual for key, _, usual, _ in SETTINGS}
+    settings = load_settings(None, {"HOME": str(tmp_path)}, 1000)
+    for key in ("mode", "robot", "log_level"):
+        assert usual[key] == f"`{getattr(settings, key)}`"
+    for key in ("latency_warn_ms", "latency_block_ms"):
+        assert usual[f"thresholds.{key}"] == f"{getattr(settings, key):g}"
