@@ -76,6 +76,19 @@ def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
     assert pauses[-1] > 0.9 * PROBE
 
 
+def test_who_was_there_for_a_while_since_it_came_back_is_probed_soon_again() -> None:
+    roll, now = Attendance(2), 0.0
+    for _ in range(MISSES):
+        roll.missed(heard(1, 0), np.ones(2, np.bool_), now)
+    for _ in range(9):
+        roll.probed(1, now)
+    roll.back(1, now)
+    now += 1.5 * PROBE
+    for _ in range(MISSES):
+        roll.missed(heard(1, 0), np.ones(2, np.bool_), now)
+    assert roll.due(now + 1.01 * FIRST) == 1
+
+
 def test_all_parked_are_probed_at_once_when_another_came_back() -> None:
     roll = Attendance(3)
     for _ in range(MISSES):

@@ -167,6 +167,15 @@ def test_what_answers_anything_is_back() -> None:
     rig.reader.feed(rig.clock.now())
     rig.reader.answer(rig.clock.now())
     assert rig.tick().heard.all()
+    assert rig.asked[-1].instruction == PLAIN  # a late answer to its probe is no row of a fast reading
+    assert rig.asked[-1].params[2] != 10
+
+
+def test_what_nobody_asked_for_is_told_by_one_sample_alone() -> None:
+    rig = Rig(Servos(IDS))
+    rig.tick()
+    rig.wire.inbox += p.status(99, 0, bytes(10)) + p.ping(5)
+    assert [rig.tick().foreign for _ in range(3)] == [2, 0, 0]
 
 
 def test_nobody_is_parked_when_nobody_answers() -> None:

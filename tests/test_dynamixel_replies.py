@@ -270,6 +270,16 @@ def test_nothing_of_the_last_reply_is_left_in_the_next() -> None:
         assert not np.asarray(reply.error).any()
 
 
+def test_strays_are_counted_once_and_their_pieces_make_no_packet_across_two_replies() -> None:
+    stranger = p.status(99, 0, block(99))
+    for reply, data in ((PlainReply(IDS, SIZE), plain()), (FastReply(IDS, SIZE), fast())):
+        for _ in range(3):
+            give(reply, data + stranger[:9])
+            assert (reply.strays, tuple(reply.unasked)) == (9, ())
+            give(reply, stranger[9:] + data)
+            assert (reply.strays, tuple(reply.unasked)) == (len(stranger) - 9, ())
+
+
 def test_a_fast_reply_of_others_is_not_ours() -> None:
     reply = FastReply((3, 7, 4, 251), SIZE)
     give(reply, fast())

@@ -91,6 +91,17 @@ def test_every_setting_comes_back_and_neither_torque_nor_goal_nor_watchdog(wante
     assert {each.address for each in found.restored} == {KEYS[name][0] for name in changed}
 
 
+def test_what_was_read_of_a_servo_before_its_restart_is_not_known_any_more() -> None:
+    bus = bench()
+    bus.run(bus.reader.collect(bus.ids, 120, 27))
+    known, place = bus.reader.registers, bus.ids.index(HERE)
+    assert (known.tick >= 0).all()
+    reboot(bus)
+    assert known.tick[place] == -1
+    assert np.isnan(known.voltage[place])
+    assert np.isfinite(known.health_time).sum() == len(bus.ids) - 1
+
+
 def test_the_names_restored_are_all_that_this_test_knows() -> None:
     assert set(KEYS) | {"led_red", "led_green", "led_blue"} == set(RESTORED)
 

@@ -209,6 +209,36 @@ def test_an_id_whose_every_answer_is_garbled_is_told_as_unsound() -> None:
     assert rate.found[1].model is None
 
 
+def test_two_devices_of_a_model_that_no_table_knows_are_told_by_their_two_answers() -> None:
+    def twice(reply: bytes) -> bytes:
+        return reply + packet.status(5, 0, (4712).to_bytes(2, "little") + b"\1") if reply else reply
+
+    servos = Servos((5,), model=4711)
+    wire = Wire(servos)
+    wire.change = twice
+    (found,) = scan_rate(Prober(wire, FakeClock(), MILLION)).found
+    assert (found.id, found.model_name) == (5, None)
+    assert "two devices" in found.trouble
+
+
+def test_an_id_whose_first_answer_alone_is_garbled_is_asked_until_one_is_clear() -> None:
+    garbled: list[bytes] = []
+
+    def garble(reply: bytes) -> bytes:
+        asked = servos.seen[-1].id if servos.seen else packet.BROADCAST
+        if asked != 9 or len(garbled) > 2:
+            return b"" if asked == packet.BROADCAST else reply
+        garbled.append(reply)
+        return reply[:-1] + b"\0"
+
+    servos = Servos((2, 9))
+    wire = Wire(servos)
+    wire.change = garble
+    rate = scan_rate(Prober(wire, FakeClock(), MILLION), range(12), thorough=True)
+    assert [(each.id, each.trouble) for each in rate.found] == [(2, ""), (9, "")]
+    assert len(garbled) == 3
+
+
 # ------------------------------------------------------------------------------------- the line itself
 
 
@@ -299,3 +329,11 @@ def test_a_port_that_goes_away_ends_the_scan() -> None:
     bench.bus.faults.unplug()
     with pytest.raises(PortError, match="unplugged"):
         next(rates)
+
+
+def test_a_port_that_is_gone_when_its_rate_is_set_ends_the_scan_too() -> None:
+    def at(baud: int) -> Prober:
+        raise PortError("bench", "adapter unplugged?", lost=True)
+
+    with pytest.raises(PortError, match="unplugged"):
+        next(scan(at))

@@ -29,6 +29,7 @@ def test_what_may_be_written_passes() -> None:
         b"",
         GAIN[:-1],
         GAIN + b"\0",
+        GAIN + GAIN[:-1],
         b"\0" + GAIN,
         GAIN[:-1] + bytes((GAIN[-1] ^ 1,)),
         p.instruction(1, p.Instruction.FACTORY_RESET, b"\x02"),

@@ -42,8 +42,8 @@ class Attendance:
         if not gone.any():
             return False
         self.asked, self.parked = _frozen(self.asked & ~gone), True
-        anew = now - self._back_at > PROBE  # else it comes and goes: asked ever more rarely
-        self._pause[gone] = np.where(anew, FIRST, np.minimum(2.0 * self._pause, PROBE))[gone]
+        anew = now - self._back_at > PROBE  # else it comes and goes, and its last probe made the pause longer
+        self._pause[gone & anew] = FIRST
         self._due[gone] = now + self._pause[gone]
         return True
 
