@@ -166,6 +166,13 @@ def test_r08_three_foreign_packets_in_a_second_inhibit(row: list[int], stops: bo
     assert [finding.bound for finding in last.findings] == ([3.0] if stops else [])
 
 
+def test_r08_under_a_latched_fault_a_stranger_on_either_bus_is_latched_and_named() -> None:
+    watch = Watch()
+    found = [watch.see(foreign(3), state=State.FAULT), watch.see(GOOD, foreign(3), state=State.FAULT)]
+    assert [(one.reaction, one.latches) for one in found] == [(Reaction.INHIBIT, True)] * 2
+    assert ["left" in found[0].findings[0].message, "right" in found[1].findings[0].message] == [True] * 2
+
+
 def test_r08_while_arming_too() -> None:
     watch = Watch()
     over = DISARMED | {"state": State.ARMING, "torque_settled": False}
@@ -213,6 +220,11 @@ def test_r23_an_answer_ends_a_row_and_a_tick_without_one_does_not() -> None:
 def test_r23_an_answer_in_a_tick_that_was_full_too_proves_nothing() -> None:
     watch = Watch()
     assert watch.all([Traffic(asked=True, answered=True, full=1)] * 3)[-1].latches
+
+
+def test_r23_both_packets_of_a_tick_count() -> None:
+    watch = Watch()
+    assert [one.latches for one in watch.all([Traffic(full=2), FULL])] == [False, True]
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])

@@ -188,6 +188,14 @@ def test_r11_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> No
     assert judge.judge(facts(watchdog=zero, status_time=np.full(N, 10.2))).latches
 
 
+def test_r11_one_joint_read_anew_says_nothing_of_another() -> None:
+    judge, zero = guard(), at(0, 0, 5, np.int16)
+    judge.judge(facts(watchdog=zero, **DISARMED))
+    anew = np.full(N, 9.99)
+    anew[1] = 10.1
+    assert judge.judge(facts(watchdog=zero, status_time=anew)) == FINE
+
+
 def test_r11_torque_off_and_watchdog_off_is_a_restart_at_the_first_reading() -> None:
     off, zero = at(0, 0, 1, np.int8), at(0, 0, 5, np.int16)
     assert codes(guard().judge(facts(torque=off, watchdog=zero))) == [Code.SERVO_REBOOTED]

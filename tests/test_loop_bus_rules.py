@@ -111,6 +111,16 @@ def test_r09_a_servo_that_shuts_down_faults_within_two_ticks_and_says_why(armed:
     assert on(armed).sum() == 23  # a gantry carries what hangs: the others hold
 
 
+def test_r09_what_is_latched_says_why_once_that_was_read(armed: Rig) -> None:
+    slow, joint = armed.loop.hardware.slow, 8
+    armed.virtual["main"].faults.damage(9, OVERLOAD)
+    armed.ticks(1)
+    slow.fault[joint] = 0  # as if there had been no room for the question in this tick
+    armed.ticks(1)
+    assert "not read yet" in armed.loop.latches["SERVO_ALERT"].message
+    until(armed, lambda: "overload" in armed.loop.latches["SERVO_ALERT"].message, 8)
+
+
 def test_r09_in_mirror_it_is_told() -> None:
     mirror = Rig(mode=Mode.MIRROR)
     mirror.connect()

@@ -97,6 +97,24 @@ def test_wild_readings_that_do_not_agree_are_never_believed() -> None:
         assert world.senses.jumps[1] == number + 1
 
 
+def test_however_long_all_was_well_the_last_reading_is_what_counts() -> None:
+    world = World()
+    assert all(world.read(7) for _ in range(200))
+    assert not world.read(7 + TURN)
+    assert world.senses.leaps.tolist() == [0, TURN]
+
+
+@pytest.mark.parametrize(("gap", "fits"), [(0.001, False), (0.0058, False), (0.0061, True), (0.010, True)])
+def test_readings_that_come_close_upon_each_other_may_lie_less_apart(gap: float, fits: bool) -> None:
+    """A late tick is followed by one in time: the full step of a period is too much between them."""
+    senses, ears = Senses(np.full(2, FASTEST), PERIOD), np.array([True, True])
+    senses.believe(np.array([0, 0]), ears, 5.0, 5.0 + TRIP, NO)
+    place, at = np.array([0, int(1.5 * FASTEST * 0.008 + 3.0)]), 5.0 + gap
+    usual = senses.usual(place, at, at + TRIP)
+    believed = ears if usual else senses.believe(place, ears, at, at + TRIP, NO)
+    assert believed.tolist() == [True, fits]
+
+
 def test_a_wrong_beginning_is_corrected() -> None:
     world = World()
     assert [world.read(place) for place in (TURN, 0, 1, 2, 3)] == [True, False, False, True, True]

@@ -249,8 +249,9 @@ class Loop:
             self.change(event, now)
 
     def latch(self, finding: Finding) -> None:
-        """Keep a fault until an operator acknowledges it."""
-        if finding.code not in self.latches:
+        """Keep a fault until an operator acknowledges it: the first of its code, or the same known better."""
+        first = self.latches.get(finding.code)
+        if first is None or (first.joint == finding.joint and first.value is None):
             self.latches[finding.code] = finding
             self.publisher.urgent = True
 

@@ -56,8 +56,8 @@ class Senses:
         fits = heard & (leap <= self._reach * (received - self._at) + TICKS)
         wild = heard & ~fits
         near = np.abs(position - self._other) <= self._reach * (received - self._other_at) + TICKS
-        self._agreeing = np.where(wild, np.where(near, self._agreeing, 0) + 1, self._agreeing * ~heard)
-        self._row = np.where(wild, self._row + 1, self._row * ~heard)
+        self._agreeing = np.where(wild, np.where(near, self._agreeing, 0) + 1, self._agreeing)
+        self._row = np.where(wild, self._row + 1, self._row)
         self.jumps, self.leaps = np.where(wild, self._row, 0), np.where(wild, leap, 0)
         self._other = np.where(wild, position, self._other)
         self._other_at = np.where(wild, sent, self._other_at)
