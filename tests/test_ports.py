@@ -141,6 +141,17 @@ def test_with_the_port_every_task_ends_and_what_was_known_of_it_goes(world: TwoB
         reader.transport.drain()
 
 
+def test_a_bus_that_went_away_gets_no_goals_when_it_is_back(world: TwoBuses, port: Port) -> None:
+    world.hardware.hold(True)
+    assert port.holding
+    world.virtual["left"].faults.unplug()
+    world.tick(count=3)
+    world.virtual["left"].faults.replug()
+    world.tick(count=100)
+    assert port.writer is not None
+    assert (port.holding, world.ports[1].holding) == (False, True)
+
+
 def test_a_lost_port_counts_as_an_error_and_one_closed_on_purpose_does_not(
     world: TwoBuses, port: Port
 ) -> None:
@@ -353,6 +364,17 @@ def test_every_exchange_is_counted_and_those_with_a_silent_servo_as_errors(
     world.tick(count=2)
     assert port.counts.discarded > discarded
     assert 0.0 < port.counts.busy < PERIOD
+
+
+def test_bytes_astray_in_the_answer_to_a_script_are_counted_too(world: TwoBuses, port: Port) -> None:
+    before, task = port.strays, port.run(pings(1), urgent=True)
+    world.virtual["left"].faults.corrupt(1, id=1)
+    port.begin_rare(world.clock.now(), inf)
+    assert port.reader is not None
+    world.clock.sleep_until(port.reader.deadline)
+    port.reader.feed(world.clock.now())
+    port.end_rare(world.clock.now())
+    assert (task.result, port.strays > before) == ([], True)
 
 
 def test_a_read_of_somebody_else_is_answered_by_nobody(world: TwoBuses, port: Port) -> None:
