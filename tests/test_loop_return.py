@@ -118,6 +118,23 @@ def power_on(rig: Rig, bus: str) -> None:
     rig.virtual[bus].faults.clear()
 
 
+@pytest.mark.parametrize("ticks", [230, 260, 290])
+def test_a_chain_that_gets_its_power_after_the_daemon_is_identified_at_once(ticks: int) -> None:
+    """Not at the next of the tries of every second."""
+    rig = Rig()
+    power_off(rig, "main")
+    rig.ticks(ticks)
+    assert rig.loop.state is State.IDENTIFYING
+    power_on(rig, "main")
+    rig.virtual["main"].faults.silence(on=False)
+    late = 0
+    while rig.loop.state is not State.CONNECTED:
+        rig.ticks(1)
+        late += bool(rig.loop.measured.heard.any())
+        assert late < 25
+    rig.close()
+
+
 @pytest.mark.parametrize("seconds", [0.15, 0.6, 1.5, 2.5, 4.2, 6.0])
 def test_a_power_blip_is_noticed_and_everybody_is_identified_a_second_after_they_answer(
     moving: Rig, seconds: float
