@@ -6,6 +6,7 @@ import numpy as np
 from rig import Rig
 
 from twind import link
+from twind.loop.ports import Link
 from twind.robot.modes import Mode, Motion, State
 
 HEALTH = 20  # ticks between two readings of a servo's own clock (docs/safety.md)
@@ -181,6 +182,17 @@ def test_r11_a_second_restart_within_a_second_is_identified_anew_too(live: Rig) 
         until(live, lambda: not live.loop.hardware.connected, HEALTH + 5)
         until(live, lambda: live.loop.hardware.connected, 60)
     assert len(live.events("SERVO_REBOOTED")) == 1
+
+
+def test_r11_only_the_bus_of_the_restarted_servo_is_asked_anew() -> None:
+    rig = Rig("h24-split")
+    rig.connect()
+    rig.seconds(1.0)
+    one, other = rig.loop.hardware.ports
+    rig.loop.parts.guard._devices._tick_time[rig.loop.joints.buses[0].joints[0]] -= 20.0
+    until(rig, lambda: one.link is Link.IDENTIFYING, HEALTH + 5)
+    assert other.link is Link.CONNECTED
+    rig.close()
 
 
 def test_r11_clocks_that_wrap_are_no_restart(armed: Rig) -> None:

@@ -100,3 +100,11 @@ def test_a_lost_bus_is_forgotten_and_the_other_is_not() -> None:
     for store in (readings.slow.torque, readings.slow.fault, readings.slow.watchdog, readings.slow.tick):
         assert store.tolist() == np.where(lost, -1, 1).tolist()
     assert readings.slow.health_time.tolist() == np.where(lost, -np.inf, 5.0).tolist()
+
+
+def test_when_a_lost_bus_is_back_its_joints_may_be_anywhere() -> None:
+    readings = Readings(JOINTS, PERIOD)
+    assert readings.take(0, sample(0, [True] * 3, 10.0)).all()
+    assert not readings.take(0, sample(2000, [True] * 3, 10.01)).any()
+    readings.forget(0)
+    assert readings.take(0, sample(2000, [True] * 3, 10.02)).all()
