@@ -80,7 +80,7 @@ def test_who_is_not_heard_keeps_number_and_stamp(rows: list[list[bool]]) -> None
 def test_who_begins_to_say_that_it_has_an_error_is_named_once() -> None:
     readings, all_three = Readings(JOINTS, PERIOD), [True] * 3
     row = [
-        (0, all_three),
+        (0x04, all_three),
         (0x80, [True, False, True]),
         (0x80, all_three),
         (0x04, all_three),
@@ -88,6 +88,8 @@ def test_who_begins_to_say_that_it_has_an_error_is_named_once() -> None:
     ]
     named = [readings.alert(0, sample(0, heard, 10.0, error)) for error, heard in row]
     assert named == [[], [0, 2], [1], [], [0, 1, 2]]
+    readings.forget(0)
+    assert readings.alert(0, sample(0, all_three, 10.1, 0x80)) == [0, 1, 2]
 
 
 def test_a_lost_bus_is_forgotten_and_the_other_is_not() -> None:
