@@ -108,6 +108,7 @@ NUMBERS = {
     "ticks failed in a row: inhibit, end": f"{tick.PATIENCE}",
     "after an inhibit: no packet": f"{tick.QUIET:g} s",
     "the same is told again of the same joint": f"{GUARD.quiet:g} s",
+    "the same warning, that changes nothing, is told again": f"{GUARD.quiet_warning:g} s",
     "trajectory, longest": f"{GATE.max_duration:g} s, {GATE.max_points} points",
     "trajectory points, least distance": ms(GATE.min_dt),
     "trajectory judged beside the tick": f"{submissions.SLICE} points a tick",

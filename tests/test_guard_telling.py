@@ -26,14 +26,33 @@ def test_what_lasts_is_told_once_and_reacted_to_all_the_time() -> None:
     assert {judgement.reaction for judgement in judgements} == {Reaction.HOLD}
 
 
-def test_what_comes_again_is_told_again_but_not_within_a_second() -> None:
+@pytest.mark.parametrize(
+    ("bad", "times"), [({"lateness": 0.01}, 1), ({"missed_in_a_row": 5}, 3)], ids=["warned of", "holds"]
+)
+def test_what_comes_again_is_told_again_after_a_second_and_a_mere_warning_after_ten(
+    bad: dict[str, object], times: int
+) -> None:
     guard = Guard(LIMITS)
     told = 0
-    for tick in range(300):  # every second tick is late
-        told += len(ticks(guard, 1, 10.0 + tick * PERIOD, lateness=0.01 * (tick % 2))[0].findings)
-    assert told == 3
+    for tick in range(300):  # every second tick is bad
+        told += len(ticks(guard, 1, 10.0 + tick * PERIOD, **(bad if tick % 2 else {}))[0].findings)
+    assert told == times
     assert ticks(guard, 1, 19.0) == [FINE]
-    assert len(ticks(guard, 1, 20.0, lateness=0.01)[0].findings) == 1
+    assert len(ticks(guard, 1, 23.0, **bad)[0].findings) == 1
+
+
+def test_a_reaction_names_its_causes_though_they_were_told_before() -> None:
+    guard = Guard(LIMITS)
+    first, again = ticks(guard, 2, lease_ok=False)
+    assert (first.findings, again.findings) == (first.causes, ())
+    assert again.causes == first.causes != ()
+    assert guard.judge(facts(lateness=0.01)).causes == ()  # no reaction
+
+
+def test_what_latches_is_told_once_of_a_robot_that_is_inhibited() -> None:
+    tripped = np.array([255, 5, 5], np.int16)
+    judgements = ticks(Guard(LIMITS), 50, state=State.INHIBITED, goal=None, watchdog=tripped)
+    assert [len(judgement.findings) for judgement in judgements] == [1] + [0] * 49
 
 
 def test_a_worse_level_is_told_at_once() -> None:

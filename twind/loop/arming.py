@@ -57,7 +57,9 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     except GeneratorExit:  # what took over finds `energising` set, and lets go
         loop.hardware.clear()
         loop.change_if(Event.ARM_FAILED, loop.clock.now())
-        loop.say.error(command, "Busy", what="arming was ended by something more urgent")
+        why = next(iter(loop.latches.values()), None)
+        what = "something more urgent" if why is None else f"{why.code}: {why.message}"
+        loop.say.error(command, "Busy", what=f"arming was ended by {what}")
         raise
     take(loop, held)
     loop.twin.place(held)

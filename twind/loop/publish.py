@@ -91,7 +91,7 @@ class Publisher:
             latencies=[_latency(hop, window) for hop, window in self._windows()],
             temperature=slow.temperature.tobytes(),
             voltage=slow.voltage.tobytes(),
-            torque=slow.torque.tobytes(),
+            torque=loop.torque_known.tobytes(),
             fault_bits=self._faults().tobytes(),
         )
 

@@ -132,7 +132,7 @@ def release(loop: Loop, why: Finding) -> Procedure:
         if not loop.inhibited and (yield from _held(loop)):
             yield from _settle(loop)
     except BusError as error:
-        loop.say.event("error", Code.INTERNAL, f"the way to the rest pose was cut short: {error}")
+        loop.say.event("error", Code.BUS_ERRORS, f"the way to the rest pose was cut short: {error}")
     yield from loosen(loop)
 
 
@@ -190,7 +190,7 @@ def _obeyed(loop: Loop) -> Generator[None, float, bool]:
     try:
         held = yield from loop.hardware.aimed()
     except BusError as error:
-        loop.say.event("error", Code.INTERNAL, f"the goals of the way could not be read back: {error}")
+        loop.say.event("error", Code.BUS_ERRORS, f"the goals of the way could not be read back: {error}")
         return False
     if loop.written is None:
         return False

@@ -11,6 +11,7 @@ from math import floor, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twind.loop import arming, release, requests
 from twind.loop.figures import Figures
@@ -40,8 +41,8 @@ if TYPE_CHECKING:
     from twind.twin.twin import Twin
     from twind_drivers.clock import Clock
 
-GONE = 0.5  # s: a servo that silent says nothing about its torque any more
 QUIET = 0.3  # s without a packet after an inhibit: the servos' watchdogs are set to 0.1 s
+GONE = 0.5  # s: a servo that silent says nothing about its torque any more
 PATIENCE = 3  # ticks in a row that may fail with an exception before the daemon gives up (R26)
 
 
@@ -209,7 +210,7 @@ class Loop:
         elif judgement.reaction >= Reaction.SETTLE and self.armed:
             self.procedures.own(Rank.FAULT, lambda: release.fault(self, now))
         elif judgement.reaction >= Reaction.HOLD and self.executor.motion is not Motion.HOLDING:
-            self.executor.stop("aborted", judgement.findings)
+            self.executor.stop("aborted", judgement.causes)
         if self.inhibited or reference is None:
             return None
         if judgement.goal_refused:
@@ -269,9 +270,9 @@ class Loop:
     def inhibit(self, finding: Finding, now: float) -> None:
         """Nothing leaves until the servos' own watchdogs have ended the motion; torque stays."""
         self.inhibited = True
+        self.latch(finding)  # first: what is ended by it says so
         if self.procedures.rank is Rank.ARM:
             self.procedures.abandon()
-        self.latch(finding)
         self.executor.idle()
         self.hardware.clear()
         self.hardware.hold(False)
@@ -289,11 +290,16 @@ class Loop:
         return self.armed or self.energising or self.inherited
 
     @property
+    def torque_known(self) -> NDArray[np.int8]:
+        """Torque (n,) as read back, 1 on, 0 off; -1 never read, or of a servo that is silent by now."""
+        return np.where(self.measured.age <= GONE, self.hardware.slow.torque, np.int8(-1))
+
+    @property
     def inherited(self) -> bool:
         """Torque read back on that is not ours: found at start, or left where it could not be taken off."""
         if self.armed or self.energising:
             return False
-        return bool(((self.hardware.slow.torque == 1) & (self.measured.age <= GONE)).any())
+        return bool((self.torque_known == 1).any())
 
     @property
     def energised(self) -> bool:

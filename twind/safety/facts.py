@@ -51,6 +51,7 @@ class Thresholds:
     beyond_hard: float = 0.0087  # rad past the hard limit (R14)
     full: int = 3  # packets in a row that the port had no room for (R23)
     quiet: float = 1.0  # s before the same is said of the same joint again
+    quiet_warning: float = 10.0  # s, where it changes nothing: a noisy wire would fill the log
 
 
 @dataclass(slots=True)
@@ -100,9 +101,10 @@ class Judgement:
     """The answer of one tick. When `latches`, `findings` are exactly the codes to latch."""
 
     reaction: Reaction = Reaction.NONE
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()  # to tell: those that are new
     latches: bool = False  # the robot goes to FAULT
     goal_refused: bool = False  # this goal must not be written: the last one again, or nothing
+    causes: tuple[Finding, ...] = ()  # of the reaction, told before or not: a motion that ends says why
 
 
 @dataclass(frozen=True, slots=True)

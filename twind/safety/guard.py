@@ -10,6 +10,7 @@ from math import inf
 
 from twind.robot.finding import Finding
 from twind.robot.limits import Limits
+from twind.robot.modes import State
 from twind.safety.bus_rules import BusRules
 from twind.safety.device_rules import DeviceRules
 from twind.safety.facts import MOVING, REACTING, Facts, Judgement, Key, Reaction, Said, Thresholds, Traffic
@@ -31,6 +32,7 @@ __all__ = [
 ]
 
 FINE = Judgement()
+STOPPED = (*LATCHED, State.INHIBITED)  # what latches is in force already: told like anything else
 
 
 class Guard:
@@ -68,19 +70,22 @@ class Guard:
         """The hardest reaction of all; findings that are new, or alone those that must be latched now."""
         reaction = max(one.reaction for one in said)
         refused = any(one.refuses for one in said)
-        new = [one for one in said if self._is_new(one.key, facts.now)]
-        latching = [one for one in said if one.latches and (facts.state not in LATCHED or one in new)]
+        causes = tuple(one.finding for one in said if reaction and one.reaction is reaction)
+        new = [one for one in said if self._is_new(one, facts.now)]
+        latching = [one for one in said if one.latches and (facts.state not in STOPPED or one in new)]
         if latching:
-            return Judgement(reaction, self._tell(latching, said, facts.now), True, refused)
+            return Judgement(reaction, self._tell(latching, said, facts.now), True, refused, causes)
         hard = [one for one in said if one.reaction is Reaction.INHIBIT]
-        return Judgement(reaction, self._tell(hard or new, said, facts.now), False, refused)
+        return Judgement(reaction, self._tell(hard or new, said, facts.now), False, refused, causes)
 
-    def _is_new(self, key: Key, now: float) -> bool:
-        """Not told while it lasts, and not told of a flickering cause within `quiet` s."""
-        return key not in self._present and not now - self._told.get(key, -inf) < self._bounds.quiet
+    def _is_new(self, one: Said, now: float) -> bool:
+        """Not told while it lasts, and not of a flickering cause so soon again."""
+        mere_warning = one.reaction is Reaction.NONE and not one.latches
+        quiet = self._bounds.quiet_warning if mere_warning else self._bounds.quiet
+        return one.key not in self._present and not now - self._told.get(one.key, -inf) < quiet
 
     def _tell(self, telling: list[Said], said: list[Said], now: float) -> tuple[Finding, ...]:
         told = {one.key for one in telling}
-        self._present = {one.key for one in said if one.key in told or not self._is_new(one.key, now)}
+        self._present = {one.key for one in said if one.key in told or not self._is_new(one, now)}
         self._told.update(dict.fromkeys(told, now))
         return tuple(one.finding for one in telling)
