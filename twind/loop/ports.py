@@ -34,7 +34,6 @@ REOPEN_FIRST, REOPEN_MOST = 0.1, 0.5  # s, between tries to open (design 6.4)
 IDENTIFY_AGAIN = 1.0  # s, between identifications while devices are missing
 QUEUE = 16  # scripts that may wait on one bus
 PATIENCE = 10  # ticks without room that a script waits
-SLACK = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it
 
 
 class Link(Enum):
@@ -204,7 +203,7 @@ class Port:
         self.tasks[:] = [task for task in self.tasks if not task.done]
         task = self._turn()
         request: Request = reader.upkeep(now) if task is None or task.request is None else task.request
-        room = now + reader.span(request) + SLACK <= until
+        room = now + reader.span(request) <= until
         if not room and (task is None or (not task.urgent and self._waited < PATIENCE)):
             self._waited += 1  # a roomier tick may come; no script waits for ever
             return False
