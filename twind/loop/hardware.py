@@ -20,10 +20,8 @@ from twind.safety.facts import Traffic
 from twind_drivers.bus import PortError, Reader, Sample, Script, WireClamp, Writer
 from twind_drivers.clock import Clock
 
-SPARE, SPARE_SHARE = (
-    0.0015,
-    0.25,
-)  # s, and of a period: kept free at its end, no rare transaction runs into it
+SPARE = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it ...
+SPARE_SHARE = 0.25  # ... at most this share of the period
 
 
 @dataclass(frozen=True, slots=True)
