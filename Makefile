@@ -14,7 +14,7 @@ test: $(VENV)/.ready
 	$(BIN)/pytest
 
 test-fast: $(VENV)/.ready
-	$(BIN)/pytest -m 'not slow and not realtime'
+	$(BIN)/pytest -n auto -m 'not slow and not realtime'
 
 test-slow: $(VENV)/.ready
 	$(BIN)/pytest -m slow
