@@ -89,9 +89,9 @@ class Ours:
         while not self.reader.feed(now := self.clock.now()) and now < self.reader.deadline:
             self.clock.wait([self.transport], self.reader.deadline)
         sample = self.reader.finish(self.clock.now())
-        position = (sample.position - 2048) * TURN
-        velocity, effort = sample.velocity * 0.02398, sample.effort * 0.00269
-        return int(np.count_nonzero(sample.heard)) if len(position) == len(velocity) == len(effort) else 0
+        self.position = (sample.position - 2048) * TURN
+        self.velocity, self.effort = sample.velocity * 0.02398, sample.effort * 0.00269
+        return int(np.count_nonzero(sample.heard))
 
     def close(self) -> None:
         """Let go of the port."""

@@ -85,9 +85,9 @@ class Rustypot:
         except RuntimeError:
             return 0
         rows = np.frombuffer(b"".join(raw), ROW)
-        position = (rows["position"] - 2048) * TURN
-        velocity, effort = rows["velocity"] * 0.02398, rows["current"] * 0.00269
-        return len(position) if len(velocity) == len(effort) else 0
+        self.position = (rows["position"] - 2048) * TURN
+        self.velocity, self.effort = rows["velocity"] * 0.02398, rows["current"] * 0.00269
+        return len(rows)
 
     def close(self) -> None:
         self.io.close()
