@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from twind.config.budget import budgets, require_rate, unknown_names
+from twind.config.budget import budgets, require_rate
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
@@ -55,14 +55,3 @@ def test_the_lines_say_bytes_microseconds_and_reach() -> None:
         f"{each.plain.bytes} bytes, {each.plain.seconds * 1e6:.0f} us, up to {each.plain.reachable_hz:.0f} Hz"
         in text
     )
-
-
-def test_devices_and_registers_that_no_table_has_are_named_once() -> None:
-    robot = load_robot("h24")
-    assert unknown_names(robot) == []
-    [line] = unknown_names(with_type(robot, device="XM430-W305"))
-    assert line.startswith("types.xm430.device: ")
-    assert "XM430-W350" in line
-    joints = (replace(robot.joints[0], registers={"shutdwn": 53, "shutdown": 53}), *robot.joints[1:])
-    [line] = unknown_names(replace(robot, joints=joints))
-    assert line == "joints.head_yaw.registers: XM430-W350 has no shutdwn; nearest: shutdown"

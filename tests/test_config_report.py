@@ -1,12 +1,16 @@
 """`check robot` as a value: the table a person reads, and the errors a script counts."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from twind.config.calibration_file import Calibration, fitting
+from twind.config.calibration_file import Calibration, fitting, seam_margin
+from twind.config.counts import centre_of, turn_start
 from twind.config.report import check_robot
 from twind.config.robot_file import load_robot
+from twind.twin.binding import bind
+from twind.virtual.specimen import calibration, specimen
 from twind_drivers.bus import Device
 
 ROBOT = load_robot("h24")
@@ -79,3 +83,34 @@ def test_modes_without_limits_of_the_servos_own_are_warned_of_by_name() -> None:
     assert not any(each.startswith("joints.l_knee:") for each in report.errors)  # no turn to leave
     assert any(each.startswith("joints.r_knee:") for each in report.errors)
     assert not any(line.startswith("warning:") for line in check_robot(ROBOT).lines)
+
+
+def test_the_turn_of_a_p_series_begins_at_a_negative_count(tmp_path: Path) -> None:
+    """E-manual, PH54-200-S500-R, "Goal Position (564)": -501,923 .. 501,923 in position mode."""
+    text = ROBOT.path.read_text().replace("mjcf: h24.xml", f"mjcf: {ROBOT.mjcf_path}")
+    path = tmp_path / "p.yaml"
+    text = text.replace("XM430-W350", "PH54-200-S500-R").replace("ticks_per_turn: 4096", "")
+    path.write_text(text)
+    robot = load_robot(str(path))
+    kind = robot.joints[0].type
+    assert (centre_of(kind), turn_start(kind)) == (0, -501_923)
+    assert (centre_of(ROBOT.joints[0].type), turn_start(ROBOT.joints[0].type)) == (2048, 0)
+    made = specimen(robot)
+    known = calibration(made)
+    assert any(joint.sweep_ticks[0] < 0 < joint.sweep_ticks[1] for joint in known.joints)
+    assert all(joint.seam_margin_ticks > 0 for joint in known.joints)
+    assert not any(each.startswith("joints.") for each in check_robot(robot, calibration=known).errors)
+    assert bind(robot, known).joint_map.names == robot.names
+    assert bind(robot, None).joint_map.names == robot.names
+    beyond = replace(
+        known, joints=tuple(replace(joint, zero_ticks=joint.zero_ticks + 501_923) for joint in known.joints)
+    )
+    errors = check_robot(robot, calibration=beyond).errors
+    assert any("leave the servo's turn -501923..501922: remount the horn" in each for each in errors)
+
+
+def test_the_seam_of_a_p_series_is_half_a_turn_from_its_centre() -> None:
+    turn = 1_003_846
+    assert seam_margin((-1000, 1000), turn, -501_923) == 500_923
+    assert seam_margin((501_000, 502_000), turn, -501_923) == 0
+    assert seam_margin((-1000, 1000), turn) == 0

@@ -135,18 +135,31 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
         (
             "current_limit_a: 2.3",
             "mode: current_based_position, current_limit_a: 0.001",
-            "a current cap of 1..1193 counts, got 0",
+            ":9:136: types.xm.current_limit_a: 0.001 A is outside 0.00269..3.209 A, what a XM430-W350 takes",
         ),
         (
             "current_limit_a: 2.3",
             "mode: current_based_position, current_limit_a: 4.0",
-            "a current cap of 1..1193 counts, got 1486",
+            ":9:136: types.xm.current_limit_a: 4 A is outside 0.00269..3.209 A, what a XM430-W350 takes",
         ),
         (
             "device: XM430-W350",
             "device: XL430-W250, mode: current_based_position",
-            "has no goal_current: mode 5 is not possible",
+            "mode: type xm: XL430-W250 has no goal_current: mode 5 is not possible",
         ),
+        (
+            "device: XM430-W350",
+            "device: XM430-W351",
+            ":9:16: types.xm.device: no Dynamixel model 'XM430-W351'; near: ",
+        ),
+        (
+            "{shutdown: 52}",
+            "{shutdwn: 52}",
+            "types.xm.registers.shutdwn: XM430-W350 has no shutdwn; nearest: ",
+        ),
+        ("{shutdown: 53}", "{shutdwn: 53}", ":15:59: joints.elbow.registers.shutdwn: XM430-W350 has no shut"),
+        ("id: 1,", "id: 1, mode: 5,", "5 is a number; a mode is named: write current_based_position"),
+        ("id: 1,", "id: 1, mode: 16,", "write position or extended_position or current_based_position"),
         ("baud: 1000000", "baud: 1000000, one_write: 1", "buses.main.one_write: true or false is expected"),
         ("device: XM430-W350", "device: XM430-W350, return_delay_us: 7", "7 is odd"),
         (

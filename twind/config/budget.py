@@ -2,7 +2,6 @@
 
 from collections import Counter
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.config.section import file_error
@@ -51,23 +50,6 @@ def require_rate(robot: RobotFile, rate_hz: float) -> tuple[BusBudget, ...]:
         if each.refusal is not None:
             raise file_error(str(robot.path), each.refusal)
     return found
-
-
-def unknown_names(robot: RobotFile) -> list[str]:
-    """What the vendor's tables do not have: devices of types, expected registers; with the nearest names."""
-    found: dict[str, None] = {}  # once each, in order
-    for joint in robot.joints:
-        try:
-            number = number_of(joint.type.device)
-        except KeyError as error:
-            found[f"types.{joint.type.name}.device: {error.args[0]}"] = None
-            continue
-        for register in joint.registers:
-            if register not in table(number):
-                near = get_close_matches(register, table(number).fields, 1)
-                hint = f"; nearest: {near[0]}" if near else ""
-                found[f"joints.{joint.name}.registers: {joint.type.device} has no {register}{hint}"] = None
-    return list(found)
 
 
 def _budget(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> BusBudget:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from twind.config.counts import ticks_of
+from twind.config.counts import ticks_of, turn_start
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.saving import save_text
@@ -87,10 +87,14 @@ def turn_band(sweep: tuple[int, int], ticks_per_turn: int) -> tuple[int, int]:
     return first, first + ticks_per_turn
 
 
-def seam_margin(sweep: tuple[int, int], ticks_per_turn: int) -> int:
-    """Smallest distance (counts) from the travel to a multiple of a turn, 0 when it crosses one."""
-    before, after = sweep[0] % ticks_per_turn, -sweep[1] % ticks_per_turn
-    crosses = sweep[0] // ticks_per_turn != -(-sweep[1] // ticks_per_turn) - 1
+def seam_margin(sweep: tuple[int, int], ticks_per_turn: int, start: int = 0) -> int:
+    """Smallest distance (counts) from the travel to a seam, 0 when it crosses one.
+
+    Seams are whole turns away from `start`, the first count of a turn (`counts.turn_start`).
+    """
+    first, last = sweep[0] - start, sweep[1] - start
+    before, after = first % ticks_per_turn, -last % ticks_per_turn
+    crosses = first // ticks_per_turn != -(-last // ticks_per_turn) - 1
     return 0 if crosses else min(before, after)
 
 
@@ -159,7 +163,7 @@ def _joint(section: Section, joint: JointSpec, method: str) -> JointCalibration:
     sweep = _pair(section, "sweep_ticks")
     _derived(section, "turn_band_ticks", _pair(section, "turn_band_ticks"), turn_band(sweep, turn))
     margin = section.integer("seam_margin_ticks")
-    _derived(section, "seam_margin_ticks", margin, seam_margin(sweep, turn))
+    _derived(section, "seam_margin_ticks", margin, seam_margin(sweep, turn, turn_start(joint.type)))
     calibration = JointCalibration(
         name=joint.name,
         bus=bus,
@@ -254,7 +258,7 @@ def _fitted(joint: JointSpec, zero: int, device: Device) -> JointCalibration:
         captures=1,
         sign=joint.sign,
         sweep_ticks=sweep,
-        seam_margin_ticks=seam_margin(sweep, turn),
+        seam_margin_ticks=seam_margin(sweep, turn, turn_start(joint.type)),
         turn_band_ticks=turn_band(sweep, turn),
         method="import",
     )

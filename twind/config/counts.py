@@ -6,12 +6,28 @@ turn; direction is in `sign` alone.
 
 import math
 
-from twind.config.robot_spec import JointSpec
+from twind.config.robot_spec import JointSpec, TypeSpec
+from twind_drivers.dynamixel.tables import number_of, table
 
 
 def rad_per_tick(joint: JointSpec) -> float:
     """Joint angle of one count, signed: sign / ratio * 2π / ticks_per_turn."""
     return joint.sign / joint.ratio * 2.0 * math.pi / joint.type.ticks_per_turn
+
+
+def centre_of(kind: TypeSpec) -> int:
+    """The count in the middle of the turn that position mode takes: X series 2048, P series 0.
+
+    Source: e-manual, "Goal Position" of each. Where nobody says, half a turn. Raises KeyError: a
+    model that is in no table.
+    """
+    known = table(number_of(kind.device)).facts.centre
+    return kind.ticks_per_turn // 2 if known is None else known
+
+
+def turn_start(kind: TypeSpec) -> int:
+    """The first count of that turn, where the encoder has its seam: X series 0, PH54-200 -501923."""
+    return centre_of(kind) - kind.ticks_per_turn // 2
 
 
 def angle_of(joint: JointSpec, zero: int, ticks: int) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 from twind.config.robot_spec import OPERATING_MODES, TypeSpec, cap_counts
 from twind.config.section import Section
-from twind_drivers.dynamixel.modes import check_cap, mode_of
+from twind_drivers.dynamixel.modes import mode_of
 from twind_drivers.dynamixel.tables import number_of, table
 
 CURRENT_BASED = "current_based_position"
@@ -21,6 +21,11 @@ TOOLS_ONLY: Mapping[str, str] = {
 
 def type_mode(section: Section, default: str = "position") -> str:
     """The mode as it is written. Raises ConfigError: no mode, or one that no robot file may name."""
+    given = section.plain("mode")
+    if isinstance(given, int | float):  # what register 11 holds, not what a person can check
+        meant = [name for name, number in OPERATING_MODES.items() if number == given and given is not True]
+        names = meant or list(OPERATING_MODES)
+        raise section.refuse("mode", f"{given} is a number; a mode is named: write {' or '.join(names)}")
     mode = section.text("mode", default, (*OPERATING_MODES, *TOOLS_ONLY))
     if mode in TOOLS_ONLY:
         known = ", ".join(OPERATING_MODES)
@@ -31,10 +36,11 @@ def type_mode(section: Section, default: str = "position") -> str:
     return mode
 
 
-def joint_mode(source: Callable[[str], Section], entry: Section, kind: TypeSpec) -> str:
+def joint_mode(source: Callable[[str], Section], entry: Section, kind: TypeSpec, described: Section) -> str:
     """The mode of a joint: its own, that of the defaults, else its type's. Raises ConfigError.
 
-    Refused: a mode that the servo's model does not have, current-based position without a current.
+    Refused: a mode that the servo's model does not have, current-based position without a current that it
+    takes. `described`: the section of `kind`.
     """
     mode = type_mode(source("mode"), kind.mode)
     cap = cap_counts(kind)
@@ -42,13 +48,22 @@ def joint_mode(source: Callable[[str], Section], entry: Section, kind: TypeSpec)
         raise entry.refuse(
             "mode", f"mode {mode} needs current_limit_a in type {kind.name}: the most current it may use"
         )
+    registers = table(number_of(kind.device))
     try:
-        registers = table(number_of(kind.device))
-    except KeyError:
-        return mode  # a device that is in no table is named by the budget, with the nearest
-    try:
-        driven = mode_of(kind.device, registers, OPERATING_MODES[mode])
-        check_cap(kind.device, registers, driven, cap if mode == CURRENT_BASED else None)
+        mode_of(f"type {kind.name}", registers, OPERATING_MODES[mode])
     except ValueError as error:
         raise entry.refuse("mode", str(error)) from None
+    if mode == CURRENT_BASED:
+        _require_current(kind, described, registers["goal_current"].bounds[1])
     return mode
+
+
+def _require_current(kind: TypeSpec, described: Section, counts: int) -> None:
+    """Raises ConfigError where `current_limit_a` is no goal current of 1..`counts`, told in ampere."""
+    cap, most = cap_counts(kind), counts * kind.current_lsb_a
+    if cap is None or not 1 <= cap <= counts:
+        raise described.refuse(
+            "current_limit_a",
+            f"{kind.current_limit_a:g} A is outside {kind.current_lsb_a:.4g}..{most:.4g} A, what a "
+            f"{kind.device} takes as goal current (102) in mode {CURRENT_BASED}",
+        )

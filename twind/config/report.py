@@ -1,15 +1,15 @@
 """`twindctl check robot`: a robot file as a table for people, and what is wrong with it beyond its grammar.
 
-Loading has refused all that one file can tell; here stand the servo models, the worked examples and the cycle
+Loading has refused all that one file can tell; here stand the worked examples and the cycle
 budget. Whether the model has these joints is `twin/binding.py`'s to say.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from twind.config.budget import budgets, unknown_names
+from twind.config.budget import budgets
 from twind.config.calibration_file import Calibration
-from twind.config.counts import ticks_of
+from twind.config.counts import centre_of, ticks_of, turn_start
 from twind.config.robot_spec import JointSpec, RobotFile
 
 HEADINGS = (
@@ -42,9 +42,7 @@ def check_robot(
     """The robot at `rate_hz` (None: its own). Counts by the calibration, else with zero at mid-encoder."""
     rate = robot.rate_hz if rate_hz is None else rate_hz
     known = {} if calibration is None else calibration.by_name
-    zeros = [
-        known[j.name].zero_ticks if j.name in known else j.type.ticks_per_turn // 2 for j in robot.joints
-    ]
+    zeros = [known[j.name].zero_ticks if j.name in known else centre_of(j.type) for j in robot.joints]
     rows = [_row(joint, zero) for joint, zero in zip(robot.joints, zeros, strict=True)]
     cycle = budgets(robot, rate)
     zero = "calibrated" if calibration is not None else "taken at mid-encoder: not calibrated"
@@ -57,7 +55,7 @@ def check_robot(
         *_unfenced(robot),
         *(line for each in cycle for line in each.lines),
     ]
-    errors = [*unknown_names(robot), *(each.refusal for each in cycle if each.refusal is not None)]
+    errors = [each.refusal for each in cycle if each.refusal is not None]
     for joint, zero_ticks in zip(robot.joints, zeros, strict=True):
         errors.extend(_out_of_turn(joint, zero_ticks, joint.name in known))
     return Report(tuple(lines), tuple(errors))
@@ -93,10 +91,11 @@ def _row(joint: JointSpec, zero: int) -> tuple[str, ...]:
 def _out_of_turn(joint: JointSpec, zero: int, calibrated: bool) -> list[str]:
     """In position mode a servo takes goals of one turn only."""
     ends = [ticks_of(joint, zero, angle) for angle in (joint.lower, joint.upper)]
-    last = joint.type.ticks_per_turn - 1
-    if joint.mode != "position" or not calibrated or (min(ends) >= 0 and max(ends) <= last):
+    first = turn_start(joint.type)
+    last = first + joint.type.ticks_per_turn - 1
+    if joint.mode != "position" or not calibrated or (min(ends) >= first and max(ends) <= last):
         return []  # without calibration the zero is a guess
-    where = f"counts {min(ends)}..{max(ends)} leave the servo's turn 0..{last}"
+    where = f"counts {min(ends)}..{max(ends)} leave the servo's turn {first}..{last}"
     return [f"joints.{joint.name}: {where}: remount the horn, then calibrate again"]
 
 

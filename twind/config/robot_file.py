@@ -8,6 +8,7 @@ import hashlib
 import math
 import re
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import BusSpec, Gains, GateSettings, JointSpec, RobotFile, TypeSpec
 from twind.config.section import Section, file_error
 from twind.config.units import units
+from twind_drivers.dynamixel.tables import Table, number_of, table
 
 FORMAT = "twind-robot/1"
 SUPPORTS = ("fixed", "gantry", "free")
@@ -151,6 +153,7 @@ def _type(name: str, parent: Section) -> TypeSpec:
     if delay % 2:
         raise section.refuse("return_delay_us", f"{delay} is odd: the register counts in steps of 2 µs")
     device = section.text("device")
+    known = _known(section, device)
     of = units(section, device)
     spec = TypeSpec(
         name=name,
@@ -165,10 +168,18 @@ def _type(name: str, parent: Section) -> TypeSpec:
         velocity_limit_rad_s=section.number("velocity_limit_rad_s", 2.0, above=0.0, most=100.0),
         acceleration_limit_rad_s2=section.number("acceleration_limit_rad_s2", 10.0, above=0.0, most=1e4),
         current_limit_a=section.number("current_limit_a", math.nan, above=0.0, most=1e3),
-        registers=_registers(section.section("registers")),
+        registers=_registers(section.section("registers"), known),
     )
     section.close()
     return spec
+
+
+def _known(section: Section, device: str) -> Table:
+    """The vendor's table of a type's device. Raises ConfigError with the nearest names."""
+    try:
+        return table(number_of(device))
+    except KeyError as error:
+        raise section.refuse("device", str(error.args[0])) from None
 
 
 def _gains(section: Section) -> Gains:
@@ -177,10 +188,14 @@ def _gains(section: Section) -> Gains:
     return gains
 
 
-def _registers(section: Section) -> dict[str, int]:
+def _registers(section: Section, known: Table) -> dict[str, int]:
     for key in section:
         if not _REGISTER.fullmatch(key):
             raise section.refuse(key, "a register is named in snake case, as homing_offset")
+        if key not in known:
+            near = get_close_matches(key, known.fields, 1)
+            hint = f"; nearest: {near[0]}" if near else ""
+            raise section.refuse(key, f"{known.model} has no {key}{hint}")
     return {key: section.integer(key, least=-(2**31), most=2**32 - 1) for key in section}
 
 
@@ -197,7 +212,7 @@ def _joints(top: Section, buses: tuple[BusSpec, ...]) -> tuple[JointSpec, ...]:
     names = tuple(bus.name for bus in buses)
     for name in section:
         entry = section.section(name)
-        joint = _joint(name, entry, defaults, types, names)
+        joint = _joint(name, entry, defaults, kinds, types, names)
         if (other := taken.get((joint.bus, joint.id))) is not None:
             raise entry.refuse("id", f"id {joint.id} on bus {joint.bus} is that of {other} already")
         if (other := driven.get(joint.model_joint)) is not None:
@@ -210,7 +225,12 @@ def _joints(top: Section, buses: tuple[BusSpec, ...]) -> tuple[JointSpec, ...]:
 
 
 def _joint(
-    name: str, entry: Section, defaults: Section, types: Mapping[str, TypeSpec], buses: Sequence[str]
+    name: str,
+    entry: Section,
+    defaults: Section,
+    kinds: Section,
+    types: Mapping[str, TypeSpec],
+    buses: Sequence[str],
 ) -> JointSpec:
     if not _JOINT.fullmatch(name):
         raise entry.refuse("", f"joint {name!r}: use 1 to 64 letters, digits, _ . and -")
@@ -249,8 +269,8 @@ def _joint(
         acceleration_limit=min(
             kind.acceleration_limit_rad_s2 / ratio, source(pull).number(pull, math.inf, above=0.0, most=1e4)
         ),
-        registers={**kind.registers, **_registers(entry.section("registers"))},
-        mode=joint_mode(source, entry, kind),
+        registers={**kind.registers, **_registers(entry.section("registers"), table(number_of(kind.device)))},
+        mode=joint_mode(source, entry, kind, kinds.section(kind.name)),
     )
     entry.close()
     return joint

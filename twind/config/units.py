@@ -12,7 +12,7 @@ from twind.config.section import Section
 from twind_drivers.dynamixel.models import Facts
 from twind_drivers.dynamixel.tables import number_of, table
 
-X_SERIES = Facts()  # of a device that is in no table: the budget names it, with the nearest
+X_SERIES = Facts()  # of a device that is in no table: the robot file refuses it
 ROUNDING = 1e-5  # the vendor's own figures of one model differ by 2e-6
 
 

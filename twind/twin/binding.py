@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.config.counts import angle_of, rad_per_tick, tick_range
+from twind.config.counts import angle_of, centre_of, rad_per_tick, tick_range, turn_start
 from twind.config.robot_spec import MANY_TURNS, JointSpec, RobotFile
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.joints import BusMap, JointMap
@@ -52,9 +52,7 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
     known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
     joints = [_model_joint(model, joint, robot) for joint in robot.joints]
     _require_all_mapped(robot, model, set(joints))
-    zeros = [
-        known[j.name].zero_ticks if j.name in known else j.type.ticks_per_turn // 2 for j in robot.joints
-    ]
+    zeros = [known[j.name].zero_ticks if j.name in known else centre_of(j.type) for j in robot.joints]
     reach = [
         _reach(
             joint, zero, known.get(joint.name), model.jnt_range[number] if model.jnt_limited[number] else None
@@ -191,7 +189,8 @@ def _reach(joint: JointSpec, zero: int, entry: JointCalibration | None, model_ra
             min(hard_upper, float(model_range[1])),
         )
     wide = joint.mode != "position"  # then the limit registers do nothing (e-manual, 48 and 52)
-    least, most = (-MANY_TURNS, MANY_TURNS) if wide else (0, joint.type.ticks_per_turn - 1)
+    start = turn_start(joint.type)
+    least, most = (-MANY_TURNS, MANY_TURNS) if wide else (start, start + joint.type.ticks_per_turn - 1)
     if entry is not None:
         if not wide:
             least, most = entry.device.min_ticks, entry.device.max_ticks

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from twind.config.calibration_file import SWEEP_MARGIN, Calibration, fitting, save_calibration
-from twind.config.counts import tick_range, ticks_of
+from twind.config.counts import tick_range, ticks_of, turn_start
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.twin.muscles import MujocoMuscles, body_of
 from twind.version import __version__
@@ -62,9 +62,9 @@ def specimen(
 
 def _zero(robot: str, joint: JointSpec) -> int:
     """The same for the same names: somewhere that keeps the travel on one turn, clear of the seam."""
-    turn = joint.type.ticks_per_turn
+    turn, start = joint.type.ticks_per_turn, turn_start(joint.type)
     low, high = tick_range(joint, 0, joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
-    first, last = SEAM - low, turn - 1 - SEAM - high
+    first, last = start + SEAM - low, start + turn - 1 - SEAM - high
     if first > last:
         raise SpecimenError(f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}")
     middle = (first + last) // 2
