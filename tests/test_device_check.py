@@ -85,6 +85,12 @@ def test_a_register_that_was_not_read_refuses(register: str) -> None:
         (set_to(startup_configuration=3), "startup_configuration (60) is 3"),
         (set_to(homing_offset=1025), "homing_offset (20) is 1025; beyond ±1024 position mode ignores it"),
         (set_to(homing_offset=-1025), "homing_offset (20) is -1025"),
+        (set_to(secondary_shadow_id=0), "secondary_shadow_id (12) is 0: it obeys goals for id 0 too; with"),
+        (set_to(secondary_shadow_id=252), "secondary_shadow_id (12) is 252"),
+        (
+            set_to(secondary_id=3),
+            "secondary_id (12) is 3: it obeys goals for id 3 too; with torque off write 255",
+        ),
         (set_to(operating_mode=4), "operating_mode (11) is 4, position mode is 3: with torque off write 3"),
         (
             lambda d: replace(d, model_number=1030, model_name="XM430-W210"),
@@ -100,6 +106,12 @@ def test_what_makes_a_servo_unusable_is_refused_whatever_the_calibration_says(
     assert [(each.code, each.joint) for each in verdict.refusals] == [(Code.DEVICE_MISMATCH, KNEE)]
     assert words in verdict.refusals[0].message
     assert "id 16 on bus main" in verdict.refusals[0].message
+
+
+@pytest.mark.parametrize("value", [253, 254, 255])
+def test_a_second_id_that_is_off_is_nothing_to_refuse(value: int) -> None:
+    """E-manual, X series, "Secondary(Shadow) ID (12)": 253 and above are off."""
+    assert with_knee(set_to(secondary_shadow_id=value)) == Verdict()
 
 
 def test_restoring_ram_at_boot_alone_is_no_torque_at_boot() -> None:

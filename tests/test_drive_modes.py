@@ -10,6 +10,7 @@ from rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.robot.modes import State
+from twind_drivers.dynamixel.packet import sync_write
 
 CAP = 855  # 2.3 A in counts of 2.69 mA
 FLOATING = ("head_yaw", "l_knee")  # extended position
@@ -72,10 +73,54 @@ def test_a_servo_in_another_mode_than_its_joint_names_is_never_armed(mixed: Rig)
     assert (mixed.register("torque_enable") == 0).all()
 
 
-def test_a_mode_that_was_changed_after_identification_is_found_before_torque(mixed: Rig) -> None:
+def test_a_mode_that_somebody_writes_through_the_daemon_is_told_at_once(mixed: Rig) -> None:
     mixed.connect()
     reply = mixed.call(link.WriteRegister, bus="main", id=2, name="operating_mode", value=4)
     assert reply.error is None
+    mixed.ticks(100)
+    assert mixed.loop.state is State.IDENTIFYING
+    assert any("id 2 on bus main: operating_mode (11) is 4" in event.message for event in mixed.events())
+    reply = mixed.call(link.WriteRegister, bus="main", id=2, name="operating_mode", value=3)
+    assert reply.error is None
+    mixed.connect()
+
+
+def test_a_register_that_nobody_compares_leaves_the_bus_connected(mixed: Rig) -> None:
+    mixed.connect()
+    assert mixed.call(link.WriteRegister, bus="main", id=2, name="led", value=1).error is None
+    for _ in range(50):
+        mixed.ticks(1)
+        assert mixed.loop.state is State.CONNECTED
+
+
+def test_a_servo_that_obeys_the_id_of_another_is_never_armed() -> None:
+    """E-manual, X series, "Secondary(Shadow) ID (12)": it acts on packets for that id, without an answer."""
+    rig = Rig()
+    try:
+        bus, shadow, meant = rig.virtual["main"], row(rig, "l_knee"), row(rig, "waist_yaw")
+        bus.servos.registers.put("secondary_shadow_id", rig.robot.joints[meant].id, shadow)
+        bus.servos.changed()
+        rig.ticks(150)
+        assert any("secondary_shadow_id (12) is" in event.message for event in rig.events())
+        rig.call(link.AcquireLease)
+        assert rig.call(link.Arm).error is not None
+        assert rig.loop.state is State.IDENTIFYING
+        assert (rig.register("torque_enable") == 0).all()
+        lower, upper = rig.register("min_position_limit"), rig.register("max_position_limit")
+        goal = int(max(lower[[meant, shadow]]) + min(upper[[meant, shadow]])) // 2
+        packet = sync_write(116, {rig.robot.joints[meant].id: goal.to_bytes(4, "little")})
+        bus.receive(packet, rig.clock.now())
+        rig.ticks(2)
+        assert [int(rig.register("goal_position")[each]) for each in (meant, shadow)] == [goal, goal]
+    finally:
+        rig.close()
+
+
+def test_a_mode_that_was_changed_after_identification_is_found_before_torque(mixed: Rig) -> None:
+    mixed.connect()
+    servos = mixed.virtual["main"].servos
+    servos.registers.put("operating_mode", 4, row(mixed, "waist_yaw"))
+    servos.changed()
     mixed.call(link.AcquireLease)
     reply = mixed.call(link.Arm)
     assert "register 11" in str(reply.parameters)

@@ -157,6 +157,7 @@ class Register:
     address: int
     size: int  # bytes
     value: int  # signed where the register is
+    eeprom: bool = False  # survives power-off: one of those that identification may have read
 
 
 @dataclass(frozen=True, slots=True)

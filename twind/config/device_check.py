@@ -14,6 +14,8 @@ from twind_drivers.bus import Device
 Devices = Mapping[tuple[str, int], Device]
 
 MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
+SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
+MAX_ID = 252  # above it the second id is off (e-manual, address 12)
 TORQUE_AT_BOOT = 0b0001  # startup configuration (60), bit 0
 TORQUE_BY_GOAL = 0b1000  # drive mode (10), bit 3
 PLAUSIBLE_SWEEP = (0.6, 1.3)  # of the described range
@@ -74,6 +76,7 @@ def _unfit(joint: JointSpec, device: Device) -> Iterator[str]:
         found = device.model_name or "a model that is in no table"
         yield f"is {found} (model number {device.model_number}), the robot file says {joint.type.device}"
     yield from _wrong_mode(joint, settings)
+    yield from _shadowing(settings)
     offset = settings.get("homing_offset")
     if offset is None or (abs(offset) > MAX_OFFSET and joint.mode == "position"):
         yield f"homing_offset (20) is {offset}; beyond ±{MAX_OFFSET} position mode ignores it: write 0"
@@ -105,6 +108,20 @@ def _wrong_mode(joint: JointSpec, settings: Mapping[str, int]) -> Iterator[str]:
             f"current_limit (38) is {limit}, current_limit_a of the robot file asks for {cap}: "
             "lower current_limit_a, or raise register 38"
         )
+
+
+def _shadowing(settings: Mapping[str, int]) -> Iterator[str]:
+    """A second id that the servo obeys as well, without an answer (e-manual, "Secondary(Shadow) ID (12)").
+
+    It is read in one block with the operating mode: where it was not read, that refuses.
+    """
+    for register in SECONDARY:
+        value = settings.get(register, 255)
+        if value <= MAX_ID:
+            yield (
+                f"{register} (12) is {value}: it obeys goals for id {value} too; "
+                "with torque off write 255, off, to register 12"
+            )
 
 
 def _same_model(found: str | None, wanted: str) -> bool:

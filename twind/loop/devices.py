@@ -110,6 +110,8 @@ def _written(loop: Loop, command: link.WriteRegister, port: Port, task: Task[Reg
     done = "was refused" if task.error is not None else "is written"
     said = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
     loop.say.event("info", "REGISTER", said)
+    if task.result is not None and task.result.eeprom:
+        port.identify()  # the description may fit no longer, and that is told at once
 
 
 def reboot(loop: Loop, command: link.Reboot, now: float) -> None:

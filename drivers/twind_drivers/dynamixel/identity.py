@@ -15,6 +15,8 @@ SETTINGS = (
     "return_delay_time",
     "drive_mode",
     "operating_mode",
+    "secondary_shadow_id",
+    "secondary_id",
     "homing_offset",
     "current_limit",
     "velocity_limit",

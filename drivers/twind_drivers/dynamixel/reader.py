@@ -258,7 +258,7 @@ class DynamixelReader:
         """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""
         field = self.table(id)[name]
         data = yield from self.collect((id,), field.address, field.size)
-        return Register(field.name, field.address, field.size, field.decode(data[id]))
+        return Register(field.name, field.address, field.size, field.decode(data[id]), field.eeprom)
 
     def table(self, id: int) -> Table:
         """Control table of a device. Raises KeyError that lists the ids of this bus."""
