@@ -214,6 +214,28 @@ def test_unplugged_and_back_under_another_name_the_link_leads_there(tmp_path: Pa
             assert sdk.PacketHandler(2.0).ping(port, 1) == (1020, 0, 0)
 
 
+def test_a_second_one_on_the_same_link_is_refused_and_the_first_serves_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with virtual(tmp_path):
+        before = os.readlink(tmp_path / "main")
+        for faults in ([], ["--faults", str(tmp_path / "faults")]):
+            assert main(["--link", str(tmp_path), "--muscles", "first-order", *faults]) == 2
+            assert f"{tmp_path / 'main'}: another twind-virtual serves it" in capsys.readouterr().err
+        assert os.readlink(tmp_path / "main") == before
+        with client(tmp_path / "main") as port:
+            assert sdk.PacketHandler(2.0).ping(port, 1) == (1020, 0, 0)
+
+
+def test_the_link_of_one_that_was_killed_is_taken_over(tmp_path: Path) -> None:
+    killed = Virtual(tmp_path)
+    killed.process.kill()
+    killed.process.communicate()
+    assert (tmp_path / "main").is_symlink()
+    with virtual(tmp_path), client(tmp_path / "main") as port:
+        assert sdk.PacketHandler(2.0).ping(port, 1) == (1020, 0, 0)
+
+
 def test_the_watchdog_trips_within_120_ms_of_the_last_packet_by_the_servos_clock(tmp_path: Path) -> None:
     with virtual(tmp_path) as robot, client(tmp_path / "main") as port:
         talk = sdk.PacketHandler(2.0)

@@ -90,6 +90,7 @@ def test_every_line_is_answered_also_the_bad_ones(tmp_path: Path) -> None:
     answers = served(tmp_path / "s", b'{"query": "state"}\nnonsense\n[1]\n{"bus": "other"}\n')
     assert answers[0] == {"ok": True, "query": "state"}
     assert [each["ok"] for each in answers[1:]] == [False] * 3
+    assert '{"fault": "drop", "count": 3}' in answers[1]["error"], "what an order looks like"
     assert "object" in answers[2]["error"]
     assert answers[3]["error"] == "no bus other"
 

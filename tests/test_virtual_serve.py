@@ -64,7 +64,31 @@ def test_replugged_under_another_name_the_link_follows(tmp_path: Path) -> None:
     port.plug(renamed=True)
     assert port.path != before
     assert os.readlink(tmp_path / "main") == port.path
-    port.unplug()
+    port.close()
+
+
+def test_a_link_that_somebody_serves_is_refused_untouched_also_while_it_is_unplugged(tmp_path: Path) -> None:
+    link = tmp_path / "main"
+    first = PtyPort("main", link)
+    with pytest.raises(OSError, match=f"{link}: another twind-virtual serves it; end it"):
+        PtyPort("main", link)
+    assert os.readlink(link) == first.path
+    first.unplug()
+    with pytest.raises(OSError, match="another twind-virtual"):
+        PtyPort("main", link)
+    first.close()
+    PtyPort("main", link).close()
+
+
+def test_a_stale_link_is_replaced_and_one_that_leads_elsewhere_is_left(tmp_path: Path) -> None:
+    link = tmp_path / "main"
+    link.symlink_to("/dev/pts/none")
+    port = PtyPort("main", link)
+    assert os.readlink(link) == port.path
+    link.unlink()
+    link.symlink_to("/dev/null")
+    port.close()
+    assert os.readlink(link) == "/dev/null"
 
 
 def test_what_was_recorded_is_given_page_by_page() -> None:

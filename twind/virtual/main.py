@@ -11,6 +11,7 @@ import signal
 import stat
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -113,11 +114,15 @@ def _set(spec: ServoSpec, options: argparse.Namespace, baud: int | None) -> Serv
 
 def _serve(virtual: dict[str, VirtualBus], clock: ServoClock, options: argparse.Namespace) -> None:
     links = {name: options.link and options.link / name for name in virtual}
-    ports = {name: PtyPort(name, link) for name, link in links.items()}
-    server = Server(virtual, ports, clock, _say)
-    try:
+    with ExitStack() as undo:
+        ports = {}
+        for name, link in links.items():
+            ports[name] = PtyPort(name, link)
+            undo.callback(ports[name].close)
+        server = Server(virtual, ports, clock, _say)
         if options.faults is not None:
             server.orders = OrderSocket(options.faults, server.obey)
+            undo.callback(server.orders.close)
         _until_told(server)
         for name, port in ports.items():
             _say(name, port.path)
@@ -126,11 +131,6 @@ def _serve(virtual: dict[str, VirtualBus], clock: ServoClock, options: argparse.
         realtime.fifo(PRIORITY)  # servos answer in time however busy the machine is, if we are let
         gc.freeze()  # what is there stays: the collector need not walk through it between two packets
         server.run()
-    finally:
-        if server.orders is not None:
-            server.orders.close()
-        for port in ports.values():
-            port.unplug()
 
 
 def _until_told(server: Server) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 LINE = 65536  # bytes, longest order
+NO_JSON = 'not JSON: an order is one object a line, as {"fault": "drop", "count": 3} or {"query": "state"}'
 
 Order = dict[str, Any]
 REAL = (int, float)
@@ -143,11 +144,14 @@ class OrderSocket:
 
     def _judge(self, line: bytes) -> Order:
         try:
-            order = json.loads(line)
+            try:
+                order = json.loads(line)
+            except ValueError:
+                raise OrderError(NO_JSON) from None
             if not isinstance(order, dict):
                 raise OrderError('an order is an object as {"fault": "drop", "bus": "main", "count": 3}')
             return self._answer(order)
         except KeyError as error:
             return {"ok": False, "error": str(error.args[0])}
-        except ValueError as error:  # bad JSON, OrderError, a value out of bounds
+        except ValueError as error:  # OrderError, a value out of bounds
             return {"ok": False, "error": str(error)}

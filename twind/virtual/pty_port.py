@@ -15,6 +15,24 @@ TERMIOS2 = "IIIIB19sII"
 CHUNK = 65536
 
 
+def _claim(link: Path) -> int:
+    """Descriptor of the locked file beside the link; the kernel lets go of it when the process dies.
+
+    The file stays: one removed and made anew could be locked twice.
+
+    Raises OSError: somebody serves it.
+    """
+    lock = os.open(link.with_name(f".{link.name}.lock"), os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(lock)
+        if not isinstance(error, BlockingIOError):
+            raise
+        raise OSError(f"{link}: another twind-virtual serves it; end it, or name another --link") from None
+    return lock
+
+
 class PtyPort:
     """Master end of a raw pseudo-terminal. Without a host at the other end nothing is read or kept.
 
@@ -22,8 +40,12 @@ class PtyPort:
     """
 
     def __init__(self, name: str, link: Path | None) -> None:
-        """`link`: a symbolic link to keep on the port, whatever its number. Raises OSError."""
+        """`link`: a symbolic link to keep on the port, whatever its number, until `close`.
+
+        Raises OSError, before the link is touched: somebody else serves it.
+        """
         self.name, self._link = name, link
+        self._lock = -1 if link is None else _claim(link)
         self.path = ""
         self._fd = -1
         self._poll = select.poll()
@@ -62,8 +84,15 @@ class PtyPort:
             return
         os.close(self._fd)
         self._fd, self.present = -1, False
-        if self._link is not None and self._link.is_symlink():
+        if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self.path:
             self._link.unlink()
+
+    def close(self) -> None:
+        """Unplug for good: the link is free for another."""
+        self.unplug()
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
 
     def look(self) -> bool:
         """Is a host there now? Asked every round, since a port without one cannot be waited for."""
