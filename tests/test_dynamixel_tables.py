@@ -125,3 +125,11 @@ def test_a_register_takes_what_lies_in_its_range_and_among_its_values() -> None:
 def test_the_facts_of_a_model_come_with_its_table_whatever_the_firmware() -> None:
     assert table(1200, 51).facts is table(1200, 52).facts
     assert table(1200).facts.ampere_per_count == 1e-3
+
+
+def test_a_register_is_found_by_its_address_too_and_robot_files_still_need_names() -> None:
+    xm430 = table(1020)
+    assert xm430["11"] == xm430["operating_mode"] and xm430["116"] == xm430["Goal Position"]
+    assert "11" not in xm430
+    with pytest.raises(KeyError, match="no register '1000'"):
+        xm430["1000"]

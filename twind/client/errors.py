@@ -87,7 +87,8 @@ def finding_lines(findings: Sequence[Mapping[str, Any]], mark: str) -> list[str]
     lines = []
     for same in codes.values():
         shown = same if len(same) <= SHOWN else same[:1]
-        rest = f" (and {len(same) - 1} more joints)" if len(same) > SHOWN else ""
+        others = {finding.get("joint") for finding in same} - {None, same[0].get("joint")}
+        rest = f" (and {len(others)} more joints)" if len(same) > SHOWN and others else ""
         lines += [f"{mark:<8} {finding_text(finding)}{rest}" for finding in shown]
     return lines
 
@@ -115,7 +116,7 @@ _SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {
         f"{p['method']} is not for the role {p['role']}: use control.sock (group twind-operator)"
     ),
     "Busy": lambda p: f"busy: {p['what']}",
-    "BusFailed": lambda p: f"bus {p['bus']}: {p['message']}",
+    "BusFailed": lambda p: f"bus {p['bus']}: {p['message']}" if p["bus"] else str(p["message"]),
     "InvalidParameter": lambda p: f"parameter {p['parameter']}: {p.get('message', 'not allowed')}",
     "MethodNotFound": lambda p: f"the daemon knows no method {p['method']}",
     "MethodNotImplemented": lambda p: f"the daemon does not serve {p['method']} yet",

@@ -25,12 +25,20 @@ def _scan(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _whole(text: str) -> int:
+    """12, -3, 0x1F. Raises ArgumentTypeError."""
+    try:
+        return int(text, 0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+
+
 def _register_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("action", choices=["read", "write"])
     parser.add_argument("bus")
     parser.add_argument("id", type=int)
-    parser.add_argument("name", help="as the vendor's control table spells it")
-    parser.add_argument("value", nargs="?", type=lambda text: int(text, 0), help="to write")
+    parser.add_argument("name", help="as the vendor's control table spells it, or its address")
+    parser.add_argument("value", nargs="?", type=_whole, help="to write")
 
 
 def _register(options: argparse.Namespace) -> int:

@@ -198,12 +198,12 @@ class Loop:
         for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
             same = tuple(findings)
             self.say.event("warning", code, same[0].message, same)
+            if judgement.latches:
+                self.latch(_of_many(same))
         told = (*judgement.findings, *self.parts.guard.bars)  # a second restart within a second is not told
         if restarted := [finding for finding in told if finding.code is Code.SERVO_REBOOTED]:
             self.identity.restarted(restarted)
         if judgement.latches:
-            for finding in judgement.findings:
-                self.latch(finding)
             self.change(Event.FAULT, now)
         if judgement.reaction >= Reaction.INHIBIT:
             self.inhibit(judgement.findings[0], now)
@@ -373,3 +373,10 @@ class Loop:
 
 def _torque_text(off: bool | None) -> str:
     return {None: "unknown: not every servo has said", True: "is off", False: "is left on"}[off]
+
+
+def _of_many(findings: tuple[Finding, ...]) -> Finding:
+    """One finding for all of a code: the first, that says how many joints it speaks for."""
+    first = findings[0]
+    others = {finding.joint for finding in findings} - {None, first.joint}
+    return replace(first, message=f"{first.message} (and {len(others)} more joints)") if others else first

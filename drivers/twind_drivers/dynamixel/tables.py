@@ -85,10 +85,14 @@ class Table:
     writable: frozenset[int]
 
     def __getitem__(self, name: str) -> Field:
-        """A register by its name, in either spelling. Raises KeyError that lists the near names."""
+        """A register by its name, in either spelling, or its address: "11". Raises KeyError that lists the
+        near names."""
         key = snake(name)
         if key in self.fields:
             return self.fields[key]
+        for field in self.fields.values() if key.isdecimal() else ():
+            if field.address == int(key):
+                return field
         raise KeyError(f"{self.model} has no register {name!r}{_near(key, self.fields)}")
 
     @property
