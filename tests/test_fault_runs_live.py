@@ -22,8 +22,8 @@ from twind.virtual.specimen import specimen
 
 pytestmark = pytest.mark.realtime
 
-# s that a refresh may lie before the stamp of its reading, and after it on a loaded machine. A reading in trouble has
-# 35 bytes of each servo, 4.2 ms at 2 Mbaud, and 2 ms of patience; the rest is scheduling.
+# s that a refresh may lie before the stamp of its reading, and after it on a loaded machine. A reading in
+# trouble has 35 bytes of each servo, 4.2 ms at 2 Mbaud, and 2 ms of patience; the rest is scheduling.
 EARLY, LATE = 0.015, 0.04
 # Which case of each fault; the others differ in strength or ids and are run under the fake clock. Faults told
 # by the same code do not follow each other: what was told is not told again within a second.
