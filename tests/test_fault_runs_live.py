@@ -77,7 +77,7 @@ class LiveJudge:
             times, rows = times + page["time"], rows + page["position"]
             more, ids = page["more"], page["ids"]
             self._since = times[-1] if times else self._since
-        self._since -= 0.2  # what a message shows may have been read a little before
+        self._since -= 5.0  # messages that this process took up late are older than the last page
         return np.array(times), np.array(rows), ids
 
     def judge(self, said: str) -> None:
