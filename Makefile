@@ -4,20 +4,32 @@ VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?=
 FIGURE ?=
+# Of the harnesses: how many, which seed, from which one on; also ROW, REAL, HOURS, MINUTES, JOBS. What each takes
+# and shows stands in docs/safety.md, "How it is proven".
+N ?=
+SEED ?=
+FIRST ?=
+WHAT ?=
+FILES ?=
+SAMPLE ?=
+CHANGED ?=
 
-.PHONY: demo test test-fast test-slow check format lint types imports bench clean
+.PHONY: demo test test-fast test-slow check format lint types imports bench coverage oracle fuzz mutate clean faults soak kills model
 
 demo: $(VENV)/.ready
 	$(BIN)/twindctl demo $(if $(SECONDS),--seconds $(SECONDS))
 
+# Whose claim is timing has the machine to itself; the others share it.
 test: $(VENV)/.ready
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto -m 'not slow and not realtime'
+	$(BIN)/pytest -m 'realtime and not slow'
 
 test-fast: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m 'not slow and not realtime'
 
 test-slow: $(VENV)/.ready
-	$(BIN)/pytest -m slow
+	$(BIN)/pytest -n auto -m 'slow and not realtime'
+	$(BIN)/pytest -m 'slow and realtime'
 
 check: format lint types imports test test-slow
 
@@ -35,6 +47,36 @@ imports: $(VENV)/.ready
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m bench $(FIGURE)
+
+coverage: $(VENV)/.ready
+	$(BIN)/coverage erase
+	$(BIN)/python -m tests.mutation.coverage
+
+oracle: $(VENV)/.ready
+	$(BIN)/python tests/oracle $(if $(N),-n $(N)) $(if $(SEED),--seed $(SEED)) $(if $(FIRST),--first $(FIRST))
+
+fuzz: $(VENV)/.ready
+	$(BIN)/python tests/fuzz $(if $(N),-n $(N)) $(if $(SEED),--seed $(SEED)) $(if $(FIRST),--first $(FIRST)) \
+		$(foreach each,$(WHAT),--what $(each))
+
+mutate: $(VENV)/.ready
+	$(BIN)/python -m tests.mutation $(FILES) $(if $(SAMPLE),--sample $(SAMPLE)) \
+		$(if $(CHANGED),--changed $(CHANGED)) $(if $(SECONDS),--seconds $(SECONDS))
+
+faults: $(VENV)/.ready
+	cd tests && ../$(BIN)/python -m faults.run $(if $(N),--number $(N)) $(if $(ROW),--rows $(ROW)) \
+		$(if $(SEED),--seed $(SEED)) $(if $(REAL),--real $(REAL)) $(if $(HOURS),--hours $(HOURS)) \
+		$(if $(FIRST),--first $(FIRST))
+
+soak: $(VENV)/.ready
+	cd tests && ../$(BIN)/python -m soak.run $(if $(HOURS),--hours $(HOURS)) $(if $(JOBS),--jobs $(JOBS)) \
+		$(if $(SEED),--seed $(SEED)) $(if $(MINUTES),--minutes $(MINUTES)) $(if $(REAL),--real)
+
+kills: $(VENV)/.ready
+	$(BIN)/python tests/kills.py $(N) $(if $(SEED),--seed $(SEED))
+
+model: $(VENV)/.ready
+	$(BIN)/python tests/model $(N) $(if $(SEED),--seed $(SEED))
 
 # The stamp makes a half-finished environment start over.
 $(VENV)/.ready: pyproject.toml

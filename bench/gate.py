@@ -1,8 +1,12 @@
-"""`gate.check_1000x24`: a thousand waypoints of all joints through every rule of the curve."""
+"""`gate.check_1000x24`: a thousand waypoints of all joints through every rule of the curve.
+
+`gate.lookahead_100`: a hundred waypoints swept for clearance, all joints moving.
+"""
 
 from collections.abc import Mapping
 from functools import partial
 
+import mujoco
 import numpy as np
 
 from bench.harness import (
@@ -19,24 +23,31 @@ from bench.harness import (
 from twind.config.robot_file import load_robot
 from twind.robot.limits import Limits
 from twind.robot.modes import Mode, Motion, State
+from twind.robot.ratings import Ratings
+from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety import gate
+from twind.safety.headroom import Condition
 from twind.twin.binding import bind
+from twind.twin.collision import Bodies
+from twind.twin.sweep import Sweep, Swept
 
 POINTS, SPAN = 1000, 20.0  # s
+WAYPOINTS = 100
 CALLS = 100
 
 
 def take() -> Mapping[str, Figure]:
     """CPU time of one whole verdict, for each degree of interpolant; the slowest is the figure."""
-    limits = bind(load_robot("h24"), None).limits
+    binding = bind(load_robot("h24"), None)
+    limits = binding.limits
     whole = _path(limits)
     paths = {
         "linear": Trajectory(whole.time, whole.position, whole.commanded),
         "cubic": Trajectory(whole.time, whole.position, whole.commanded, whole.velocity),
         "quintic": whole,
     }
-    snapshot, thresholds = _snapshot(whole), gate.Thresholds()
+    snapshot, thresholds = _snapshot(whole, binding.ratings), gate.Thresholds()
 
     def judged(path: Trajectory) -> float:
         return cpu_per_call(lambda _: judge(path), CALLS) * 1e3
@@ -51,7 +62,7 @@ def take() -> Mapping[str, Figure]:
     middle = medians(found)
     worst = max(middle, key=middle.__getitem__)
     each = ", ".join(f"{name} {value:.2f}" for name, value in middle.items())
-    note = f"accepted, all rules S05–S22 in one go; slowest of {each} ms; {spread(found[worst], 'ms')}"
+    note = f"accepted, all rules S05–S22, S27 in one go; slowest of {each} ms; {spread(found[worst], 'ms')}"
     return {"gate.check_1000x24": Figure(middle[worst], note)}
 
 
@@ -74,7 +85,7 @@ def _path(limits: Limits) -> Trajectory:
     )
 
 
-def _snapshot(path: Trajectory) -> gate.Snapshot:
+def _snapshot(path: Trajectory, ratings: Ratings) -> gate.Snapshot:
     """Armed, holding where the path begins, all well."""
     n = path.position.shape[1]
     return gate.Snapshot(
@@ -90,7 +101,59 @@ def _snapshot(path: Trajectory) -> gate.Snapshot:
         latency=0.006,
         latency_p95=0.007,
         reference=Reference(path.position[0], np.zeros(n), np.zeros(n)),
+        condition=Condition(np.full(n, 35.0), np.full(n, 12.0), np.full(n, 0.1), ratings),
     )
 
 
-MEASUREMENTS = (Measurement({"gate.check_1000x24": Key("ms", "≤ 1")}, take),)
+def look() -> Mapping[str, Figure]:
+    """CPU time of one sweep, proved between the waypoints, and of kinematics and collision there alone."""
+    binding = bind(load_robot("h24"), None)
+    path, bodies = _gentle(binding.limits), Bodies(binding)
+    still = np.zeros(len(binding.rest))
+    curve = interpolate(path, Reference(path.position[0], still, still))
+    model, data = binding.model, mujoco.MjData(binding.model)
+    poses, qpos = path.position, data.qpos
+
+    def sweep() -> Swept:
+        steps = Sweep(bodies).running(curve)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as stop:
+                swept: Swept = stop.value
+                return swept
+
+    def bare() -> None:
+        for pose in poses:
+            qpos[:] = pose
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_collision(model, data)
+
+    found = sweep()
+    if found.refused or found.unfinished:
+        raise RuntimeError(f"the path was refused: {found}")
+    takes = {
+        "sweep": lambda: cpu_per_call(lambda _: sweep(), CALLS) * 1e3,
+        "bare": lambda: cpu_per_call(lambda _: bare(), CALLS) * 1e3,
+    }
+    with as_in_the_loop():
+        rounds = interleaved(ROUNDS, takes)
+    middle = medians(rounds)
+    note = f"{len(bodies.pairs)} pairs, {found.work} poses and measurements; {spread(rounds['sweep'], 'ms')}"
+    peers = {"bare kinematics + collision loop": middle["bare"]}
+    return {"gate.lookahead_100": Figure(middle["sweep"], note, peers)}
+
+
+def _gentle(limits: Limits) -> Trajectory:
+    """Waypoints 20 ms apart: every joint there and back within a tenth of its range, from a clear pose."""
+    time = np.linspace(0.0, 2.0, WAYPOINTS + 1)[1:]
+    wave = 0.5 - 0.5 * np.cos(np.pi * time)
+    wide = 0.05 * (limits.upper - limits.lower)
+    start = np.clip(np.zeros(len(wide)), limits.lower + wide, limits.upper - wide)
+    return Trajectory(time, start + wave[:, None] * wide, np.ones(len(wide), np.bool_))
+
+
+MEASUREMENTS = (
+    Measurement({"gate.check_1000x24": Key("ms", "≤ 1")}, take),
+    Measurement({"gate.lookahead_100": Key("ms", "≤ 2, ≤ 2 × bare")}, look),
+)

@@ -110,6 +110,11 @@ CASES: Mapping[str, Sequence[Case]] = {
         Case(_plain(count=2), (0.1, 0.2)),
         Case(_for_ever(), (0.3, 0.5), FAULT, (FOREIGN,), 0.05),
     ],
+    # One or two packets of nobody are no stranger yet; more of them are.
+    "forge": [
+        Case(lambda random: {"count": int(random.integers(1, 3)), "id": one(random)}, (0.05, 0.1)),
+        Case(_for_ever(), (0.55, 0.6), FAULT, (FOREIGN, BUS, STALE), 0.06),
+    ],
     "duplicate": [
         Case(_plain(count=1), (0.1, 0.2)),
         # A second answer of who missed one within a second may be that one: foreign then only after it.
@@ -131,6 +136,11 @@ CASES: Mapping[str, Sequence[Case]] = {
         Case(_plain(rate=1e-6), (0.3, 0.5)),
         Case(lambda random: {"rate": float(10 ** random.uniform(-5.0, -2.0))}, (0.2, 0.6), EITHER),
         Case(_plain(rate=0.01, to_host=False), (0.2, 0.4), EITHER),
+    ],
+    "mangle": [
+        Case(lambda random: {"count": int(random.integers(1, 3))}, (0.05, 0.1)),
+        Case(_plain(count=10, bits=16, bytes=130), (0.1, 0.2)),  # ten goals that nobody takes
+        Case(_plain(count=1_000_000, bits=16), (0.55, 0.6), FAULT, (STALE, BUS), 0.06),
     ],
     "babble": [
         Case(_plain(), (0.005, 0.04)),
@@ -161,6 +171,7 @@ CASES: Mapping[str, Sequence[Case]] = {
     ],
     "supply": _supply(),
     "heat": _heat(),
+    "spike": [Case(lambda r: {"id": one(r), "celsius": 120.0, "seconds": 0.15}, (0.3, 0.5))],
     # A held shaft and an encoder that repeats its value: the readings are what the registers say.
     "lock": [
         Case(lambda r: {"id": one(r)}, (0.3, 0.5), EITHER, heal=lambda order: [order | {"fault": "free"}])

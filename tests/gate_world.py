@@ -16,8 +16,10 @@ from twind.robot.arrays import Floats
 from twind.robot.finding import Code
 from twind.robot.limits import Limits
 from twind.robot.modes import Mode, Motion, State
+from twind.robot.ratings import Ratings
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.gate import Demand, Judged, Snapshot, Thresholds, check
+from twind.safety.headroom import Condition
 
 TH = Thresholds()
 CAREFUL = Fraction(1, 10**11)  # rounding of the product's doubles; the oracle itself has none
@@ -51,8 +53,21 @@ def snapshot(n: int = 2, mode: Mode = Mode.LIVE, **over: object) -> Snapshot:
         latency=0.006,
         latency_p95=0.007,
         reference=at_rest(np.zeros(n)),
+        condition=condition(n),
     )
     return replace(usual, **over)
+
+
+def ratings(n: int = 2) -> Ratings:
+    """Of XM430s at 12 V."""
+    bounds = {"low_warn": 11.1, "low_settle": 10.5, "low_fault": 10.0, "high_warn": 14.8}
+    bounds |= {"warm": 60.0, "hot": 65.0, "shut": 70.0, "cool": 55.0, "continuous": 0.5}
+    return Ratings(**{name: np.full(n, bound) for name, bound in bounds.items()}, leg=np.zeros(n, np.bool_))
+
+
+def condition(n: int = 2, **over: object) -> Condition:
+    """Cool, with a full battery, read just now."""
+    return replace(Condition(np.full(n, 35.0), np.full(n, 12.0), np.full(n, 0.1), ratings(n)), **over)
 
 
 def path(time: list[float], position: list, velocity: list | None = None, acceleration: list | None = None):

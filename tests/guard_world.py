@@ -59,7 +59,9 @@ def facts(**over: object) -> Facts:
         alerts=np.zeros(N, np.uint8),
         fault=np.zeros(N, np.int16),
         tick=np.full(N, -1, np.int32),
-        health_time=np.full(N, -np.inf),
+        health_time=np.full(N, float(over.get("now", 10.0)) - 0.05),  # type: ignore[arg-type]
+        temperature=np.full(N, 30.0),
+        voltage=np.full(N, 12.0),
         jumps=np.zeros(N, np.int64),
         leaps=np.zeros(N),
     )

@@ -135,9 +135,7 @@ def robot(name: str = "h24", *options: str) -> Iterator[tuple[Virtual, Path]]:
 
 
 @contextmanager
-def daemon(
-    virtual: Virtual, folder: Path, *, mode: str = "live", port: str | None = None
-) -> Iterator[Daemon]:
+def daemon(virtual: Virtual, folder: Path, *, mode: str = "live") -> Iterator[Daemon]:
     """A daemon on that robot; killed at the end if the test did not end it."""
     options = ["--mode", mode, "--robot", virtual.robot, "--calibration", str(virtual.calibration)]
     for bus in virtual.ports:

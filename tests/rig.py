@@ -73,23 +73,37 @@ class Rig:
         start: Mapping[str, float] | None = None,
         muscles: type[FirstOrder] = FirstOrder,
         rate_hz: float | None = None,
+        support: str | None = None,
     ) -> None:
         self._muscles = muscles
         self.clock = FakeClock(100.0)
         self.robot = load_robot(robot)
         if rate_hz is not None:
             self.robot = replace(self.robot, rate_hz=rate_hz)
+        if support is not None:
+            self.robot = replace(self.robot, support=support)
         self.made = specimen(self.robot)
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
         self.calibration = calibration(self.made)
-        one = assembly.Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
-        self.names = one.binding.joint_map.names
-        self.buses = Buses(self.robot, one.binding.joint_map, {}, self.robot.rate_hz)
-        self.front = HandFront()
-        self.loop = assembly.build(
-            one,
+        self.one = assembly.Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
+        self.names = self.one.binding.joint_map.names
+        self.front = self.new_front()
+        self.loop = self.born(mode)
+        self.news: list[Any] = []
+        self._ticket = 0
+        self._deadline = self.clock.now()
+
+    def new_front(self) -> HandFront:
+        """What stands in for the front's process."""
+        return HandFront()
+
+    def born(self, mode: Mode) -> Any:
+        """A daemon that begins on these servos as they are."""
+        self.buses = Buses(self.robot, self.one.binding.joint_map, {}, self.robot.rate_hz)
+        return assembly.build(
+            self.one,
             mode=mode,
             rate_hz=self.robot.rate_hz,
             clock=self.clock,
@@ -101,9 +115,6 @@ class Rig:
             thresholds=Thresholds(),
             realtime={},
         )
-        self.news: list[Any] = []
-        self._ticket = 0
-        self._deadline = self.clock.now()
 
     def close(self) -> None:
         self.loop.close()
@@ -191,10 +202,10 @@ class Rig:
     # ------------------------------------------------------------------------- common ground
 
     def connect(self) -> None:
-        """Until everybody is identified."""
+        """Until everybody is identified, and every slow register was read once."""
         for _ in range(200):
             self.ticks(1)
-            if self.loop.state == "connected":
+            if self.loop.state == "connected" and np.isfinite(self.loop.hardware.slow.health_time).all():
                 return
         raise AssertionError(
             f"not connected: {self.loop.state}, {[event.message for event in self.events()]}"

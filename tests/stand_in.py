@@ -18,7 +18,11 @@ import msgspec
 import numpy as np
 
 from twind import link, memfd
+from twind.config.robot_file import load_robot
+from twind.loop.sockets import BACKLOG
 from twind.robot.finding import Code, Finding
+from twind.twin.binding import bind
+from twind.twin.handover import packed
 from twind.version import __version__
 
 NAMES = [f"joint_{place}" for place in range(24)]
@@ -36,6 +40,7 @@ def briefing(count: int = 24) -> link.Briefing:
         description={"name": "stand-in", "gate": {"on_velocity": "reject"}},
         calibration=None,
         mjcf="<mujoco/>",
+        binding=packed(bind(load_robot("h24"), None)) if count == 24 else b"",
         rate_hz=100.0,
         parameters={"latency_warn_ms": 50},
     )
@@ -93,8 +98,18 @@ def overview(now: float, ticks: int = 0, count: int = 24) -> link.Overview:
 class StandIn:
     """A loop without a robot, and the front it started."""
 
-    def __init__(self, directory: Path, *, rate: float = 100.0, stderr: int | None = None) -> None:
-        self.directory, self.rate = directory, rate
+    def __init__(
+        self,
+        directory: Path,
+        *,
+        rate: float = 100.0,
+        stderr: int | None = None,
+        program: tuple[str, ...] = ("-m", "twind.front"),
+        binding: bytes | None = None,
+        goal: bytes | None = None,
+    ) -> None:
+        """`binding`: handed over instead of h24's. `goal`: where the robot holds, float64 of 24 joints."""
+        self.directory, self.rate, self.goal = directory, rate, goal
         self.commands: list[link.Inward] = []
         self.paths: list[bytes] = []
         self.answers: dict[type, Answer] = {}
@@ -102,7 +117,8 @@ class StandIn:
         self.heartbeats = 0
         self.inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.inner.setblocking(False)
-        fd = memfd.seal("briefing", msgspec.msgpack.encode(briefing()))
+        told = briefing() if binding is None else msgspec.structs.replace(briefing(), binding=binding)
+        fd = memfd.seal("briefing", msgspec.msgpack.encode(told))
         listeners = {name: self._listen(name) for name in ("control", "observe")}
         handed = {"link": outer.fileno(), "briefing": fd}
         handed |= {name: listener.fileno() for name, listener in listeners.items()}
@@ -110,7 +126,7 @@ class StandIn:
         self.log = directory / "log"
         with self.log.open("wb") as log:
             self.front = subprocess.Popen(
-                [sys.executable, "-m", "twind.front", *arguments],
+                [sys.executable, *program, *arguments],
                 pass_fds=list(handed.values()),
                 stderr=log if stderr is None else stderr,
                 start_new_session=True,
@@ -123,10 +139,17 @@ class StandIn:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
+    def await_lookahead(self, patience: float = 10.0) -> None:
+        """Until the front has loaded its model: its memory has grown to what it will be."""
+        end = time.monotonic() + patience
+        while "LOOKAHEAD" not in self.log.read_text():
+            assert time.monotonic() < end, self.log.read_text()
+            time.sleep(0.01)
+
     def _listen(self, name: str) -> socket.socket:
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         listener.bind(str(self.directory / f"{name}.sock"))
-        listener.listen(32)
+        listener.listen(BACKLOG)
         return listener
 
     def close(self) -> int:
@@ -150,7 +173,8 @@ class StandIn:
             try:
                 if sequence % 10 == 1:
                     self.send(overview(now, sequence))
-                self.send(tick(now, sequence))
+                news = tick(now, sequence)
+                self.send(news if self.goal is None else msgspec.structs.replace(news, goal=self.goal))
             except OSError:
                 return
             due += 1.0 / self.rate

@@ -134,3 +134,17 @@ def test_ports_replugged_again_and_again_do_not_grow_without_end() -> None:
     clock.wait([pipe], clock.now() + 600.0)  # still polled rightly
     for pipe in ours:
         pipe.close()
+
+
+def test_a_machine_that_never_slept_has_slept_for_nothing_and_it_only_grows() -> None:
+    clock = MonotonicClock()
+    first = clock.suspended()
+    assert first > -0.1  # the two clocks are read one after the other
+    assert clock.suspended() - first < 0.1
+
+
+def test_a_test_says_how_long_the_machine_slept() -> None:
+    clock = FakeClock()
+    assert clock.suspended() == 0.0
+    clock.slept = 30.0
+    assert (clock.suspended(), clock.now()) == (30.0, 0.0)

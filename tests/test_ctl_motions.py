@@ -48,7 +48,7 @@ def test_time_may_be_seconds_or_sec_and_nanosec(tmp_path: Path, text: str, secon
         ('{"points": [{"positions": []}]}', r"points\[0\]"),
         ('{"points": [{"time_from_start": {"sec": 1.5}}]}', "whole sec and nanosec"),
         ('{"points": [{"time_from_start": {"secs": 1}}]}', "whole sec and nanosec"),
-        (" " * (5 << 20), "bound"),
+        (" " * (5 << 20), "larger than 4 MiB"),
     ],
 )
 def test_what_is_no_trajectory_is_rejected_with_its_place(tmp_path: Path, text: str, reason: str) -> None:

@@ -1,5 +1,7 @@
 """What servos say of themselves (R09, R11): alerts at once, and clocks that tell a restart from a wrap."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from guard_world import FINE, LIMITS, N, codes, facts
@@ -8,9 +10,11 @@ from hypothesis import strategies as st
 
 from twind.robot.finding import Code
 from twind.robot.modes import Mode, Motion, State
-from twind.safety.device_rules import CLOCK, words
+from twind.robot.ratings import Ratings
+from twind.safety.device_rules import words
 from twind.safety.guard import Guard, Judgement, Reaction
 
+CLOCK = 32768  # ms, e-manual: Realtime Tick (120)
 DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
 ARMING = DISARMED | {"state": State.ARMING, "torque_settled": False}
 MIRROR = {"mode": Mode.MIRROR, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
@@ -56,7 +60,7 @@ def test_r09_the_bits_of_register_70_are_named_in_words(bits: int, said: str) ->
     assert said in words(bits)
     finding = guard().judge(facts(alerts=at(2, 128), fault=at(2, bits, 0, np.int16))).findings[0]
     assert said in finding.message
-    assert finding.value == (bits if bits > 0 else None)
+    assert (finding.value, finding.bound) == ((bits, 0.0) if bits > 0 else (None, None))
 
 
 def test_r09_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() -> None:
@@ -66,8 +70,11 @@ def test_r09_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() ->
     assert told == [[Code.SERVO_ALERT], [], [Code.SERVO_ALERT], []]
 
 
-def test_r09_while_arming_it_is_a_fault() -> None:
-    assert guard().judge(facts(alerts=at(0, 128), **ARMING)).latches
+@pytest.mark.parametrize("over", [{}, ARMING])
+def test_r09_while_arming_or_armed_it_is_a_fault_and_bars_arming(over: dict[str, object]) -> None:
+    judge = guard()
+    assert judge.judge(facts(alerts=at(0, 128), **over)).latches
+    assert [one.code for one in judge.bars] == [Code.SERVO_ALERT]
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
@@ -144,6 +151,22 @@ def test_r11_the_margin_is_fifty_milliseconds_and_five_per_cent(off: float, rest
     assert clocks.restart(0.2, 0.0).latches == restarted
 
 
+@pytest.mark.parametrize(("off", "restarted"), [(60, False), (61, True)])
+def test_r11_a_clock_wraps_at_32768_milliseconds_and_no_other(off: int, restarted: bool) -> None:
+    clocks = Clocks((-210 + off) % CLOCK)
+    assert clocks.restart(0.21, 0.0).latches == restarted  # 50 ms, and 5 % of 210
+
+
+@pytest.mark.parametrize(("off", "restarted"), [(75, False), (76, True)])
+def test_r11_right_at_the_margin_a_clock_goes_on(off: int, restarted: bool) -> None:
+    assert Clocks((-500 + off) % CLOCK).restart(0.5, 0.0).latches == restarted
+
+
+@pytest.mark.parametrize(("uptime", "restarted"), [(0.575, True), (0.576, False)])
+def test_r11_right_at_the_margin_a_clock_is_young(uptime: float, restarted: bool) -> None:
+    assert Clocks(20_000).restart(0.5, uptime).latches == restarted
+
+
 def test_r11_a_clock_that_is_older_than_the_time_since_it_was_read_was_read_late_not_restarted() -> None:
     clocks = Clocks(20_000)
     clocks.now += 5.0  # the process stood still between the question and the look at the answer
@@ -162,22 +185,45 @@ def test_r11_a_forgotten_clock_begins_anew() -> None:
     assert clocks.restart(0.2, 0.1) == FINE
 
 
+def test_r11_a_clock_that_is_not_known_for_a_while_says_nothing() -> None:
+    clocks = Clocks(20_000)
+    for unknown in (-1, -1):
+        clocks.now += 0.2
+        gone = {"tick": np.full(N, unknown, np.int32), "health_time": np.full(N, clocks.now)}
+        assert clocks.guard.judge(facts(**gone)) == FINE
+    assert clocks.restart(0.2, 0.01) == FINE
+
+
 def test_r11_a_restart_is_one_event_and_the_next_reading_is_fine() -> None:
     clocks = Clocks(20_000, **DISARMED)
     judgement = clocks.restart(0.4, 0.2)
     assert (judgement.latches, codes(judgement)) == (False, [Code.SERVO_REBOOTED])
+    assert [one.code for one in clocks.guard.bars] == [Code.SERVO_REBOOTED]
     assert clocks.later(0.2) == FINE
 
 
-def test_r11_while_arming_it_is_a_fault() -> None:
-    assert Clocks(20_000, **ARMING).restart(0.4, 0.2).latches
+@pytest.mark.parametrize("over", [{}, ARMING])
+def test_r11_while_arming_or_armed_it_is_a_fault_and_bars_arming(over: dict[str, object]) -> None:
+    clocks = Clocks(20_000, **over)
+    assert clocks.restart(0.4, 0.2).latches
+    assert [one.code for one in clocks.guard.bars] == [Code.SERVO_REBOOTED]
+
+
+@pytest.mark.parametrize(("joint", "reaction"), [(0, Reaction.DAMP), (1, Reaction.SETTLE)])
+def test_r11_a_leg_that_went_limp_is_damped_and_an_arm_is_lowered_with_the_rest(
+    joint: int, reaction: Reaction
+) -> None:
+    legs = replace(Ratings.unknown(N), leg=np.array([True, False, False]))
+    judge = Guard(LIMITS, support="free", ratings=legs)
+    assert judge.judge(facts(watchdog=at(joint, 0, 5, np.int16))).reaction is reaction
 
 
 @pytest.mark.parametrize(("watchdog", "restarted"), [(0, True), (1, False), (5, False), (-1, False)])
 def test_r11_an_armed_watchdog_that_reads_zero_is_a_restart(watchdog: int, restarted: bool) -> None:
     judgement = guard().judge(facts(watchdog=at(2, watchdog, 5, np.int16)))
     assert judgement.latches == restarted
-    assert [(one.code, one.joint) for one in judgement.findings] == [(Code.SERVO_REBOOTED, 2)] * restarted
+    told = [(one.code, one.joint, one.value, "restarted" in one.message) for one in judgement.findings]
+    assert told == [(Code.SERVO_REBOOTED, 2, 0.0, True)] * restarted
 
 
 def test_r11_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> None:
@@ -194,6 +240,29 @@ def test_r11_one_joint_read_anew_says_nothing_of_another() -> None:
     anew = np.full(N, 9.99)
     anew[1] = 10.1
     assert judge.judge(facts(watchdog=zero, status_time=anew)) == FINE
+
+
+@pytest.mark.parametrize("between", [DISARMED, {"torque": np.ones(N, np.int8)}])
+def test_r10_counts_from_the_last_time_that_all_was_right(between: dict[str, object]) -> None:
+    judge, off = guard(), at(1, 0, 1, np.int8)
+    rows = [{"torque": off}, {"torque": off} | between, {"torque": off}, {"torque": off}]
+    found = [
+        judge.judge(facts(**(row | {"status_time": np.full(N, 10.0 + 0.1 * count)})))
+        for count, row in enumerate(rows)
+    ]
+    assert [one.latches for one in found] == [False, False, False, True]
+
+
+def test_r10_what_is_forgotten_while_a_procedure_runs_is_nobody_s_restart() -> None:
+    judge = guard()
+    off = {"torque": at(1, 0, 1, np.int8)}
+    judge.judge(facts(status_time=np.full(N, 10.0), **off))
+    judge.judge(facts(status_time=np.full(N, 10.1), torque_settled=False, **off))
+    stamps = np.full(N, 10.1)
+    for time in (10.2, 10.3):
+        stamps = np.where(np.arange(N) == 1, time, stamps)
+        last = judge.judge(facts(status_time=stamps, **off))
+    assert [(one.code, one.joint) for one in last.findings] == [(Code.TORQUE_MISMATCH, 1)]
 
 
 def test_r11_torque_off_and_watchdog_off_is_a_restart_at_the_first_reading() -> None:

@@ -8,13 +8,14 @@ from rig import Rig
 from twind import cli
 from twind.config import settings
 from twind.front import server
-from twind.loop import arming, front_process, ports, release, submissions, tick
+from twind.loop import arming, damping, front_process, ports, release, submissions, tick
 from twind.robot.finding import Code
 from twind.robot.modes import State
 from twind.safety import gate, guard, lease, senses, stream
 from twind.safety.states import TABLE, Event
 from twind.twin import binding
 from twind_drivers.dynamixel import budget
+from twind_drivers.dynamixel import damping as soft
 
 # ----------------------------------------------------------------------------------------------- reason codes
 
@@ -87,9 +88,37 @@ NUMBERS = {
     "latency (state age + bus round trip): told": ms(GATE.latency_warn),
     "latency: motion and arming refused": ms(GATE.latency_block),
     "joint not heard: motion and arming refused": ms(GATE.stale),
+    "temperature and supply, oldest: motion and arming refused": f"{GATE.health:g} s",
     "joint silent, armed: told": f"{ms(GUARD.stale_warn)}; 1.5 ticks below 50 Hz",
     "joint silent, armed: HOLD": ms(GUARD.stale_hold),
-    "joint silent, armed: fault, SETTLE": ms(GUARD.stale_fault),
+    "joint silent, armed: fault": ms(GUARD.stale_fault),
+    f"joint off its goal, and {ms(GUARD.lag)} of the goal's speed: HOLD where it is, fault": (
+        f"{GUARD.follow:g} rad for {ms(GUARD.follow_for)}"
+    ),
+    "the same: DAMP, fault": f"{GUARD.follow_damp:g} rad",
+    "position that never changes while the motor works: HOLD, fault": f"{ms(GUARD.frozen_for)}, the goal "
+    f"{GUARD.frozen_moved:g} rad further and {GUARD.frozen_turning:g} rad/s told; or the goal "
+    f"{GUARD.frozen_far:g} rad further at {GUARD.frozen_load[0] * 100:g} to "
+    f"{GUARD.frozen_load[1] * 100:g} % load",
+    "joint too fast: HOLD": f"{GUARD.overspeed:g} × its limit + {GUARD.overspeed_slack:g} rad/s, "
+    f"{GUARD.overspeed_row} readings",
+    "robot and simulation apart: told": f"{GUARD.drift:g} rad for {GUARD.drift_for:g} s",
+    "load near the current limit: told": f"{GUARD.load_warn * 100:g} % for {GUARD.load_warn_for:g} s",
+    "load at the current limit: HOLD where it is, fault; after twice that DAMP": (
+        f"{GUARD.load_hold * 100:g} % for {GUARD.load_hold_for:g} s"
+    ),
+    "tired, share² beyond `heat.continuous`² × time: told, HOLD, SETTLE": f"{GUARD.tired_warn:g} s, "
+    f"{GUARD.tired_hold:g} s, {GUARD.tired_settle:g} s",
+    "temperature as agreed on": f"by {GUARD.votes[0]} of {GUARD.votes[1]} readings",
+    "temperature of one reading above the others: told, not believed": f"{GUARD.spike:g} °C",
+    "temperature rising: told": f"{GUARD.warming:g} °C/s over {GUARD.warming_over:g} s",
+    "a hot joint: pace of motions": f"{GUARD.hot_pace * 100:g} %",
+    "supply low: as two readings agree": f"{ms(GUARD.volt_for)} apart",
+    "temperature and supply not read, armed: told": f"{GUARD.unread:g} s",
+    "way ahead too close: slowest pace before HOLD": f"{GUARD.least_pace * 100:g} %",
+    "no tick, or asleep, armed: fault": ms(GUARD.gap),
+    "held after a stop of ours, `support: free`: SETTLE": f"{GUARD.hold_most:g} s",
+    "what takes long is looked at": f"every {ms(GUARD.look)}",
     "bad exchanges of a bus in 1 s: told": f"{GUARD.errors_warn * 100:g} %",
     "bad exchanges of a bus in 1 s: HOLD": f"{GUARD.errors_hold * 100:g} %, at least {GUARD.errors_least}",
     "bad exchanges of a bus in a row: HOLD": f"{GUARD.errors_row_hold}",
@@ -103,7 +132,7 @@ NUMBERS = {
     "such positions in a row: HOLD": f"{GUARD.jumps}",
     "tick late: told": ms(GUARD.late),
     "ticks missed in a row: told": f"{GUARD.missed_warn}",
-    "ticks missed in a row: HOLD": f"{GUARD.missed_hold}",
+    "ticks missed in a row: HOLD": f"{GUARD.missed_hold}, and {ms(GUARD.missed_for)}",
     "torque read back off in a row: fault": f"{GUARD.disagreements} readings",
     "ticks failed in a row: inhibit, end": f"{tick.PATIENCE}",
     "after an inhibit: no packet": f"{tick.QUIET:g} s",
@@ -126,12 +155,19 @@ NUMBERS = {
     "newest setpoint, oldest": f"{GUARD.setpoint_age:g} s",
     "setpoint `valid_for`, longest": f"{stream.LONGEST:g} s",
     "arming: reading, oldest": ms(arming.FRESH),
+    "arming: first reading of temperature and supply waited for": f"{arming.FIRST:g} s",
     "arming: still moving": f"{arming.STILL:g} ticks of the encoder, {arming.TRIES} tries",
     "arming: jump at torque-on": f"{arming.JUMP:g} rad",
-    "way to the rest pose, wanted within": f"{release.SETTLE:g} s",
-    "way to the rest pose, given up": f"{release.LATE:g} s after its planned end, {release.WAYS} tries",
+    "way to the rest pose, wanted within": f"{release.WAY:g} s",
+    "settling, to torque off; then DAMP": f"{release.SETTLE:g} s",
+    "way to the rest pose, given up": f"after {release.WAYS} tries",
+    "way that the limits make longer, given up": f"{release.LATE:g} s after its planned end",
     "`support: free`: at rest": f"{release.SLOW:g} rad/s for {release.SLOW_FOR:g} s, "
-    f"{release.SLOW_MOST:g} s at most",
+    f"within {release.NEAR:g} rad of the rest pose",
+    "damped: at rest": f"{damping.SLOW:g} rad/s for {damping.SLOW_FOR:g} s, {damping.SLOW_MOST:g} s at most",
+    "damped: goals follow at": f"{damping.SINK:g} rad/s",
+    "damped: output, or current": f"{soft.SHARE * 100:g} %",
+    "damped: P gain": f"1/{soft.SOFT}",
     "servo watchdog": "100 ms",  # compared with the register below
     "torque, hardware error, watchdog read": f"{budget.STATUS_HZ:g} Hz or more",
     "voltage, temperature read": f"{budget.HEALTH_HZ:g} Hz or more",

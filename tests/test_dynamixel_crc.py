@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.dynamixel.crc import Crc, byte_table, crc16
+from twind_drivers.dynamixel.crc import Crc, _positions, byte_table, crc16
 
 
 def bitwise(data: bytes) -> int:
@@ -44,3 +44,15 @@ def test_every_single_bit_flip_is_seen() -> None:
         data[bit // 8] ^= 1 << bit % 8
         assert crc16(data) != right
         data[bit // 8] ^= 1 << bit % 8
+
+
+def test_rows_may_stand_in_any_number_of_dimensions() -> None:
+    rows = np.random.default_rng(1).integers(0, 256, (2, 3, 19), np.uint8)
+    crc = Crc(19)
+    assert crc.length == 19
+    assert crc(rows).shape == (2, 3)
+    assert int(crc(rows[1, 2])) == int(crc(rows)[1, 2]) == bitwise(rows[1, 2].tobytes())
+
+
+def test_the_table_that_all_share_cannot_be_written_to() -> None:
+    assert not _positions(32).flags.writeable

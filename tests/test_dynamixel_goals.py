@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from twind_drivers.bus import WireClamp
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.goals import GoalPacket
+from twind_drivers.dynamixel.goals import GoalPacket, Goals, goal_packets
 from twind_drivers.dynamixel.layout import Block
 
 IDS = (1, 252, 7)
@@ -87,3 +87,62 @@ def test_a_packet_handed_out_is_not_changed_by_the_next() -> None:
     copy = bytes(first)
     packet.encode(np.array([4, 5, 6]))
     assert first == copy
+
+
+def test_a_goal_that_ends_in_the_pattern_is_stuffed() -> None:
+    tick = int.from_bytes(b"\x00\xff\xff\xfd", "little", signed=True)
+    data = goals(ids=(1,)).encode(np.array([tick]))
+    assert data == p.sync_write(116, {1: b"\x00\xff\xff\xfd"})
+    assert p.STUFFED in data
+
+
+# ------------------------------------------------------------------------- goals in different registers
+
+CURRENT = Block(102, 2)
+
+
+def test_devices_that_keep_their_goals_in_one_register_get_one_packet() -> None:
+    low, high = np.full(3, -5), np.full(3, 5)
+    packet = goal_packets("bus", IDS, (GOAL, GOAL, GOAL), low, high)
+    assert isinstance(packet, GoalPacket)
+    assert packet.encode(np.array([1, 2, 3])) == goals(-5, 5).encode(np.array([1, 2, 3]))
+    alone = goal_packets("bus", (7,), (GOAL,), low[:1], high[:1])
+    assert alone.encode(np.array([4])) == goals(-5, 5, (7,)).encode(np.array([4]))
+
+
+def mixed(lower: tuple[int, ...] = (-10, -20, -30), upper: tuple[int, ...] = (10, 20, 30)) -> Goals:
+    return goal_packets("bus", IDS, (GOAL, CURRENT, GOAL), np.array(lower), np.array(upper))
+
+
+def test_goals_in_two_registers_are_two_packets_each_with_its_own_devices() -> None:
+    packet = mixed()
+    assert packet.encode(np.array([10, -20, 30])) == p.sync_write(
+        116, {1: (10).to_bytes(4, "little"), 7: (30).to_bytes(4, "little")}
+    ) + p.sync_write(102, {252: (-20).to_bytes(2, "little", signed=True)})
+    assert (packet.lower.tolist(), packet.upper.tolist()) == ([-10, -20, -30], [10, 20, 30])
+
+
+@pytest.mark.parametrize(("place", "id"), list(enumerate(IDS)))
+def test_each_goal_is_held_to_the_bounds_of_its_own_device(place: int, id: int) -> None:
+    ticks = np.array([10, 20, 30])
+    ticks[place] += 1
+    with pytest.raises(WireClamp, match=f"id {id}: goal {ticks[place]} "):
+        mixed().encode(ticks)
+
+
+@pytest.mark.parametrize("ticks", [np.array([1, 2]), np.array([1.0, 2.0, 3.0]), np.array([[1, 2, 3]])])
+def test_mixed_goals_need_one_whole_tick_per_device_too(ticks: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="3 whole ticks"):
+        mixed().encode(ticks)
+
+
+def test_one_pair_of_bounds_that_is_reversed_is_enough_to_refuse() -> None:
+    with pytest.raises(ValueError, match="must not be above"):
+        mixed((-10, 21, -30))
+    assert mixed((10, 20, 30)).encode(np.array([10, 20, 30]))  # equal bounds leave one goal
+    with pytest.raises(ValueError, match="must not be above"):
+        GoalPacket("bus", (1, 2), GOAL, np.array([0, 5]), np.array([1, 4]))
+    with pytest.raises(ValueError, match="bounds of 3"):
+        mixed(upper=(1, 2))
+    with pytest.raises(ValueError, match="bounds of 3"):
+        mixed(lower=(1, 2))

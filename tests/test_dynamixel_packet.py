@@ -182,63 +182,6 @@ def test_stuffing_equals_what_the_vendors_sdk_returns(params: bytes) -> None:
     assert crc16(ours[:-2]) == int.from_bytes(ours[-2:], "little")
 
 
-# ------------------------------------------------------------------------------------------- finding
-
-PACKETS = st.builds(p.status, st.integers(0, 252), st.integers(0, 255), st.binary(max_size=40))
-
-
-@given(st.lists(st.one_of(st.binary(max_size=30), PACKETS), max_size=12), st.integers(1, 50))
-@settings(max_examples=200, deadline=None)
-def test_no_bytes_raise_or_grow_the_buffer_and_every_byte_is_accounted_for(
-    parts: list[bytes], chunk: int
-) -> None:
-    stream = b"".join(parts)
-    framer = Framer(status=True)
-    used = 0
-    for at in range(0, len(stream), chunk):
-        for found in framer.feed(stream[at : at + chunk]):
-            used += len(p.status(found.id, found.error, found.data))
-        assert len(framer) <= p.CAPACITY
-    assert used + framer.discarded + len(framer) == len(stream)
-
-
-@given(st.binary(max_size=3000), PACKETS)
-@settings(max_examples=100, deadline=None)
-def test_a_packet_is_found_behind_any_garbage(garbage: bytes, good: bytes) -> None:
-    framer = Framer(status=True)
-    found = framer.feed(garbage) + framer.feed(good)
-    assert found[-1].id == good[4]
-    assert len(framer) == 0
-
-
-def test_endless_false_headers_stay_bounded() -> None:
-    framer = Framer(status=True)
-    for _ in range(20):
-        assert framer.feed(b"\xff\xff\xfd\x00\x01\xf9\x07\x55" * 100) == []
-        assert len(framer) <= p.CAPACITY
-
-
-def test_a_wrong_crc_is_dropped_and_reported_only_on_request() -> None:
-    bad = bytearray(p.write(3, 116, b"\1\2\3\4"))
-    bad[12] ^= 1
-    assert Framer(status=False).feed(bad + p.ping(1)) == [Packet(1, 1, b"")]
-    found = Framer(status=False, broken=True).feed(bad + p.ping(1))
-    assert [(each.id, each.intact) for each in found] == [(3, False), (1, True)]
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        p.ping(1),  # an instruction where a status is due: our own echo
-        b"\xff\xff\xfd\x00\xfd\x04\x00\x55\x00\x00\x00",
-        b"\xff\xff\xfd\x01" + p.status(1, 0)[4:],
-        b"\xff\xff\xfd\xfd" + p.status(1, 0)[4:],
-    ],
-)
-def test_what_is_no_status_is_not_taken_for_one(data: bytes) -> None:
-    assert Framer(status=True).feed(data + bytes(20)) == []
-
-
 def test_an_id_that_no_packet_may_have_is_refused() -> None:
     for id in (-1, 253, 255, 256):
         with pytest.raises(ValueError, match=f"id {id}"):
@@ -252,3 +195,50 @@ def test_an_error_byte_is_explained() -> None:
     assert "alert" in p.explain(0x80)
     assert "no error" in p.explain(0x80)
     assert "number 99" in p.explain(99)
+
+
+# ------------------------------------------------------------------------------- the manual's numbers
+
+
+@pytest.mark.parametrize(
+    ("number", "word"),
+    [
+        (1, "carried out"),
+        (2, "unknown instruction"),
+        (3, "wrong CRC"),
+        (4, "watchdog"),
+        (5, "fewer bytes"),
+        (6, "limit register"),
+        (7, "read-only"),
+    ],
+)
+def test_each_error_number_of_the_manual_has_its_own_words(number: int, word: str) -> None:
+    assert word in p.explain(number)
+    assert "alert" not in p.explain(number)
+    assert word in p.explain(number | 0x80) and "alert" in p.explain(number | 0x80)
+
+
+def test_error_numbers_and_codes_are_the_manuals() -> None:
+    names = ("NONE", "RESULT_FAIL", "INSTRUCTION", "CRC", "DATA_RANGE", "DATA_LENGTH", "DATA_LIMIT", "ACCESS")
+    assert [p.Error[name] for name in names] == list(range(8))
+    assert Instruction.STATUS == p.STATUS == 0x55
+    assert p.ALERT == 0x80
+
+
+def test_the_overheads_are_those_of_packets_without_anything() -> None:
+    assert len(p.ping(1)) == p.OVERHEAD == 10
+    assert len(p.status(1, 0)) == p.STATUS_OVERHEAD == 11
+
+
+def test_a_bulk_read_asks_each_device_for_its_own_block() -> None:
+    assert p.bulk_read({1: (144, 2), 2: (146, 1)}).hex(" ").upper() == GOLDEN["bulk read"][0]
+    spans = {3: (132, 4), 7: (124, 2), 4: (146, 1)}
+    assert p.fast_bulk_read(spans) == p.instruction(
+        0xFE, 0x9A, bytes.fromhex("03 8400 0400 07 7C00 0200 04 9200 0100")
+    )
+
+
+def test_a_status_without_params_has_no_error_and_no_data() -> None:
+    empty, full = Packet(1, 0x55, b""), Packet(1, 0x55, b"\x80\x01\x02")
+    assert (empty.error, empty.data) == (0, b"")
+    assert (full.error, full.data) == (0x80, b"\x01\x02")

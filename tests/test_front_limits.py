@@ -21,6 +21,7 @@ STATUS = b'{"method":"io.twind.Control.GetStatus","parameters":{"joints":true}}\
 @pytest.fixture
 def own(tmp_path: Path) -> Iterator[StandIn]:
     stand_in = StandIn(tmp_path)
+    stand_in.await_lookahead()
     yield stand_in
     alive = stand_in.front.poll() is None
     assert stand_in.close() == 0

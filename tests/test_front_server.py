@@ -44,8 +44,8 @@ class Raw:
 
     def __init__(self, loop: StandIn, name: str = "control", end: bytes = b"\0") -> None:
         self.socket = socket.socket(socket.AF_UNIX)
-        self.socket.settimeout(5.0)
         self.socket.connect(str(loop.directory / f"{name}.sock"))
+        self.socket.settimeout(5.0)
         self.end, self._buffer = end, b""
 
     def __enter__(self) -> "Raw":

@@ -30,15 +30,10 @@ def test_what_is_asked_reaches_the_loop_in_joint_order() -> None:
     path, wrong = judge(message, NAMES)
     assert path is not None
     assert not wrong
-    submit = link.Submit(ticket=1, client=2, **fields(message, path, NAMES, 7.0))
+    submit = link.Submit(ticket=1, client=2, **fields(message, path, NAMES))
     assert submit.commanded == [0, 2]
     assert submit.tolerances == [(0, 0.1, None)]
-    assert (submit.start_in, submit.goal_time, submit.append_stop, submit.front_checked) == (
-        0.5,
-        1.0,
-        True,
-        7.0,
-    )
+    assert (submit.start_in, submit.goal_time, submit.append_stop) == (0.5, 1.0, True)
     with Sealed(path) as fd:
         there = link.unpack_path(memfd.unseal(fd), submit, 3)
     assert there.position[0, [0, 2]].tolist() == [0.2, 0.1]

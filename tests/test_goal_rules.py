@@ -6,10 +6,10 @@ from math import inf, nan
 import numpy as np
 import pytest
 from gate_world import at_rest
-from guard_world import FINE, LIMITS, STEP, TINY, N, facts, joints, judge
+from guard_world import FINE, LIMITS, PERIOD, STEP, TINY, N, facts, joints, judge, reading
 
 from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion
+from twind.robot.modes import Mode, Motion, State
 from twind.safety.guard import Guard, Reaction, Traffic
 
 
@@ -44,6 +44,19 @@ def test_r21_the_bound_follows_the_period() -> None:
     assert guard.judge(facts(goal=goal, period=0.005)).goal_refused
 
 
+@pytest.mark.parametrize(("more", "fits"), [(1e-9, True), (1.05e-9, False)])
+def test_r21_a_rounding_of_a_billionth_is_let_through(more: float, fits: bool) -> None:
+    goal = np.zeros(N)
+    goal[1] = LIMITS.velocity[1] * PERIOD + more
+    assert judge(goal=at_rest(list(goal))).goal_refused is not fits
+
+
+@pytest.mark.parametrize("period", [0.001, 0.05, 1.0])
+def test_r21_a_goal_steps_by_the_period_from_the_first_tick_on(period: float) -> None:
+    assert judge(period=period, goal=at_rest([0.0, 3.9 * period, 0.0])) == FINE
+    assert judge(period=period, goal=at_rest([0.0, 4.1 * period, 0.0])).goal_refused
+
+
 def test_r21_a_first_goal_has_nothing_to_step_from() -> None:
     assert judge(previous=None, goal=at_rest([1.0, 1.0, 1.0])) == FINE
 
@@ -58,3 +71,34 @@ def test_a_goal_that_is_no_number_is_refused_in_every_mode(bad: float) -> None:
         judgement = judge(mode=mode, goal=at_rest([0.0, 0.0, bad]), previous=previous)
         assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
         assert [(finding.code, finding.joint) for finding in judgement.findings] == [(Code.NONFINITE, 2)]
+
+
+@pytest.mark.parametrize("state", State)
+def test_w5_where_nothing_may_be_written_a_goal_inhibits(state: State) -> None:
+    closed = (State.IDENTIFYING, State.CONNECTED, State.CALIBRATING, State.INHIBITED)
+    judgement = judge(state=state, motion=Motion.IDLE)
+    assert (judgement.reaction is Reaction.INHIBIT) is (state in closed)
+    assert judgement.goal_refused is (state in closed)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_r14_one_past_its_limit_says_nothing_of_one_that_stands_right_on_it(side: float) -> None:
+    judgement = judge(
+        measured=reading([side * 2.0, side * 2.01, 0.0]),
+        previous=side * joints(2.01, 2.01, 0.0),
+        goal=at_rest([side * 2.011, side * 2.0, 0.0]),
+    )
+    assert judgement == FINE
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_r14_all_past_their_limits_are_all_told(side: float) -> None:
+    there = np.full(N, side * 2.1)
+    judgement = judge(measured=reading(list(there)), previous=there, goal=at_rest(list(there)))
+    found = [(finding.code, finding.joint) for finding in judgement.findings]
+    assert found == [(Code.OUT_OF_LIMIT, joint) for joint in range(N)]
+
+
+def test_r05_one_that_is_late_says_nothing_of_one_that_is_just_in_time() -> None:
+    judgement = judge(measured=reading(age=[0.05, 0.03, 0.0], time=10.0), now=10.0)
+    assert [(finding.code, finding.joint) for finding in judgement.findings] == [(Code.STATE_STALE, 0)]

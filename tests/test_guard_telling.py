@@ -4,10 +4,12 @@ from math import inf, nan
 
 import numpy as np
 import pytest
-from guard_world import FINE, LIMITS, PERIOD, N, codes, facts, judge, reading
+from gate_world import at_rest
+from guard_world import FINE, LIMITS, PERIOD, N, codes, facts, joints, judge, reading
 
 from twind.robot.finding import Code
 from twind.robot.modes import Mode, State
+from twind.safety.facts import Outlook
 from twind.safety.guard import Guard, Judgement, Reaction, Thresholds
 
 # --------------------------------------------------------------------------------------- what is told
@@ -37,8 +39,31 @@ def test_what_comes_again_is_told_again_after_a_second_and_a_mere_warning_after_
     for tick in range(300):  # every second tick is bad
         told += len(ticks(guard, 1, 10.0 + tick * PERIOD, **(bad if tick % 2 else {}))[0].findings)
     assert told == times
-    assert ticks(guard, 1, 19.0) == [FINE]
+    assert ticks(guard, 1000, 13.0) == [FINE] * 1000
     assert len(ticks(guard, 1, 23.0, **bad)[0].findings) == 1
+
+
+@pytest.mark.parametrize(
+    ("bad", "later", "again"),
+    [
+        ({"lateness": 0.01}, 9.5, 0),
+        ({"lateness": 0.01}, 10.5, 1),
+        ({"missed_in_a_row": 5}, 0.95, 0),
+        ({"missed_in_a_row": 5}, 1.0, 1),
+        ({"missed_in_a_row": 5}, 1.05, 1),
+    ],
+)
+def test_what_comes_again_has_its_time_of_quiet(bad: dict[str, object], later: float, again: int) -> None:
+    guard = Guard(LIMITS)
+    assert len(ticks(guard, 1, **bad)[0].findings) == 1
+    assert ticks(guard, 1, 10.0 + later - PERIOD, period=later) == [FINE]
+    assert len(ticks(guard, 1, 10.0 + later, **bad)[0].findings) == again
+
+
+def test_what_lasts_is_told_once_however_slow_the_ticks_are() -> None:
+    guard = Guard(LIMITS)
+    found = [ticks(guard, 1, 10.0 + 20.0 * count, period=20.0, lateness=0.01)[0] for count in range(4)]
+    assert [len(one.findings) for one in found] == [1, 0, 0, 0]
 
 
 def test_a_reaction_names_its_causes_though_they_were_told_before() -> None:
@@ -89,8 +114,9 @@ def test_what_must_be_latched_comes_alone_and_again_until_it_is_latched() -> Non
 def test_a_second_fault_is_latched_beside_the_first(state: State) -> None:
     guard = Guard(LIMITS)
     watchdog = np.array([255, 5, 5], np.int16)
-    guard.judge(facts(watchdog=watchdog))
-    both = {"watchdog": watchdog, "measured": reading([0.0, 3.0, 0.0]), "state": state}
+    there = {"watchdog": watchdog, "previous": joints(0.0, 2.1, 0.0), "goal": at_rest([0.0, 2.1, 0.0])}
+    guard.judge(facts(**there, measured=reading([0.0, 2.05, 0.0])))
+    both = {**there, "measured": reading([0.0, 2.1, 0.0]), "state": state}
     first, second = guard.judge(facts(**both)), guard.judge(facts(**both))
     assert (first.latches, codes(first)) == (True, [Code.OUT_OF_LIMIT])
     assert (second.latches, second.findings) == (False, ())
@@ -103,14 +129,29 @@ def test_the_hardest_reaction_counts_and_names_its_cause() -> None:
     assert judgement.reaction is Reaction.SETTLE
     found = {(finding.code, finding.joint) for finding in judgement.findings}
     assert found == {(Code.STATE_STALE, 1), (Code.WATCHDOG_TRIPPED, 0)}
+    assert [(finding.code, finding.joint) for finding in judgement.causes] == [(Code.STATE_STALE, 1)]
     inhibited = Guard(LIMITS)
     for _ in range(3):
         judgement = inhibited.judge(facts(state=State.CONNECTED, torque_expected=False, lease_ok=False))
         assert (judgement.reaction, codes(judgement)) == (Reaction.INHIBIT, [Code.INTERNAL])
 
 
+def test_the_slowest_pace_counts() -> None:
+    near = Outlook(0.006, 0.1, ("a", "b"), 0.002, 0.010)
+    assert judge(outlook=near, lateness=0.01).pace == pytest.approx(0.5)
+
+
+def test_a_latch_that_comes_again_is_no_mere_warning() -> None:
+    guard = Guard(LIMITS)
+    tripped = {"watchdog": np.array([255, 5, 5], np.int16), "state": State.FAULT}
+    assert len(ticks(guard, 1, **tripped)[0].findings) == 1
+    assert ticks(guard, 1, 12.0, period=2.0, state=State.FAULT) == [FINE]
+    again = ticks(guard, 1, 12.01, **tripped)[0]
+    assert (codes(again), again.latches, again.reaction) == ([Code.WATCHDOG_TRIPPED], True, Reaction.NONE)
+
+
 def test_thresholds_can_be_other_ones() -> None:
-    strict = Thresholds(late=0.0, missed_hold=1, disagreements=1)
+    strict = Thresholds(late=0.0, missed_hold=1, missed_for=0.01, disagreements=1)
     guard = Guard(LIMITS, strict)
     assert codes(guard.judge(facts())) == [Code.LOOP_LATE]
     assert guard.judge(facts(missed_in_a_row=1)).reaction is Reaction.HOLD

@@ -172,3 +172,12 @@ def test_whatever_is_called_at_most_one_holds_it_and_the_epoch_never_shrinks(his
         if [before] != (holders or [0]):
             assert lease.epoch > epoch
         epoch, before = lease.epoch, lease.holder_client(now)
+
+
+def test_a_refusal_is_a_plain_no() -> None:
+    lease = held()
+    assert lease.acquire(B, "uid 2", 2, 10.5) is False
+    assert lease.renew(B, 10.5) is False
+    assert lease.release(B) is False
+    assert lease.gone(B) is False
+    assert lease.held_by(B, 10.5) is False

@@ -1,6 +1,7 @@
 """The tick: readings, goals, faults, modes, lease; the whole daemon under a fake clock."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def test_cancel_needs_no_lease_and_decelerates_to_a_hold(armed: Rig) -> None:
     assert last(armed, ticket).parameters["phase"] == "cancelled"
 
 
-def test_a_servo_silent_for_half_a_second_is_a_fault_that_lowers_the_robot(armed: Rig) -> None:
+def test_a_servo_silent_for_half_a_second_is_a_fault_and_the_others_hold(armed: Rig) -> None:
     armed.submit(armed.path("head_yaw", [1.0], [4.0]), more=True)
     armed.ticks(20)
     armed.virtual["main"].faults.silence(7)
@@ -102,10 +103,24 @@ def test_a_servo_silent_for_half_a_second_is_a_fault_that_lowers_the_robot(armed
     assert armed.loop.state is State.ARMED
     armed.seconds(0.5)
     assert armed.loop.state is State.FAULT
+    held = armed.truth
     armed.seconds(6.0)
-    torque = armed.register("torque_enable")
-    assert (np.delete(torque, 6) == 0).all()
+    assert (armed.register("torque_enable") == 1).all()  # it hangs on a gantry
+    assert armed.truth == pytest.approx(held, abs=0.002)
     assert armed.loop.state is State.FAULT
+    assert armed.call(link.Disarm, ticks=1000).error is not None  # one cannot confirm it
+    assert (np.delete(armed.register("torque_enable"), 6) == 0).all()
+
+
+def test_a_servo_silent_for_half_a_second_lowers_what_stands_freely() -> None:
+    rig = Rig(support="free")
+    rig.arm()
+    rig.virtual["main"].faults.silence(7)
+    rig.seconds(0.6)
+    assert rig.loop.state is State.FAULT
+    rig.seconds(14.0)
+    assert (np.delete(rig.register("torque_enable"), 6) == 0).all()
+    rig.close()
 
 
 def test_unplugged_while_moving_it_is_disconnected_and_comes_back_disarmed(armed: Rig) -> None:
@@ -229,12 +244,12 @@ def test_two_buses_work_as_one_robot() -> None:
     rig.close()
 
 
-def test_one_bus_lost_lowers_the_rest_and_torque_goes_off_there() -> None:
-    rig = Rig("h24-split")
+def test_one_bus_lost_lowers_the_rest_of_a_free_robot_and_torque_goes_off_there() -> None:
+    rig = Rig("h24-split", support="free")
     rig.arm()
     first, second = rig.virtual.values()
     first.faults.unplug()
-    rig.seconds(6.0)
+    rig.seconds(11.0)
     assert rig.loop.state is State.FAULT
     assert (np.asarray(second.servos["torque_enable"]) == 0).all()
     rig.close()
@@ -333,4 +348,29 @@ def test_at_500_hz_every_slow_register_is_still_read_in_time(tmp_path: Path) -> 
     slow, now = rig.loop.hardware.slow, rig.clock.now()
     assert (now - slow.status_time <= 0.1).all()
     assert (now - slow.health_time <= 0.4).all()
+    rig.close()
+
+
+def test_at_500_hz_at_most_one_bus_of_five_ticks_is_asked_beside_its_cyclic_reading(tmp_path: Path) -> None:
+    """100 turns a second do for every bus; more would only cost, all of them in the same tick most of all."""
+    rig = Rig(str(four_buses(tmp_path / "h24-four.yaml")), rate_hz=500.0)
+    rig.connect()
+    rig.seconds(0.1)
+    asked: list[str] = []
+    for port in rig.loop.hardware.ports:
+        reader = port.reader
+        assert reader is not None
+
+        def counted(query: Any, now: float, name: str = port.name, begin: Any = reader.begin) -> None:
+            asked.append(name)
+            begin(query, now)
+
+        reader.begin = counted  # type: ignore[method-assign]
+    most = 0
+    for _ in range(50):
+        before = len(asked)
+        rig.ticks(1)
+        most = max(most, len(asked) - before)
+    assert most == 1
+    assert [asked.count(name) for name in "abcd"] == [10] * 4
     rig.close()

@@ -110,3 +110,33 @@ def test_when_a_lost_bus_is_back_its_joints_may_be_anywhere() -> None:
     assert not readings.take(0, sample(2000, [True] * 3, 10.01)).any()
     readings.forget(0)
     assert readings.take(0, sample(2000, [True] * 3, 10.02)).all()
+
+
+def test_the_load_is_a_share_of_the_current_limit_without_a_sign_and_nan_where_that_is_unknown() -> None:
+    left, right = JOINTS.buses
+    known = replace(left, load_scale=np.array([0.001, np.nan, 0.01]))
+    readings = Readings(replace(JOINTS, buses=(known, right)), PERIOD)
+    assert np.isnan(readings.load).all()
+    for heard, effort in (([True] * 3, -50), ([True, True, False], 80)):  # all of it, then a part
+        given = replace(sample(0, heard, 10.0), effort=np.full(3, effort))
+        readings.take(0, given)
+    assert readings.load[left.joints] == pytest.approx([0.08, np.nan, 0.5], nan_ok=True)
+    readings.take(1, sample(0, [True] * 3, 10.0))
+    assert np.isnan(readings.load[right.joints]).all()
+
+
+def test_what_a_silent_joint_draws_is_not_known_any_more() -> None:
+    both = JOINTS.buses
+    known = tuple(replace(bus, load_scale=np.full(3, 0.01)) for bus in both)
+    readings = Readings(replace(JOINTS, buses=known), PERIOD)
+    assert np.isnan(readings.loads(10.0)).all()
+    for number in (0, 1):
+        readings.take(number, replace(sample(0, [True] * 3, 10.0), effort=np.full(3, 90)))
+    readings.take(0, replace(sample(0, [True, False, False], 10.3), effort=np.full(3, 10)))
+    heard = both[0].joints[0]
+    for after, others in ((0.303, 0.9), (0.5, 0.9), (0.504, np.nan), (0.79, np.nan)):
+        loads = readings.loads(10.0 + after)
+        assert loads[heard] == pytest.approx(0.1)
+        assert np.delete(loads, heard) == pytest.approx(np.full(5, others), nan_ok=True)
+    assert np.isnan(readings.loads(1000.0)).all()
+    assert np.isnan(readings.loads(np.nan)).all()

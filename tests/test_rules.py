@@ -335,3 +335,29 @@ def test_the_parts_are_pure_functions_of_their_arguments() -> None:
     assert start(subject, th) == []
     assert relaxed(subject) is None
     assert sqrt(judge(subject, 0, 1, limit, th)[0].score) > 0.0
+
+
+def test_the_gates_numbers_are_those_of_the_page() -> None:
+    th = w.TH
+    assert (th.latency_warn, th.latency_block, th.stale, th.start_jump) == (0.05, 0.1, 0.1, 0.05)
+    assert (th.jerk_warn, th.max_points, th.max_duration, th.min_dt) == (5000.0, 2000, 60.0, 0.001)
+    assert (th.brake_floor, th.brake_margin, th.end_velocity) == (0.05, 0.2, 0.05)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("end_velocity", "peak"), [(0.1, 0.4), (0.3, 0.6), (0.0, 0.6)])
+def test_a_cubic_is_held_to_its_acceleration_at_either_end(
+    sign: float, end_velocity: float, peak: float
+) -> None:
+    path = w.path([1.0], [[sign * 0.1]], [[sign * end_velocity]])  # a(0) = 6h - 2v, a(1) = 4v - 6h
+    for strongest, fine in ((peak * 1.001, True), (peak * 0.999, False)):
+        judged = w.ask(path, w.limits(1, acceleration=strongest), w.at_rest([0.0]))
+        assert (Code.ACC_LIMIT not in w.codes(judged)) is fine
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("share", [0.999, 1.001])
+def test_a_cubic_is_warned_of_by_its_jerk(sign: float, share: float) -> None:
+    h, T = share * 5000.0 * 0.05**3 / 12.0, 0.05  # from rest to rest the jerk is 12 h / T³
+    judged = w.ask(w.path([T], [[sign * h]], [[0.0]]), w.limits(1, acceleration=1e4), w.at_rest([0.0]))
+    assert any(f.code is Code.JERK_LIMIT for f in judged.verdict.warnings) is (share > 1.0)

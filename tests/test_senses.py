@@ -104,6 +104,67 @@ def test_however_long_all_was_well_the_last_reading_is_what_counts() -> None:
     assert world.senses.leaps.tolist() == [0, TURN]
 
 
+def first(fastest: float = FASTEST, sent: float = 5.0, received: float = 5.0 + TRIP) -> Senses:
+    """Two joints that were both heard once, at 0."""
+    senses = Senses(np.full(2, fastest), PERIOD)
+    assert senses.believe(np.array([0, 0]), YES, sent, received, NO).all()
+    return senses
+
+
+@pytest.mark.parametrize(("places", "short"), [
+    ([0, 0], True), ([39, 0], True), ([40, 0], False), ([-39, 39], True), ([TURN, TURN], False),
+])  # fmt: skip
+def test_all_heard_where_they_can_be_takes_the_short_way_and_nobody_else(
+    places: list[int], short: bool
+) -> None:
+    """1.5 x 3010 ticks/s x 8 ms + 3 ticks are 39.12."""
+    senses = first(3010.0)
+    assert senses.usual(np.array(places), 5.0081 - TRIP, 5.0081) is short
+
+
+def test_the_short_way_needs_its_time_and_somebody_who_was_heard() -> None:
+    zero = np.array([0, 0])
+    assert first().usual(zero, 5.0079 - TRIP, 5.0079) is False
+    assert Senses(np.full(2, FASTEST), PERIOD).usual(zero, 5.0, 5.01) is False
+
+
+def test_the_short_way_needs_its_time_and_no_more() -> None:
+    senses, zero = Senses(np.full(2, FASTEST), 1.25 / 64), np.array([0, 0])
+    assert senses.believe(zero, YES, 5.0, 5.0, NO).all()
+    assert senses.usual(zero, 5.0 + 1 / 64, 5.0 + 1 / 64) is True
+
+
+@pytest.mark.parametrize(("trip", "most"), [(0.0021, 57), (0.0024, 58), (0.00227, 58), (0.00242, 58)])
+def test_three_ticks_of_flicker_are_added_to_what_the_motor_can_do(trip: float, most: int) -> None:
+    for place, fits in ((most, True), (most + 1, False)):
+        after = 5.0 + PERIOD + trip
+        found = first().believe(np.array([0, place]), YES, after - trip, after, NO)
+        assert found.tolist() == [True, fits]
+
+
+@pytest.mark.parametrize(("step", "fits"), [(27, True), (28, False)])
+def test_right_at_the_bound_it_fits_and_agrees(step: int, fits: bool) -> None:
+    """1.5 x 1024 ticks/s x 1/64 s + 3 ticks are 27, exactly."""
+    senses = first(1024.0, 5.0, 5.0)
+    assert senses.believe(np.array([0, step]), YES, 5.0 + 1 / 64, 5.0 + 1 / 64, NO).tolist() == [True, fits]
+    senses = first(1024.0, 5.0, 5.0)
+    for count in range(1, 4):
+        now, place = 5.0 + count / 64, 1000 + step * count
+        believed = senses.believe(np.array([0, place]), YES, now, now, NO)
+    assert believed.tolist() == [True, fits]
+
+
+def test_who_changes_its_mind_must_agree_three_times_anew() -> None:
+    world = World()
+    assert [world.read(place) for place in (0, 9000, -9000, -9001, -9002)] == [
+        True,
+        False,
+        False,
+        False,
+        True,
+    ]
+
+
 @pytest.mark.parametrize(("gap", "fits"), [(0.001, False), (0.0058, False), (0.0061, True), (0.010, True)])
 def test_readings_that_come_close_upon_each_other_may_lie_less_apart(gap: float, fits: bool) -> None:
     """A late tick is followed by one in time: the full step of a period is too much between them."""
@@ -159,7 +220,9 @@ def test_three_in_a_row_hold_and_every_first_one_is_told(jumps: int, reaction: R
     judgement = say(jumps)
     assert (judgement.reaction, judgement.latches) == (reaction, False)
     assert codes(judgement) == [Code.SENSE_JUMP] * (jumps > 0)
-    assert [(one.joint, one.value) for one in judgement.findings] == [(1, 6.28)] * (jumps > 0)
+    bound, words = (3.0, "check its horn") if jumps >= 3 else (1.0, "more than its motor can do")
+    told = [(one.joint, one.value, one.bound, words in one.message) for one in judgement.findings]
+    assert told == [(1, 6.28, bound, True)] * (jumps > 0)
 
 
 @pytest.mark.parametrize("over", [

@@ -235,3 +235,29 @@ def test_what_cannot_be_ordered_says_why() -> None:
     for wrong in (lambda: faults.drop(-1), lambda: faults.delay(float("nan")), lambda: faults.damage(1, 64)):
         with pytest.raises(ValueError, match=r"outside|0 or more"):
             wrong()
+
+
+def test_a_forged_answer_is_sound_and_not_what_was_asked() -> None:
+    host = Host(IDS)
+    host.bus.faults.forge(20, 2)
+    found = [host.ask(packet.read(2, 132, 4))[0] for _ in range(20)]
+    assert {(each.id, len(each.data)) for each in found} == {(252, 4), (2, 3)}
+    assert [(each.id, len(each.data)) for each in host.ask(packet.read(2, 132, 4))] == [(2, 4)]
+
+
+def test_mangle_breaks_exactly_that_many_writes_and_only_their_beginning() -> None:
+    host, ping = Host(IDS), packet.ping(1)
+    host.bus.faults.mangle(2, bits=3, bytes=len(ping))
+    for _ in range(2):
+        assert [each.id for each in host.ask(ping + packet.ping(2))][-1:] == [2]
+    assert [each.id for each in host.ask(ping + packet.ping(2))] == [1, 2]
+
+
+def test_a_spike_is_shown_for_so_long_and_warms_nobody() -> None:
+    host = Host(IDS)
+    host.bus.faults.spike(3, 120.0, 0.2)
+    host.wait(0.01)
+    assert host.read(3, 146, 1) == 120
+    host.wait(0.3)
+    assert host.read(3, 146, 1) == 25
+    assert host.servos.protection.celsius[2] == pytest.approx(25.0)

@@ -120,3 +120,22 @@ def test_the_state_tells_the_truth_of_every_servo() -> None:
     assert (one["id"], one["torque"], one["goal"], one["tripped_at"]) == (1, True, 2048, None)
     assert (two["torque"], two["position"]) == (False, 2048.25)
     assert np.isfinite(one["heard_ago"])
+
+
+def test_the_clock_of_a_servo_goes_on_through_a_stall_and_its_watchdog_does_not() -> None:
+    real, host = FakeClock(), Host([1, 2])
+    clock = ServoClock(real)
+    made = Server({"main": host.bus}, {"main": PtyPort("main", None)}, clock, lambda name, path: None)
+
+    def shown() -> list[int]:
+        host.servos.settle(clock.now())
+        made.clocks_go_on()
+        host.servos.changed()  # the registers are shown anew
+        host.servos.settle(clock.now())
+        return [int(each) for each in host.servos.memory.column("realtime_tick", 2).get()]
+
+    before, lived = shown(), clock.now()
+    real.sleep_until(real.now() + 5.0)
+    assert clock.now() - lived == pytest.approx(STALL)
+    assert shown() == [each + 5000 for each in before]
+    assert shown() == [each + 5000 for each in before]  # counted once

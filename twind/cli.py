@@ -13,6 +13,7 @@ from types import FrameType
 
 from twind.config.budget import require_rate
 from twind.config.calibration_file import load_calibration
+from twind.config.edited import fingerprints
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.settings import Settings, load_settings
@@ -98,6 +99,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         child = stack.enter_context(VirtualChild(settings.robot))
         ports, calibration_path = dict(child.ports), child.calibration
     mode = Mode(settings.mode)
+    files = fingerprints([calibration_path] if calibration_path is not None else [])  # before it is read
     calibration = load_calibration(calibration_path, robot) if calibration_path is not None else None
     denied = live_denied(robot.name, ports, calibration is not None)
     if mode is Mode.LIVE and denied is not None:
@@ -112,7 +114,8 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     buses = Buses(robot, one.binding.joint_map, ports, rate_hz)
     if mode is not Mode.SIM:
         buses.refuse_taken()
-    briefing = assembly.brief(one, rate_hz, settings.parameters(), settings.log_level)
+    files |= fingerprints([robot.path, robot.mjcf_path])
+    briefing = assembly.brief(one, rate_hz, settings.parameters(), settings.log_level, files)
     notifier = Notifier()
     stack.callback(notifier.close)
     loop = assembly.build(

@@ -60,6 +60,7 @@ class Arm(Command, frozen=True, kw_only=True):
     """Goal := present, read back, then torque. Reply when armed: {joints: [index]}."""
 
     joints: Sequence[int] | None = None
+    edited: Sequence[str] = ()  # files of the robot that were written anew since they were read
 
 
 class Disarm(Command, frozen=True, kw_only=True):
@@ -99,7 +100,9 @@ class Submit(Command, frozen=True, kw_only=True):
     append_stop: bool = False
     check_only: bool = False
     more: bool = False
-    front_checked: float = 0.0  # s, when the front judged its share
+    front_checked: float = 0.0  # s, when the state was true that the front judged its share from
+    refused: Sequence[Finding] = ()  # what the front found: clearance, torque, balance (S23–S26)
+    warned: Sequence[Finding] = ()
 
 
 class Cancel(Command, frozen=True, kw_only=True):
@@ -321,9 +324,11 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
     description: dict[str, Any]  # the robot file as checked
     calibration: dict[str, Any] | None
     mjcf: str
+    binding: bytes = b""  # the bound robot for the look-ahead (`twin/handover.py`); empty: there is none
     rate_hz: float
     parameters: dict[str, Any]
     log_level: str = "info"
+    files: dict[str, str] = {}  # robot file, model, calibration: path -> sha256 of what was read
 
 
 # ------------------------------------------------------------------------------------- how they travel

@@ -20,6 +20,7 @@ write.
 
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import floor
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -222,6 +223,7 @@ class Reply:
 
 
 T = TypeVar("T")
+UPKEEP_HZ = 100.0  # turns of upkeep a second that are enough for every bus
 Script = Generator[Request, Reply, T]
 
 
@@ -252,6 +254,11 @@ class Transport(Arrivals, Protocol):
 
     def close(self) -> None:
         """Let go of the port. May be called twice."""
+
+
+def upkeep_stride(rate_hz: float) -> int:
+    """Cycles from one turn of a bus's upkeep to its next: 100 turns a second do, more would only cost."""
+    return max(1, floor(rate_hz / UPKEEP_HZ + 1e-9))
 
 
 class Reader(Protocol):
@@ -313,7 +320,7 @@ class Writer(Protocol):
         """Begin one rare-path transaction that writes; ended by the reader's `answer`."""
 
     def prepare(self, ticks: Ints) -> Script[None]:
-        """Before torque: device watchdogs cleared, armed and read back; gains written and read back.
+        """Before torque: device watchdogs cleared, armed and read back; gains and caps of the output, too.
 
         `ticks` (m,), the present position, becomes the goal in the system call that clears the watchdogs: a
         tripped servo whose torque is still on must not resume its old goal.
@@ -327,6 +334,13 @@ class Writer(Protocol):
 
     def torque(self, on: bool) -> Script[None]:
         """Torque of all devices, read back. Off is written twice. Raises DeviceRefused, NoReply."""
+
+    def damp(self) -> Script[tuple[int, ...]]:
+        """Torque stays, soft: output capped, then stiffness down and damping up, read back. RAM only.
+
+        Ids of those that did not confirm it. A part of it leaves nobody stronger than before, and a silent
+        device holds nobody up: whoever asks for it goes on to torque off. `prepare` gives the strength back.
+        """
 
     def write(self, id: int, name: str, value: int) -> Script[Register]:
         """One register by name, read back. Raises NoReply, DeviceRefused, KeyError, ValueError (range)."""

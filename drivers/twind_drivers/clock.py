@@ -27,6 +27,9 @@ class Clock(Protocol):
     def now(self) -> float:
         """Monotonic time, s."""
 
+    def suspended(self) -> float:
+        """How long the machine has slept since it started, s: monotonic time stands still meanwhile."""
+
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline` (s) or later; at once if it has passed."""
 
@@ -43,6 +46,10 @@ class MonotonicClock:
     def now(self) -> float:
         """Monotonic time, s."""
         return time.monotonic()
+
+    def suspended(self) -> float:
+        """Time with suspension less time without; some µs off, since the two are read one after the other."""
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
 
     def sleep_until(self, deadline: float) -> None:
         """Sleep until the absolute `deadline`."""
@@ -68,10 +75,15 @@ class FakeClock:
 
     def __init__(self, time: float = 0.0) -> None:
         self.time = time
+        self.slept = 0.0  # s that a test lets the machine sleep
 
     def now(self) -> float:
         """The time set by the last wait, s."""
         return self.time
+
+    def suspended(self) -> float:
+        """What the test said, s."""
+        return self.slept
 
     def sleep_until(self, deadline: float) -> None:
         """Jump to `deadline`, never back."""

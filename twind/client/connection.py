@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+import struct
 import time
 from collections.abc import Generator, Mapping
 from types import TracebackType
@@ -46,9 +47,12 @@ class Client:
         if self._socket is not None:
             return
         sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        sock.settimeout(self.timeout)
         try:
+            # Blocking: under a time-out of Python's own, a queue that others fill ends it at once (EAGAIN).
+            patience = struct.pack("ll", int(self.timeout), int(self.timeout % 1.0 * 1e6))
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, patience)
             sock.connect(self.path)
+            sock.settimeout(self.timeout)
         except OSError as error:
             sock.close()
             raise NoDaemon(f"{self.path}: {_why(error)}") from None
@@ -162,4 +166,6 @@ def _why(error: OSError) -> str:
         return f"no daemon: nobody listens there; {HOW_TO_START}"
     if isinstance(error, PermissionError):
         return "permission denied: operators are in the group twind-operator, observers in twind-observe"
+    if isinstance(error, BlockingIOError):
+        return "the daemon takes no connection: too many wait, or it hangs"
     return f"{error.strerror or error}; {HOW_TO_START}"

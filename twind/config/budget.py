@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.config.section import file_error
+from twind_drivers.bus import upkeep_stride
 from twind_drivers.dynamixel.budget import Budget, budget
 from twind_drivers.dynamixel.layout import layout_of
 from twind_drivers.dynamixel.tables import number_of, table
@@ -63,7 +64,7 @@ def _budget(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> BusBudget:
             bus.baud,
             fast=way,
             return_delay_us=delay,
-            upkeep_hz=rate_hz,
+            upkeep_hz=rate_hz / upkeep_stride(rate_hz),
             usb_s=latency,
             groups=groups,
         )

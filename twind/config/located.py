@@ -13,6 +13,8 @@ from typing import Any
 
 import yaml
 
+from twind.protocol.plain_file import NotAFile, read_plain
+
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 16
 
@@ -71,16 +73,15 @@ Node = Leaf | Row | Table
 
 
 def read_text(path: Path) -> str:
-    """The file's text. Raises ConfigError: missing, unreadable, over 256 KiB, not UTF-8."""
+    """The file's text. Raises ConfigError: missing, unreadable, no file, over 256 KiB, not UTF-8."""
     start = Mark(0, 0)
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
+        data = read_plain(path, MAX_BYTES)
+    except NotAFile as error:
+        raise ConfigError(str(path), start, "", str(error.strerror)) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise ConfigError(str(path), start, "", f"cannot be read: {reason}") from None
-    if len(data) > MAX_BYTES:
-        raise ConfigError(str(path), start, "", f"larger than {MAX_BYTES // 1024} KiB: not a file of ours")
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -94,6 +95,8 @@ def parse(text: str, file: str) -> Table:
     """The mapping that `text` holds. Raises ConfigError naming `file`."""
     if len(text.encode("utf-8", "surrogatepass")) > MAX_BYTES:
         raise ConfigError(file, Mark(0, 0), "", f"larger than {MAX_BYTES // 1024} KiB: not a file of ours")
+    if text.startswith("\ufeff"):  # two readers could take the first key for two things
+        raise ConfigError(file, Mark(1, 1), "", "begins with a byte order mark: save as UTF-8 without one")
     try:
         return _Tree(file, yaml.parse(text, Loader=_EVENTS)).document()
     except yaml.MarkedYAMLError as error:

@@ -12,11 +12,14 @@ from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 
+from twind.config.collision import clearance
 from twind.config.drive_mode import joint_mode, type_mode
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import BusSpec, Gains, GateSettings, JointSpec, RobotFile, TypeSpec
 from twind.config.section import Section, file_error
+from twind.config.supply import heat, supply
 from twind.config.units import units
+from twind.protocol.plain_file import NotAFile, read_plain
 from twind_drivers.dynamixel.tables import Table, number_of, table
 
 FORMAT = "twind-robot/1"
@@ -73,6 +76,7 @@ def read_robot(path: Path) -> RobotFile:
     rate, timeout = _loop(top.section("loop"))
     buses = _buses(top.section("buses"))
     joints = _joints(top, buses)
+    support = top.text("support", "free", SUPPORTS)
     robot = RobotFile(
         name=name,
         path=path,
@@ -80,14 +84,15 @@ def read_robot(path: Path) -> RobotFile:
         mjcf_path=mjcf_path,
         mjcf=mjcf,
         base=base,
-        support=top.text("support", "free", SUPPORTS),
+        support=support,
         rate_hz=rate,
         command_timeout_ms=timeout,
         buses=buses,
         joints=joints,
         passive=_passive(top, joints),
+        legs=_legs(top, joints),
         poses=_poses(top.section("poses"), joints),
-        gate=_gate(top),
+        gate=_gate(top, support),
         motions=path.parent / top.text("motions", "motions"),
     )
     top.close()
@@ -103,10 +108,10 @@ def _model(section: Section, path: Path) -> tuple[Path, str, str]:
     base = section.text("base")
     section.close()
     try:
-        if mjcf.stat().st_size > MAX_MJCF:
-            raise section.refuse("mjcf", f"{mjcf} is larger than {MAX_MJCF // 2**20} MiB")
-        return mjcf, mjcf.read_text(encoding="utf-8"), base
-    except (OSError, UnicodeDecodeError) as error:
+        return mjcf, read_plain(mjcf, MAX_MJCF).decode("utf-8"), base
+    except NotAFile as error:
+        raise section.refuse("mjcf", f"{mjcf}: {error.strerror}") from None
+    except (OSError, ValueError) as error:
         raise section.refuse("mjcf", f"{mjcf} cannot be read: {error}") from None
 
 
@@ -169,6 +174,8 @@ def _type(name: str, parent: Section) -> TypeSpec:
         acceleration_limit_rad_s2=section.number("acceleration_limit_rad_s2", 10.0, above=0.0, most=1e4),
         current_limit_a=section.number("current_limit_a", math.nan, above=0.0, most=1e3),
         registers=_registers(section.section("registers"), known),
+        supply=supply(section, device),
+        heat=heat(section, device),
     )
     section.close()
     return spec
@@ -297,6 +304,19 @@ def _passive(top: Section, joints: Sequence[JointSpec]) -> tuple[str, ...]:
     return passive
 
 
+def _legs(top: Section, joints: Sequence[JointSpec]) -> tuple[str, ...]:
+    """Joints that carry the robot; all of them where the file does not say."""
+    names = tuple(joint.name for joint in joints)
+    legs = top.texts("legs") if top.has("legs") else names
+    for name in legs:
+        if name not in names:
+            near = get_close_matches(name, names, 1)
+            raise top.refuse("legs", f"no joint {name!r}" + (f"; nearest: {near[0]}" if near else ""))
+    if len(set(legs)) != len(legs):
+        raise top.refuse("legs", "a name stands there twice")
+    return legs
+
+
 def _poses(section: Section, joints: Sequence[JointSpec]) -> dict[str, dict[str, float]]:
     if not section.has("rest"):
         raise section.refuse(
@@ -320,18 +340,15 @@ def _angle(pose: Section, joint: JointSpec) -> float:
     return angle
 
 
-def _gate(top: Section) -> GateSettings:
+def _gate(top: Section, support: str) -> GateSettings:
     section = top.section("gate")
     policies = ("reject", "retime")
     on_velocity = section.text("on_velocity", "reject", policies)
     if section.text("on_position", "reject", policies) != "reject":
         raise section.refuse("on_position", "a position outside the limits cannot be retimed: only reject")
+    on_torque = section.text("on_torque", "warn", ("warn", "reject"))
     section.close()
-    collision = top.section("collision")
-    for key in collision:
-        if key not in ("block_m", "warn_m", "allow", "pairs"):
-            raise collision.refuse(key, "unknown key; known: block_m, warn_m, allow, pairs")
-    return GateSettings(on_velocity, top.plain("collision"))
+    return GateSettings(on_velocity, clearance(top.section("collision"), support), on_torque)
 
 
 __all__ = [

@@ -3,10 +3,11 @@
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from twind.config.section import Plain
+from twind.config.collision import Clearance
+from twind.config.supply import Heat, Supply
 
 # Name in the robot file -> value of the servo's register 11 (e-manual, "Operating Mode").
 OPERATING_MODES: Mapping[str, int] = {
@@ -55,6 +56,8 @@ class TypeSpec:
     acceleration_limit_rad_s2: float
     current_limit_a: float  # NaN: unknown
     registers: Mapping[str, int]  # what a register must hold, by its name in snake case
+    supply: Supply  # V that its servos bear
+    heat: Heat  # °C, and for how long how much current
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +101,8 @@ class GateSettings:
     """What the gate may do by itself where a request does not say."""
 
     on_velocity: str  # `reject` or `retime`
-    collision: Plain  # kept as it stands for the look-ahead
+    collision: Clearance = field(default_factory=Clearance)  # how close bodies may come (S23, S24, R20)
+    on_torque: str = "warn"  # or `reject`: more torque than a joint can give (S25)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +121,7 @@ class RobotFile:
     buses: tuple[BusSpec, ...]
     joints: tuple[JointSpec, ...]
     passive: tuple[str, ...]  # model joints that no actuator drives
+    legs: tuple[str, ...]  # joints that carry the robot; where the file is silent, all of them
     poses: Mapping[str, Mapping[str, float]]  # rad, every joint; `rest` is always there
     gate: GateSettings
     motions: Path  # folder of trajectory files

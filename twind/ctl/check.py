@@ -2,10 +2,11 @@
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from twind.client.errors import finding_lines
 from twind.ctl.motions import load_motion
-from twind.ctl.verb import DONE, REFUSED, Rejected, operator, show
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, operator, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -13,19 +14,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=["robot", "trajectory"])
     parser.add_argument("file", metavar="FILE|NAME")
     parser.add_argument("--rate", type=float, metavar="HZ", help="robot: at this rate instead of its own")
+    parser.add_argument("--robot", metavar="NAME|FILE", help="trajectory: for this robot, without a daemon")
+    parser.add_argument("--pose", metavar="NAME", help="with --robot: the pose it stands in (default: rest)")
+    parser.add_argument("--calibration", metavar="FILE", help="with --robot: calibration of this individual")
 
 
 def run(options: argparse.Namespace) -> int:
     """0 when there is nothing to refuse, else 1."""
-    return _robot(options) if options.what == "robot" else _trajectory(options)
+    alone = [name for name in ("pose", "calibration") if getattr(options, name) is not None]
+    if alone and options.robot is None:
+        raise UsageError(f"--{alone[0]} goes with --robot: a daemon knows its robot itself")
+    if options.what == "robot":
+        if options.robot is not None:
+            raise UsageError("check robot takes the robot's name or file itself: leave out --robot")
+        return _robot(options)
+    return _trajectory(options)
 
 
 def _trajectory(options: argparse.Namespace) -> int:
-    """By the daemon's own gate, for the robot as it stands now."""
-    with operator(options) as client:
-        folder = client.call("GetRobot")["robot"].get("motions")
-        trajectory = load_motion(options.file, Path(folder) if isinstance(folder, str) else None)
-        verdict = client.call("Check", trajectory=trajectory)["verdict"]
+    """By the daemon's own gate for the robot as it stands now, or without a daemon for one in a pose."""
+    verdict = _asked(options) if options.robot is None else _offline(options)
     lines = [
         line
         for key, mark in (("refusals", "refused"), ("warnings", "warning"), ("changes", "changed"))
@@ -35,25 +43,59 @@ def _trajectory(options: argparse.Namespace) -> int:
     return REFUSED if verdict["refusals"] else DONE
 
 
+def _asked(options: argparse.Namespace) -> dict[str, Any]:
+    with operator(options) as client:
+        folder = client.call("GetRobot")["robot"].get("motions")
+        trajectory = load_motion(options.file, Path(folder) if isinstance(folder, str) else None)
+        verdict: dict[str, Any] = client.call("Check", trajectory=trajectory)["verdict"]
+        return verdict
+
+
+def _offline(options: argparse.Namespace) -> dict[str, Any]:
+    from twind.config.calibration_file import load_calibration
+    from twind.config.located import ConfigError
+    from twind.config.robot_file import load_robot
+    from twind.ctl.offline import pose, verdict
+    from twind.twin.binding import BindingError, bind
+
+    try:
+        robot = load_robot(options.robot)
+        known = None if options.calibration is None else load_calibration(Path(options.calibration), robot)
+        position = pose(robot, options.pose or "rest")
+        return verdict(bind(robot, known), position, load_motion(options.file, robot.motions))
+    except (ConfigError, BindingError) as error:
+        raise Rejected(str(error)) from None
+
+
 def _robot(options: argparse.Namespace) -> int:
-    """Without a daemon: the file's grammar, its devices, its cycle budget, and its model."""
+    """Without a daemon: the file's grammar, its devices, its cycle budget, its model, and its clearances."""
     # MuJoCo, numpy and YAML: a second that no other verb pays.
     from twind.config.located import ConfigError
     from twind.config.report import check_robot
     from twind.config.robot_file import load_robot
+    from twind.ctl.paths import motions_of
     from twind.twin.binding import BindingError, bind
+    from twind.twin.clearance import survey
 
     try:
         robot = load_robot(options.file)
         report = check_robot(robot, options.rate)
         errors = list(report.errors)
+        said, near = list(report.lines), None
         try:
-            bind(robot, None)
+            motions, wrong = motions_of(robot)
+            said += [f"warning: {each}" for each in wrong]
+            near = survey(bind(robot, None), motions)
         except BindingError as error:
             errors.append(str(error))
     except ConfigError as error:
         raise Rejected(str(error)) from None
+    if near is not None:
+        said += near.lines()
+        errors += [near.error] if near.error is not None else []
     verdict = f"{len(errors)} error{'s' if len(errors) != 1 else ''}" if errors else "ok"
-    lines = [*report.lines, *(f"error: {error}" for error in errors), verdict]
-    show(options, {"robot": robot.name, "errors": errors, "lines": list(report.lines)}, "\n".join(lines))
+    lines = [*said, *(f"error: {error}" for error in errors), verdict]
+    allow = [] if near is None else [list(pair) for pair in near.proposed]
+    told = {"robot": robot.name, "errors": errors, "lines": said, "allow": allow}
+    show(options, told, "\n".join(lines))
     return REFUSED if errors else DONE

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.ctl.verb import Rejected, UsageError
+from twind.protocol.plain_file import NotAFile, read_plain
 from twind.protocol.strict import BadJson, loads
 
 LARGEST = 4 << 20  # bytes
@@ -31,12 +32,11 @@ def load_motion(name: str, folder: Path | None = None) -> dict[str, Any]:
 def read_trajectory(path: Path) -> dict[str, Any]:
     """A trajectory file as a `Trajectory` of the interface. Raises UsageError, Rejected with the place."""
     try:
-        size = path.stat().st_size
-        data = path.read_bytes() if size <= LARGEST else b""
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror}") from None
-    if size > LARGEST:
-        raise Rejected(f"{path}: {size} bytes, bound {LARGEST}")
+        data = read_plain(path, LARGEST)
+    except NotAFile as error:
+        raise Rejected(f"{path}: {error.strerror}") from None
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     try:
         message = loads(data)
     except BadJson as error:

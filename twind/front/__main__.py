@@ -46,6 +46,7 @@ def main() -> int:
 
 async def _serve(link: socket.socket, briefing: Briefing, log: Log, listeners: dict[str, int | None]) -> None:
     front = Front(link, briefing, log)
+    front.loop.set_exception_handler(front.unexpected)
     for role, fd in listeners.items():
         if fd is not None:
             front.serve(socket.socket(fileno=fd), role)

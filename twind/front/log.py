@@ -15,8 +15,9 @@ from typing import Any
 import structlog
 
 WAITING = 1000  # lines that may wait for a slow standard error
-PER_SECOND = 20  # lines; the rest of that second is counted
+PER_SECOND = 20  # lines of one kind; the rest of that second is counted
 LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40, "critical": 50}
+_ERROR = LEVELS["error"]
 _PREFIX = {"debug": 7, "info": 6, "warning": 4, "error": 3, "critical": 2}  # sd-daemon(3)
 
 Fields = MutableMapping[str, Any]
@@ -71,23 +72,43 @@ class Log:
             processors=[structlog.processors.add_log_level, *stamp, _escaped, render],
             wrapper_class=structlog.make_filtering_bound_logger(LEVELS.get(level, 20)),
         )
-        self._second, self._count, self._suppressed = 0.0, 0, 0
+        self._allowances = {kind: _Allowance() for kind in ("client", "error", "other")}
 
     def say(self, level: str, event: str, now: float, **fields: Any) -> None:
-        """One line. At most `PER_SECOND` in a second of `now`; the others are counted in the next."""
-        if now - self._second >= 1.0:
-            self._second, self._count = now, 0
-        self._count += 1
-        if self._count > PER_SECOND:
-            self._suppressed += 1
+        """One line. At most `PER_SECOND` of its kind in a second of `now`; the next says how many it cost.
+
+        What clients cause (`holder`), errors and the rest are counted apart: whoever floods the one hides
+        nothing of the others.
+        """
+        kind = "client" if "holder" in fields else "error" if LEVELS.get(level, 20) >= _ERROR else "other"
+        left_out = self._allowances[kind].take(now)
+        if left_out is None:
             return
-        if self._suppressed:
-            fields, self._suppressed = {**fields, "lines_left_out": self._suppressed}, 0
+        if left_out:
+            fields = {**fields, "lines_left_out": left_out}
         self._logger.log(LEVELS.get(level, 20), event, **fields)
 
     def close(self) -> None:
         """Write what waits."""
         self._writer.close()
+
+
+class _Allowance:
+    """`PER_SECOND` lines in a second."""
+
+    def __init__(self) -> None:
+        self._second, self._count, self._left_out = 0.0, 0, 0
+
+    def take(self, now: float) -> int | None:
+        """How many lines went before this one without being said; None: this one is not said either."""
+        if now - self._second >= 1.0:
+            self._second, self._count = now, 0
+        self._count += 1
+        if self._count > PER_SECOND:
+            self._left_out += 1
+            return None
+        left_out, self._left_out = self._left_out, 0
+        return left_out
 
 
 def at_journal(fd: int) -> bool:

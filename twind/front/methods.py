@@ -7,15 +7,17 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from twind import link
+from twind.config.edited import edited
 from twind.front import submit
 from twind.front.calls import STOPS, Call
+from twind.front.foreseen import Job
 from twind.front.log import printable
 from twind.front.loop_end import TooLarge
 from twind.front.telemetry import TOPICS
 from twind.front.tickets import ESTOPS
 from twind.front.world import encode
 from twind.protocol import CONTROL, SERVICE
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Code, Finding, Verdict
 
 if TYPE_CHECKING:
     from twind.front.server import Front
@@ -42,6 +44,7 @@ def forward(
     sent = True
     try:
         if call.method in STOPS:
+            front.foreseen.stop()
             front.link.owe(command)
         else:
             sent = front.link.send(command, fd)
@@ -100,8 +103,9 @@ def _monitor(front: Front, call: Call) -> None:
 
 def _arm(front: Front, call: Call) -> None:
     joints = call.parameters.get("joints")
+    written_anew = edited(front.world.briefing.files)
     if joints is None:
-        forward(front, call, link.Arm)
+        forward(front, call, link.Arm, edited=written_anew)
         return
     unknown = [name for name in joints if name not in front.world.names.places]
     if unknown:
@@ -110,7 +114,8 @@ def _arm(front: Front, call: Call) -> None:
     elif len(set(joints)) != len(joints):
         call.invalid("joints", "a joint is named twice")
     else:
-        forward(front, call, link.Arm, joints=[front.world.names.places[name] for name in joints])
+        places = [front.world.names.places[name] for name in joints]
+        forward(front, call, link.Arm, joints=places, edited=written_anew)
 
 
 def _estop(front: Front, call: Call) -> None:
@@ -157,9 +162,15 @@ def _trajectory(front: Front, call: Call, *, check_only: bool) -> None:
     if path is None:
         _turned_down(front, call, wrong, check_only=check_only)
         return
-    fields = submit.fields(message, path, names, now)
-    with submit.Sealed(path) as fd:
-        forward(front, call, link.Submit, fd, policy=policy, check_only=check_only, more=call.more, **fields)
+    fields = submit.fields(message, path, names)
+
+    def send(found: Verdict, as_of: float) -> None:
+        asked = fields | {"policy": policy, "check_only": check_only, "more": call.more}
+        judged = {"refused": found.refusals, "warned": found.warnings, "front_checked": as_of}
+        with submit.Sealed(path) as fd:
+            forward(front, call, link.Submit, fd, **asked, **judged)
+
+    front.foreseen.judge(Job(call, path, fields["append_stop"], not check_only, send))
 
 
 def _turned_down(front: Front, call: Call, wrong: list[Finding], *, check_only: bool) -> None:

@@ -19,6 +19,10 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     Code.PATH_TOLERANCE: ("distance from the path", "rad"),
     Code.GOAL_TOLERANCE: ("distance from the goal", "rad"),
     Code.STEP_LIMIT: ("step", "rad"),
+    Code.SELF_COLLISION: ("clearance", "m"),
+    Code.KEEP_OUT: ("clearance", "m"),
+    Code.FLOOR: ("clearance", "m"),
+    Code.LOOKAHEAD_COLLISION: ("clearance", "m"),
 }
 
 Plain = dict[str, Any]  # what goes into JSON

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 from twind.front.calls import Call, Caller
+from twind.front.door import Spares
+from twind.front.foreseen import Foreseen
 from twind.front.log import Log
 from twind.front.loop_end import LoopEnd
 from twind.front.report import Report
@@ -18,7 +20,7 @@ from twind.front.tickets import Tickets
 from twind.front.world import World
 from twind.link import Briefing, Event, Gone, Moment, Outward, Overview, Reply, Tick
 from twind.protocol import CONTROL, SERVICE, load
-from twind.robot.finding import Finding
+from twind.robot.finding import Code, Finding
 
 PLACES = {"operator": 4, "observer": 16}
 LIMITS = {"operator": 4 << 20, "observer": 64 << 10}  # bytes of one message
@@ -43,7 +45,10 @@ class Front:
         self._number = time.monotonic_ns()
         self.tickets = Tickets(self.world.names, self._number)
         self.sessions: dict[int, Session] = {}
+        self.foreseen = Foreseen(self)
         self._listeners: list[tuple[socket.socket, str]] = []
+        self._resting: list[tuple[socket.socket, str]] = []  # nothing to take a client with, for a moment
+        self._spares, self._starved = Spares(RESERVED), False
         self._submits: dict[tuple[int, int], list[float]] = {}
         self._report = Report(log)
         self._tend()
@@ -71,14 +76,23 @@ class Front:
         self._listeners.clear()
 
     def _accept(self, listener: socket.socket, role: str) -> None:
+        reserved = False
         try:
             sock, _ = listener.accept()
-        except OSError:
+        except (BlockingIOError, ConnectionAbortedError):
             return
+        except OSError:  # out of descriptors or memory: one may still stop the robot
+            if not self._make_room(listener, role):
+                return
+            try:
+                sock, _ = listener.accept()
+            except OSError:
+                return
+            reserved = True
         sock.setblocking(False)
         pid, uid, _gid = struct.unpack("3i", sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
         self._number += 1
-        caller = Caller(self._number, role, uid, pid, reserved=not self._has_place(role))
+        caller = Caller(self._number, role, uid, pid, reserved=reserved or not self._has_place(role))
         stream = Stream(sock, LIMITS[role], self.loop)
         session = self.sessions[caller.number] = Session(self, caller, stream, self.now())
         stream.start(session)
@@ -93,13 +107,28 @@ class Front:
             reserved[0].stream.close()
         return False
 
+    def _make_room(self, listener: socket.socket, role: str) -> bool:
+        """Free one descriptor: a spare one, else the oldest connection that is for an e-stop only."""
+        if not self._starved:
+            self._starved = True
+            self.log.say("error", "DESCRIPTORS", self.now(), message="none left: new clients may only stop")
+        if self._spares.give():
+            return True
+        reserved = [session for session in self.sessions.values() if session.caller.reserved]
+        if reserved:
+            reserved[0].stream.close()
+            return True
+        self.loop.remove_reader(listener)  # it stays readable: to be asked again and again helps nobody
+        self._resting.append((listener, role))
+        return False
+
     def gone(self, session: Session) -> None:
-        """A connection closed: the loop must know, its lease lapses."""
+        """A connection closed: if the loop has heard of it, it must know, and its lease lapses."""
         number = session.caller.number
         if self.sessions.pop(number, None) is not None:
-            self.tickets.forget(number)
             self.telemetry.forget(number)
-            self.link.owe(Gone(client=number))
+            if self.tickets.forget(number):
+                self.link.owe(Gone(client=number))
 
     def watch(self, call: Call, topics: list[str], rate: float | None) -> None:
         """Begin a Monitor call."""
@@ -111,16 +140,25 @@ class Front:
         """S01: at most so many trajectories per second of one peer."""
         recent = self._submits.setdefault((caller.uid, caller.pid), [])
         recent[:] = [at for at in recent if now - at < 1.0]
-        if len(recent) >= self.SUBMITS_PER_SECOND:
-            return False
-        recent.append(now)
-        return True
+        in_time = len(recent) < self.SUBMITS_PER_SECOND
+        if in_time:
+            recent.append(now)
+        session = self.sessions.get(caller.number)
+        if session is not None:
+            session.paced(in_time=in_time)
+        return in_time
 
     def refuse(self, call: Call, findings: list[Finding]) -> None:
         """The error `Refused`, readable; told to the log too."""
         named = self.world.names.findings(findings)
         call.refuse(named)
         self._tell_refusal(call.caller, named)
+
+    def not_allowed(self, call: Call) -> None:
+        """S04, for the log and whoever watches; the caller has the error `NotAllowed`."""
+        reason = f"{call.method} is not for an {call.caller.role}: control.sock takes it"
+        named = self.world.names.findings([Finding(Code.AUTH_ROLE, message=reason)])
+        self.judged(call, {"refusals": named, "warnings": [], "changes": []})
 
     def judged(self, call: Call, verdict: dict[str, list[dict[str, Any]]]) -> None:
         """The front's own verdict, for whoever watches. Its sequence is 0: the loop counts only its own."""
@@ -136,14 +174,14 @@ class Front:
 
     def broken(self, caller: Caller, method: str, error: Exception) -> None:
         """A call broke: a bug of ours, in the log with its place."""
-        place = error.__traceback__
-        while place is not None and place.tb_next is not None:
-            place = place.tb_next
-        where = f"{place.tb_frame.f_code.co_name}:{place.tb_lineno}" if place is not None else None
-        text = f"{type(error).__name__}: {error}"
-        self.log.say(
-            "error", "CALL_BROKE", self.now(), message=text, at=where, method=method, holder=caller.holder
-        )
+        fields = {**_place(error), "method": method, "holder": caller.holder}
+        self.log.say("error", "CALL_BROKE", self.now(), **fields)
+
+    def unexpected(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Something broke that belongs to no call: told by our log, since asyncio's own may block."""
+        error = context.get("exception")
+        fields = _place(error) if error is not None else {"message": str(context.get("message"))}
+        self.log.say("error", "FRONT_BROKE", self.now(), **fields)
 
     # ----------------------------------------------------------------------------- the loop
 
@@ -166,6 +204,7 @@ class Front:
             return
         if not known:
             self._listen()
+            self.foreseen.load()
         if isinstance(news, Tick):
             self.telemetry.tick(news)
         else:
@@ -178,9 +217,22 @@ class Front:
         now = self.now()
         self.loop.call_later(TEND, self._tend)
         self.link.heartbeat()
+        self._starved = not self._spares.refill()
+        self._listeners, self._resting = [*self._listeners, *self._resting], []
+        if self.world.known:
+            self._listen()
         for method in self.tickets.expire(now):
             self.log.say("error", "LOOP_SILENT", now, method=method)
         for session in list(self.sessions.values()):
             session.tend(now)
         for peer in [peer for peer, recent in self._submits.items() if now - recent[-1] > 1.0]:
             del self._submits[peer]
+
+
+def _place(error: BaseException) -> dict[str, str | None]:
+    """What broke, and where."""
+    place = error.__traceback__
+    while place is not None and place.tb_next is not None:
+        place = place.tb_next
+    where = f"{place.tb_frame.f_code.co_name}:{place.tb_lineno}" if place is not None else None
+    return {"message": f"{type(error).__name__}: {error}", "place": where}

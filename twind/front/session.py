@@ -27,8 +27,9 @@ class Session:
         self.calls = Calls(caller, stream.send, self._begin)
         self._heard = False
         self._deadline = now + HANDSHAKE
-        self._strikes = 0
-        self._paused = False
+        self._strikes = self._too_fast = 0
+        self._paused = self._done = False
+        self._told: set[str] = set()  # methods whose refusal for the role was told already
 
     # --------------------------------------------------------------------------- what the stream says
 
@@ -40,6 +41,8 @@ class Session:
             self._strike(Code.BAD_JSON, str(error))
         except WrongParameter as error:
             self._strike(Code.BAD_SCHEMA, str(error))
+        except Exception as error:  # noqa: BLE001  see `_begin`
+            self._broke("", error)
         else:
             self._heard = True
             self.calls.add(call)
@@ -70,6 +73,11 @@ class Session:
         if too_late or (self.stream.half_closed and (idle or self.stream.peer_gone())):
             self.stream.finish()
 
+    def paced(self, *, in_time: bool) -> None:
+        """A trajectory came in time, or too soon after the others: who never waits is hung up on."""
+        self._too_fast = 0 if in_time else self._too_fast + 1
+        self._done = self._too_fast >= STRIKES
+
     # --------------------------------------------------------------------------- calls
 
     def _call(self, message: Any) -> Call:
@@ -96,17 +104,27 @@ class Session:
 
     def _begin(self, call: Call) -> None:
         """Do what a call asks. Whatever breaks ends this connection only."""
+        if self._done:  # read before that was known
+            call.finished = True
+            return
         try:
             if self._allowed(call):
                 (METHODS[call.method] if call.interface == CONTROL else service)(self.front, call)
         except WrongParameter as error:
             call.invalid(error.where or "parameters", error.reason)
+        except (OSError, MemoryError) as error:
+            call.error("Busy", {"what": f"out of descriptors or memory: {error}"})
         except Exception as error:  # noqa: BLE001  one client's call must not end the front of all
-            self.front.broken(self.caller, call.method, error)
-            self.stream.close()
+            self._broke(call.method, error)
+        if self._done:
+            self.stream.finish()
         if self._paused and not self.calls.full:
             self._paused = False
             self.front.soon(self.stream.resume)
+
+    def _broke(self, method: str, error: Exception) -> None:
+        self.front.broken(self.caller, method, error)
+        self.stream.close()
 
     def _allowed(self, call: Call) -> bool:
         """The method exists, its parameters fit, and this caller may call it. Raises WrongParameter."""
@@ -118,6 +136,9 @@ class Session:
             return False
         if call.interface == CONTROL and call.method not in OBSERVER and self.caller.role != "operator":
             call.error("NotAllowed", {"role": self.caller.role, "method": call.method})
+            if call.method not in self._told:  # once a connection: nobody is flooded with it
+                self._told.add(call.method)
+                self.front.not_allowed(call)
             return False
         if self.caller.reserved and call.method != "EStop":
             call.error(

@@ -88,7 +88,7 @@ def policy(message: Mapping[str, Any], description: Mapping[str, Any]) -> str:
     return str(asked)
 
 
-def fields(message: Mapping[str, Any], path: Trajectory, names: Names, now: float) -> dict[str, Any]:
+def fields(message: Mapping[str, Any], path: Trajectory, names: Names) -> dict[str, Any]:
     """The fields of `link.Submit` that say what was asked."""
     tolerances = [
         (names.places[tolerance["joint"]], tolerance.get("path"), tolerance.get("goal"))
@@ -104,7 +104,6 @@ def fields(message: Mapping[str, Any], path: Trajectory, names: Names, now: floa
         "goal_time": message.get("goal_time"),
         "tolerances": tolerances,
         "append_stop": bool(message.get("append_stop")),
-        "front_checked": now,
     }
 
 

@@ -27,10 +27,12 @@ class Tickets:
     def __init__(self, names: Names, first: int) -> None:
         self._names, self._next = names, first
         self._waiting: dict[int, _Waiting] = {}
+        self._heard: set[int] = set()  # connections of which the loop knows
 
     def open(self, call: Call, now: float) -> int:
         """A fresh ticket for a call."""
         self._next += 1
+        self._heard.add(call.caller.number)
         patience = PATIENCE_BY_METHOD.get(call.method, PATIENCE)
         self._waiting[self._next] = _Waiting(call, patience, now + patience)
         return self._next
@@ -85,8 +87,11 @@ class Tickets:
             waiting.call.error("Busy", {"what": text})
         return methods
 
-    def forget(self, client: int) -> None:
-        """A connection is gone: its tickets are void."""
+    def forget(self, client: int) -> bool:
+        """A connection is gone: its tickets are void. True when the loop has heard of it."""
         gone = [ticket for ticket, w in self._waiting.items() if w.call.caller.number == client]
         for ticket in gone:
             del self._waiting[ticket]
+        heard = client in self._heard
+        self._heard.discard(client)
+        return heard

@@ -8,12 +8,14 @@ its torque when arming fails.
 from __future__ import annotations
 
 from collections.abc import Generator
+from math import isnan
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twind import link
 from twind.loop.procedures import Procedure, all_of, ticks
+from twind.loop.torque import loosen, take
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import State
 from twind.safety.states import Event
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 
 FRESH = 0.05  # s, the oldest reading that a goal at torque-on may rest on (W4)
 STILL = 2.5  # ticks a joint may have moved between the reading and the torque (W4: 2 counts)
+FIRST = 1.0  # s that the first reading of temperature and supply is waited for
 TRIES = 20  # goal := present, for a robot that still swings
 JUMP = 0.05  # rad a joint may move within the first ticks of torque
 
@@ -39,9 +42,9 @@ class ArmFailed(Exception):
 
 def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     """Goal := present, read back, then torque, read back, then hold. Answers when armed, or why not."""
-    verdict = loop.may_arm(command.client, now)
-    if verdict.refusals:
-        loop.say.refuse(command, verdict.refusals)
+    refusals = yield from _asked(loop, command, now)
+    if refusals := (*refusals, *_edited(command)):
+        loop.say.refuse(command, refusals)
         return
     inherited = loop.inherited
     loop.hardware.clear()  # a register write or a reboot that waits must not land on a robot with torque
@@ -57,9 +60,7 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     except GeneratorExit:  # what took over finds `energising` set, and lets go
         loop.hardware.clear()
         loop.change_if(Event.ARM_FAILED, loop.clock.now())
-        why = next(iter(loop.latches.values()), None)
-        what = "something more urgent" if why is None else f"{why.code}: {why.message}"
-        loop.say.error(command, "Busy", what=f"arming was ended by {what}")
+        _say_ended(loop, command)
         raise
     take(loop, held)
     loop.twin.place(held)
@@ -67,12 +68,36 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     loop.say.reply(command, joints=list(range(len(loop.joints))))
 
 
-def take(loop: Loop, held: Floats) -> None:
-    """From here on the goals (n,) are ours: every bus holds at `held`, which was written and read back."""
-    loop.armed, loop.energising, loop.owed = True, False, False
-    loop.hardware.hold(True)
-    loop.executor.begin(held)
-    loop.written = held
+def _asked(loop: Loop, command: link.Arm, now: float) -> Generator[None, float, tuple[Finding, ...]]:
+    """What the gate refuses. Heat and supply are read some 5 times a second: the first time is waited for."""
+    refusals, deadline = loop.may_arm(command.client, now).refusals, now + FIRST
+    loop.arming_client = command.client
+    while refusals and all(map(_unread, refusals)) and now < deadline:
+        try:
+            now = yield
+        except GeneratorExit:
+            _say_ended(loop, command)
+            raise
+        refusals = loop.may_arm(command.client, now).refusals
+    return refusals
+
+
+def _unread(finding: Finding) -> bool:
+    """Refused for a reading that never came yet (S27)."""
+    value = finding.value
+    return finding.code in (Code.THERMAL_HEADROOM, Code.VOLTAGE_LOW) and value is not None and isnan(value)
+
+
+def _say_ended(loop: Loop, command: link.Arm) -> None:
+    why = next(iter(loop.latches.values()), None)
+    what = "something more urgent" if why is None else f"{why.code}: {why.message}"
+    loop.say.error(command, "Busy", what=f"arming was ended by {what}")
+
+
+def _edited(command: link.Arm) -> list[Finding]:
+    """S09: what is judged by must be what the files say. The front looks at them: a tick reads no file."""
+    message = "{} is not what this daemon has read: restart it, or restore the file"
+    return [Finding(Code.CALIB_MISMATCH, message=message.format(path)) for path in command.edited]
 
 
 def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
@@ -144,10 +169,8 @@ def back_out(loop: Loop, inherited: bool) -> Procedure:
     loop.executor.idle()
     loop.hardware.clear()
     if not inherited:
-        for writer in loop.hardware.writers:
-            writer.cut()
         try:
-            yield from all_of(loop.hardware.torque(False))
+            yield from loosen(loop)
         except BusError as error:
             loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
     loop.energising = False

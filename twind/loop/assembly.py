@@ -15,6 +15,7 @@ from twind.loop.front_process import FrontProcess
 from twind.loop.hardware import Hardware
 from twind.loop.link import Link
 from twind.loop.notify import Notifier
+from twind.loop.outlook import NEAR, Lookahead
 from twind.loop.ports import Enabler, Opener, Port
 from twind.loop.tick import Loop, Parts
 from twind.memfd import seal
@@ -27,6 +28,8 @@ from twind.safety.guard import Thresholds as Bounds
 from twind.safety.health import Health
 from twind.safety.lease import Lease
 from twind.twin.binding import Binding
+from twind.twin.collision import Bodies
+from twind.twin.handover import packed
 from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.bus import Device
@@ -69,6 +72,7 @@ def build(
         period=period,
         joints=binding.joint_map,
         limits=binding.limits,
+        ratings=binding.ratings,
         rest=np.array(binding.rest),
         support=robot.file.support,
         hardware=Hardware(binding.joint_map, ports, clock, period),
@@ -79,6 +83,7 @@ def build(
             _bounds(robot.file, period),
             buses=[bus.name for bus in binding.joint_map.buses],
             support=robot.file.support,
+            ratings=binding.ratings,
         ),
         lease=Lease(),
         health=Health(len(ports), thresholds.latency_warn),
@@ -88,8 +93,15 @@ def build(
         realtime=realtime,
         judge=robot.judge,
         live_denied=live_denied,
+        outlook=_outlook(binding, period),
     )
     return Loop(parts, mode)
+
+
+def _outlook(binding: Binding, period: float) -> Lookahead | None:
+    """Raises BindingError for names in `collision:` that the model lacks."""
+    bodies = Bodies(binding, NEAR)
+    return Lookahead(bodies, binding.limits, period) if bodies.pairs else None
 
 
 def _bounds(robot: RobotFile, period: float) -> Bounds:
@@ -98,8 +110,17 @@ def _bounds(robot: RobotFile, period: float) -> Bounds:
     return replace(usual, stale_warn=max(usual.stale_warn, min(1.5 * period, usual.stale_hold)))
 
 
-def brief(robot: Robot, rate_hz: float, parameters: dict[str, Any], log_level: str) -> int:
-    """A sealed memfd with everything the front must know: both judge the same robot."""
+def brief(
+    robot: Robot,
+    rate_hz: float,
+    parameters: dict[str, Any],
+    log_level: str,
+    files: Mapping[str, str] | None = None,
+) -> int:
+    """A sealed memfd with everything the front must know: both judge the same robot.
+
+    `files`: path -> sha256 of what it is described by, as it was read.
+    """
     binding = robot.binding
     limits, joint_map = binding.limits, binding.joint_map
     at = {int(place): (bus, i) for bus in joint_map.buses for i, place in enumerate(bus.joints)}
@@ -123,9 +144,11 @@ def brief(robot: Robot, rate_hz: float, parameters: dict[str, Any], log_level: s
         if robot.calibration is None
         else msgspec.to_builtins(robot.calibration, enc_hook=str),
         mjcf=binding.mjcf,
+        binding=packed(binding),
         rate_hz=rate_hz,
         parameters=parameters,
         log_level=log_level,
+        files=dict(files or {}),
     )
     return seal("twind-briefing", msgspec.msgpack.encode(briefing))
 

@@ -7,6 +7,7 @@ bus at most one further transaction in the time that is left. One silent servo i
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from math import inf, nan
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,9 +18,10 @@ from twind.robot.arrays import Bools, Floats, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
 from twind.safety.facts import Traffic
-from twind_drivers.bus import PortError, Reader, Sample, Script, WireClamp, Writer
+from twind_drivers.bus import PortError, Reader, Sample, Script, WireClamp, Writer, upkeep_stride
 from twind_drivers.clock import Clock
 
+T = TypeVar("T")
 SPARE = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it ...
 SPARE_SHARE = 0.25  # ... at most this share of the period
 
@@ -50,9 +52,14 @@ class Hardware:
         self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
         self._access = (False, False)
+        self._stride, self._turn = upkeep_stride(1.0 / period), 0
+        self._place = {port.name: number for number, port in enumerate(self.ports)}
         self.resolution = np.full(len(joints), nan)  # rad per tick
+        self.reach = (np.full(len(joints), nan), np.full(len(joints), nan))  # rad: goals that may leave (R22)
         for bus in joints.buses:
             self.resolution[bus.joints] = np.abs(bus.scale)
+            ends = radians(bus, bus.lower), radians(bus, bus.upper)
+            self.reach[0][bus.joints], self.reach[1][bus.joints] = np.minimum(*ends), np.maximum(*ends)
 
     # --------------------------------------------------------------------------- access and life
 
@@ -83,6 +90,14 @@ class Hardware:
         """Device watchdogs cleared with goal := position (n,), then armed; gains; all read back."""
         return self._order(lambda writer, bus: writer.prepare(ticks(bus, position)))
 
+    def prepare_back(self, position: Floats) -> list[Task[None]]:
+        """The same, of buses that get no goals but are open and identified; the others go on as they are."""
+        return [
+            port.run(port.writer.prepare(ticks(bus, position)), urgent=True)
+            for port, bus in self.pairs
+            if port.writer is not None and port.link is Link.CONNECTED and not port.holding
+        ]
+
     def aim(self, position: Floats) -> list[Task[None]]:
         """Goal := position (n,), read back."""
         return self._order(lambda writer, bus: writer.aim(ticks(bus, position)))
@@ -90,6 +105,10 @@ class Hardware:
     def torque(self, on: bool) -> list[Task[None]]:
         """Torque of every device, read back."""
         return self._order(lambda writer, _: writer.torque(on))
+
+    def damp(self) -> list[Task[tuple[int, ...]]]:
+        """Every device soft, with its torque on; ids of those that did not confirm it."""
+        return self._order(lambda writer, _: writer.damp())
 
     def aimed(self) -> Generator[None, float, Floats]:
         """The goals (n,) that the servos hold, rad; NaN on buses that are not open. Raises BusError."""
@@ -105,14 +124,24 @@ class Hardware:
         """Seconds since anybody on that bus answered; inf never."""
         return now - float(self.readings.heard_at[bus.joints].max())
 
-    def _order(self, script: Callable[[Writer, BusMap], Script[None]]) -> list[Task[None]]:
+    def _order(self, script: Callable[[Writer, BusMap], Script[T]]) -> list[Task[T]]:
         """The same script on the writer of every open bus, before anything else there."""
         return [port.run(script(port.writer, bus), urgent=True) for port, bus in self.pairs if port.writer]
 
-    def hold(self, on: bool) -> None:
-        """From now on goals go to the buses that are open now, and stay so; or to none."""
+    def hold(self, on: bool, *, identified: bool = False) -> None:
+        """From now on goals go to the buses that are open now (`identified`: and known), and stay so; or to
+        none."""
         for port in self.ports:
-            port.holding = on and port.writer is not None
+            known = port.link is Link.CONNECTED or port.holding or not identified
+            port.holding = on and port.writer is not None and known
+
+    @property
+    def held(self) -> Bools:
+        """Joints (n,) that goals go to: of a bus that was armed, and not lost since."""
+        found = np.zeros(len(self.joints), np.bool_)
+        for port, bus in self.pairs:
+            found[bus.joints] = port.holding
+        return found
 
     @property
     def open(self) -> Bools:
@@ -128,6 +157,10 @@ class Hardware:
             port.drop("dropped for something more urgent")
             if port.writer is not None:
                 port.writer.clear()
+
+    def reachable(self, position: Floats) -> Floats:
+        """`position` (n,), or the nearest place that a goal may have; NaN stays."""
+        return np.clip(position, *self.reach)
 
     def quantised(self, position: Floats) -> Floats:
         """The positions (n,) that goals at `position` really mean, after rounding to ticks."""
@@ -178,7 +211,7 @@ class Hardware:
         for port, bus in asked:
             sample = port.finish(self.clock.now())
             if sample is not None:
-                number = self.ports.index(port)
+                number = self._place[port.name]
                 heard[bus.joints] = self.readings.take(number, sample)
                 self._count(self.traffic[number], port, sample)
                 self._listen(number, bus, sample)
@@ -217,12 +250,13 @@ class Hardware:
 
     def _rare(self, end: float) -> None:
         """One further transaction per bus, all at once, in what is left of the tick."""
+        self._turn += 1  # the buses take turns where not every tick is needed
         asked = [pair for pair in self.pairs if self._try(pair, "rare", end)]
         self._collect(asked, look=not all(port.querying for port, _ in asked))
         for port, _ in asked:
             port.end_rare(self.clock.now())
             if port.reader is not None:
-                self.readings.keep(self.ports.index(port), port.reader.registers)
+                self.readings.keep(self._place[port.name], port.reader.registers)
 
     def _try(self, pair: tuple[Port, BusMap], what: str, end: float = inf) -> bool:
         """Begin a transaction on an open port; False where there is none, or the port was lost."""
@@ -231,14 +265,15 @@ class Hardware:
             return False
         try:
             if what == "rare":
-                return port.begin_rare(self.clock.now(), end)
+                mine = (self._turn + self._place[port.name]) % self._stride == 0
+                return port.begin_rare(self.clock.now(), end, upkeep=mine)
             port.reader.request(self.clock.now())
         except PortError as error:
             if error.lost:
                 self._lose(pair, error)
             else:  # the output is full: this packet is not sent, and the reading is missed
                 port.counts.errors += 1
-                self.traffic[self.ports.index(port)].full += 1
+                self.traffic[self._place[port.name]].full += 1
                 self.left = self.left and not port.holding
             return False
         return True
@@ -283,5 +318,5 @@ class Hardware:
     def _lose(self, pair: tuple[Port, BusMap], error: PortError) -> None:
         port, _ = pair
         port.lose(error, self.clock.now())
-        self.readings.forget(self.ports.index(port))
+        self.readings.forget(self._place[port.name])
         self.lost.append(Lost(port.name, error))

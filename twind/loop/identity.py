@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop import release
+from twind.loop import release, torque
 from twind.loop.ports import IDENTIFY_AGAIN, Link, Port
 from twind.loop.procedures import Rank
+from twind.robot.arrays import some
 from twind.robot.finding import Code, Finding, Verdict
 from twind.robot.joints import BusMap
 from twind.robot.modes import Mode, State
@@ -83,10 +84,12 @@ class Identity:
         if identified and not loop.condition.identified and waits:
             loop.change(Event.IDENTIFIED, now)
         if loop.torque_off:
-            loop.owed = False
+            loop.owed = loop.unconfirmed = False
         idle = loop.procedures.rank is None and loop.mode is Mode.LIVE
         if loop.stop_level is not None and idle and loop.inherited and not loop.stop_wanted:
             release.stop(loop, loop.stop_level, now)  # it came back with torque on under a latched stop
+        elif loop.unconfirmed and idle and loop.inherited:
+            loop.procedures.own(Rank.DISARM, lambda: torque.again(loop))
 
     def restarted(self, findings: Sequence[Finding]) -> None:
         """Servos that began anew (R11): settings and turns may be gone, so their buses are asked anew."""
@@ -208,13 +211,26 @@ class Identity:
             loop.owed = True
             loop.latch(finding)
             loop.change(Event.FAULT, now)
-        if held and loop.hardware.writers:  # the others hold, then settle
+        if held and loop.hardware.writers:
             loop.executor.stop("aborted", (finding,))
-            loop.procedures.own(Rank.FAULT, lambda: release.fault(loop, now))
+            self._others(now)
         elif not any(port.reader for port in loop.hardware.ports):
             loop.procedures.abandon()  # nobody is left to write to
             loop.armed = loop.energising = False
+            loop.soft_since = None  # what comes back may be stiff and elsewhere: it is lowered as any other
             if loop.mode is Mode.LIVE:
                 loop.executor.stop("aborted", (finding,))
                 loop.executor.idle()
             loop.change_if(Event.PORT_LOST, now)
+
+    def _others(self, now: float) -> None:
+        """Of a robot that is carried they hold until somebody disarms (fault matrix rows 1 and 2); else they
+        are lowered, or damped, and let go, and so are those on their way down, or not quite armed."""
+        loop = self._loop
+        if loop.inhibited:
+            return  # torque stays, and nothing is written
+        if loop.support not in ("fixed", "gantry") or not loop.armed or loop.procedures.rank is not None:
+            loop.procedures.own(Rank.FAULT, lambda: release.fault(loop, now))
+        elif not some(loop.hardware.held):  # a bus that was lost before is back, but takes no goals of itself
+            loop.executor.idle()
+            loop.armed = False

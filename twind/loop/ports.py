@@ -195,13 +195,16 @@ class Port:
             task.cancel(BusError(f"{self.name}: {reason}"))
             self.tasks.remove(task)
 
-    def begin_rare(self, now: float, until: float) -> bool:
-        """Begin one more transaction if it ends before `until`: the next script's, else upkeep."""
+    def begin_rare(self, now: float, until: float, *, upkeep: bool = True) -> bool:
+        """Begin one more transaction if it ends before `until`: the next script's, else upkeep if it is this
+        bus's turn."""
         reader = self.reader
         if reader is None:
             return False
         self.tasks[:] = [task for task in self.tasks if not task.done]
-        task = self._turn()
+        task = self._turn(upkeep)
+        if task is None and not upkeep:
+            return False
         request: Request = reader.upkeep(now) if task is None or task.request is None else task.request
         room = now + reader.span(request) <= until
         if not room and (task is None or (not task.urgent and self._waited < PATIENCE)):
@@ -215,10 +218,10 @@ class Port:
             return self._order(request, task, now)
         return True
 
-    def _turn(self) -> Task[Any] | None:
+    def _turn(self, upkeep: bool) -> Task[Any] | None:
         """Whose turn it is: an urgent script's, else scripts and upkeep one after the other."""
         task = self.tasks[0] if self.tasks else None
-        if task is None or task.urgent or (self.link is Link.IDENTIFYING and not self.holding):
+        if task is None or task.urgent or not upkeep or (self.link is Link.IDENTIFYING and not self.holding):
             return task
         self._upkeep = not self._upkeep  # what tells of lost torque is never starved by those who ask
         return None if self._upkeep else task

@@ -16,6 +16,7 @@ from twind.safety.senses import Senses
 from twind_drivers.bus import Registers, Sample
 
 NOWHERE = 1 << 40  # ticks: beyond every goal register
+SILENT = 0.5  # s: of a joint not heard for longer nobody knows what it draws
 
 
 def ticks(bus: BusMap, position: Floats) -> Ints:
@@ -86,9 +87,11 @@ class Readings:
         self.position = np.full(count, nan)
         self.velocity = np.full(count, nan)
         self.effort = np.full(count, nan)
+        self.load = np.full(count, nan)  # share of the current limit, by amount; NaN unknown
         self.heard_at = np.full(count, -inf)  # s
         self._buses, self._period = joints.buses, period
         self._where = [where(bus) for bus in joints.buses]
+        self._loads = [nan if bus.load_scale is None else bus.load_scale for bus in joints.buses]
         self._senses = [Senses(bus.fastest, period) for bus in joints.buses]
 
     def begin(self) -> None:
@@ -104,6 +107,7 @@ class Readings:
             self.position[places] = radians(bus, sample.position)
             self.velocity[places] = sample.velocity * bus.velocity_scale
             self.effort[places] = sample.effort * bus.effort_scale
+            self.load[places] = np.abs(sample.effort) * self._loads[number]
             self.heard_at[places] = sample.received
             return heard
         heard = self._believe(number, sample)
@@ -111,6 +115,7 @@ class Readings:
         self.position[rows] = radians(bus, sample.position)[heard]
         self.velocity[rows] = (sample.velocity * bus.velocity_scale)[heard]
         self.effort[rows] = (sample.effort * bus.effort_scale)[heard]
+        self.load[rows] = (np.abs(sample.effort) * self._loads[number])[heard]
         self.heard_at[rows] = sample.received
         return heard
 
@@ -134,6 +139,11 @@ class Readings:
         self.slow.forget(self._where[number])
         self.alerts[self._where[number]] = 0
         self._senses[number] = Senses(self._buses[number].fastest, self._period)
+
+    def loads(self, now: float) -> Floats:
+        """Share of the current limit (n,), as of `now` (s); NaN: not known, or of a joint that is silent."""
+        recent = now - self.heard_at <= SILENT
+        return self.load if every(recent) else np.where(recent, self.load, nan)
 
     def state(self, heard: Bools, time: float, trip: float) -> JointState:
         """All joints at `time` (s), whose reading took `trip` (s). Arrays are read-only."""

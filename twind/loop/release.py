@@ -1,5 +1,6 @@
 """Letting go: disarm, fault, shutdown, e-stop. Each goes the way to the rest pose where the robot can be
-held, then takes the torque off, twice, and reads it back. Only an explicit cut skips the way.
+held, then takes the torque off, twice, and reads it back. Only an explicit cut skips the way. A way that
+comes to no end is damped (`damping`) before torque goes off.
 
 What a procedure says of torque it has read back. What could not be read back is said to be so.
 """
@@ -7,14 +8,14 @@ What a procedure says of torque it has read back. What could not be read back is
 from __future__ import annotations
 
 from collections.abc import Generator
-from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twind import link
-from twind.loop.arming import take
+from twind.loop import damping
 from twind.loop.procedures import Procedure, Rank, all_of, ticks
+from twind.loop.torque import loosen, take
 from twind.motion.settle import settle
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode, Motion
@@ -25,15 +26,15 @@ if TYPE_CHECKING:
     from twind.loop.tick import Loop
     from twind.robot.arrays import Floats
 
-SETTLE = 4.0  # s for the way to the rest pose (docs/safety.md)
-LATE = 1.0  # s beyond the planned way before it is given up
+SETTLE = 4.0  # s from the first packet to torque off (W6); a robot that stands freely is damped then
+WAY = 3.2  # s for the way to the rest pose, more where the limits need it (docs/safety.md)
+LATE = 1.0  # s beyond a planned way that takes longer than that, before it is given up
 WAYS = 2  # ways that are tried: a fault on the first one ends it where it stands
 OBEYED = 6  # ticks that a goal read back may be behind the one being written
-INSIST = 1.0  # s that torque off is repeated to those who do not confirm it
 AWAITED = 1.5  # s that an ending daemon waits for a bus that went away with torque of ours
-ARRIVED = 0.02  # rad from the rest pose
-SLOW = 0.05  # rad/s: a free-standing robot is let go only when it has come to rest ...
-SLOW_FOR, SLOW_MOST = 1.0, 5.0  # s ... for this long, or after this long at the latest
+ARRIVED = 0.02  # rad from the rest pose, of the goals
+NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is let go only there ...
+SLOW, SLOW_FOR = 0.05, 0.5  # rad/s ... and when it has been at rest for so many s
 RANKS = {"settle": Rank.ESTOP, "cut": Rank.CUT}
 
 
@@ -67,10 +68,12 @@ def _say_disarmed(loop: Loop, command: link.Disarm) -> None:
         loop.say.reply(command, state=loop.state.value)
 
 
-def fault(loop: Loop, now: float) -> Procedure:
-    """After a fault that cannot be held: settle and let go. The state stays FAULT until a reset."""
-    latched = next(iter(loop.latches.values()), Finding(Code.FAULT_LATCHED, message="a fault"))
+def fault(loop: Loop, now: float, why: tuple[Finding, ...] = ()) -> Procedure:
+    """What cannot be held is settled, or damped, and let go. A latched state stays until a reset."""
+    latched = next(iter(why or loop.latches.values()), Finding(Code.FAULT_LATCHED, message="a fault"))
+    loop.change_if(Event.SETTLE, now)
     yield from _down(loop, latched)
+    loop.change_if(Event.SETTLED, loop.clock.now())
 
 
 def _down(loop: Loop, why: Finding) -> Procedure:
@@ -125,12 +128,13 @@ def estop(loop: Loop, level: str, now: float) -> Procedure:
 def release(loop: Loop, why: Finding) -> Procedure:
     """Down to the rest pose if the robot can be held, then torque off and read back. Raises BusError.
 
-    What was under way ends as aborted, for the reason `why`.
+    What was under way ends as aborted, for the reason `why`. What does not come to rest there is damped.
     """
     loop.executor.stop("aborted", (why,))
+    loop.hardware.clear()  # what this takes over may have begun to give servos their strength back
     try:
-        if not loop.inhibited and (yield from _held(loop)):
-            yield from _settle(loop)
+        if not loop.inhibited and (yield from _held(loop)) and not (yield from _settled(loop)):
+            yield from damping.damp(loop)
     except BusError as error:
         loop.say.event("error", Code.BUS_ERRORS, f"the way to the rest pose was cut short: {error}")
     yield from loosen(loop)
@@ -139,12 +143,17 @@ def release(loop: Loop, why: Finding) -> Procedure:
 def _held(loop: Loop) -> Generator[None, float, bool]:
     """We hold the robot, or took over what was found on or tripped. False: it is limp, or was just about to
     be energised: then there is nothing to lower."""
-    tripped = bool((loop.hardware.slow.watchdog == 255).any())
-    if loop.armed and not tripped:
+    held, tripped = loop.hardware.held, loop.hardware.slow.watchdog == 255
+    if loop.armed and loop.soft_since is not None:
+        return True  # it sinks: to clear tripped watchdogs would give it its strength back
+    if loop.armed and held.any() and not (held & tripped).any():
+        yield from _rejoined(loop)
         return True
     if loop.energising or not loop.torque_on:
         return False
     here = _where_it_is(loop)
+    if loop.armed and loop.written is not None:  # who holds well goes on so: its goal would dip by its sag
+        here = np.where(held & ~tripped, loop.written, here)
     loop.executor.idle()
     loop.hardware.clear()
     try:
@@ -155,33 +164,66 @@ def _held(loop: Loop) -> Generator[None, float, bool]:
     return True
 
 
+def _rejoined(loop: Loop) -> Procedure:
+    """A bus that was lost and is back is taken over where its joints are; the others hold what they held."""
+    if loop.hardware.held.all():
+        return
+    while loop.executor.reference is not None and loop.executor.reference.velocity.any():
+        yield  # those that we hold brake
+    here = _where_it_is(loop)
+    back = loop.hardware.prepare_back(here)
+    try:
+        yield from all_of(back)
+    except NoReply as error:
+        loop.say.event("error", Code.DEVICE_MISSING, f"lowered without everybody's answer: {error}")
+    except BusError as error:  # never a reason to drop those that we hold
+        loop.say.event("error", Code.BUS_ERRORS, f"not taken over, let go where it stands: {error}")
+        return
+    if back and loop.written is not None:
+        place = np.where(loop.hardware.held, loop.written, here)
+        loop.hardware.hold(True, identified=True)
+        loop.executor.begin(place)
+        loop.written = place
+
+
 def _where_it_is(loop: Loop) -> Floats:
-    """Where (n,) to hold from: as measured, within the hard limits; the rest pose of who never answered."""
-    measured, limits = loop.measured, loop.limits
-    known = np.where(np.isfinite(measured.position), measured.position, loop.rest)
-    return np.clip(known, limits.hard_lower, limits.hard_upper)
+    """Where (n,) to hold from: as measured, as near as a goal may be; the rest pose of who never answered."""
+    position = loop.measured.position
+    return loop.hardware.reachable(np.where(np.isfinite(position), position, loop.rest))
 
 
-def _settle(loop: Loop) -> Procedure:
+def _settled(loop: Loop) -> Generator[None, float, bool]:
+    """The robot rests where it may be let go. False: the way there is refused, interrupted or too long, or
+    nothing but damping is wanted any more."""
+    until, free = loop.clock.now() + SETTLE, loop.support not in ("fixed", "gantry")
     for _ in range(WAYS):
-        reference = loop.executor.reference
-        if reference is None:
-            return
-        way = settle(reference, loop.rest, loop.limits, SETTLE)
+        reference, now = loop.executor.reference, loop.clock.now()
+        if reference is None or loop.soft_since is not None or now >= until:
+            break
+        way = settle(reference, loop.rest, loop.limits, WAY)
         refused = loop.executor.submit("settle", way)
         if refused is not None:
             loop.say.event("error", refused.code, f"no way to the rest pose: {refused.message}", (refused,))
-            return
-        until = loop.clock.now() + float(way.time[-1]) + LATE
-        loop.stops.begun = loop.stops.begun or (yield from _obeyed(loop))
-        now = yield
-        while loop.executor.motion is Motion.ACTIVE and now < until:
-            now = yield
+            return False
+        lasts = float(way.time[-1])
+        if lasts > SETTLE:
+            loop.say.event("warning", "SETTLE", f"the way to the rest pose takes {lasts:.1f} s")
+            until = until if free else now + lasts + LATE
+        yield from _goes(loop, until)
         reference = loop.executor.reference
         if reference is not None and (np.abs(reference.position - loop.rest) <= ARRIVED).all():
-            break
-    if loop.support == "free":
-        yield from _come_to_rest(loop)
+            return not free or (yield from _rests(loop, until))
+    if loop.soft_since is None:
+        loop.say.event("error", "SETTLE", "the way to the rest pose came to no end")
+    return False
+
+
+def _goes(loop: Loop, until: float) -> Procedure:
+    """Wait for the end of the way, or for what ends it."""
+    loop.stops.begun = loop.stops.begun or (yield from _obeyed(loop))
+    now = yield
+    while loop.executor.motion is Motion.ACTIVE and now < until and loop.soft_since is None:
+        now = yield
 
 
 def _obeyed(loop: Loop) -> Generator[None, float, bool]:
@@ -198,33 +240,16 @@ def _obeyed(loop: Loop) -> Generator[None, float, bool]:
     return bool((np.abs(held - loop.written)[loop.hardware.open] <= lag[loop.hardware.open]).all())
 
 
-def _come_to_rest(loop: Loop) -> Procedure:
-    now = loop.clock.now()
-    quiet_since, until = now, now + SLOW_MOST
-    while now < until and now - quiet_since < SLOW_FOR:
-        now = yield
-        if not (np.abs(loop.measured.velocity) <= SLOW).all():
+def _rests(loop: Loop, until: float) -> Generator[None, float, bool]:
+    """Every joint is heard, near its rest pose, and slow for a while; False when it is not by `until`."""
+    now = quiet_since = loop.clock.now()
+    while now < until and loop.soft_since is None:
+        state = loop.measured
+        near = (state.age <= SLOW_FOR) & (np.abs(state.position - loop.rest) <= NEAR)
+        if not (near & (np.abs(state.velocity) <= SLOW)).all():
             quiet_since = now
-
-
-def loosen(loop: Loop) -> Procedure:
-    """Torque off, read back. Raises BusError naming who did not confirm."""
-    loop.executor.idle()
-    loop.hardware.clear()
-    loop.hardware.hold(False)
-    for writer in loop.hardware.writers:
-        writer.cut()  # twice, with the next packet of any kind
-    loop.hardware.quiet_until = -inf  # torque off waits for nobody's watchdog
-    loop.armed, loop.energising = False, True  # not known to be off until it is read back
-    until = loop.clock.now() + INSIST
-    while True:
-        try:
-            yield from all_of(loop.hardware.torque(False))
-        except BusError:
-            if loop.clock.now() < until and loop.hardware.writers:
-                yield
-                continue
-            loop.energising = False  # who is still on stands in the registers, and is reported as inherited
-            raise
-        loop.energising = False
-        return
+        if now - quiet_since >= SLOW_FOR:
+            return True
+        now = yield
+    loop.say.event("error", "SETTLE", "not at rest in the rest pose")
+    return False

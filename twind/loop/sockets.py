@@ -13,6 +13,7 @@ from pathlib import Path
 
 NAMES = ("control", "observe")
 GROUPS = {"control": "twind-operator", "observe": "twind-observe"}
+BACKLOG = 128  # connections that may wait to be taken: a crowd must not turn away who wants to stop
 _FIRST = 3  # SD_LISTEN_FDS_START
 
 
@@ -106,7 +107,7 @@ def _bind(path: Path) -> socket.socket:
     old = os.umask(0o117)
     try:
         listener.bind(str(path))
-        listener.listen(32)
+        listener.listen(BACKLOG)
     except OSError:
         listener.close()
         raise

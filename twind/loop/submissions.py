@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 STALE_VERDICT = 0.5  # s: the front's share of the verdict may be this old (design 6.4)
 SLICE = 250  # points judged in one tick: some 2.5 ms when every single one is refused
 PROGRESS = 0.1  # s between two reports of progress
-ABOUT_NOW = frozenset(  # S05–S11, S28: what another moment would judge otherwise
+ABOUT_NOW = frozenset(  # S05–S11, S27, S28: what another moment would judge otherwise
     {
         Code.LEASE_MISSING,
         Code.ESTOP_LATCHED,
@@ -31,6 +31,8 @@ ABOUT_NOW = frozenset(  # S05–S11, S28: what another moment would judge otherw
         Code.DEVICE_MISMATCH,
         Code.HW_DISCONNECTED,
         Code.LATENCY_BLOCK,
+        Code.THERMAL_HEADROOM,
+        Code.VOLTAGE_LOW,
         Code.BUSY,
     }
 )
@@ -81,6 +83,7 @@ class Submissions:
                 now = yield
         finally:
             self.busy = False
+        judged = replace(judged, verdict=with_front(judged.verdict, command))
         if command.check_only:
             loop.say.reply(command, verdict=plain(of_the_path(judged.verdict)))
             return
@@ -162,7 +165,7 @@ class Submissions:
         snapshot = loop.snapshot(command.client, now)
         joints = np.array(command.joints, np.int64)
         commanded = np.isin(np.arange(len(loop.joints)), joints)
-        verdict = gate.admit(snapshot, commanded, loop.parts.thresholds)
+        verdict = gate.admit(snapshot, commanded, loop.parts.thresholds, setpoint=True)
         judged = stream.judge(
             joints,
             np.array(command.positions, np.float64),
@@ -172,6 +175,8 @@ class Submissions:
             allow_clamp=command.allow_clamp,
         )
         refusals = (*verdict.refusals, *judged.verdict.refusals)
+        if not refusals and loop.outlook is not None:
+            refusals = loop.outlook.refuses(loop.executor, judged.joints, judged.position, judged.velocity)
         if refusals:
             loop.say.refuse(command, refusals)
             return
@@ -223,6 +228,12 @@ class Submissions:
         if command is not None:
             self._loop.lease.unpin(command.client, name)
         return command
+
+
+def with_front(verdict: Verdict, command: link.Submit) -> Verdict:
+    """The loop's share of a verdict and the front's, S23–S26."""
+    refusals, warnings = (*verdict.refusals, *command.refused), (*verdict.warnings, *command.warned)
+    return Verdict(refusals, warnings, verdict.changes)
 
 
 def of_the_path(verdict: Verdict) -> Verdict:

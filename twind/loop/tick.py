@@ -6,36 +6,40 @@ No asyncio, no files, no logging: news leave by the link. Time is an argument be
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import groupby
 from math import floor, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.loop import arming, release, requests
+from twind.loop import arming, requests
 from twind.loop.figures import Figures
 from twind.loop.identity import Identity, Judge
 from twind.loop.procedures import Procedures, Rank
 from twind.loop.publish import Publisher
+from twind.loop.reactions import react
 from twind.loop.stops import Stops
 from twind.loop.voice import Voice
+from twind.loop.watch import facts
 from twind.robot.arrays import Floats
 from twind.robot.finding import Code, Finding, Verdict
 from twind.robot.modes import Mode, Motion, State
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety import gate
-from twind.safety.guard import Facts, Guard, Judgement, Reaction
+from twind.safety.guard import Guard
+from twind.safety.headroom import Condition
 from twind.safety.states import LATCHED, TABLE, Event, Latch
 
 if TYPE_CHECKING:
     from twind.loop.hardware import Hardware
     from twind.loop.link import Link
     from twind.loop.notify import Notifier
+    from twind.loop.outlook import Lookahead
     from twind.motion.executor import Executor
     from twind.robot.joints import JointMap
     from twind.robot.limits import Limits
+    from twind.robot.ratings import Ratings
     from twind.safety.health import Health
     from twind.safety.lease import Lease
     from twind.twin.twin import Twin
@@ -54,6 +58,7 @@ class Parts:
     period: float  # s
     joints: JointMap
     limits: Limits
+    ratings: Ratings
     rest: Floats  # rad, (n,)
     support: str
     hardware: Hardware
@@ -68,6 +73,7 @@ class Parts:
     realtime: dict[str, str]
     judge: Judge  # devices -> findings of S09
     live_denied: Finding | None  # why this daemon cannot go live; None: it can
+    outlook: Lookahead | None = None  # None: no two bodies of the model can collide
 
 
 class Loop:
@@ -84,6 +90,7 @@ class Loop:
         self.rest, self.support = parts.rest, parts.support
         self.hardware, self.twin, self.executor = parts.hardware, parts.twin, parts.executor
         self.lease, self.health, self.link = parts.lease, parts.health, parts.link
+        self.outlook = parts.outlook
         self.say = Voice(parts.link, parts.clock)
         self.procedures = Procedures()
         self.stops = Stops(self)
@@ -96,10 +103,13 @@ class Loop:
         self.identity = Identity(self, parts.judge)
         self.armed = self.inhibited = self.finished = False
         self.energising = False  # torque was ordered on or off, and is not read back yet
+        self.unconfirmed = False  # torque off was ordered, and somebody has not said that it is
         self.owed = False  # a bus went away with torque that was ours
+        self.soft_since: float | None = None  # s, when damping was demanded; until torque is off
         self.stop_level: str | None = None  # of the e-stop that is latched
         self.arming_client = 0  # whose Arm is under way
         self.motion_epoch = -1  # of the lease under which the motion was accepted
+        self._resets = 0  # of the simulation, said so far
         self.stop_wanted = False  # SIGTERM: lower the robot, then end
         self.untouched = True  # nobody has moved the simulation since the mode was entered
         self.written: Floats | None = None  # the last goal that really left, rad (n,)
@@ -160,64 +170,8 @@ class Loop:
 
     def guard(self, reference: Reference | None, target: JointState, now: float) -> Floats | None:
         """What may be written this tick: the goal, the last goal again, or nothing."""
-        held = self.lease.holds(now) and self.lease.epoch == self.motion_epoch
-        readings, slow = self.hardware.readings, self.hardware.slow
-        judgement = self.parts.guard.judge(
-            Facts(
-                now=now,
-                mode=self.mode,
-                state=self.state,
-                motion=self.executor.motion,
-                period=self.period,
-                lateness=self.lateness,
-                missed_in_a_row=self.missed_in_a_row,
-                measured=target if np.isfinite(target.age).any() else None,  # nobody was ever heard
-                goal=reference,
-                previous=self.written if reference is not None else None,
-                lease_ok=held or self.procedures.rank is not None,
-                setpoint_age=self.executor.setpoint_age(now),
-                torque=slow.torque,
-                torque_expected=self.armed,
-                torque_settled=self.procedures.rank is None,
-                watchdog=slow.watchdog,
-                status_time=slow.status_time,
-                discarded=self.hardware.discarded,
-                traffic=self.hardware.traffic,
-                alerts=readings.alerts,
-                fault=slow.fault,
-                tick=slow.tick,
-                health_time=slow.health_time,
-                jumps=readings.jumps,
-                leaps=readings.leaps,
-            )
-        )
-        return self._react(judgement, reference, now)
-
-    def _react(self, judgement: Judgement, reference: Reference | None, now: float) -> Floats | None:
-        """Do what the guard says. A goal that may not leave becomes the last goal again."""
-        for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
-            same = tuple(findings)
-            self.say.event("warning", code, same[0].message, same)
-            if judgement.latches:
-                self.latch(_of_many(same))
-        told = (*judgement.findings, *self.parts.guard.bars)  # a second restart within a second is not told
-        if restarted := [finding for finding in told if finding.code is Code.SERVO_REBOOTED]:
-            self.identity.restarted(restarted)
-        if judgement.latches:
-            self.change(Event.FAULT, now)
-        if judgement.reaction >= Reaction.INHIBIT:
-            self.inhibit(judgement.findings[0], now)
-        elif judgement.reaction >= Reaction.SETTLE and self.armed:
-            self.procedures.own(Rank.FAULT, lambda: release.fault(self, now))
-        elif judgement.reaction >= Reaction.HOLD and self.executor.motion is not Motion.HOLDING:
-            self.executor.stop("aborted", judgement.causes)
-        if self.inhibited or reference is None:
-            return None
-        if judgement.goal_refused:
-            if self.written is not None:
-                self.executor.begin(self.written)
-            return self.written
-        return reference.position
+        judgement = self.parts.guard.judge(facts(self, reference, target, now))
+        return react(self, judgement, reference, now)
 
     # ------------------------------------------------------------------------------- state
 
@@ -268,11 +222,16 @@ class Loop:
                 self.procedures.own(Rank.DISARM, lambda: arming.give_up(self))
 
     def inhibit(self, finding: Finding, now: float) -> None:
-        """Nothing leaves until the servos' own watchdogs have ended the motion; torque stays."""
+        """Nothing leaves until the servos' own watchdogs have ended the motion; torque stays.
+
+        A way down ends by it: to go on would write, to let go would drop the robot. Torque that is going on
+        or off already is left to go off.
+        """
         self.inhibited = True
         self.latch(finding)  # first: what is ended by it says so
-        if self.procedures.rank is Rank.ARM:
+        if self.procedures.rank is Rank.ARM or not self.energising:
             self.procedures.abandon()
+        self.soft_since = None if self.procedures.rank is None else self.soft_since
         self.executor.idle()
         self.hardware.clear()
         self.hardware.hold(False)
@@ -329,6 +288,7 @@ class Loop:
         target = self.measured if live else self.simulated
         still = np.zeros(len(self.joints))
         reference = self.executor.reference or Reference(target.position, still, still)
+        slow = self.hardware.slow
         return gate.Snapshot(
             now=now,
             mode=self.mode,
@@ -344,6 +304,7 @@ class Loop:
             reference=reference,
             busy=self.submissions.busy,
             bars=self.parts.guard.bars,
+            condition=Condition(slow.temperature, slow.voltage, now - slow.health_time, self.parts.ratings),
         )
 
     def may_arm(self, client: int, now: float) -> Verdict:
@@ -353,6 +314,15 @@ class Loop:
             finding = Finding(Code.HW_DISCONNECTED, message="not every bus is open and identified")
             verdict = replace(verdict, refusals=(*verdict.refusals, finding))
         return verdict
+
+    def _broke_down(self) -> None:
+        """The simulation met what is no number, and stands where it was sound last: what it followed ends."""
+        self._resets = self.twin.resets
+        message = "the simulation broke down; it is back where it was sound last: check the model"
+        finding = Finding(Code.INTERNAL, value=float(self._resets), message=message)
+        self.say.event("error", Code.INTERNAL, message, (finding,))
+        if self.mode is not Mode.LIVE and self.executor.motion is not Motion.IDLE:
+            self.executor.stop("aborted", (finding,))
 
     def _observe(self, now: float, read: float) -> None:
         """What the exchange brought: devices, health, outcomes; `read` is when it was over (s)."""
@@ -366,6 +336,8 @@ class Loop:
         found = self.health.update(self.measured, self.hardware, now, live=self.mode is not Mode.SIM)
         for finding in found:
             self.say.event("warning", finding.code, "latency is above the warning threshold", (finding,))
+        if self.twin.resets != self._resets:
+            self._broke_down()
         self.executor.observe(self.measured if self.mode is Mode.LIVE else self.simulated)
         self.submissions.report(now)
         self.stops.answer()
@@ -373,10 +345,3 @@ class Loop:
 
 def _torque_text(off: bool | None) -> str:
     return {None: "unknown: not every servo has said", True: "is off", False: "is left on"}[off]
-
-
-def _of_many(findings: tuple[Finding, ...]) -> Finding:
-    """One finding for all of a code: the first, that says how many joints it speaks for."""
-    first = findings[0]
-    others = {finding.joint for finding in findings} - {None, first.joint}
-    return replace(first, message=f"{first.message} (and {len(others)} more joints)") if others else first

@@ -10,9 +10,11 @@ from math import inf, isfinite
 
 import numpy as np
 
-from twind.motion.goals import STOPPED, Outcome, Tolerances, without_past
-from twind.motion.layers import Goal, Layer, begun, choose, laid_over, without
-from twind.motion.stops import Follower, Ramp, still
+from twind.motion.course import Plan
+from twind.motion.goals import STOPPED, Outcome, Tolerances, off, without_past
+from twind.motion.layers import Goal, Layer, begun, choose, displaced, laid_over, without
+from twind.motion.pace import next_pace
+from twind.motion.stops import Follower, GivingWay, Ramp, still
 from twind.robot.arrays import Bools, Floats, Ints, some
 from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
@@ -33,6 +35,7 @@ class Executor:
     def __init__(self, limits: Limits, period: float) -> None:
         self._limits, self._period = limits, period
         self._tick = 0
+        self._pace = 1.0
         self._reference: Reference | None = None
         self._floor: Ramp | Follower | None = None  # what the joints do that no layer decides
         self._layers: list[Layer] = []  # begun, oldest first; no joint is in two
@@ -43,6 +46,7 @@ class Executor:
         self._valid_for, self._heard_at = 0.0, inf
         self._ended: list[tuple[Outcome, float]] = []
         self._fractions: dict[str, float] = {}
+        self._yielding: GivingWay | None = None  # while `yield_to` is called
 
     # ------------------------------------------------------------------------------- what is
 
@@ -59,6 +63,23 @@ class Executor:
     def reference(self) -> Reference | None:
         """The last commanded reference; None while idle."""
         return self._reference
+
+    @property
+    def pace(self) -> float:
+        """Share of their own speed that motions may have, 0..1; no number is 0. A stop is never slowed.
+
+        What is under way comes to it as fast as each joint's acceleration allows.
+        """
+        return self._pace
+
+    @pace.setter
+    def pace(self, share: float) -> None:
+        self._pace = min(share, 1.0) if share > 0.0 else 0.0
+
+    @property
+    def slowed(self) -> bool:
+        """Motions are not, or not yet, as fast as they were accepted."""
+        return self._pace < 1.0 or not all(layer.pace.even for layer in self._layers)
 
     @property
     def waiting(self) -> int:
@@ -92,7 +113,7 @@ class Executor:
     def ahead(self, start_in: float) -> Reference:
         """Where the reference will be `start_in` s from now, as accepted: where a goal of then begins.
 
-        Raises ValueError while idle.
+        From now on motions are taken to be unslowed. Raises ValueError while idle.
         """
         if self._reference is None or self._floor is None:
             raise ValueError("idle: nothing holds, so there is no reference ahead")
@@ -105,6 +126,15 @@ class Executor:
                 new = begun(goal, self._predict(layers, goal.start), self._limits, self._period)
                 layers = [*without(layers, new.joints), new]
         return self._predict(layers, until)
+
+    @property
+    def plan(self) -> Plan | None:
+        """What the coming ticks follow from; None while idle."""
+        if self._reference is None or self._floor is None:
+            return None
+        now, layers, stream = self._reference, tuple(self._layers), self._stream
+        changing = self.slowed or stream is not None
+        return Plan(now, self._floor, layers, self._tick, changing, stream, self._streamed, self._pace)
 
     # ------------------------------------------------------------------------------- what to do
 
@@ -147,10 +177,13 @@ class Executor:
         start = self._start(start_in)
         if self._stream is not None and start > self._tick:
             return Finding(Code.BUSY, message="setpoints arrive: a later start cannot be foreseen")
+        if self.slowed and start > self._tick:
+            return Finding(Code.BUSY, message="the motion is slowed: a later start cannot be foreseen")
         for goal in [goal for goal in self._pending if goal.start >= start]:
             self._pending.remove(goal)
             self._end(goal, "replaced")
-        self._pending.append(Goal(id, left, start, tolerances, goal_time))
+        foreseen = self.ahead(start_in).position if start > self._tick else None
+        self._pending.append(Goal(id, left, start, tolerances, goal_time, foreseen))
         return None
 
     def setpoint(
@@ -192,6 +225,34 @@ class Executor:
         if moving and self._reference is not None:
             self._floor = Ramp(self._reference, self._limits, self._period)
 
+    def give_in(self, joints: Sequence[int], place: Floats, findings: Sequence[Finding] = ()) -> None:
+        """Brake, and hold `joints` where they are, `place` (n,), the others as commanded (R14, R15).
+
+        Asked again, a joint on its way there goes on to where it was then.
+        """
+        if self._reference is None:
+            return
+        named = np.zeros(len(place), np.bool_)
+        named[list(joints)] = True
+        busy = self._layers or self._pending or self._stream is not None
+        under_way = self._floor if isinstance(self._floor, GivingWay) and not busy else None
+        if under_way is not None:
+            under_way.aim_at(named & ~under_way.joints, place)
+            return
+        self._end_all("aborted", findings)
+        self._floor = floor = GivingWay(self._reference, self._limits, self._period)
+        floor.aim_at(named, place)
+
+    def yield_to(self, place: Floats, speed: float) -> None:
+        """Follow `place` (n,) of now, no faster than `speed` rad/s: goals that give way (DAMP)."""
+        if self._reference is None:
+            return
+        if self._yielding is None or self._floor is not self._yielding:
+            self._end_all("aborted", ())
+            self._yielding = GivingWay(self._reference, self._limits, self._period, speed=speed)
+            self._floor = self._yielding
+        self._yielding.aim_at(np.isfinite(place), place)
+
     # ------------------------------------------------------------------------------- once per tick
 
     def goal(self, now: float) -> Reference | None:
@@ -202,6 +263,7 @@ class Executor:
             self._age(now)
         while self._pending and self._pending[0].start <= self._tick:
             self._begin(self._pending.pop(0), self._reference)
+        self._keep_pace()
         self._tick += 1
         reference = self._next(self._floor)
         if not isfinite(float(reference.position @ reference.position)):
@@ -220,12 +282,12 @@ class Executor:
         error = np.abs(reference.position - state.position)
         t, duration, tolerances = layer.elapsed(self._tick), layer.curve.duration, layer.goal.tolerances
         if t < duration:
-            out = self._outside(layer, error, tolerances.path)
+            out = layer.outside(error, tolerances.path)
             if some(out):
                 self._give_up(layer, Code.PATH_TOLERANCE, out, error, tolerances.path, state)
             return
         fast = ~(np.abs(state.velocity) <= STOPPED) & (tolerances.goal != inf) & layer.goal.path.commanded
-        out = self._outside(layer, error, tolerances.goal) | fast
+        out = layer.outside(error, tolerances.goal) | fast
         if not some(out):
             self._end(layer.goal, "succeeded", fraction=1.0)
             self._running = None
@@ -242,7 +304,14 @@ class Executor:
         return laid_over(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
 
     def _begin(self, goal: Goal, reference: Reference) -> None:
-        """A goal's start has come: it takes its joints over, and the goal that ran is replaced."""
+        """A goal's start has come: it takes its joints over, and the goal that ran is replaced.
+
+        One that was judged from another place, because the motion before it was slowed since, ends here.
+        """
+        strayed = displaced(goal, reference)
+        if strayed is not None:
+            self._end(goal, "aborted", (strayed,))
+            return
         if self._stream is not None:  # a stream has no old path: joints it leaves behind brake
             self._stream, self._floor = None, Ramp(reference, self._limits, self._period)
         layer = begun(goal, reference, self._limits, self._period)
@@ -251,6 +320,18 @@ class Executor:
             self._end(self._running.goal, "replaced", fraction=self._running.fraction(self._tick))
         self._running = layer
 
+    def _keep_pace(self) -> None:
+        """The time of each motion goes on by its share of a tick; after the end it goes as the clock."""
+        for layer in self._layers:
+            if self._pace == 1.0 and layer.pace.even:
+                continue
+            at = layer.elapsed(self._tick)
+            if at >= layer.curve.duration:
+                layer.pace.step(1.0)
+            else:
+                args = (layer.pace, self._pace, self._limits, self._period)
+                layer.pace.step(next_pace(layer.curve, layer.joints, at, *args))
+
     def _next(self, floor: Ramp | Follower) -> Reference:
         if self._stream is None and len(self._layers) == 1 and self._layers[0].whole:
             return self._layers[0].at(self._tick)
@@ -258,13 +339,13 @@ class Executor:
         if self._layers:
             reference = laid_over(reference, self._layers, self._tick)
         if self._stream is not None:
-            reference = choose(self._streamed, self._stream.step(), reference)
+            reference = choose(self._streamed, self._stream.step(self._pace), reference)
         return reference
 
     def _settle_down(self, reference: Reference) -> None:
         """End what has arrived: the goal without tolerances, then the layers, then the follower."""
         layer = self._running
-        if layer is not None and layer.over(self._tick) and not _judged_at_end(layer.goal):
+        if layer is not None and layer.over(self._tick) and not layer.goal.judged_at_end:
             self._end(layer.goal, "succeeded", fraction=1.0)
             self._running = None
         if self._layers and self._running is None and all(layer.over(self._tick) for layer in self._layers):
@@ -289,21 +370,12 @@ class Executor:
             )
             self._ended.append((Outcome("", "aborted", (stale,)), 0.0))
 
-    def _outside(self, layer: Layer, error: Floats, bound: Floats) -> Bools:
-        out: Bools = ~(error <= bound) & (bound != inf) & layer.goal.path.commanded
-        return out
-
     def _give_up(
         self, layer: Layer, code: Code, out: Bools, error: Floats, bound: Floats, state: JointState
     ) -> None:
         """Abort: brake, and hold those that were held back where they are (R15), the others as commanded."""
         assert self._reference is not None  # `observe` has asked
-        time = layer.elapsed(self._tick)
-        findings = tuple(
-            Finding(code, joint, time=time, value=float(error[joint]), bound=float(bound[joint]))
-            for joint in np.flatnonzero(out).tolist()
-        )
-        self._end_all("aborted", findings)
+        self._end_all("aborted", off(code, out, error, bound, layer.elapsed(self._tick)))
         follower = Follower(self._reference, self._limits, self._period)
         there = np.clip(state.position, self._limits.hard_lower, self._limits.hard_upper)
         follower.aim(np.where(out & np.isfinite(there), there, follower.target), np.zeros(len(there)))
@@ -323,8 +395,3 @@ class Executor:
 
     def _end(self, goal: Goal, phase: str, findings: Sequence[Finding] = (), fraction: float = 0.0) -> None:
         self._ended.append((Outcome(goal.id, phase, tuple(findings)), fraction))
-
-
-def _judged_at_end(goal: Goal) -> bool:
-    """Its end is judged by where the joints really are."""
-    return goal.tolerances is not None and bool((goal.tolerances.goal != inf).any())

@@ -6,7 +6,7 @@ from math import ceil, inf
 
 import numpy as np
 
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
 from twind.robot.trajectory import Reference, Trajectory
@@ -51,6 +51,14 @@ class Outcome:
     id: str
     phase: str  # succeeded, cancelled, replaced, aborted
     findings: tuple[Finding, ...] = ()
+
+
+def off(code: Code, out: Bools, error: Floats, bound: Floats, time: float) -> tuple[Finding, ...]:
+    """What is said of the joints (n,) that are `out`, `time` s after the start."""
+    return tuple(
+        Finding(code, joint, time=time, value=float(error[joint]), bound=float(bound[joint]))
+        for joint in np.flatnonzero(out).tolist()
+    )
 
 
 def without_past(path: Trajectory, start_in: float) -> Trajectory | Finding:

@@ -5,12 +5,15 @@ What a newer layer does not name keeps the older curve; a layer that no joint fo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from math import inf
 
 import numpy as np
 
-from twind.motion.goals import Tolerances, led_in
-from twind.robot.arrays import Bools
+from twind.motion.goals import JUMP, Tolerances, led_in
+from twind.motion.pace import Pace
+from twind.robot.arrays import Bools, Floats
+from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
 from twind.robot.splines import Spline, interpolate
 from twind.robot.trajectory import Reference, Trajectory
@@ -27,6 +30,12 @@ class Goal:
     start: int  # tick
     tolerances: Tolerances | None
     goal_time: float | None  # s after the end within which the goal tolerances must be met; None, 0: ever
+    foreseen: Floats | None = None  # rad, (n,), where it was to begin when it was judged; None: at once
+
+    @property
+    def judged_at_end(self) -> bool:
+        """Its end is judged by where the joints really are."""
+        return self.tolerances is not None and bool((self.tolerances.goal != inf).any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,10 +47,11 @@ class Layer:
     joints: Bools  # (n,)
     whole: bool  # all of them
     period: float  # s
+    pace: Pace = field(default_factory=Pace)  # shared by what is left of it when joints leave
 
     def elapsed(self, tick: int) -> float:
-        """Time on the curve, s; exactly its duration when within rounding of it."""
-        t = (tick - self.goal.start) * self.period
+        """Time on the curve, s; exactly its duration when within rounding of it. Ticks to come are whole."""
+        t = (tick - self.goal.start - self.pace.lag) * self.period
         duration = self.curve.duration
         return duration if abs(t - duration) <= ROUNDING else t
 
@@ -53,12 +63,29 @@ class Layer:
         """The reference on the curve; at rest on its last point after the end."""
         reference = self.curve.sample(self.elapsed(tick))
         assert reference is not None  # a layer is never asked about a time before its start
-        return reference
+        return reference if self.pace.even else self.pace.of(reference, self.period)
+
+    def outside(self, error: Floats, bound: Floats) -> Bools:
+        """Joints (n,) of the goal whose `error` is beyond `bound`; inf bounds nothing."""
+        out: Bools = ~(error <= bound) & (bound != inf) & self.goal.path.commanded
+        return out
 
     def fraction(self, tick: int) -> float:
         """How far it has come, 0..1."""
         duration = self.curve.duration
         return min(1.0, self.elapsed(tick) / duration) if duration > 0.0 else 1.0
+
+
+def displaced(goal: Goal, reference: Reference) -> Finding | None:
+    """Why a goal that waited for its start cannot begin here: it was judged from another place."""
+    if goal.foreseen is None:
+        return None
+    off = np.where(goal.path.commanded, np.abs(goal.foreseen - reference.position), 0.0)
+    if (off <= JUMP).all():
+        return None
+    joint = int(np.argmax(off))
+    message = "rad from where it was to begin: what moved before was slowed down"
+    return Finding(Code.START_JUMP, joint, value=float(off[joint]), bound=JUMP, message=message)
 
 
 def begun(goal: Goal, reference: Reference, limits: Limits, period: float) -> Layer:

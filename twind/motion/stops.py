@@ -3,9 +3,11 @@
 Both advance one period per `step`, so a late tick delays them and makes them jump nowhere (R02).
 """
 
+from dataclasses import replace
+
 import numpy as np
 
-from twind.robot.arrays import Floats, frozen
+from twind.robot.arrays import Bools, Floats, frozen
 from twind.robot.limits import Limits
 from twind.robot.trajectory import Reference
 
@@ -104,16 +106,15 @@ class Follower:
         """How fast the target itself moves, rad/s, (n,)."""
         return self._drift
 
-    def step(self) -> Reference:
-        """One period further."""
+    def step(self, share: float = 1.0) -> Reference:
+        """One period further, at no more than `share` of the velocity limit."""
         limits, period, before = self._limits, self._period, self._velocity
+        fastest = limits.velocity * share
         away = self._target - self._position
         wanted = self._drift + np.copysign(self._braking(np.abs(away)), away)
         up = self._braking(limits.upper - self._position)
         down = self._braking(self._position - limits.lower)
-        wanted = np.minimum(
-            np.maximum(wanted, -np.minimum(limits.velocity, down)), np.minimum(limits.velocity, up)
-        )
+        wanted = np.minimum(np.maximum(wanted, -np.minimum(fastest, down)), np.minimum(fastest, up))
         self._velocity = np.minimum(np.maximum(wanted, before - self._gain), before + self._gain)
         self._position = self._position + self._velocity * period
         self._target = np.minimum(np.maximum(self._target + self._drift * period, limits.lower), limits.upper)
@@ -131,6 +132,12 @@ class Follower:
             reference = copy.step()
         return reference
 
+    def onwards(self, share: float = 1.0) -> Reference:
+        """What the next `step` would give."""
+        copy = Follower(self._last, self._limits, self._period)
+        copy.aim(self._target, self._drift)
+        return copy.step(share)
+
     def _braking(self, distance: Floats) -> Floats:
         """The fastest speed (n,) from which whole steps of the acceleration limit stop within `distance`.
 
@@ -139,3 +146,25 @@ class Follower:
         covered = np.maximum(distance, 0.0) / self._period  # rad/s: what one step alone would need
         count = np.maximum(np.ceil(np.sqrt(0.25 + 2.0 * covered / self._gain) - 0.5 - ROUNDING), 1.0)
         return covered / count + 0.5 * (count - 1.0) * self._gain
+
+
+class GivingWay(Follower):
+    """Goes where joints are, not where they were told to be, up to the hard limits.
+
+    The others come to rest as from any stop. A joint is aimed at once: the load that pushed it there would
+    push it on. `aim_at` aims anew.
+    """
+
+    def __init__(self, reference: Reference, limits: Limits, period: float, *, speed: float = np.inf) -> None:
+        """`speed` rad/s: no faster, nor than each joint's limit."""
+        self.joints: Bools = np.zeros(len(reference.position), np.bool_)  # (n,), aimed at where they are
+        least, most = limits.hard_lower, limits.hard_upper
+        slow = replace(limits, lower=least, upper=most, velocity=np.minimum(limits.velocity, speed))
+        super().__init__(reference, slow, period)
+
+    def aim_at(self, joints: Bools, place: Floats) -> None:
+        """`joints` (n,) go to `place` (n,), rad, within the hard limits; where that is NaN they do not."""
+        limits, known = self._limits, joints & np.isfinite(place)
+        there = np.clip(place, limits.lower, limits.upper)
+        self.aim(np.where(known, there, self.target), np.zeros(len(place)))
+        self.joints = self.joints | known

@@ -9,7 +9,8 @@ DEPTH = 16  # nested arrays and objects
 _NESTING = re.compile(
     r'"(?:[^"\\]++|\\.?)*+"?|[][{}]', re.DOTALL
 )  # strings whole, so that brackets in them do not count
-_DIGITS = 19  # a longer integer does not fit 64 bits
+_DIGITS = 20  # a longer integer does not fit 64 bits, and is not even read
+_LEAST, _MOST = -(2**63), 2**64 - 1
 
 
 class BadJson(ValueError):
@@ -78,9 +79,10 @@ def _finite(text: str) -> float:
 
 
 def _int(text: str) -> int:
-    if len(text.lstrip("-")) > _DIGITS:
+    number = int(text) if len(text.lstrip("-")) <= _DIGITS else None
+    if number is None or not _LEAST <= number <= _MOST:
         raise BadJson(f"{text[:40]} is beyond 64 bits")
-    return int(text)
+    return number
 
 
 def _constant(text: str) -> NoReturn:

@@ -24,6 +24,7 @@ class BusMap:
     lower: Ints  # ticks: the smallest goal that may ever be sent (R22)
     upper: Ints  # ticks: the largest
     fastest: Floats  # ticks/s that the motor turns at most, by its type (R13)
+    load_scale: Floats | None = None  # share of the current limit per count of effort; NaN unknown; None: all
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,11 @@ def words(bits: int) -> str:
 class DeviceRules:
     """Remembers per joint: how often its torque disagreed, and its clock when that was last read."""
 
-    def __init__(self, count: int, settles: bool, bounds: Thresholds) -> None:
-        """`settles`: what stands freely cannot hold itself with a joint that may be limp."""
-        self._bounds, self._settles = bounds, settles
+    def __init__(self, leg: Bools, free: bool, bounds: Thresholds) -> None:
+        """`leg` (n,): carries the robot. `free`: nothing else does, so that it cannot hold itself with a
+        joint that may be limp."""
+        count = len(leg)
+        self._bounds, self._free, self._leg = bounds, free, leg
         self._suspect = False  # one of the next two says something
         self._disagreed = np.zeros(count, np.int64)
         self._unwatched = np.zeros(count, np.bool_)
@@ -61,7 +63,11 @@ class DeviceRules:
 
     def _rest(self, facts: Facts) -> Reaction:
         """What the others do when one joint may have gone limp."""
-        return Reaction.SETTLE if self._settles else hold(facts)
+        return Reaction.SETTLE if self._free else hold(facts)
+
+    def _limp(self, facts: Facts, joint: int) -> Reaction:
+        """What the others do when one joint has gone limp: on a leg less the robot is falling already."""
+        return Reaction.DAMP if self._free and self._leg[joint] else self._rest(facts)
 
     def _alerts(self, facts: Facts) -> Iterator[Said]:
         """R09: a hardware error. With its bits unread it has no bound, so that it is told again with them."""
@@ -83,7 +89,7 @@ class DeviceRules:
                 Code.SERVO_REBOOTED, joint, value=float(tick[joint]), message=_rebooted("ms up")
             )
             if ours(facts):
-                yield Said(finding, self._rest(facts), latches=True, bars=True)
+                yield Said(finding, self._limp(facts, joint), latches=True, bars=True)
             else:
                 yield Said(finding, bars=True)
         self._tick, self._tick_time = tick, facts.health_time.copy()
@@ -116,12 +122,13 @@ class DeviceRules:
         for joint in np.flatnonzero(self._unwatched).tolist():
             message = _rebooted("is its watchdog (98), armed before")
             finding = Finding(Code.SERVO_REBOOTED, joint, value=0.0, message=message)
-            yield Said(finding, self._rest(facts), latches=True)
+            yield Said(finding, self._limp(facts, joint), latches=True)
         for joint in np.flatnonzero(self._disagreed >= self._bounds.disagreements).tolist():
             message = "torque reads back off (0) or unknown (-1) while armed"
             value = float(facts.torque[joint])
             finding = Finding(Code.TORQUE_MISMATCH, joint, value=value, bound=1.0, message=message)
-            yield Said(finding, hold(facts), latches=True)
+            off = facts.torque[joint] == 0
+            yield Said(finding, self._limp(facts, joint) if off else self._rest(facts), latches=True)
 
     def _refresh(self, facts: Facts) -> None:
         """Some were read anew: whose torque disagrees, and who has no watchdog."""

@@ -1,4 +1,4 @@
-"""The gate at submit time: may this trajectory move this robot, now (S05–S22, S28 of docs/safety.md)?
+"""The gate at submit time: may this trajectory move this robot, now (S05–S22, S27, S28 of docs/safety.md)?
 
 Pure: no clock, no device, no globals. A refusal is a value; nothing here raises on any numbers, and whatever
 is NaN, missing or unknown refuses. All failing codes are returned, in the order of the rules. Runs in the
@@ -19,6 +19,7 @@ from twind.robot.splines import Spline
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety import retime
 from twind.safety.form import wellformed
+from twind.safety.headroom import Condition, headroom
 from twind.safety.rules import Spot, Subject, Thresholds, judge, relaxed, resting, some, start
 
 __all__ = ["Demand", "Judged", "Snapshot", "Thresholds", "admit", "arming", "check", "checking"]
@@ -43,7 +44,8 @@ class Snapshot:
     latency_p95: float  # s, of the last 0.5 s; NaN unknown
     reference: Reference  # last commanded while holding or moving, measured otherwise
     busy: bool = False  # one trajectory runs and one waits
-    bars: tuple[Finding, ...] = ()  # why nobody may arm now, of servos and buses (R06, R08, R09, R11)
+    bars: tuple[Finding, ...] = ()  # why nobody may arm now, of servos and buses (R06, R08, R09, R11, R18)
+    condition: Condition | None = None  # temperature and supply; None: not known, which refuses
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +72,11 @@ class Judged:
 # ------------------------------------------------------------------------------------------ admission
 
 
-def admit(snapshot: Snapshot, commanded: Bools, thresholds: Thresholds) -> Verdict:
-    """May these joints be moved at all, now (S05, S06, S08–S11)? The hardware counts in live only."""
+def admit(snapshot: Snapshot, commanded: Bools, thresholds: Thresholds, *, setpoint: bool = False) -> Verdict:
+    """May these joints be moved at all, now (S05, S06, S08–S11, S27)? The hardware counts in live only.
+
+    A stream begins with its first `setpoint`: what gets hot later is the guard's to slow down and settle.
+    """
     refusals = [*_lease(snapshot), *_latches(snapshot)]
     warnings: list[Finding] = []
     if snapshot.mode is Mode.LIVE:
@@ -81,11 +86,13 @@ def admit(snapshot: Snapshot, commanded: Bools, thresholds: Thresholds) -> Verdi
         refusals += _calibration(snapshot, commanded) + _hearing(snapshot, commanded, thresholds)
         late, warnings = _latency(snapshot, thresholds)
         refusals += late
+        if not (setpoint and snapshot.motion is Motion.STREAMING):
+            refusals += _room(snapshot, commanded, thresholds)
     return Verdict(tuple(refusals), tuple(warnings))
 
 
 def arming(snapshot: Snapshot, thresholds: Thresholds, joints: Bools | None = None) -> Verdict:
-    """May torque be switched on (S05–S07, S09–S11)? Only in live, from `connected`."""
+    """May torque be switched on (S05–S07, S09–S11, S27)? Only in live, from `connected`."""
     chosen = np.ones_like(snapshot.calibrated) if joints is None else joints
     refusals = [*_lease(snapshot), *_latches(snapshot)]
     if snapshot.mode is not Mode.LIVE:
@@ -98,7 +105,8 @@ def arming(snapshot: Snapshot, thresholds: Thresholds, joints: Bools | None = No
         refusals.append(Finding(Code.NO_JOINTS, message="no joint to arm"))
     refusals += _calibration(snapshot, chosen) + _hearing(snapshot, chosen, thresholds)
     late, warnings = _latency(snapshot, thresholds)
-    return Verdict((*refusals, *late, *snapshot.bars), tuple(warnings))
+    room = _room(snapshot, chosen, thresholds)
+    return Verdict((*refusals, *late, *room, *snapshot.bars), tuple(warnings))
 
 
 def _lease(snapshot: Snapshot) -> list[Finding]:
@@ -153,6 +161,14 @@ def _latency(snapshot: Snapshot, thresholds: Thresholds) -> tuple[list[Finding],
         elif not value <= warn:
             warnings.append(Finding(Code.LATENCY_WARN, value=value, bound=warn, message=reason))
     return refusals, warnings
+
+
+def _room(snapshot: Snapshot, chosen: Bools, thresholds: Thresholds) -> list[Finding]:
+    """S27."""
+    if snapshot.condition is None:
+        reason = "temperature and supply are not known"
+        return [Finding(code, message=reason) for code in (Code.THERMAL_HEADROOM, Code.VOLTAGE_LOW)]
+    return headroom(snapshot.condition, chosen, thresholds.health)
 
 
 def _asked(demand: Demand, thresholds: Thresholds) -> list[Finding]:

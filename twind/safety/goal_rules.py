@@ -13,7 +13,7 @@ from twind.safety.facts import MOVING, REACTING, Facts, Reaction, Said, Threshol
 from twind.safety.states import LATCHED
 
 UNWRITABLE = (State.IDENTIFYING, State.CONNECTED, State.CALIBRATING, State.INHIBITED)  # W5
-ROUNDING = 1e-9  # rad: of a goal that moves at exactly the velocity limit
+ROUNDING = 1e-9  # rad, of a goal that moves at exactly the velocity limit; of ticks and times too
 
 
 class GoalRules:
@@ -26,8 +26,9 @@ class GoalRules:
     def timing(self, facts: Facts) -> Iterator[Said]:
         """R02: late ticks are told, too many missed ones hold. The executor re-times by itself."""
         bounds, missed = self._bounds, facts.missed_in_a_row
-        if missed >= bounds.missed_hold:
-            yield Said(_late(missed, bounds.missed_hold, "ticks missed in a row: holding"), hold(facts))
+        most = max(float(bounds.missed_hold), bounds.missed_for / facts.period)
+        if missed >= most - ROUNDING:
+            yield Said(_late(missed, most, "ticks missed in a row: holding"), hold(facts))
         elif missed >= bounds.missed_warn:
             yield Said(_late(missed, bounds.missed_warn, "ticks missed in a row"))
         elif not facts.lateness <= bounds.late:

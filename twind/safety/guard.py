@@ -1,8 +1,8 @@
 """The per-tick gate: what may be written now, and how to react to what was read (rules R of docs/safety.md).
 
 Pure: facts in, a judgement out. A goal may only be turned into a hold; stop, hold and torque-off are never
-refused. The rules stand by subject in `goal_rules`, `reading_rules`, `bus_rules` and `device_rules`; here
-they are collected, and said. Memory is counters and hysteresis alone: what was bad, what was said when.
+refused. The rules stand by subject in the modules `..._rules`; here they are collected, and said. Memory is
+counters and hysteresis alone: what was bad, what was said when.
 """
 
 from collections.abc import Sequence
@@ -11,12 +11,18 @@ from math import inf
 from twind.robot.finding import Finding
 from twind.robot.limits import Limits
 from twind.robot.modes import State
+from twind.robot.ratings import Ratings
 from twind.safety.bus_rules import BusRules
 from twind.safety.device_rules import DeviceRules
 from twind.safety.facts import MOVING, REACTING, Facts, Judgement, Key, Reaction, Said, Thresholds, Traffic
 from twind.safety.goal_rules import UNWRITABLE, GoalRules
+from twind.safety.heat_rules import HeatRules
+from twind.safety.outlook_rules import ahead
+from twind.safety.power_rules import CurrentRules, VoltageRules
 from twind.safety.reading_rules import ReadingRules
+from twind.safety.stall_rules import GapRules, HoldRules
 from twind.safety.states import LATCHED
+from twind.safety.tracking_rules import TrackingRules
 
 __all__ = [
     "FINE",
@@ -45,20 +51,29 @@ class Guard:
         *,
         buses: Sequence[str] = (),
         support: str = "free",
+        ratings: Ratings | None = None,
     ) -> None:
-        """`buses`: their names, in the order of `Facts.traffic`. `support`: of the robot file."""
+        """`buses`: their names, in the order of `Facts.traffic`. `support`: of the robot file. `ratings`:
+        what the motors bear; without them nobody's supply, heat or load has a bound."""
         self._bounds = bounds = thresholds if thresholds is not None else Thresholds()
-        self._goals, self._readings = GoalRules(limits, bounds), ReadingRules(limits, bounds)
-        self._buses = BusRules(buses, bounds)
-        self._devices = DeviceRules(len(limits.lower), support not in ("fixed", "gantry"), bounds)
+        rated = ratings if ratings is not None else Ratings.unknown(len(limits.lower))
+        free = support not in ("fixed", "gantry")
+        self._gaps, self._holds = GapRules(bounds), HoldRules(free, bounds)
+        self._goals, self._readings = GoalRules(limits, bounds), ReadingRules(limits, bounds, free)
+        self._buses, self._devices = BusRules(buses, bounds), DeviceRules(rated.leg, free, bounds)
+        self._tracking, self._heat = TrackingRules(limits, bounds), HeatRules(rated, bounds)
+        self._currents, self._volts = CurrentRules(rated, bounds), VoltageRules(rated, bounds)
         self._present: set[Key] = set()  # said of the last tick, and told then or before
         self._told: dict[Key, float] = {}  # s, when each was last told
         self.bars: tuple[Finding, ...] = ()  # of the last tick: why nobody may arm now
 
     def judge(self, facts: Facts) -> Judgement:
         """The reaction to this tick's facts, and what to tell. Never raises for bad numbers."""
-        said = [*self._goals.timing(facts), *self._goals.authority(facts), *self._goals.goal(facts)]
-        said += [*self._readings.judge(facts), *self._buses.judge(facts), *self._devices.judge(facts)]
+        said = [*self._gaps.judge(facts), *self._goals.timing(facts), *self._goals.authority(facts)]
+        said += [*self._goals.goal(facts), *ahead(facts, self._bounds), *self._readings.judge(facts)]
+        said += [*self._tracking.judge(facts), *self._buses.judge(facts), *self._devices.judge(facts)]
+        said += [*self._currents.judge(facts), *self._heat.judge(facts), *self._volts.judge(facts)]
+        said += self._holds.judge(facts, said)
         if not said:
             self._present.clear()
             self.bars = ()
@@ -73,10 +88,18 @@ class Guard:
         causes = tuple(one.finding for one in said if reaction and one.reaction is reaction)
         new = [one for one in said if self._is_new(one, facts.now)]
         latching = [one for one in said if one.latches and (facts.state not in STOPPED or one in new)]
-        if latching:
-            return Judgement(reaction, self._tell(latching, said, facts.now), True, refused, causes)
         hard = [one for one in said if one.reaction is Reaction.INHIBIT]
-        return Judgement(reaction, self._tell(hard or new, said, facts.now), False, refused, causes)
+        told = self._tell(latching or hard or new, said, facts.now)
+        here = {one.finding.joint for one in said if one.here and one.reaction}
+        return Judgement(
+            reaction,
+            told,
+            bool(latching),
+            refused,
+            causes,
+            pace=min(one.pace for one in said),
+            here=tuple(sorted(joint for joint in here if joint is not None)),
+        )
 
     def _is_new(self, one: Said, now: float) -> bool:
         """Not told while it lasts, and not of a flickering cause so soon again."""

@@ -14,8 +14,9 @@ from twind.safety.goal_rules import ROUNDING
 class ReadingRules:
     """Without memory: each tick by itself. What R13 remembers stands in `senses`."""
 
-    def __init__(self, limits: Limits, bounds: Thresholds) -> None:
-        self._limits, self._bounds = limits, bounds
+    def __init__(self, limits: Limits, bounds: Thresholds, free: bool) -> None:
+        """`free`: nothing carries the robot but itself."""
+        self._limits, self._bounds, self._free = limits, bounds, free
         self._hard_lower = limits.hard_lower - bounds.beyond_hard
         self._hard_upper = limits.hard_upper + bounds.beyond_hard
 
@@ -50,19 +51,20 @@ class ReadingRules:
             yield Said(finding, hold(facts) if many and held(facts) else Reaction.NONE)
 
     def _stale(self, facts: Facts, age: Floats) -> Iterator[Said]:
+        """R05. Who answers no more may be limp: the others hold, but what stands freely is lowered."""
         bounds = self._bounds
         for joint in np.flatnonzero(~(age <= bounds.stale_warn)).tolist():
             value = float(age[joint])
-            bound, reaction = bounds.stale_warn, Reaction.NONE
-            if not value <= bounds.stale_fault:
-                bound, reaction = bounds.stale_fault, Reaction.SETTLE
+            bound, reaction, gone = bounds.stale_warn, Reaction.NONE, not value <= bounds.stale_fault
+            if gone:
+                bound, reaction = bounds.stale_fault, Reaction.SETTLE if self._free else hold(facts)
             elif not value <= bounds.stale_hold:
                 bound, reaction = bounds.stale_hold, hold(facts)
             finding = Finding(
                 Code.STATE_STALE, joint, value=value, bound=bound, message="s since it answered"
             )
             if held(facts):
-                yield Said(finding, reaction, latches=reaction is Reaction.SETTLE)
+                yield Said(finding, reaction, latches=gone)
             else:
                 yield Said(finding)
 

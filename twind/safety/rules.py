@@ -26,6 +26,7 @@ class Thresholds:
     latency_warn: float = 0.05  # s
     latency_block: float = 0.1  # s
     stale: float = 0.1  # s
+    health: float = 1.0  # s, oldest reading of temperature and supply that counts (S27)
     start_jump: float = 0.05  # rad, at t = 0
     jerk_warn: float = 5000.0  # rad/s³
     max_points: int = 2000

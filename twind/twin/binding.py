@@ -14,9 +14,11 @@ import numpy as np
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import angle_of, centre_of, rad_per_tick, tick_range, turn_start
 from twind.config.robot_spec import MANY_TURNS, JointSpec, RobotFile
+from twind.config.supply import full_counts
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.limits import Limits
+from twind.robot.ratings import Ratings
 
 BEYOND = 0.05  # rad, hard limits past the robot file's (design 6.4)
 ROUNDING = 0.499  # counts: a goal this close to a servo's own limit still rounds to inside it
@@ -35,6 +37,7 @@ class Binding:
     model: Any  # mujoco.MjModel
     joint_map: JointMap
     limits: Limits
+    ratings: Ratings
     qpos: Ints  # address of each joint in qpos
     dof: Ints  # in qvel, qacc, qfrc
     actuators: Ints  # of its goal in ctrl
@@ -68,6 +71,7 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
             calibrated=tuple(joint.name in known for joint in robot.joints),
         ),
         limits=_limits(robot, reach),
+        ratings=_ratings(robot),
         qpos=model.jnt_qposadr[joints].astype(np.int64),
         dof=model.jnt_dofadr[joints].astype(np.int64),
         actuators=np.array(
@@ -232,6 +236,22 @@ def _limits(robot: RobotFile, reach: list[_Reach]) -> Limits:
     )
 
 
+def _ratings(robot: RobotFile) -> Ratings:
+    kinds = [joint.type for joint in robot.joints]
+    return Ratings(
+        low_warn=frozen([kind.supply.warn for kind in kinds]),
+        low_settle=frozen([kind.supply.settle for kind in kinds]),
+        low_fault=frozen([kind.supply.fault for kind in kinds]),
+        high_warn=frozen([kind.supply.high for kind in kinds]),
+        warm=frozen([kind.heat.warn for kind in kinds]),
+        hot=frozen([kind.heat.slow for kind in kinds]),
+        shut=frozen([kind.heat.settle for kind in kinds]),
+        cool=frozen([kind.heat.cool for kind in kinds]),
+        continuous=frozen([kind.heat.continuous for kind in kinds]),
+        leg=np.array([joint.name in robot.legs for joint in robot.joints], np.bool_),
+    )
+
+
 def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[_Reach]) -> BusMap:
     """The joints of one bus, by id."""
     places = sorted(
@@ -252,4 +272,7 @@ def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[_Reach]) 
         lower=np.array([reach[place].first for place in places], np.int64),
         upper=np.array([reach[place].last for place in places], np.int64),
         fastest=frozen([j.type.velocity_limit_rad_s * j.type.ticks_per_turn / math.tau for j in joints]),
+        load_scale=frozen(
+            [1.0 / full_counts(j.type.device, j.type.current_limit_a, j.type.current_lsb_a) for j in joints]
+        ),
     )

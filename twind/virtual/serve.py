@@ -2,6 +2,7 @@
 
 Everything happens in the servos' own time: it runs with the monotonic clock, but stands still while this
 process was stopped or not scheduled, so that a busy machine does not trip watchdogs that no host has missed.
+The register of their own clock (120) goes on meanwhile: a host would take its standing still for a restart.
 """
 
 import os
@@ -54,6 +55,7 @@ class Server:
     ) -> None:
         self._pairs = [(buses[name], port) for name, port in ports.items()]
         self._buses, self._ports, self._clock, self._said = buses, ports, clock, said
+        self._lost = clock.lost  # s, that the clock registers have counted
         self._input = -1  # descriptor whose end of file ends the server
         self.ended = False
         self.orders: OrderSocket | None = None
@@ -68,6 +70,7 @@ class Server:
         while not self.ended:
             ready = self._wait(next_step)
             now = self._clock.now()
+            self.clocks_go_on()
             for bus, port in self._pairs:
                 if port.fd in ready and not bus.faults.stalled and (data := port.read()):
                     bus.line(port.baud())
@@ -82,6 +85,14 @@ class Server:
                     port.write(bus.take(now))
             if self.orders is not None and not ready.isdisjoint(self.orders.filenos()):
                 self.orders.serve()
+
+    def clocks_go_on(self) -> None:
+        """The servos' clock registers count the time that the servos did not live."""
+        more = self._clock.lost - self._lost
+        if more > 0.0:
+            self._lost += more
+            for bus in self._buses.values():
+                bus.servos.readings.origin -= more
 
     def _wait(self, next_step: float) -> set[int]:
         """Until something is to be done; descriptors that have something to read."""

@@ -7,8 +7,8 @@ nothing here changes one, for that needs the torque off and drops the joint.
 |---|---|---|---|---|---|
 | 0 current | 102, 2 bytes | count | +-current limit (38) | lower..upper within +-(38) | goal 0 |
 | 1 velocity | 104, 4 bytes | 0.229 rpm | +-velocity limit (44) | lower..upper within +-(44) | goal 0 |
-| 3 position | 116, 4 bytes | tick | position limits (52, 48) | lower..upper | goal = present |
-| 4 extended position | 116, 4 bytes | tick | +-1,048,575 alone | lower..upper alone | goal = present |
+| 3 position | 116, 4 bytes | tick | position limits (52, 48) | lower..upper | goal = present, 100 := (36) |
+| 4 extended position | 116, 4 bytes | tick | +-1,048,575 alone | lower..upper alone | as in mode 3 |
 | 5 current-based | 116, 4 bytes | tick | as in mode 4 | as in mode 4 | cap in 102, 100 = its limit (36) |
 
 Profile acceleration (108) acts in all of them but mode 0, profile velocity (112) in 3, 4 and 5 only. Mode 16

@@ -21,6 +21,7 @@ from twind_drivers.bus import (
     Script,
     Transport,
     Write,
+    upkeep_stride,
 )
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.budget import upkeep, wire
@@ -84,7 +85,7 @@ class DynamixelReader:
             one_write=one_write,
         )
         layouts = tuple(self.layouts.values())
-        self._choose_fast, self._rate_hz = fast is None, rate_hz
+        self._choose_fast, self._upkeep_hz = fast is None, rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
         self.cyclic = Cyclic(self.ids, layouts, fast=bool(fast))
         self.slow = SlowRegisters(self.ids, tables, layouts)
@@ -127,7 +128,7 @@ class DynamixelReader:
         ids = [id for id, there in zip(self.ids, asked.tolist(), strict=True) if there]
         layouts = [self.layouts[id] for id in ids]
         groups = [layouts.count(each) for each in dict.fromkeys(layouts)]
-        queries = self.slow.schedule(ids, upkeep(groups, self._rate_hz, fast=self.fast))
+        queries = self.slow.schedule(ids, upkeep(groups, self._upkeep_hz, fast=self.fast))
         self._plain: dict[Query, Exchange] = {query: self._exchange(query) for query in queries}
         self._fast: dict[Query, Exchange] = {query: _fast(query) for query in queries if len(query.ids) > 1}
 

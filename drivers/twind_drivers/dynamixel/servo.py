@@ -44,6 +44,16 @@ class Servo:
         """The register that commands it."""
         return self.at(self.mode.goal)
 
+    @property
+    def most_pwm(self) -> int:
+        """The largest PWM limit that this model can have, counts."""
+        return self.table["goal_pwm"].bounds[1] if "goal_pwm" in self.table else 0
+
+    @property
+    def capped_by(self) -> str:
+        """The register that caps its output: the current in mode 5, else the PWM."""
+        return "goal_pwm" if self.cap is None else "goal_current"
+
     def word(self, goal: int) -> bytes:
         """A goal as it lies in that register."""
         return goal.to_bytes(self.goal.size, "little", signed=True)

@@ -62,9 +62,11 @@ class SlowRegisters:
             (state.health_time, (voltage, temperature, tick)),
         )
         self._plans: dict[tuple[Layout, int, int], Plan] = {}  # of the blocks read so far
-        self._turns: list[Read] = []
-        self._next = 0
+        self._status: list[Read] = []
+        self._health: list[Read] = []
+        self._slot, self._slots, self._turn = 0, 1, 0  # in this round: next, all; next of health
         self._first: list[Read] = []  # before all turns
+        self._open: Read | None = None  # of health, asked and not answered by all
 
     def schedule(self, ids: Sequence[int], plan: Upkeep) -> list[Read]:
         """From now on the slices of these `ids` come round robin; all of them, each once."""
@@ -78,7 +80,8 @@ class SlowRegisters:
         state = slices(plan.state, lambda layout: layout.state if plan.watch else layout.status)
         watch = slices(plan.watch, lambda layout: layout.watchdog) if plan.watch else []
         health = slices(plan.health, lambda layout: layout.health)
-        self._turns, self._next = _turns([*state, *watch], health, plan.slots - 1), 0
+        self._status, self._health, self._open = [*state, *watch], health, None
+        self._slot, self._slots, self._turn = 0, max(plan.slots - 1, len(self._status)) + 1, 0
         return [*state, *watch, *health]
 
     def ask_first(self, id: int) -> None:
@@ -88,15 +91,26 @@ class SlowRegisters:
         self._first += [Read((id,), block.address, block.size) for block in (layout.status, layout.health)]
 
     def next(self) -> Read:
-        """The slice whose turn it is."""
+        """The slice whose turn it is. A round is as many status slices as fit, then one of health; it begins
+        with the first status slice, so each device's turn comes once a round."""
         if self._first:
             return self._first.pop(0)
-        query = self._turns[self._next]
-        self._next = (self._next + 1) % len(self._turns)
+        slot, self._slot = self._slot, (self._slot + 1) % self._slots
+        return self._status[slot % len(self._status)] if slot < self._slots - 1 else self._next_health()
+
+    def _next_health(self) -> Read:
+        """One that not all answered is asked once more in the next round. Its own turn comes every fifth of a
+        second: with faults that come as often it would be the same one that is lost each time."""
+        query, self._open = self._open, None
+        if query is None:
+            query = self._open = self._health[self._turn]
+            self._turn = (self._turn + 1) % len(self._health)
         return query
 
     def fold(self, query: Read, ids: Sequence[int], data: NDArray[np.uint8], time: float) -> None:
         """Keep what the answers of `ids` (k) to `query`, `data` (k, size), say of these registers."""
+        if query is self._open and len(ids) == len(query.ids):
+            self._open = None
         for layout, rows in self._kinds(ids):
             plan = self._plan(layout, query.address, query.size)
             if not plan.parts:
@@ -159,15 +173,3 @@ def _words(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
 def _slices(ids: Sequence[int], count: int, block: Block) -> list[Read]:
     spans = (tuple(ids[first : first + count]) for first in range(0, len(ids), count))
     return [Read(own, block.address, block.size) for own in spans]
-
-
-def _turns(status: list[Read], health: list[Read], each: int) -> list[Read]:
-    """`each` status turns, or as many as there are slices, then one of health; till all of health had one.
-
-    Every round begins with the first status slice, so each device's turn comes once a round.
-    """
-    turns: list[Read] = []
-    for one in health:
-        turns += [status[k % len(status)] for k in range(max(each, len(status)))]
-        turns.append(one)
-    return turns

@@ -19,7 +19,7 @@ from twind_drivers.bus import (
     Script,
     Write,
 )
-from twind_drivers.dynamixel import packet
+from twind_drivers.dynamixel import damping, packet
 from twind_drivers.dynamixel.explain import explain, limit_words
 from twind_drivers.dynamixel.goals import Goals, bounds_of, goal_packets
 from twind_drivers.dynamixel.layout import Block
@@ -88,6 +88,9 @@ class DynamixelWriter:
         self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
         for servo, least, most in zip(self._servos, self._lower, self._upper, strict=True):
             check_bounds(f"{self._name}: id {servo.id}", servo.table, servo.mode, int(least), int(most))
+        self._pwm = {
+            one.id: one.most_pwm for one in self._servos
+        }  # their limits, once `prepare` has read them
         self._fence({})
         torque = rows(self._servos, lambda servo: (servo.layout.torque, b"\0"))
         self._off = b"".join(packet.sync_write(where.address, data) for where, data in groups(torque).items())
@@ -148,7 +151,8 @@ class DynamixelWriter:
 
         Operating modes are those given. Watchdogs cleared, goal := `ticks` (m,), or 0 for speeds and
         currents, watchdogs armed, in one system call: a tripped servo whose torque is still on must not
-        resume its old goal. Caps, gains; profile 0 for positions (the executor shapes the motion).
+        resume its old goal. Caps, gains; profile 0 for positions (the executor shapes the motion). The cap of
+        the output comes last: what was damped gets its strength back only at rest on its goal.
         """
         yield from self._require_modes()
         whole = ticks.shape == self._resting.shape  # else refused as it stands, not stretched
@@ -162,6 +166,7 @@ class DynamixelWriter:
         yield from self._same("bus watchdog", on)
         yield from self._settle(goal)
         yield from self._same("goal current, the cap of mode 5", caps)
+        yield from self._restore_output()
 
     def _settle(self, goal: Rows) -> Script[None]:
         """Gains and profiles; what stands beside the goals of each mode is read back with them."""
@@ -182,6 +187,15 @@ class DynamixelWriter:
         yield from self._same("profile acceleration", ramps)
         moved = {servo.id for servo in moving}
         yield from self._goals_are([row for row in goal if row[0] not in moved])
+
+    def _restore_output(self) -> Script[None]:
+        """Goal PWM of modes 3 and 4 at its limit: it caps the force, and damping lowers it."""
+        free = [servo for servo in self._servos if servo.cap is None and not servo.mode.rests_at_zero]
+        self._pwm |= yield from self._words(free, lambda servo: servo.at("pwm_limit"))
+        pwm = rows(free, lambda servo: (servo.at("goal_pwm"), _short(self._pwm[servo.id])))
+        if pwm:
+            yield Burst(writes(pwm))
+        yield from self._same("goal PWM", pwm)
 
     def _require_modes(self) -> Script[None]:
         """The modes are those of this writer; from now on limit registers bound speeds and currents."""
@@ -214,8 +228,13 @@ class DynamixelWriter:
             resting = [servo for servo in self._servos if servo.mode.rests_at_zero]
             yield from self._goals_are(rows(resting, lambda each: (each.goal, each.word(0))), "needs")
         wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
+        self._reader.registers.torque[:] = -1  # what was read before says nothing of it any more
         yield Burst(writes(wanted) if on else writes(wanted) * 2)
         yield from self._same("torque enable", wanted)
+
+    def damp(self) -> Script[tuple[int, ...]]:
+        """Torque stays, soft (`damping`); ids of those that did not confirm it, the silent ones too."""
+        return damping.damp(self._reader, self._servos, self._pwm)
 
     def write(self, id: int, name: str, value: int) -> Script[Register]:
         """One register by name, read back. EEPROM only while that device's torque is off.

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple
 
-from twind_drivers.dynamixel.packet import LAST_ID, status
+from twind_drivers.dynamixel.packet import HEADER, LAST_ID, status
 from twind_drivers.virtual.stream import Stream
 from twind_drivers.virtual.wire import Wire
 
@@ -45,6 +45,10 @@ class AnswerFaults:
     def foreign(self, count: int, id: int | None = None) -> None:
         """Before each of the next answers comes a sound one of a device that nobody asked."""
         self._order("foreign", count, id)
+
+    def forge(self, count: int, id: int | None = None) -> None:
+        """Instead of each of the next answers comes a sound one of id 252, or a byte short."""
+        self._order("forge", count, id)
 
     def duplicate(self, count: int, id: int | None = None) -> None:
         """Each of the next answers comes twice. Raises ValueError, KeyError."""
@@ -153,6 +157,8 @@ class AnswerFaults:
         if self._hit("drop", id) is not None:
             return Struck(b"", b"", b"", late, False)
         data, before, after = piece, b"", b""
+        if self._hit("forge", id) is not None:
+            data = self._forged(id, data)
         bits = self._hit("corrupt", id)
         if bits is not None:
             data = self._corrupted(data, int(bits))
@@ -167,6 +173,13 @@ class AnswerFaults:
         if seconds is not None:
             before = self.stream.noise(seconds) + before
         return Struck(before, data, after, late, size is not None)
+
+    def _forged(self, id: int, piece: bytes) -> bytes:
+        """A status of its own with a right CRC: of an id that nobody asked, or a byte short."""
+        data = piece[9:-2] if piece.startswith(HEADER) else piece[2:-2]  # of a whole status, of a joint one
+        if self.stream.random.random() < 0.5:
+            return status(LAST_ID, 0, data)
+        return status(id, 0, data[:-1])
 
     def _corrupted(self, piece: bytes, bits: int) -> bytes:
         """One bit in the middle; several anywhere."""

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from twind_drivers.virtual.stream import PAYLOAD, Stream
+from twind_drivers.virtual.stream import MOST, PAYLOAD, Stream
 
 
 class LineFaults:
@@ -17,6 +17,16 @@ class LineFaults:
             raise ValueError(f"bit_errors: rate {rate} is outside 0..0.5")
         self.stream.to_servos = rate if to_servos else 0.0
         self.stream.to_host = rate if to_host else 0.0
+        self.stream.look()
+
+    def mangle(self, count: int, bits: int = 1, bytes: int = MOST) -> None:
+        """So many flipped bits in what the host writes, in its next writes, within the first `bytes` bytes.
+
+        Raises ValueError.
+        """
+        if count < 0 or not 1 <= bits <= 64 or not 1 <= bytes <= MOST:
+            raise ValueError(f"mangle: {count} writes, {bits} bits, {bytes} bytes: 0 on, 1..64, 1..{MOST}")
+        self.stream.mangled, self.stream.mangling = count, (bits, bytes)
         self.stream.look()
 
     def babble(self, on: bool = True) -> None:

@@ -44,6 +44,7 @@ class Readings:
         self._stuck = np.zeros(count)  # ticks, what a frozen encoder repeats
         self._encoder, self._at, self._told = np.zeros(count), 0.0, True  # of the last refresh
         self._slow_at = -np.inf
+        self._spikes: dict[int, tuple[float, float]] = {}  # row -> °C shown, until when
         self._shaped = True  # may the velocity trajectory be other than 0?
 
     def follow(self, way: Floats, seeks: Bools) -> None:
@@ -57,6 +58,15 @@ class Readings:
         frozen[row] = on
         self._stuck[row] = np.rint(self._muscles.position[row])
         self._frozen = frozen if frozen.any() else None
+
+    def wake(self, row: int, now: float) -> None:
+        """A servo has booted: its clock begins, and all that it measures is shown with the next refresh."""
+        self.origin[row], self._slow_at = now, -np.inf
+
+    def spike(self, row: int, celsius: float, until: float) -> None:
+        """The register of the temperature shows `celsius` until then (s)."""
+        self._spikes[row] = (celsius, until)
+        self._slow_at = -np.inf
 
     def refresh(self, now: float, direction: Floats, shift: Floats) -> None:
         """Bring position, velocity and current up to `now`. `direction`, `shift`: of encoder to register."""
@@ -92,6 +102,11 @@ class Readings:
         if now - self._slow_at >= 0.1:
             self._slow_at = now
             self._temperature.put(np.clip(np.rint(self._protection.celsius), 0, 255))
+            for row, (celsius, until) in list(self._spikes.items()):
+                if now >= until:
+                    del self._spikes[row]
+                else:
+                    self._temperature.put(round(celsius), row)
             self._voltage.put(np.rint(np.maximum(10.0 * self._protection.volts, 0.0)))
 
     def _show_step(self, goal: Floats, encoder: Floats, direction: Floats, shift: Floats) -> None:

@@ -47,6 +47,16 @@ class ServoFaults:
         for row in self.rows(id):
             self._servos.protection.heat(row, celsius)
 
+    def spike(self, id: int, celsius: float, seconds: float) -> None:
+        """The temperature register shows that for so long, whatever the servo's warmth.
+
+        Raises KeyError, ValueError outside 0..255 °C and 0..10 s.
+        """
+        if not (0.0 <= celsius <= 255.0 and 0.0 <= seconds <= 10.0):
+            raise ValueError(f"spike: {celsius} °C for {seconds} s are outside 0..255 °C and 0..10 s")
+        for row in self.rows(id):
+            self._servos.readings.spike(row, celsius, self._servos.now + seconds)
+
     def lock(self, id: int) -> None:
         """Something holds the shaft: it does not turn, with torque or without. Raises KeyError."""
         for row in self.rows(id):

@@ -285,7 +285,8 @@ class Servos:
             return
         self.protection.rest(row)
         self.tripped[row] = self.shut[row] = False
-        self.readings.origin[row] = self.heard_at[row] = now
+        self.readings.wake(row, now)
+        self.heard_at[row] = now
         self.power.up(row)
 
     def _trip(self, now: float) -> None:

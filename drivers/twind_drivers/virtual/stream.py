@@ -48,6 +48,7 @@ class Stream:
         self.colliding = self.garbled = self.stalled = False
         self.split = 0  # bytes of the largest piece; 0: as it comes
         self.to_servos = self.to_host = 0.0  # chance that a bit flips
+        self.mangled, self.mangling = 0, (1, MOST)  # writes to come; flipped bits, in the first so many bytes
         self.noise_left = 0.0  # s of noise that begins at the next look
         self._noise_at = self._noise_end = -inf  # s
         self.look()
@@ -63,6 +64,7 @@ class Stream:
             or self.split
             or self.to_servos
             or self.to_host
+            or self.mangled
             or self.noise_left
             or self._noise_at < self._noise_end
             or self._kept
@@ -94,7 +96,7 @@ class Stream:
         if not data:
             return data
         self._begin_noise(now)
-        heard = self._flipped(data, self.to_servos)
+        heard = self._flipped(self._mangled(data), self.to_servos)
         if self._noise_at < self._noise_end:
             heard = self._drowned(heard)
         met = self._wire.collide(now, heard) if self.colliding else None
@@ -179,6 +181,16 @@ class Stream:
         """Where two talk the line is low as soon as one of them pulls it low."""
         noise = np.frombuffer(self.random.bytes(len(data)), np.uint8)
         return (np.frombuffer(data, np.uint8) & noise).tobytes()
+
+    def _mangled(self, data: bytes) -> bytes:
+        if not self.mangled:
+            return data
+        self.mangled -= 1
+        bits, most = self.mangling
+        broken, size = bytearray(data), 8 * min(len(data), most)
+        for at in self.random.choice(size, min(bits, size), replace=False):
+            broken[at // 8] ^= 1 << at % 8
+        return bytes(broken)
 
     def _flipped(self, data: bytes, rate: float) -> bytes:
         if not data or not rate:

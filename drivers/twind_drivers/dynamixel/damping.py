@@ -1,0 +1,65 @@
+"""Torque stays, soft: what a robot that cannot be lowered gets before its torque goes off (DAMP).
+
+RAM registers only, for those whose goals are positions. The cap of the output comes first and the gains
+follow in the same system call: whoever hears only a part of it is weaker than before, never stronger. Values
+come from the gains of the robot file: P an eighth of it, I nothing, D as much as P was. The back-EMF of a
+driven motor brakes too. Not verified on hardware.
+"""
+
+from collections.abc import Iterable, Mapping
+
+from twind_drivers.bus import Burst, DeviceRefused, NoReply, Script
+from twind_drivers.dynamixel.reader import DynamixelReader
+from twind_drivers.dynamixel.servo import Rows, Servo, groups, rows, writes
+
+SHARE = 0.3  # of the output, or of the current cap in mode 5, that is left
+SOFT = 8  # P gain by this
+
+
+def damp(reader: DynamixelReader, servos: Iterable[Servo], pwm: Mapping[int, int]) -> Script[tuple[int, ...]]:
+    """Make the servos soft; ids of those that did not confirm it. Raises nothing for who is silent.
+
+    `pwm`: PWM limit by id, counts.
+    """
+    moving = [servo for servo in servos if not servo.mode.rests_at_zero]
+    caps = rows(moving, lambda servo: (servo.at(servo.capped_by), cap_of(servo, pwm)))
+    gains = rows(moving, lambda servo: (servo.layout.gains, soft(servo)))
+    if moving:
+        yield Burst((*writes(caps), *writes(gains)))
+    unconfirmed: set[int] = set()
+    for wanted in (caps, gains):
+        unconfirmed |= yield from _differing(reader, wanted)
+    return tuple(sorted(unconfirmed))
+
+
+def cap_of(servo: Servo, pwm: Mapping[int, int]) -> bytes:
+    """What is left of its output, as it lies in goal PWM or, in mode 5, goal current; 1 at least."""
+    whole = pwm[servo.id] if servo.cap is None else servo.cap
+    return max(1, int(SHARE * whole)).to_bytes(2, "little", signed=True)
+
+
+def soft(servo: Servo) -> bytes:
+    """Its gains D, I, P as they lie in the registers, softened."""
+    d, _, p = (int.from_bytes(servo.gains[at : at + 2], "little") for at in (0, 2, 4))
+    parts = (min(servo.table["position_d_gain"].bounds[1], max(d, p)), 0, min(p, max(1, p // SOFT)))
+    return b"".join(part.to_bytes(2, "little") for part in parts)
+
+
+def _differing(reader: DynamixelReader, wanted: Rows) -> Script[set[int]]:
+    """Who does not hold what was written: read back from all who answer."""
+    bad: set[int] = set()
+    for where, own in groups(wanted).items():
+        left = list(own)
+        while left:
+            try:
+                found = yield from reader.collect(left, where.address, where.size)
+            except NoReply as error:
+                gone = set(error.ids)
+            except DeviceRefused as error:
+                gone = {error.id}
+            else:
+                bad |= {id for id, data in found.items() if data != own[id]}
+                break
+            bad |= gone
+            left = [id for id in left if id not in gone]
+    return bad

@@ -1,0 +1,121 @@
+"""What each servo of a bus may be asked: from the robot file and the calibration file, read on its own.
+
+Knows the X series (control tables 0..63 EEPROM, 64.. RAM); another kind of servo is refused, not guessed at.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+BEYOND = 0.05  # rad past `limits_rad` that the robot's hard limits lie
+MODES = {"position": 3, "extended_position": 4, "current_based_position": 5}
+X_SERIES = ("XL", "XC", "XM", "XH", "XD", "XW", "2X")
+TURNS = 1_048_575  # counts either way in the modes that have no limit registers
+AMPERE = 0.00269  # A a count of an X series servo, where the robot file says nothing else
+MOST_CURRENT = 2047
+
+
+@dataclass(frozen=True)
+class Servo:
+    """One servo, in its own counts."""
+
+    id: int
+    name: str
+    mode: int  # 3, 4 or 5
+    lower: int  # smallest goal word
+    upper: int  # largest goal word
+    speed: float  # counts/s, fastest that a goal may move
+    brake: float  # counts/s², the acceleration limit
+    cap: int  # largest goal current
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Of one bus. `servos` by id."""
+
+    bus: str
+    period: float  # s, nominal, between two goals
+    baud: int
+    support: str
+    servos: dict[int, Servo]
+
+    @classmethod
+    def read(
+        cls, robot_file: Path, calibration_file: Path, bus: str, *, rate_hz: float | None = None
+    ) -> "Limits":
+        """From the two files. Raises KeyError, ValueError: something is missing or makes no sense."""
+        robot = yaml.safe_load(Path(robot_file).read_text(encoding="utf-8"))
+        calibration = yaml.safe_load(Path(calibration_file).read_text(encoding="utf-8"))
+        rate = float(rate_hz or (robot.get("loop") or {}).get("rate_hz", 100.0))
+        if not 1.0 <= rate <= 1000.0:
+            raise ValueError(f"a rate of {rate} Hz")
+        servos = {}
+        for name, own in robot["joints"].items():
+            joint = {**(robot.get("defaults") or {}), **own}
+            if joint["bus"] == bus:
+                servo = _servo(name, joint, robot["types"][joint["type"]], calibration["joints"][name])
+                if servo.id in servos:
+                    raise ValueError(f"id {servo.id} twice on {bus}")
+                servos[servo.id] = servo
+        if not servos:
+            raise ValueError(f"no servo on bus {bus}")
+        baud = int(robot["buses"][bus].get("baud", 1_000_000))
+        return cls(bus, 1.0 / rate, baud, str(robot.get("support", "free")), servos)
+
+
+def _servo(name: str, joint: dict[str, Any], kind: dict[str, Any], measured: dict[str, Any]) -> Servo:
+    if not str(kind["device"]).startswith(X_SERIES):
+        raise ValueError(f"{name}: {kind['device']} is not of the X series: its registers are not known here")
+    mode = MODES[joint.get("mode", kind.get("mode", "position"))]
+    sign, ratio = int(joint.get("sign", 1)), float(joint.get("ratio", 1.0))
+    if sign not in (1, -1) or not ratio > 0.0:
+        raise ValueError(f"{name}: sign {sign}, ratio {ratio}")
+    if int(measured["id"]) != int(joint["id"]) or int(measured["sign"]) != sign:
+        raise ValueError(f"{name}: the calibration is of another servo")
+    turn = int(kind.get("ticks_per_turn", 4096))
+    each = sign / ratio * math.tau / turn  # rad a count
+    lower, upper = _range(joint["limits_rad"], each, mode, measured)
+    if not lower < upper:
+        raise ValueError(f"{name}: no count between {lower} and {upper}")
+    return Servo(
+        id=int(joint["id"]),
+        name=name,
+        mode=mode,
+        lower=lower,
+        upper=upper,
+        speed=_least(joint, kind, "velocity_limit_rad_s", 2.0, ratio) / abs(each),
+        brake=_least(joint, kind, "acceleration_limit_rad_s2", 10.0, ratio) / abs(each),
+        cap=_cap(mode, kind),
+    )
+
+
+def _range(limits: list[float], each: float, mode: int, measured: dict[str, Any]) -> tuple[int, int]:
+    """Counts inside the hard limits, the measured travel, and the limit registers that mode 3 obeys."""
+    if not limits[0] < limits[1]:
+        raise ValueError(f"limits {limits}")
+    zero = int(measured["zero_ticks"])
+    ends = sorted(((limits[0] - BEYOND) / each, (limits[1] + BEYOND) / each))
+    low, high = zero + math.ceil(ends[0] - 1e-9), zero + math.floor(ends[1] + 1e-9)
+    sweep = sorted(int(count) for count in measured["sweep_ticks"])
+    low, high = max(low, sweep[0], -TURNS), min(high, sweep[1], TURNS)
+    if mode == 3:
+        kept = measured["device"]["eeprom"]
+        low, high = max(low, int(kept["min_ticks"])), min(high, int(kept["max_ticks"]))
+    return low, high
+
+
+def _least(joint: dict[str, Any], kind: dict[str, Any], key: str, default: float, ratio: float) -> float:
+    """The tightest of type and joint, at the joint."""
+    found = min(float(kind.get(key, default)) / ratio, float(joint.get(key, math.inf)))
+    if not 0.0 < found < math.inf:
+        raise ValueError(f"{key} {found}")
+    return found
+
+
+def _cap(mode: int, kind: dict[str, Any]) -> int:
+    if mode != 5 or "current_limit_a" not in kind:
+        return MOST_CURRENT
+    return math.floor(float(kind["current_limit_a"]) / float(kind.get("current_lsb_a", AMPERE)) + 1e-9)

@@ -1,0 +1,6 @@
+"""All wrong daemons."""
+
+from evil import ends, goals, packets
+from evil.registry import EVILS
+
+__all__ = ["EVILS", "ends", "goals", "packets"]

@@ -1,0 +1,45 @@
+"""The matrix of faults, a few injections of each row; `make faults` makes as many as are asked for."""
+
+import pytest
+
+from faults.matrix import MATRIX, WITH_CAN
+from faults.quiet import quiet
+from faults.world import once
+
+QUICK = (2, 5, 9, 10, 14, 21, 26, 34, 39)  # one of each kind; the others where time allows
+WALK = [number for number in sorted(MATRIX) if MATRIX[number].virtual is not None]
+
+
+def test_every_row_of_the_matrix_has_a_form_or_says_why_not() -> None:
+    assert sorted(MATRIX) == list(range(1, 41))
+    for number, row in MATRIX.items():
+        assert row.number == number
+        assert row.virtual is not None or row.real is not None or number == WITH_CAN
+        assert (row.virtual is not None and row.real is not None) or row.instead, row.name
+
+
+@pytest.mark.parametrize("number", QUICK)
+def test_a_fault_is_told_in_time_and_answered_rightly(number: int) -> None:
+    found = once(MATRIX[number], 0)
+    assert not found.wrong, "\n".join(found.wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", WALK)
+def test_every_fault_is_told_in_time_and_answered_rightly(number: int) -> None:
+    for seed in (1, 2):
+        found = once(MATRIX[number], seed)
+        assert not found.wrong, "\n".join([f"make faults ROW={number} SEED={seed}", *found.wrong])
+
+
+def test_half_a_minute_without_a_fault_is_without_an_alarm() -> None:
+    found = quiet(0.01)
+    assert not found["wrong"], found
+
+
+@pytest.mark.slow
+def test_a_quarter_of_an_hour_without_a_fault_is_without_an_alarm() -> None:
+    """`make faults HOURS=1` makes it an hour."""
+    found = quiet(0.25, 1)
+    assert not found["wrong"], found
+    assert found["motions"] > 50

@@ -1,0 +1,21 @@
+"""A row of each kind over pseudo-terminals, with real processes; `make faults REAL=3` runs all."""
+
+import pytest
+
+from faults.ground import once_real
+from faults.matrix import MATRIX
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.mark.parametrize("number", [10, 26])
+def test_a_fault_is_told_and_answered_in_real_time(number: int) -> None:
+    found = once_real(MATRIX[number], 0)
+    assert not found.wrong, "\n".join(found.wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [8, 13, 18, 24])
+def test_more_faults_are_told_and_answered_in_real_time(number: int) -> None:
+    found = once_real(MATRIX[number], 1)
+    assert not found.wrong, "\n".join(found.wrong)

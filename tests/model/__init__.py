@@ -1,0 +1,1 @@
+"""The daemon as its clients and its servos see it, in random order: histories, invariants, their proof."""

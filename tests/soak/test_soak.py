@@ -1,0 +1,29 @@
+"""A short life, and what weighs it; `make soak` makes it as long as asked for."""
+
+import pytest
+
+from soak.growth import Growth
+from soak.life import Life
+
+
+def test_minutes_of_a_random_life_break_no_rule() -> None:
+    found = Life(1).live(0.02)
+    assert not found["wrong"], found
+    assert found["packets"] > 10_000
+
+
+@pytest.mark.slow
+def test_a_quarter_of_an_hour_of_a_random_life_breaks_no_rule_and_grows_nothing() -> None:
+    found = Life(2).live(0.4)
+    assert not found["wrong"], found
+    assert sum(found["faults"].values()) > 10
+
+
+@pytest.mark.parametrize(("leak", "files"), [(0.0, 0), (0.5, 0), (0.0, 1)])
+def test_what_grows_is_found_and_what_only_warms_up_is_not(leak: float, files: int) -> None:
+    grown = Growth("loop")
+    for minute in range(40):
+        grown.time.append(60.0 * minute)
+        grown.memory.append(80.0 + min(minute, 5) + leak * minute)
+        grown.files.append(8 + (files and minute // 20))
+    assert bool(grown.wrong()) == bool(leak or files)

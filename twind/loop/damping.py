@@ -1,0 +1,67 @@
+"""DAMP: torque stays and gets soft, the goals go where the robot sinks, and then it is let go.
+
+For a robot that cannot be lowered to its rest pose, or is falling already. Nothing leads back from here but
+torque off and arming anew: whatever takes the torque over goes on damping. Not verified on hardware.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twind.loop.ports import Task
+from twind.loop.procedures import Procedure
+from twind.robot.finding import Finding
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from twind.loop.tick import Loop
+
+SINK = 0.5  # rad/s of the goals behind the joints: what falls faster, the stiffness that is left brakes
+SLOW = 0.05  # rad/s: slower is at rest ...
+SLOW_FOR, SLOW_MOST = 1.0, 5.0  # s ... for this long, or after this long at the latest: then torque off
+
+
+def demand(loop: Loop, why: Sequence[Finding], now: float) -> None:
+    """From now on nothing but damping and torque off; a way to the rest pose under way ends."""
+    if loop.soft_since is None:
+        loop.soft_since = now
+        because = f": {why[0].code}: {why[0].message}" if why else ""
+        loop.say.event("error", "DAMP", f"the robot is damped, then let go: support it{because}", tuple(why))
+
+
+def damp(loop: Loop) -> Procedure:
+    """Until every joint has been at rest for a second; some seconds after it was demanded at the latest."""
+    now = loop.clock.now()
+    demand(loop, (), now)
+    assert loop.soft_since is not None  # just demanded
+    until, quiet_since = loop.soft_since + SLOW_MOST, now
+    tasks = loop.hardware.damp()
+    told = False
+    while now < until and now - quiet_since < SLOW_FOR:
+        loop.executor.yield_to(loop.hardware.reachable(loop.measured.position), SINK)
+        if not told and all(task.done for task in tasks):
+            told = True
+            _tell(loop, tasks)
+        now = yield
+        if not _quiet(loop):
+            quiet_since = now
+
+
+def _quiet(loop: Loop) -> bool:
+    """Every joint was heard just now, and is slow."""
+    heard = loop.measured.age <= SLOW_FOR
+    return bool((heard & (np.abs(loop.measured.velocity) <= SLOW)).all())
+
+
+def _tell(loop: Loop, tasks: Sequence[Task[tuple[int, ...]]]) -> None:
+    """Who does not obey is said, and nobody waits for it. An e-stop has begun where everybody does."""
+    stiff = [id for task in tasks for id in task.result or ()]
+    loop.stops.begun |= not stiff and all(task.error is None for task in tasks)
+    if stiff:
+        loop.say.event("error", "DAMP", f"ids {stiff} did not confirm that they are damped")
+    for task in tasks:
+        if task.error is not None:
+            loop.say.event("error", "DAMP", f"not damped: {task.error}")

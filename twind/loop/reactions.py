@@ -1,0 +1,83 @@
+"""What the loop does about the guard's judgement: tell, latch, hold, lower, fall silent. Loop's process."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+from twind.loop import damping, release
+from twind.loop.procedures import Rank
+from twind.robot.arrays import Floats
+from twind.robot.finding import Code, Finding
+from twind.robot.modes import Mode, Motion
+from twind.robot.trajectory import Reference
+from twind.safety.facts import MOVING, Judgement, Reaction
+from twind.safety.states import Event
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+
+
+def react(loop: Loop, judgement: Judgement, reference: Reference | None, now: float) -> Floats | None:
+    """Do what the guard says; what may be written. A goal that may not leave becomes the last goal again."""
+    if judgement.findings or loop.parts.guard.bars:
+        _tell(loop, judgement)
+    if judgement.latches:
+        loop.change(Event.FAULT, now)
+    if judgement.reaction >= Reaction.HOLD:
+        _act(loop, judgement, now)
+    _slow(loop, judgement)
+    if loop.inhibited or reference is None:
+        return None
+    if judgement.goal_refused:
+        if loop.written is not None:
+            loop.executor.begin(loop.written)
+        return loop.written
+    return reference.position
+
+
+def _tell(loop: Loop, judgement: Judgement) -> None:
+    """News of each code once, latches, and who began anew."""
+    for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
+        same = tuple(findings)
+        loop.say.event("warning", code, same[0].message, same)
+        if judgement.latches:
+            loop.latch(_of_many(same))
+    told = (*judgement.findings, *loop.parts.guard.bars)  # a second restart within a second is not told
+    if restarted := [finding for finding in told if finding.code is Code.SERVO_REBOOTED]:
+        loop.identity.restarted(restarted)
+
+
+def _act(loop: Loop, judgement: Judgement, now: float) -> None:
+    """The ladder: a harder reaction takes a softer one over, never the other way."""
+    causes = judgement.causes
+    if judgement.reaction >= Reaction.INHIBIT:
+        loop.inhibit(judgement.findings[0], now)
+    elif loop.inhibited:
+        return  # nothing softer ends it: torque stays until an operator lets go
+    elif judgement.reaction >= Reaction.SETTLE and loop.armed:
+        if judgement.reaction >= Reaction.DAMP:
+            damping.demand(loop, causes, now)  # a way to the rest pose under way ends by it
+        loop.procedures.own(Rank.FAULT, lambda: release.fault(loop, now, causes))
+    elif judgement.here and loop.procedures.rank is None:
+        target = loop.measured if loop.mode is Mode.LIVE else loop.simulated
+        loop.executor.give_in(judgement.here, loop.hardware.reachable(target.position), causes)
+    elif loop.executor.motion is not Motion.HOLDING:
+        loop.executor.stop("aborted", causes)
+
+
+def _slow(loop: Loop, judgement: Judgement) -> None:
+    """The pace of motions. The way to the rest pose is a stop: never slowed."""
+    before = loop.executor.pace
+    loop.executor.pace = judgement.pace if loop.procedures.rank is None else 1.0
+    if loop.executor.pace < 1.0 and before == 1.0 and loop.executor.motion in MOVING:
+        because = f": {judgement.findings[0].code}" if judgement.findings else ""
+        loop.say.event("info", "PACE", f"the motion is slowed to {loop.executor.pace:.0%}{because}")
+
+
+def _of_many(findings: tuple[Finding, ...]) -> Finding:
+    """One finding for all of a code: the first, that says how many joints it speaks for."""
+    first = findings[0]
+    others = {finding.joint for finding in findings} - {None, first.joint}
+    return replace(first, message=f"{first.message} (and {len(others)} more joints)") if others else first

@@ -1,0 +1,61 @@
+"""The torque itself: ours from now on, or off and read back off. What every procedure ends with.
+
+Torque off that somebody did not confirm is not forgotten: it is ordered again when they answer.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import TYPE_CHECKING
+
+from twind.loop.procedures import Procedure, all_of
+from twind.robot.finding import Code
+from twind_drivers.bus import BusError
+
+if TYPE_CHECKING:
+    from twind.loop.tick import Loop
+    from twind.robot.arrays import Floats
+
+INSIST = 1.0  # s that torque off is repeated to those who do not confirm it
+
+
+def take(loop: Loop, held: Floats) -> None:
+    """From here on the goals (n,) are ours: every bus holds at `held`, which was written and read back."""
+    loop.armed, loop.energising, loop.owed = True, False, False
+    loop.unconfirmed = False
+    loop.hardware.hold(True)
+    loop.executor.begin(held)
+    loop.written = held
+
+
+def loosen(loop: Loop) -> Procedure:
+    """Torque off, read back. Raises BusError naming who did not confirm it: see `again`."""
+    loop.executor.idle()
+    loop.hardware.clear()
+    loop.hardware.hold(False)
+    for writer in loop.hardware.writers:
+        writer.cut()  # twice, with the next packet of any kind
+    loop.hardware.quiet_until = -inf  # torque off waits for nobody's watchdog
+    loop.armed, loop.energising = False, True  # not known to be off until it is read back
+    loop.soft_since, loop.unconfirmed = None, True
+    until = loop.clock.now() + INSIST
+    while True:
+        try:
+            yield from all_of(loop.hardware.torque(False))
+        except BusError:
+            if loop.clock.now() < until and loop.hardware.writers:
+                yield
+                continue
+            loop.energising = False  # who is still on stands in the registers, and is reported as inherited
+            raise
+        loop.energising = loop.unconfirmed = False
+        return
+
+
+def again(loop: Loop) -> Procedure:
+    """Somebody who did not confirm torque off is heard again, with torque on: off."""
+    loop.say.event("warning", Code.TORQUE_MISMATCH, "torque was ordered off and is still on: off once more")
+    try:
+        yield from loosen(loop)
+    except BusError as error:
+        loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")

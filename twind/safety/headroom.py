@@ -1,0 +1,52 @@
+"""Is there room to begin: temperature and supply of the joints to move or to arm (S27)? Pure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats
+from twind.robot.finding import Code, Finding
+from twind.robot.ratings import Ratings
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """What was read last, beside what each joint bears. Arrays are (n,)."""
+
+    temperature: Floats  # °C, NaN never read
+    voltage: Floats  # V, NaN never read
+    age: Floats  # s since both were read; inf never
+    ratings: Ratings
+
+
+def headroom(condition: Condition, chosen: Bools, oldest: float) -> list[Finding]:
+    """S27 of the joints `chosen`. A reading older than `oldest` (s), of another age or not there refuses.
+
+    Where nothing is known of a model's bounds (they are infinite) nothing is judged: its servos may have no
+    such register, and must not be barred for ever.
+    """
+    ratings, read = condition.ratings, (condition.age >= 0.0) & (condition.age <= oldest)
+    warm, low = condition.temperature, condition.voltage
+    hot = ~(ratings.hot == np.inf) & ~(read & (warm <= ratings.hot))
+    weak = ~(ratings.low_settle == -np.inf) & ~(read & (low > ratings.low_settle))
+    found = []
+    for code, wrong, value, bound, reason in (
+        (Code.THERMAL_HEADROOM, hot, warm, ratings.hot, "°C: too hot to begin; let it cool"),
+        (Code.VOLTAGE_LOW, weak, low, ratings.low_settle, "V: too low to begin; charge it, check the supply"),
+    ):
+        for joint in np.flatnonzero(chosen & wrong):
+            told = (
+                reason
+                if read[joint] and np.isfinite(value[joint])
+                else _unread(value[joint], condition.age[joint])
+            )
+            found.append(
+                Finding(code, int(joint), value=float(value[joint]), bound=float(bound[joint]), message=told)
+            )
+    return found
+
+
+def _unread(value: float, age: float) -> str:
+    if np.isfinite(value) and np.isfinite(age):
+        return f"last read {age:.2g} s ago: not lately"
+    return "not read yet; ask again in half a second"

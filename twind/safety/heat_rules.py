@@ -1,0 +1,103 @@
+"""How warm the motors are: rule R18. Pure.
+
+Readings are counted five times a second, each once; a joint is as warm as three of its last five agree. One
+that no other agrees with is told, and believed by nobody.
+"""
+
+from collections.abc import Iterator
+from math import inf
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Ints, same
+from twind.robot.finding import Code, Finding
+from twind.robot.ratings import Ratings
+from twind.safety.facts import MOVING, REACTING, Facts, Reaction, Said, Thresholds, held
+from twind.safety.goal_rules import ROUNDING
+
+EVERY = 0.2  # s between two counts: what is read oftener brings nothing new, a case warms slowly
+
+
+class HeatRules:
+    """Remembers per joint: its last readings, how warm it was a while ago, and who must cool down first."""
+
+    def __init__(self, ratings: Ratings, bounds: Thresholds) -> None:
+        count = len(ratings.warm)
+        self._ratings, self._bounds = ratings, bounds
+        need, kept = bounds.votes
+        self._agreed = kept - need  # the place, in rising order, of what `need` of `kept` readings reach
+        self._last = np.full((kept, count), -inf)  # °C; -inf: nothing read yet
+        self._read = np.full(count, -inf)  # s, when each was read last
+        self._seen = self._read.tobytes()  # the same, as bytes: mostly unchanged
+        self._counted = -inf  # s, when readings were counted last
+        self._warmth = np.full(count, -inf)  # °C, as they agree
+        self._before = np.full(count, -inf)  # °C, `warming_over` ago, ...
+        self._then = np.full(count, inf)  # s, ... and when that was; inf: no reading was agreed on yet
+        self._cooling: Bools = np.zeros(count, np.bool_)
+        self._hot: list[int] = []  # who is warm, or has to cool down
+
+    def judge(self, facts: Facts) -> Iterator[Said]:
+        """R18: told, slower, lowered. Who got as hot as that keeps everybody from arming until it is cool."""
+        if (
+            not same(facts.health_time, self._seen)
+            and not 0.0 <= facts.now - self._counted < EVERY - ROUNDING
+        ):
+            self._counted = facts.now
+            yield from self._refresh(facts)
+        for joint in self._hot:
+            yield self._warm(facts, joint)
+
+    def _refresh(self, facts: Facts) -> Iterator[Said]:
+        """Some were read anew."""
+        fresh = (facts.health_time != self._read) & (facts.health_time > -inf)
+        fresh &= np.isfinite(facts.temperature)
+        self._read, self._seen = facts.health_time.copy(), facts.health_time.tobytes()
+        rows = np.flatnonzero(fresh)
+        self._last[:-1, rows] = self._last[1:, rows]
+        self._last[-1, rows] = facts.temperature[rows]
+        self._warmth[rows] = np.sort(self._last[:, rows], axis=0)[self._agreed]
+        for joint in rows[self._last[-1, rows] > self._warmth[rows] + self._bounds.spike].tolist():
+            yield from self._spike(joint)
+        yield from self._warming(facts, rows)
+        self._cooling |= self._warmth >= self._ratings.shut
+        self._cooling &= self._warmth >= self._ratings.cool
+        self._hot = np.flatnonzero((self._warmth >= self._ratings.warm) | self._cooling).tolist()
+
+    def _warm(self, facts: Facts, joint: int) -> Said:
+        value, ratings, cooling = float(self._warmth[joint]), self._ratings, bool(self._cooling[joint])
+        if value >= ratings.shut[joint]:
+            finding = _heat(joint, value, ratings.shut[joint], "°C: lowered, and not armed before it is cool")
+            return Said(
+                finding, Reaction.SETTLE if held(facts) else Reaction.NONE, latches=held(facts), bars=True
+            )
+        if value >= ratings.hot[joint]:
+            finding = _heat(joint, value, ratings.hot[joint], "°C: it moves slower")
+            moves = facts.motion in MOVING and facts.state not in REACTING
+            return Said(finding, bars=cooling, pace=self._bounds.hot_pace if moves and held(facts) else 1.0)
+        if value >= ratings.warm[joint]:
+            return Said(_heat(joint, value, ratings.warm[joint], "°C: let it rest"), bars=cooling)
+        return Said(_heat(joint, value, ratings.cool[joint], "°C: not armed before it is cool"), bars=True)
+
+    def _spike(self, joint: int) -> Iterator[Said]:
+        """One reading alone; before there are enough of them nothing is compared."""
+        agreed, value = float(self._warmth[joint]), float(self._last[-1, joint])
+        if agreed > -inf:
+            message = f"°C read, the readings around it say {agreed:g}: not believed alone"
+            yield Said(_heat(joint, value, agreed + self._bounds.spike, message))
+
+    def _warming(self, facts: Facts, rows: Ints) -> Iterator[Said]:
+        """How fast each became warmer since `warming_over` ago."""
+        bounds = self._bounds
+        for joint in rows[self._warmth[rows] > -inf].tolist():
+            now, warmth = float(facts.health_time[joint]), float(self._warmth[joint])
+            span = now - self._then[joint]
+            if -inf < span < bounds.warming_over - ROUNDING:
+                continue
+            slope = (warmth - self._before[joint]) / span if span > 0.0 else 0.0
+            self._then[joint], self._before[joint] = now, warmth
+            if slope > bounds.warming + ROUNDING:
+                yield Said(_heat(joint, float(slope), bounds.warming, "°C/s warmer: what loads it?"))
+
+
+def _heat(joint: int, value: float, bound: float, message: str) -> Finding:
+    return Finding(Code.OVERTEMP, joint, value=value, bound=float(bound), message=message)

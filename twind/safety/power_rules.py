@@ -1,0 +1,185 @@
+"""What the motors draw, and what feeds them: rules R17 and R19. Pure.
+
+R17 counts shares of the current limit. What tires a motor is the square of it: beyond the square of
+`Ratings.continuous` it is summed up over time (I²t), below it the motor recovers. Where a servo shuts itself
+down for overload, this stops before it does.
+"""
+
+from collections.abc import Iterator
+from math import inf, isfinite
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, every, same
+from twind.robot.finding import Code, Finding
+from twind.robot.ratings import Ratings
+from twind.safety.facts import Facts, Reaction, Said, Thresholds, held, hold, hold_here
+from twind.safety.goal_rules import ROUNDING
+
+LONGEST = 0.5  # s: of a tick that came later no more is summed up
+
+
+class CurrentRules:
+    """Remembers per joint: since when its load is high, and how tired it is."""
+
+    def __init__(self, ratings: Ratings, bounds: Thresholds) -> None:
+        count = len(ratings.continuous)
+        self._bounds = bounds
+        self._bearable = np.square(ratings.continuous)
+        self._tired = np.zeros(count)  # s at the whole current limit, beyond what is borne for ever
+        self._above = np.full((2, count), inf)  # s, since when the load is above each of its two bounds
+        self._high = False  # is anyone?
+        self._last = inf  # s, when it looked last
+
+    def judge(self, facts: Facts) -> Iterator[Said]:
+        """R17, where the load is known. Motors recover at rest; who is tired is not armed."""
+        load, bounds = facts.load, self._bounds
+        span = facts.now - self._last
+        if load is None or (not self._high and 0.0 <= span < bounds.look - ROUNDING):
+            return
+        self._last = facts.now
+        if not isfinite(load.dot(load)):
+            load = np.where(np.isfinite(load), load, 0.0)  # not known of this joint, so not judged
+        self._tired += (load * load - self._bearable) * min(max(span, 0.0), LONGEST)
+        np.maximum(self._tired, 0.0, out=self._tired)
+        if every(load < bounds.load_warn) and every(self._tired < bounds.tired_warn):
+            if self._high:
+                self._above[:], self._high = inf, False
+            return
+        self._high = True
+        if held(facts):
+            yield from self._loaded(facts, load)
+            yield from self._wearied(facts, load)
+        else:
+            self._above[:] = inf  # what was before does not count for who is armed anew
+            yield from self._unrested()
+
+    def _loaded(self, facts: Facts, load: Floats) -> Iterator[Said]:
+        """Near the current limit for too long: told, held, and damped where that does not help."""
+        bounds = self._bounds
+        for above, least in zip(self._above, (bounds.load_warn, bounds.load_hold), strict=True):
+            above[:] = np.where(load >= least, np.minimum(above, facts.now), inf)
+        warned, high = facts.now - self._above + ROUNDING
+        for joint in np.flatnonzero(
+            (warned >= bounds.load_warn_for) | (high >= bounds.load_hold_for)
+        ).tolist():
+            value, long = float(load[joint]), float(high[joint])
+            if not long >= bounds.load_hold_for:
+                yield Said(_load(joint, value, bounds.load_warn, "of its current limit: what loads it?"))
+            elif not long >= 2.0 * bounds.load_hold_for:
+                finding = _load(joint, value, bounds.load_hold, "of its current limit: held where it is")
+                yield Said(finding, hold_here(facts), latches=True, here=True)
+            else:
+                finding = _load(
+                    joint, value, bounds.load_hold, "of its current limit still: soft from now on"
+                )
+                yield Said(finding, Reaction.DAMP, latches=True, here=True)
+
+    def _wearied(self, facts: Facts, load: Floats) -> Iterator[Said]:
+        """I²t: told, held, and lowered where that does not help. Who still pushes is held where it is."""
+        bounds = self._bounds
+        for joint in np.flatnonzero(self._tired >= bounds.tired_warn).tolist():
+            value = float(self._tired[joint])
+            if value >= bounds.tired_settle:
+                finding = _load(joint, value, bounds.tired_settle, "s of its current limit too much: lowered")
+                yield Said(finding, Reaction.SETTLE, latches=True)
+            elif value >= bounds.tired_hold:
+                finding = _load(joint, value, bounds.tired_hold, "s of its current limit too much: holding")
+                pushes = bool(load[joint] ** 2 > self._bearable[joint])
+                yield Said(finding, hold_here(facts) if pushes else hold(facts), latches=True, here=pushes)
+            else:
+                finding = _load(joint, value, bounds.tired_warn, "s of its current limit beyond its own")
+                yield Said(finding)
+
+    def _unrested(self) -> Iterator[Said]:
+        """I²t without our torque: armed now, it would be held at once."""
+        bound = self._bounds.tired_hold
+        for joint in np.flatnonzero(self._tired >= bound).tolist():
+            value = float(self._tired[joint])
+            finding = _load(joint, value, bound, "s of its current limit too much: not armed before it rests")
+            yield Said(finding, bars=True)
+
+
+def _load(joint: int, value: float, bound: float, message: str) -> Finding:
+    return Finding(Code.OVERCURRENT, joint, value=value, bound=bound, message=message)
+
+
+class VoltageRules:
+    """Remembers per joint: since when its supply is low, by each bound."""
+
+    def __init__(self, ratings: Ratings, bounds: Thresholds) -> None:
+        self._bounds, self._high = bounds, ratings.high_warn + ROUNDING
+        self._low = np.array([ratings.low_warn, ratings.low_settle, ratings.low_fault]) + ROUNDING
+        self._fine = self._low.max(axis=0)  # V: above all three, whichever of them are known
+        self._since = np.full(self._low.shape, inf)  # s, of the reading in which it was low first
+        self._read = np.full(self._low.shape[1], -inf)  # s, when each was read last
+        self._seen = b""  # the same, as bytes: mostly unchanged
+        self._suspect = False  # is anybody's low?
+        self._held = inf  # s, since when our torque holds the robot; inf: it does not
+        self._said: list[Said] = []
+
+    def judge(self, facts: Facts) -> Iterator[Said]:
+        """R19: the lowest supply of a robot that our torque holds, and its highest. One says it for all."""
+        if not held(facts):
+            if self._held < inf:
+                self._since[:], self._read[:], self._seen, self._said = inf, -inf, b"", []
+                self._held, self._suspect = inf, False
+            return
+        self._held = min(self._held, facts.now)
+        if not same(facts.health_time, self._seen):
+            self._said = list(self._refresh(facts))
+        yield from self._said
+        unread = self._bounds.unread
+        if facts.now - self._held > unread and not every(facts.now - facts.health_time <= unread):
+            yield self._unread(facts)
+
+    def _refresh(self, facts: Facts) -> Iterator[Said]:
+        """Some were read anew. Low is what two readings, of one servo or of two, say `volt_for` apart."""
+        fresh = facts.health_time != self._read
+        self._read, self._seen = facts.health_time.copy(), facts.health_time.tobytes()
+        volts, fine = facts.voltage, not self._suspect
+        if fine and every((volts > self._fine) & (volts <= self._high)):
+            return
+        read = self._read > -inf
+        high = read & (volts > self._high)
+        if np.count_nonzero(high):
+            joint = int(np.argmax(np.where(high, volts, -inf)))
+            yield Said(_volts(facts, joint, float(self._high[joint]) - ROUNDING, "is more than it bears"))
+        # NaN is low too. One that was read long ago agrees with nobody who reads low now.
+        old = facts.now - facts.health_time > self._bounds.unread + ROUNDING
+        low = read & ~old & ~(volts > self._low)
+        self._suspect = bool(np.count_nonzero(low))
+        begun = np.minimum(self._since, facts.health_time)
+        self._since = np.where(low, np.where(fresh, begun, self._since), inf)
+        if self._suspect:
+            yield from self._lowest(facts, low)
+
+    def _lowest(self, facts: Facts, low: Bools) -> Iterator[Said]:
+        """The hardest bound that holds, named for the servo that has least."""
+        answers = (
+            ("is low: charge it, or check supply and cables", Reaction.NONE, False),
+            ("is too low to move: lowered", Reaction.SETTLE, True),
+            ("is too low to hold: soft, then off", Reaction.DAMP, True),
+        )
+        for level in (2, 1, 0):
+            since, newest = self._since[level], np.where(low[level], facts.health_time, -inf)
+            if not newest.max() - since.min() >= self._bounds.volt_for - ROUNDING:
+                continue
+            joint = int(np.argmin(np.where(low[level], np.nan_to_num(facts.voltage, nan=-1.0), inf)))
+            message, reaction, latches = answers[level]
+            bound = float(self._low[level, joint]) - ROUNDING
+            yield Said(_volts(facts, joint, bound, message), reaction, latches=latches)
+            return
+
+    def _unread(self, facts: Facts) -> Said:
+        age = facts.now - facts.health_time
+        joint = int(np.argmax(age))
+        value, bound = float(age[joint]), self._bounds.unread
+        message = "s since its temperature and supply were read"
+        finding = Finding(Code.VOLTAGE, joint, value=value, bound=bound, message=message)
+        return Said(finding)
+
+
+def _volts(facts: Facts, joint: int, bound: float, what: str) -> Finding:
+    value = float(facts.voltage[joint])
+    return Finding(Code.VOLTAGE, joint, value=value, bound=bound, message=f"V, the supply {what}")

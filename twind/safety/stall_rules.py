@@ -1,0 +1,67 @@
+"""Time that passed without us, and holds that last: TIME_GAP, and what stands freely. Pure."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import inf
+
+from twind.robot.finding import Code, Finding
+from twind.robot.modes import Motion
+from twind.safety.facts import Facts, Reaction, Said, Thresholds, held, hold, ours
+from twind.safety.states import LATCHED
+
+
+class GapRules:
+    """Remembers when it judged last, by the clock that stands still while the machine sleeps, and how long
+    that has slept."""
+
+    def __init__(self, bounds: Thresholds) -> None:
+        self._bounds = bounds
+        self._last: float | None = None  # s
+        self._suspended = 0.0  # s
+
+    def judge(self, facts: Facts) -> Iterator[Said]:
+        """TIME_GAP: longer than the servos' watchdogs wait. They may have stopped: the last goal again, and
+        a fault, so that somebody disarms, which puts the goals where the joints are."""
+        last, asleep = self._last, facts.suspended - self._suspended
+        self._last, self._suspended = facts.now, facts.suspended
+        if last is None or not ours(facts):
+            return
+        gap, bound = facts.now - last - facts.period, self._bounds.gap
+        if gap + asleep < bound:
+            return
+        what = "s that the machine slept" if asleep >= bound else "s without a tick"
+        message = f"{what}: the servos have stopped by themselves: disarm, reset, arm"
+        finding = Finding(Code.TIME_GAP, value=gap + asleep, bound=bound, message=message)
+        stop = hold(facts)
+        yield Said(finding, stop, latches=True, refuses=facts.goal is not None and stop is Reaction.HOLD)
+
+
+class HoldRules:
+    """Remembers since when a free-standing robot is held, and why. Others may be held for ever."""
+
+    def __init__(self, free: bool, bounds: Thresholds) -> None:
+        self._free, self._bounds = free, bounds
+        self._since, self._why = inf, Finding(Code.INTERNAL)
+        self._ended = False  # a motion, by it
+
+    def judge(self, facts: Facts, said: list[Said]) -> Iterator[Said]:
+        """A hold that one of these rules asked for, and that nobody ends, is lowered. Where a robot held
+        anyway, and nothing is latched, it is over with its cause."""
+        if not self._free:
+            return
+        if not held(facts) or not facts.torque_settled:
+            self._since, self._ended = inf, False
+            return
+        holds = next((one.finding for one in said if one.reaction is Reaction.HOLD), None)
+        rests = facts.motion is Motion.HOLDING
+        if holds is None and not (rests and (self._ended or facts.state in LATCHED)):
+            self._since, self._ended = inf, False
+        elif holds is not None:
+            self._ended |= not rests
+            if self._since == inf:
+                self._since, self._why = facts.now, holds
+        most = self._bounds.hold_most
+        if facts.now - self._since >= most:
+            message = f"held for {most:g} s without support: lowered ({self._why.message})"
+            finding = replace(self._why, value=facts.now - self._since, bound=most, message=message)
+            yield Said(finding, Reaction.SETTLE, latches=True)

@@ -1,0 +1,149 @@
+"""Does every joint go where it is told: rules R15, R16 and R25. Pure.
+
+A servo that moves is behind its goal by the lag of its own loop: R15 allows for `Thresholds.lag` at the
+goal's speed. What takes long to go wrong is looked at every `Thresholds.look`.
+"""
+
+from collections.abc import Iterator
+from math import isfinite
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, every
+from twind.robot.finding import Code, Finding
+from twind.robot.limits import Limits
+from twind.robot.state import JointState
+from twind.safety.device_rules import TRIPPED
+from twind.safety.facts import MOVING, Facts, Reaction, Said, Thresholds, held, hold, hold_here
+from twind.safety.goal_rules import ROUNDING
+
+NEVER = np.inf  # s: a condition that does not hold has begun then
+
+
+class TrackingRules:
+    """Remembers per joint: since when it is off, or apart from the model, and where it last changed."""
+
+    def __init__(self, limits: Limits, bounds: Thresholds) -> None:
+        count = len(limits.lower)
+        self._bounds, self._velocity = bounds, limits.velocity
+        self._fastest = bounds.overspeed * limits.velocity + bounds.overspeed_slack
+        self._slowest = float(self._fastest.min(initial=np.inf)) ** 2  # (rad/s)², of the slowest joint
+        self._off_since, self._drift_since = np.full((2, count), NEVER)
+        self._fast = np.zeros(count, np.int64)  # readings in a row
+        self._place: Floats | None = None  # rad, the last reading looked at; None: nothing moves
+        self._goal = np.zeros(count)  # rad, the goal when the position last changed, ...
+        self._turned = np.zeros(count)  # s, ... and when
+        self._looked = -NEVER  # s
+
+    def judge(self, facts: Facts) -> Iterator[Said]:
+        """R15, R16 and R25, of a robot that our torque holds."""
+        measured, goal = facts.measured, facts.previous
+        if measured is None or not held(facts):
+            self._forget()
+            return
+        velocity = measured.velocity
+        if not velocity.dot(velocity) <= self._slowest or np.count_nonzero(self._fast):
+            yield from self._speeding(facts, measured)
+        if goal is None or not isfinite(goal.dot(goal)):  # nothing was written, or nothing that counts
+            self._off_since[:], self._place = NEVER, None
+            return
+        error = measured.position - goal
+        if not error.dot(error) <= self._bounds.follow**2 or self._off_since.min() < NEVER:
+            yield from self._following(facts, measured, np.abs(error))
+        if not 0.0 <= facts.now - self._looked < self._bounds.look - ROUNDING:
+            self._looked = facts.now
+            yield from self._frozen(facts, measured, goal)
+            if facts.simulated is not None:
+                yield from self._drifting(facts, measured, facts.simulated)
+
+    # ------------------------------------------------------------------------------------------- R15
+
+    def _following(self, facts: Facts, measured: JointState, off: Floats) -> Iterator[Said]:
+        """Too far from its goal for too long; or further still. Who is limp (R10), or takes no goals because
+        its watchdog tripped (R12), follows nobody: the others are not made soft for it."""
+        bounds = self._bounds
+        if facts.goal is not None:
+            off = off - bounds.lag * np.minimum(np.abs(facts.goal.velocity), self._velocity)
+        bad = ~(off <= bounds.follow)
+        if facts.torque_settled:
+            bad &= (facts.torque != 0) & (facts.watchdog != TRIPPED)
+        far = bad & ~(off <= bounds.follow_damp)
+        self._off_since = _since(self._off_since, bad, measured.heard, facts.now)
+        long = facts.now - self._off_since >= bounds.follow_for - ROUNDING
+        for joint in np.flatnonzero(measured.heard & (far | (bad & long))).tolist():
+            yield self._off(facts, joint, float(off[joint]), bool(far[joint]))
+
+    def _off(self, facts: Facts, joint: int, value: float, far: bool) -> Said:
+        bound = self._bounds.follow_damp if far else self._bounds.follow
+        what = "soft from now on" if far else "held where it is"
+        message = f"rad further from its goal than it may lag: {what}: what blocks it, its load, its gains?"
+        finding = Finding(Code.FOLLOW_ERR, joint, value=value, bound=bound, message=message)
+        return Said(finding, Reaction.DAMP if far else hold_here(facts), latches=True, here=True)
+
+    def _frozen(self, facts: Facts, measured: JointState, goal: Floats) -> Iterator[Said]:
+        """SENSE_FROZEN: the very same position while the goal moves and the motor works.
+
+        A blocked motor is none: it does not say that it turns, and draws what a motor draws that pushes.
+        """
+        if facts.motion not in MOVING:
+            self._place = None
+            return
+        if self._place is None:
+            changed = np.ones(len(goal), np.bool_)
+        else:
+            changed = (measured.position != self._place) | ~measured.heard
+        self._place = measured.position
+        np.copyto(self._goal, goal, where=changed)
+        self._turned[changed] = facts.now
+        moved = np.abs(goal - self._goal)
+        bounds = self._bounds
+        if every(moved < bounds.frozen_moved):
+            return
+        turning = np.abs(measured.velocity) >= bounds.frozen_turning
+        load = np.full(len(moved), np.nan) if facts.load is None else facts.load
+        idle = (load >= bounds.frozen_load[0]) & (load <= bounds.frozen_load[1])
+        works = ((moved >= bounds.frozen_moved) & turning) | ((moved >= bounds.frozen_far) & idle)
+        long = facts.now - self._turned >= bounds.frozen_for - ROUNDING
+        for joint in np.flatnonzero(works & long & measured.heard).tolist():
+            value, bound = float(facts.now - self._turned[joint]), bounds.frozen_for
+            message = "s with the very same position while its motor works: encoder, horn, gear?"
+            finding = Finding(Code.SENSE_FROZEN, joint, value=value, bound=bound, message=message)
+            yield Said(finding, hold(facts), latches=True)
+
+    # ------------------------------------------------------------------------------------------- R16, R25
+
+    def _speeding(self, facts: Facts, measured: JointState) -> Iterator[Said]:
+        """Faster than it may, in readings in a row."""
+        speed = np.abs(measured.velocity)
+        fast = ~(speed <= self._fastest)
+        self._fast = np.where(measured.heard, np.where(fast, self._fast + 1, 0), self._fast)
+        for joint in np.flatnonzero(measured.heard & (self._fast >= self._bounds.overspeed_row)).tolist():
+            value, bound = float(speed[joint]), float(self._fastest[joint])
+            message = "rad/s, faster than it may turn: holding: what drives it, its gains?"
+            finding = Finding(Code.OVERSPEED, joint, value=value, bound=bound, message=message)
+            yield Said(finding, hold(facts))
+
+    def _drifting(self, facts: Facts, measured: JointState, simulated: JointState) -> Iterator[Said]:
+        """Robot and simulation apart for a while: told only."""
+        apart = np.abs(measured.position - simulated.position)
+        bad = ~(apart <= self._bounds.drift)
+        if not np.count_nonzero(bad):
+            self._drift_since[:] = NEVER
+            return
+        self._drift_since = _since(self._drift_since, bad, measured.heard, facts.now)
+        long = facts.now - self._drift_since >= self._bounds.drift_for - ROUNDING
+        for joint in np.flatnonzero(bad & long).tolist():
+            value, bound = float(apart[joint]), self._bounds.drift
+            message = "rad between the robot and the simulation of its goals: calibration, load, gains?"
+            yield Said(Finding(Code.MIRROR_DRIFT, joint, value=value, bound=bound, message=message))
+
+    def _forget(self) -> None:
+        self._off_since[:], self._drift_since[:], self._fast[:] = NEVER, NEVER, 0
+        self._place = None
+
+
+def _since(since: Floats, bad: Bools, heard: Bools, now: float) -> Floats:
+    """Since when (s) each is bad, as of its last reading; who was not heard stays as it was."""
+    begun = np.minimum(since, now)
+    found: Floats = np.where(heard, np.where(bad, begun, NEVER), since)
+    return found

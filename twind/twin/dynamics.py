@@ -1,0 +1,147 @@
+"""Can the motors give what a path needs, and does the robot stay on its feet (S25, S26)? Front process.
+
+Inverse dynamics on a model of its own: contacts, joint stops and loops are off, so that what comes out is
+what the joints alone must give. The base is pinned; a free-standing robot stands as `balance` says.
+"""
+
+import copy
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from twind.robot.arrays import Floats, Ints
+from twind.robot.finding import Code, Finding, Verdict
+from twind.twin.balance import Balance, Stance, tipping
+from twind.twin.binding import Binding
+from twind.twin.mirror import index
+
+SHARE = 0.8  # of what a joint can give: more than that is told or refused
+PINNED, FREE = 128, 8  # samples between two yields: some 1 ms each
+MOVES = 1e-9  # m or rad per rad: less than that, a joint does not move a foot
+HEAVIER = 1.01  # times the torque of the standing start: more than that is the path's own doing
+
+
+class Dynamics:
+    """Torque and balance of one robot. Keeps its own model and data: one thread, one path at a time."""
+
+    def __init__(self, binding: Binding) -> None:
+        self._model = copy.copy(binding.model)
+        for off in ("CONTACT", "LIMIT", "EQUALITY"):
+            bit = getattr(mujoco.mjtDisableBit, f"mjDSBL_{off}")
+            self._model.opt.disableflags |= int(bit)
+        self._data = mujoco.MjData(self._model)
+        self._bound, self._limits = SHARE * binding.limits.effort, binding.limits
+        self._strict = binding.robot.gate.on_torque == "reject"
+        self._place, self._speed, self._dof = index(binding.qpos), index(binding.dof), binding.dof
+        self._base = binding.robot.base
+        self._balance = Balance(binding, self._model, self._data) if binding.floating else None
+
+    def judging(
+        self, time: Floats, position: Floats, velocity: Floats, acceleration: Floats
+    ) -> Generator[None, None, Verdict]:
+        """Judge samples of a path: time (k,) in s, the others (k, n) in rad, rad/s, rad/s².
+
+        What is faster than the joints' limits is slowed down or refused by others: it is judged as slow as
+        that. A joint whose effort limit is unknown (NaN) is not judged where torque is only told, and refuses
+        where the robot file says that torque refuses. Returns the verdict; yields every 2 ms or so.
+        """
+        count = len(time)
+        torque = np.empty_like(position, np.float64)
+        margin = np.full(count, np.nan)  # m, of the centre of mass
+        step = PINNED if self._balance is None else FREE
+        slower = self._slower(velocity, acceleration)
+        velocity, acceleration = velocity / slower, acceleration / slower**2
+        still = np.zeros(position.shape[1])
+        standing = self._sample(position[0], still, still)[0] if count else still
+        for i in range(0, count, step):
+            for k in range(i, min(i + step, count)):
+                torque[k], margin[k] = self._sample(position[k], velocity[k], acceleration[k])
+            yield
+        found = self._excess(time, torque, standing)
+        refusals = [each.finding for each in found if self._strict and each.worse] + self._unknown()
+        warnings = [each.finding for each in found if not (self._strict and each.worse)]
+        if self._balance is not None and count:
+            warnings += tipping(time, margin, known=self._balance.known)
+        return Verdict(tuple(refusals), tuple(warnings))
+
+    def _slower(self, velocity: Floats, acceleration: Floats) -> float:
+        """The uniform stretch after which no sample is beyond the joints' limits."""
+        fast = np.abs(velocity) / self._limits.velocity
+        steep = np.sqrt(np.abs(acceleration) / self._limits.acceleration)
+        return float(max(1.0, np.max(fast, initial=1.0), np.max(steep, initial=1.0)))
+
+    def _sample(self, position: Floats, velocity: Floats, acceleration: Floats) -> tuple[Floats, float]:
+        """Torque (n,) in N·m, NaN where nobody can say; how far inside its feet the robot stands, m."""
+        data = self._data
+        data.qpos[self._place] = position
+        data.qvel[self._speed] = velocity
+        data.qacc[self._speed] = acceleration
+        stance = None if self._balance is None else self._balance.stand()
+        mujoco.mj_inverse(self._model, data)
+        torque = np.array(data.qfrc_inverse[self._speed])
+        if stance is None:
+            return torque, np.nan
+        return self._carried(torque, stance), stance.margin
+
+    def _carried(self, torque: Floats, stance: Stance) -> Floats:
+        """The same with the robot's weight on its feet. On two feet nobody knows how the legs share it.
+
+        What is pushed is the same for a joint above both legs (a waist), whichever foot it goes through.
+        """
+        if not stance.feet:
+            return torque
+        columns = [self._jacobian(body) for body in stance.feet]
+        on_the_way = np.array([np.abs(column[:, self._dof]).max(axis=0) > MOVES for column in columns])
+        root = int(self._model.body(self._base).dofadr[0]) + np.arange(6)
+        push = np.linalg.solve(columns[0][:, root].T, self._data.qfrc_inverse[root])
+        torque = torque - columns[0][:, self._dof].T @ push
+        shared = on_the_way.any(axis=0) & ~on_the_way.all(axis=0)
+        return np.where(shared, 0.0, torque)
+
+    def _jacobian(self, body: int) -> Floats:
+        """Of a body's origin: (6, nv)."""
+        rows = np.zeros((6, self._model.nv))
+        mujoco.mj_jacBody(self._model, self._data, rows[:3], rows[3:], body)
+        return rows
+
+    def _excess(self, time: Floats, torque: Floats, standing: Floats) -> "list[_Excess]":
+        """Every joint that needs too much: since when, and how much at worst."""
+        size, bound = np.abs(torque), self._bound
+        known = ~np.isnan(bound)
+        over = known & ~(size <= bound)  # NaN is over
+        return [
+            _excess(int(joint), time, size[:, joint], np.flatnonzero(over[:, joint]), bound, standing)
+            for joint in np.flatnonzero(over.any(axis=0))
+        ]
+
+    def _unknown(self) -> list[Finding]:
+        joints = np.flatnonzero(np.isnan(self._bound))
+        if not (self._strict and len(joints)):
+            return []
+        reason = (
+            f"what {len(joints)} joints can give is not known: torque constant or current limit are missing"
+        )
+        return [Finding(Code.TORQUE_INFEASIBLE, joint=int(joints[0]), message=reason)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Excess:
+    """A joint that needs too much; `worse`: more than it needs already where it stands."""
+
+    finding: Finding
+    worse: bool
+
+
+def _excess(joint: int, time: Floats, size: Floats, over: Ints, bound: Floats, standing: Floats) -> _Excess:
+    worst = int(np.where(np.isnan(size), np.inf, size).argmax())
+    value, most, before = float(size[worst]), float(bound[joint]), abs(float(standing[joint]))
+    hangs = before > most
+    reason = f"more than {SHARE:g} of what the joint can give (N·m), most at {time[worst]:.3g} s"
+    if hangs:
+        reason += f"; {before:.3g} N·m already standing still at the start"
+    finding = Finding(
+        Code.TORQUE_INFEASIBLE, joint, None, float(time[over[0]]), value=value, bound=most, message=reason
+    )
+    return _Excess(finding, worse=not (hangs and value <= HEAVIER * before))
