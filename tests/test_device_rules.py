@@ -242,12 +242,26 @@ def test_r11_one_joint_read_anew_says_nothing_of_another() -> None:
     assert judge.judge(facts(watchdog=zero, status_time=anew)) == FINE
 
 
+@pytest.mark.parametrize("value", [0, 255])
+def test_r11_r12_a_watchdog_read_before_the_arming_says_nothing_though_the_torque_was_read_after(
+    value: int,
+) -> None:
+    """A status is as old as its older half: the torque's new half may be all that makes its time move."""
+    judge, watchdog = guard(), at(0, value, 5, np.int16)
+    judge.judge(facts(now=10.0, watchdog=watchdog, status_time=np.full(N, 9.8), **DISARMED))
+    assert judge.judge(facts(now=10.01, watchdog=watchdog, status_time=np.full(N, 9.9))) == FINE
+    assert judge.judge(facts(now=10.01, watchdog=watchdog, status_time=np.full(N, 10.0))) == FINE
+    assert judge.judge(facts(now=10.02, watchdog=watchdog, status_time=np.full(N, 10.01))).latches
+
+
 @pytest.mark.parametrize("between", [DISARMED, {"torque": np.ones(N, np.int8)}])
 def test_r10_counts_from_the_last_time_that_all_was_right(between: dict[str, object]) -> None:
     judge, off = guard(), at(1, 0, 1, np.int8)
     rows = [{"torque": off}, {"torque": off} | between, {"torque": off}, {"torque": off}]
     found = [
-        judge.judge(facts(**(row | {"status_time": np.full(N, 10.0 + 0.1 * count)})))
+        judge.judge(
+            facts(now=10.0 + 1e-3 * count, **(row | {"status_time": np.full(N, 9.9995 + 1e-3 * count)}))
+        )
         for count, row in enumerate(rows)
     ]
     assert [one.latches for one in found] == [False, False, False, True]

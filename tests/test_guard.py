@@ -256,12 +256,16 @@ def test_r10_each_joint_is_counted_by_its_own_refreshes() -> None:
 
 def test_r10_what_a_procedure_changes_is_not_judged_and_begins_anew() -> None:
     guard = Guard(LIMITS)
-    off = np.zeros(N, np.int8)
-    for time in (1.0, 1.1, 1.2):
-        assert guard.judge(facts(torque=off, status_time=np.full(N, time), torque_settled=False)) == FINE
-    assert guard.judge(facts(torque=off, status_time=np.full(N, 1.2))) == FINE
-    assert guard.judge(facts(torque=off, status_time=np.full(N, 1.3))) == FINE
-    assert guard.judge(facts(torque=off, status_time=np.full(N, 1.4))).latches
+
+    def read(time: float, settled: bool = True) -> Judgement:
+        off, when = np.zeros(N, np.int8), np.full(N, time)
+        return guard.judge(facts(now=time, torque=off, status_time=when, torque_settled=settled))
+
+    for time in (10.0, 10.005, 10.01):
+        assert read(time, settled=False) == FINE
+    assert read(10.01) == FINE
+    assert read(10.015) == FINE
+    assert read(10.02).latches
 
 
 @pytest.mark.parametrize("over", [{"mode": Mode.MIRROR}, {"torque_expected": False}])

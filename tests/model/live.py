@@ -31,14 +31,16 @@ class Workload:
         self._numbers, self._lock = count(1), threading.Lock()
         self._motions: dict[str, Op] = {}
         self._ends: dict[str, tuple[str, tuple[str, ...]]] = {}
-        self._until = 0.0
+        self._until = self._latest = 0.0
+        self._ended = threading.Event()
         self.events = 0
         self.gaps: list[str] = []
         self._watched = threading.Event()
 
     def run(self, seconds: float, clients: int = 3, *, kill_front: bool = False) -> None:
-        """Let them all loose."""
+        """Let them all loose: for that long, and on a slow machine until enough has happened to be judged."""
         self._until = time.monotonic() + seconds
+        self._latest = self._until + 5.0 * seconds
         watcher = threading.Thread(target=self._watch)
         watcher.start()
         assert self._watched.wait(10.0)
@@ -53,21 +55,38 @@ class Workload:
                     op.fate = op.fate or "lost"
             os.kill(self.daemon.front(), signal.SIGKILL)
         for worker in workers:
-            worker.join(seconds + 60.0)
+            worker.join(6.0 * seconds + 60.0)
             assert not worker.is_alive(), "a client was left waiting"
+        time.sleep(3.0)  # the ends of the last motions
+        self._ended.set()
         watcher.join(20.0)
         for id, op in self._motions.items():
             op.fate, op.codes = self._ends.get(id, (op.fate, op.codes))
 
+    def enough(self) -> bool:
+        """Calls were obeyed and a lease refused, to several; somebody moved the robot."""
+        with self._lock:
+            ops = list(self.history.ops)
+        return (
+            sum(op.ok for op in ops) > 10
+            and any(op.motion for op in ops)
+            and any(op.result == "LeaseHeld" for op in ops)
+            and len({op.client for op in ops if op.ok and op.name == "AcquireLease"}) > 1
+        )
+
     # ----------------------------------------------------------------------- one client
+
+    def _over(self) -> bool:
+        now = time.monotonic()
+        return now >= self._latest or (now >= self._until and self.enough())
 
     def _work(self, place: int) -> None:
         chance = random.Random(f"{self.seed} {place}")
-        while time.monotonic() < self._until:
+        while not self._over():
             number = next(self._numbers)
             with suppress(Disconnected, NoDaemon), self.daemon.client() as client:
                 for _ in range(chance.randrange(3, 15)):
-                    if time.monotonic() >= self._until:
+                    if self._over():
                         break
                     self._step(client, number, chance)
                     time.sleep(chance.choice([0.0, 0.01, 0.05, 0.3, 1.05]))
@@ -75,9 +94,7 @@ class Workload:
             self.history.gone.setdefault(number, time.monotonic())
 
     def _step(self, client: Client, number: int, chance: random.Random) -> None:
-        what = chance.choice(
-            ["acquire", "acquire", "take", "renew", "release", "submit", "follow", "stream", "cancel"]
-        )
+        what = chance.choice(VERBS)
         if what in ("acquire", "take"):
             take = what == "take" and chance.random() < 0.5
             self._call(client, Op(number, "AcquireLease", 0.0, take=take), "AcquireLease", take=take)
@@ -153,7 +170,7 @@ class Workload:
 
     def _watch(self) -> None:
         """Events of both fronts, with their gaps (H3)."""
-        while time.monotonic() < self._until + 3.0:
+        while not self._ended.is_set():
             last = None
             with (
                 suppress(ClientError),
@@ -167,7 +184,7 @@ class Workload:
                         last = message["time"]
                     else:
                         self._note(message["event"])
-                    if time.monotonic() > self._until + 3.0:
+                    if self._ended.is_set():
                         return
             time.sleep(0.05)
 

@@ -34,12 +34,14 @@ class DeviceRules:
         self._suspect = False  # one of the next two says something
         self._disagreed = np.zeros(count, np.int64)
         self._unwatched = np.zeros(count, np.bool_)
-        self._refreshed = np.full(count, -inf)
+        self._refreshed = np.full(
+            count, -inf
+        )  # s, what was read no later than this was judged, or says nothing
+        self._taken = -inf  # s, when the torque was last not ours
         self._tick = np.full(count, -1, np.int64)
         self._tick_time = np.full(count, -inf)
         self._seen = self._ticked = self._refreshed.tobytes()  # the two times, as bytes: mostly unchanged
-        self._dogs = b""  # the watchdogs, too; and joints whose tripped
-        self._tripped: list[int] = []
+        self._tripped: list[int] = []  # joints whose watchdog did
 
     def judge(self, facts: Facts) -> Iterator[Said]:
         """What is wrong with the servos."""
@@ -48,13 +50,11 @@ class DeviceRules:
         if not same(facts.health_time, self._ticked):
             yield from self._restarts(facts)
         if not held(facts):
-            self._forget()
-            if not same(facts.status_time, self._seen):  # what was read before says nothing of an armed servo
-                self._refreshed, self._seen = facts.status_time.copy(), facts.status_time.tobytes()
+            self._taken, self._tripped = facts.now, []
+            self._forget(facts.now)
             return
-        if not same(facts.watchdog, self._dogs):
-            self._dogs = facts.watchdog.tobytes()
-            self._tripped = np.flatnonzero(facts.watchdog == TRIPPED).tolist()
+        if not same(facts.status_time, self._seen):
+            self._refresh(facts)
         for joint in self._tripped:
             message = "its watchdog tripped and it takes no goals: disarm, reset, arm"
             finding = Finding(Code.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
@@ -113,10 +113,8 @@ class DeviceRules:
 
     def _torque(self, facts: Facts) -> Iterator[Said]:
         """R10: torque that reads back off, or unknown, in too many refreshes in a row. R11: no watchdog."""
-        if not same(facts.status_time, self._seen):
-            self._refresh(facts)
         if not facts.torque_settled:
-            self._forget()
+            self._forget(facts.now)
         if not self._suspect:
             return
         for joint in np.flatnonzero(self._unwatched).tolist():
@@ -133,7 +131,12 @@ class DeviceRules:
     def _refresh(self, facts: Facts) -> None:
         """Some were read anew: whose torque disagrees, and who has no watchdog."""
         fresh = facts.status_time > self._refreshed
-        self._refreshed, self._seen = facts.status_time.copy(), facts.status_time.tobytes()
+        self._refreshed, self._seen = (
+            np.maximum(self._refreshed, facts.status_time),
+            facts.status_time.tobytes(),
+        )
+        tripped = (facts.watchdog == TRIPPED) & (facts.status_time > self._taken)
+        self._tripped = np.flatnonzero(tripped).tolist()
         limp, unwatched = facts.torque != 1, facts.watchdog == 0
         if self._suspect or some(limp) or some(unwatched):
             self._disagreed[fresh & ~limp] = 0
@@ -141,7 +144,11 @@ class DeviceRules:
             self._unwatched[fresh] = unwatched[fresh]
             self._suspect = some(self._disagreed) or some(self._unwatched)
 
-    def _forget(self) -> None:
+    def _forget(self, now: float) -> None:
+        """What was read before says nothing of an armed servo. It is told by the clock, not by which reading
+        was the last: a status has two halves, and a new one of the one may come with an old one of the other.
+        """
+        self._refreshed[:] = now
         if self._suspect:
             self._disagreed[:], self._unwatched[:], self._suspect = 0, False, False
 
