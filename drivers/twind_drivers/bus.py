@@ -79,7 +79,9 @@ class DeviceRefused(BusError):
 class WireClamp(BusError):
     """An encoded packet is outside what may ever be sent (R22). It was not sent: this is a bug of ours."""
 
-    def __init__(self, port: str, id: int, value: int, lower: int, upper: int, what: str = "goal") -> None:
+    def __init__(
+        self, port: str, id: int, value: float, lower: float, upper: float, what: str = "goal"
+    ) -> None:
         super().__init__(f"{port}: id {id}: {what} {value} outside {lower}..{upper}; packet not sent")
         self.port, self.id, self.value, self.lower, self.upper = port, id, value, lower, upper
 
@@ -107,6 +109,10 @@ class Sample:
     # Whole sound packets since the last sample that nobody asked for (R08): of ids that are not ours, second
     # statuses of one device, another master's instructions, statuses while nothing was outstanding.
     foreign: int
+    effort_known: bool = True  # False: nobody told an effort in this exchange; the numbers are meaningless
+    line: int = (
+        0  # of the controller (CAN): 0 active, 1 error passive, 2 off the wire or unacknowledged (R24)
+    )
 
 
 @dataclass(slots=True)

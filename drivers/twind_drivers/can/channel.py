@@ -1,0 +1,54 @@
+"""What carries frames: the seam between a CAN bus and its adapter.
+
+One channel is one controller on one wire. It never blocks and has no thread: whoever drives it polls its
+descriptor, or asks when something arrives. Foreign and erroneous frames are given as they came; the bus tells
+them apart.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+from twind_drivers.can.frame import Frames
+from twind_drivers.clock import Arrivals
+
+
+class Line(IntEnum):
+    """How the controller is with the wire (ISO 11898-1, fault confinement)."""
+
+    ACTIVE = 0
+    PASSIVE = 1  # many errors: told, and no more
+    OFF = 2  # the controller has left the wire, or nobody acknowledges what it sends
+
+
+@dataclass(slots=True)
+class Condition:
+    """What is known of the line now. Whoever has no error frames (slcan) knows of full queues alone."""
+
+    line: Line = Line.ACTIVE
+    refused: int = 0  # frames that the adapter did not take since the channel was opened
+    errors: int = 0  # error frames, and bytes or lines that were no frame
+
+
+class Channel(Arrivals, Protocol):
+    """Frames to and from one wire."""
+
+    name: str  # what an error message calls it: can0, /dev/ttyACM0
+    warning: str  # what is wrong with it though it works, and the remedy; empty: nothing
+    condition: Condition
+
+    def send(self, frames: Frames, now: float) -> None:
+        """Send all of them, in this order, in one system call where the adapter has one.
+
+        Raises PortFull: the queue still holds earlier frames: it was purged and nothing was sent;
+        PortError(lost=True): the adapter went away, or has taken nothing for a second.
+        """
+
+    def receive(self, now: float) -> Frames:
+        """All that has arrived, error frames not among them. Raises PortError(lost=True)."""
+
+    def purge(self) -> None:
+        """Throw away what has not left yet, in every queue that we can reach. Raises PortError(lost=True)."""
+
+    def close(self) -> None:
+        """Purge and let go. May be called twice; never raises."""

@@ -1,0 +1,33 @@
+"""The raw units of a CAN bus, one for all families: what the contract calls ticks. Pure.
+
+The families disagree on the wire (fields of 12 and 16 bits over ranges that each motor has its own of,
+floats in turns), so their codecs turn wire into these and back, and nothing above knows a family.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from twind_drivers.bus import Floats, Ints
+
+# Counts of one turn of the output. One count is 0.38 mrad, as one of the MIT frame over +-12.5 rad is: what
+# the arming allows a joint to have moved (2.5 counts) is there as little as it is with a serial servo.
+TURN = 16384
+COUNT = 2.0 * math.pi / TURN  # rad; of a velocity rad/s
+EFFORT = 1e-3  # N·m of one raw effort
+
+
+def counts(value: Any, unit: float = COUNT) -> Ints:
+    """SI values in whole raw units, to nearest. What is not finite raises ValueError."""
+    exact = np.rint(np.asarray(value, np.float64) / unit)
+    if not np.isfinite(exact).all():
+        raise ValueError(f"{value} has no count")
+    whole: Ints = exact.astype(np.int64)
+    return whole
+
+
+def si(raw: Any, unit: float = COUNT) -> Floats:
+    """Raw units as SI."""
+    value: Floats = np.asarray(raw, np.float64) * unit
+    return value
