@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
+from twind.ctl.offline import standing
 from twind.robot import splines
 from twind.robot.arrays import Floats
-from twind.robot.modes import Mode, Motion, State
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import Demand, Snapshot, Thresholds, check
+from twind.safety.gate import Demand, Thresholds, check
 from twind.twin.binding import Binding, bind
 from twind.twin.mirror import Mirror
 from twind.twin.simulation import Simulation, hush
@@ -50,23 +50,6 @@ def motion(path: Path) -> Trajectory:
 
 def at(position: Floats) -> Reference:
     return Reference(position, np.zeros(COUNT), np.zeros(COUNT))
-
-
-def snapshot(position: Floats) -> Snapshot:
-    return Snapshot(
-        now=0.0,
-        mode=Mode.SIM,
-        state=State.DISCONNECTED,
-        motion=Motion.HOLDING,
-        latched=(),
-        lease_held=True,
-        mismatches=(),
-        calibrated=np.ones(COUNT, np.bool_),
-        age=np.zeros(COUNT),
-        latency=0.0,
-        latency_p95=0.0,
-        reference=at(position),
-    )
 
 
 def clearance(binding: Binding, pose: Floats) -> float:
@@ -199,14 +182,14 @@ def test_a_motion_starts_and_ends_at_rest_and_the_gate_refuses_nothing(path: Pat
     rest = BINDING.rest
     assert np.abs(trajectory.position[0] - rest).max() < 1e-9
     assert np.abs(trajectory.position[-1] - rest).max() < 1e-9
-    verdict = check(trajectory, snapshot(rest), BINDING.limits, Demand(), Thresholds()).verdict
+    verdict = check(trajectory, standing(rest), BINDING.limits, Demand(), Thresholds()).verdict
     assert (verdict.refusals, verdict.warnings, verdict.changes) == ((), (), ())
 
 
 @pytest.mark.parametrize("path", MOTIONS, ids=lambda path: path.stem)
 def test_a_motion_passes_from_where_a_real_robot_hangs(path: Path) -> None:
     sagged = np.linspace(-0.03, 0.03, COUNT)
-    assert check(motion(path), snapshot(sagged), BINDING.limits, Demand(), Thresholds()).verdict.accepted
+    assert check(motion(path), standing(sagged), BINDING.limits, Demand(), Thresholds()).verdict.accepted
 
 
 @pytest.mark.parametrize("path", MOTIONS, ids=lambda path: path.stem)
