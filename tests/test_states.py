@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from twind.robot.finding import Code
 from twind.robot.modes import Mode, Motion, State
-from twind.safety.states import LATCHED, TABLE, TORQUED, Event, Latch, WrongState, mode_change, step
+from twind.safety.states import LATCHED, TABLE, Event, Latch, WrongState, mode_change, step
 
 S, E = State, Event
 NO = None  # not allowed
@@ -70,7 +70,7 @@ def test_e_stop_and_fault_are_never_refused(state: State) -> None:
     assert step(state, Event.FAULT) in LATCHED
 
 
-@pytest.mark.parametrize("state", [S.ARMING, *TORQUED])
+@pytest.mark.parametrize("state", [S.ARMING, S.ARMED, S.SETTLING, *LATCHED])
 def test_torque_off_is_never_refused_where_there_is_torque(state: State) -> None:
     assert step(state, Event.SETTLE) in (State.SETTLING, *LATCHED)
 

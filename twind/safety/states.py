@@ -41,7 +41,6 @@ class WrongState(Exception):
 
 
 LATCHED = (State.FAULT, State.ESTOP)
-TORQUED = (State.ARMED, State.SETTLING, *LATCHED)  # states in which goals may be written
 
 _S = State
 _STAYS = {_S.FAULT: _S.FAULT, _S.ESTOP: _S.ESTOP}  # a latched state lets what was begun come to its end
