@@ -49,6 +49,17 @@ SOUND = {
         op(2, ARM, 0.4),
     ],
     "both asked at once": [op(1, ACQUIRE, 0.0, 0.5), op(2, ACQUIRE, 0.0, 0.5, result="LeaseHeld")],
+    "one was told late that it had it, and by then it was taken": [
+        op(1, ACQUIRE, 0.0, 0.5),
+        op(2, ACQUIRE, 0.1, 0.2, take=True),
+        op(2, RENEW, 0.6),
+        op(1, RENEW, 0.7, result="LEASE_MISSING"),
+    ],
+    "a call to take it that was answered late came before": [
+        op(2, ACQUIRE, 0.0, 1.5, take=True),
+        op(1, ACQUIRE, 1.2, 1.3),
+        op(1, RENEW, 2.2),
+    ],
     "one motion kept it": [
         op(1, ACQUIRE, 0.0),
         motion(1, 0.1, more=True, kept=5.0),
@@ -82,6 +93,15 @@ BROKEN = {
     "the one it was taken from is still obeyed": (
         [op(1, ACQUIRE, 0.0), op(2, ACQUIRE, 0.1, take=True), op(1, RENEW, 0.5)],
         "obeyed without",
+    ),
+    "it was given although it was asked for since a take that came before": (
+        [op(2, ACQUIRE, 0.0, 0.2, take=True), op(1, ACQUIRE, 0.1, take=True), op(1, RENEW, 0.3)]
+        + [op(3, ACQUIRE, 0.5)],
+        "two holders",
+    ),
+    "the one it was taken from, before it was told, is still obeyed": (
+        [op(1, ACQUIRE, 0.0, 0.5), op(2, ACQUIRE, 0.1, 0.2, take=True), op(2, RENEW, 0.6), op(1, RENEW, 0.7)],
+        "two holders",
     ),
     "one who never had it is obeyed": ([motion(3, 0.1)], "obeyed without"),
     "one is obeyed after a lapse": ([op(1, ACQUIRE, 0.0), op(1, SETPOINT, 1.2)], "obeyed without"),

@@ -93,10 +93,20 @@ class History:
                 span.must_end = min(span.must_end, moment)
                 span.may_end = min(span.may_end, moment + self.slack)
         for op in self.ops:
-            theirs = op.client != span.client and op.name == "AcquireLease" and op.take
-            if theirs and op.end >= span.must_begin and op.begin <= span.must_end:
-                span.must_end = min(span.must_end, op.begin)
-                span.may_end = min(span.may_end, op.end + self.slack) if op.ok else span.may_end
+            if op.client != span.client and op.name == "AcquireLease" and op.take:
+                self._taken(span, op)
+
+    def _taken(self, span: Span, op: Op) -> None:
+        """Another took it, or may have. A call that overlaps the one that began the span happened before it or
+        after it: before, if its holder was obeyed in a call that began later. Else nobody knows who has it."""
+        if op.end < span.may_begin or op.begin > span.must_end:
+            return
+        after = op.begin >= span.must_begin
+        if not after and any(each.begin >= op.end for each in span.ops):
+            return
+        span.must_end = min(span.must_end, op.begin)
+        if after and op.ok:
+            span.may_end = min(span.may_end, op.end + self.slack)
 
     def _keep(self, span: Span, op: Op) -> None:
         """One call that was obeyed: it lasts for a term; an open one until its end, and a term more."""
