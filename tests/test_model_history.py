@@ -95,8 +95,12 @@ BROKEN = {
         "obeyed without",
     ),
     "it was given although it was asked for since a take that came before": (
-        [op(2, ACQUIRE, 0.0, 0.2, take=True), op(1, ACQUIRE, 0.1, take=True), op(1, RENEW, 0.3)]
-        + [op(3, ACQUIRE, 0.5)],
+        [
+            op(2, ACQUIRE, 0.0, 0.2, take=True),
+            op(1, ACQUIRE, 0.1, take=True),
+            op(1, RENEW, 0.3),
+            op(3, ACQUIRE, 0.5),
+        ],
         "two holders",
     ),
     "the one it was taken from, before it was told, is still obeyed": (

@@ -97,8 +97,8 @@ class History:
                 self._taken(span, op)
 
     def _taken(self, span: Span, op: Op) -> None:
-        """Another took it, or may have. A call that overlaps the one that began the span happened before it or
-        after it: before, if its holder was obeyed in a call that began later. Else nobody knows who has it."""
+        """Another took it, or may have. A call that overlaps the one that began the span happened before it
+        or after it: before, if its holder was obeyed in a call that began later. Else nobody knows."""
         if op.end < span.may_begin or op.begin > span.must_end:
             return
         after = op.begin >= span.must_begin
