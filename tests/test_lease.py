@@ -15,6 +15,10 @@ def held(now: float = 10.0, client: int = A) -> Lease:
     return lease
 
 
+def test_it_lasts_a_second_and_a_quarter_of_one_while_setpoints_are_streamed() -> None:
+    assert (TRAJECTORY, STREAMING) == (1.0, 0.25)  # docs/protocol.md: what clients count on
+
+
 def test_at_first_nobody_holds_it() -> None:
     lease = Lease()
     assert not lease.holds(0.0)
