@@ -12,7 +12,8 @@ from twind.robot.finding import Code
 from twind.robot.modes import Mode, Motion, State
 from twind.robot.ratings import Ratings
 from twind.safety.device_rules import words
-from twind.safety.guard import Guard, Judgement, Reaction
+from twind.safety.guard import Guard, Judgement, Reaction, Traffic
+from twind_drivers.can import family
 
 CLOCK = 32768  # ms, e-manual: Realtime Tick (120)
 DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
@@ -58,9 +59,40 @@ def test_r09_the_others_hold_or_settle_by_support_and_unknown_is_free(
 def test_r09_the_bits_of_register_70_are_named_in_words(bits: int, said: str) -> None:
     """e-manual, Hardware Error Status (70): bits 0, 2, 3, 4, 5."""
     assert said in words(bits)
+    assert "70" not in words(bits)
     finding = guard().judge(facts(alerts=at(2, 128), fault=at(2, bits, 0, np.int16))).findings[0]
     assert said in finding.message
     assert (finding.value, finding.bound) == ((bits, 0.0) if bits > 0 else (None, None))
+
+
+@pytest.mark.parametrize(("bits", "said"), [
+    (1, "input voltage"), (2, "not calibrated"), (4, "overheating"), (8, "encoder"), (16, "electrical shock"),
+    (32, "overload"), (64, "silent to its master"), (128, "an error that has no name here"),
+    (66, "not calibrated, silent to its master"), (256, "bit 8"), (0, "not read yet"),
+])  # fmt: skip
+def test_r09_on_can_more_bits_have_a_name_and_only_there(bits: int, said: str) -> None:
+    """The contract's bits of every CAN family (`twind_drivers.can.family`)."""
+    judge = Guard(LIMITS, support="gantry", buses=("arm",), can={"arm": [0, 2]})
+    told = facts(traffic=(Traffic(),), alerts=np.full(N, 128, np.uint8), fault=np.full(N, bits, np.int16))
+    first, second, third = (finding.message for finding in judge.judge(told).findings)
+    assert first == third
+    assert f"hardware error: {words(bits, can=True)}: " in first
+    assert said in words(bits, can=True)
+    assert f"hardware error: {words(bits)}: " in second
+
+
+def test_r09_the_bits_on_can_are_those_of_its_families() -> None:
+    named = {
+        family.VOLTAGE: "input voltage",
+        family.UNCALIBRATED: "not calibrated",
+        family.HEAT: "overheating",
+        family.ENCODER: "encoder",
+        family.ELECTRICAL: "electrical shock",
+        family.OVERLOAD: "overload",
+        family.SILENCE: "silent to its master",
+        family.UNKNOWN: "an error that has no name here",
+    }
+    assert {bits: words(bits, can=True) for bits in named} == named
 
 
 def test_r09_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() -> None:

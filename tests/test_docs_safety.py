@@ -125,6 +125,7 @@ NUMBERS = {
     "bad exchanges of a bus in a row: fault": f"{GUARD.errors_row_fault}",
     "packets that nobody asked for, in 1 s: fault, INHIBIT": f"{GUARD.foreign}",
     "packets in a row without room in the port: fault": f"{GUARD.full}",
+    "nobody on a CAN bus answers, armed or arming: fault": ms(GUARD.line_silent),
     "a servo's own clock, off between two readings: fault": f"{ms(GUARD.clock_slack)} + "
     f"{GUARD.clock_drift * 100:g} % of the time between",
     "a position that cannot be": f"{senses.REACH:g} × the motor's fastest × the time between + "

@@ -82,6 +82,7 @@ def build(
             binding.limits,
             _bounds(robot.file, period),
             buses=[bus.name for bus in binding.joint_map.buses],
+            can=_can(robot.file, binding),
             support=robot.file.support,
             ratings=binding.ratings,
         ),
@@ -96,6 +97,12 @@ def build(
         outlook=_outlook(binding, period),
     )
     return Loop(parts, mode)
+
+
+def _can(robot: RobotFile, binding: Binding) -> dict[str, list[int]]:
+    """The joints of each CAN bus."""
+    maps = binding.joint_map.buses
+    return {bus.name: bus.joints.tolist() for bus in maps if robot.bus(bus.name).kind == "can"}
 
 
 def _outlook(binding: Binding, period: float) -> Lookahead | None:

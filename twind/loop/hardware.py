@@ -158,6 +158,12 @@ class Hardware:
             if port.writer is not None:
                 port.writer.clear()
 
+    def give_up(self, bus: int, why: str) -> None:
+        """Close the bus of that place, so that nothing that waits leaves later; it counts as lost."""
+        pair = self.pairs[bus]
+        if pair[0].reader is not None:
+            self._lose(pair, PortError(pair[0].name, why, lost=True))
+
     def reachable(self, position: Floats) -> Floats:
         """`position` (n,), or the nearest place that a goal may have; NaN stays."""
         return np.clip(position, *self.reach)
@@ -238,7 +244,7 @@ class Hardware:
         traffic.asked = port.holding or port.link is Link.CONNECTED
         traffic.bad = sample.discarded > 0 or (not whole and some(sample.asked & ~sample.heard))
         traffic.answered = whole or some(sample.heard)
-        traffic.foreign = sample.foreign
+        traffic.foreign, traffic.line = sample.foreign, sample.line
         self.discarded += sample.discarded
 
     def _listen(self, number: int, bus: BusMap, sample: Sample) -> None:
@@ -317,6 +323,7 @@ class Hardware:
 
     def _lose(self, pair: tuple[Port, BusMap], error: PortError) -> None:
         port, _ = pair
+        self.traffic[self._place[port.name]].line = 0
         port.lose(error, self.clock.now())
         self.readings.forget(self._place[port.name])
         self.lost.append(Lost(port.name, error))

@@ -25,6 +25,8 @@ def react(loop: Loop, judgement: Judgement, reference: Reference | None, now: fl
         _tell(loop, judgement)
     if judgement.latches:
         loop.change(Event.FAULT, now)
+    for bus in judgement.gone:
+        loop.hardware.give_up(bus, "nobody heard us there: emptied, opened anew")
     if judgement.reaction >= Reaction.HOLD:
         _act(loop, judgement, now)
     _slow(loop, judgement)

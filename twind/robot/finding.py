@@ -73,6 +73,7 @@ class Code(StrEnum):
     STEP_LIMIT = "STEP_LIMIT"  # R21
     WIRE_CLAMP = "WIRE_CLAMP"  # R22
     TX_BACKLOG = "TX_BACKLOG"  # R23
+    CAN_BUS_STATE = "CAN_BUS_STATE"  # R24
     MIRROR_DRIFT = "MIRROR_DRIFT"  # R25
     INTERNAL = "INTERNAL"  # R26
     TIME_GAP = "TIME_GAP"  # the machine was suspended, or the daemon stopped, for longer than a watchdog

@@ -1,6 +1,6 @@
 """What the servos say of themselves: rules R09 to R12. Pure."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from math import inf
 
 import numpy as np
@@ -10,26 +10,29 @@ from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode
 from twind.safety.facts import Facts, Reaction, Said, Thresholds, held, hold, ours
 
-ALERT = 0x80  # of a status's error byte: the hardware error register (70) says more
+ALERT = 0x80  # of a status's error byte: the hardware error bits say more
 BITS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
-TRIPPED = 255  # what a device's watchdog register (98) reads after it has tripped
+ON_CAN = {1: "not calibrated", 6: "silent to its master", 7: "an error that has no name here"}  # besides
+TRIPPED = 255  # what a device's watchdog reads after it has tripped
 CLOCK = 32768  # ms: a servo's realtime tick (120) counts up to this, then from 0
 
 
-def words(bits: int) -> str:
-    """What register 70 says (e-manual, Hardware Error Status): the names of its bits."""
+def words(bits: int, *, can: bool = False) -> str:
+    """The names of the bits of a hardware error: of register 70 (e-manual, Hardware Error Status), and what
+    else a CAN actuator may say (`twind_drivers.can.family`)."""
     if bits <= 0:  # -1 unknown; 0 was read before the alert
-        return "register 70 was not read yet"
-    return ", ".join(BITS.get(bit, f"bit {bit}") for bit in range(bits.bit_length()) if bits >> bit & 1)
+        return "which one was not read yet"
+    names = BITS | ON_CAN if can else BITS
+    return ", ".join(names.get(bit, f"bit {bit}") for bit in range(bits.bit_length()) if bits >> bit & 1)
 
 
 class DeviceRules:
     """Remembers per joint: how often its torque disagreed, and its clock when that was last read."""
 
-    def __init__(self, leg: Bools, free: bool, bounds: Thresholds) -> None:
+    def __init__(self, leg: Bools, free: bool, bounds: Thresholds, can: Collection[int] = ()) -> None:
         """`leg` (n,): carries the robot. `free`: nothing else does, so that it cannot hold itself with a
-        joint that may be limp."""
-        count = len(leg)
+        joint that may be limp. `can`: joints whose actuators are on CAN."""
+        count, self._can = len(leg), can
         self._bounds, self._free, self._leg = bounds, free, leg
         self._suspect = False  # one of the next two says something
         self._disagreed = np.zeros(count, np.int64)
@@ -41,7 +44,8 @@ class DeviceRules:
         self._tick = np.full(count, -1, np.int64)
         self._tick_time = np.full(count, -inf)
         self._seen = self._ticked = self._refreshed.tobytes()  # the two times, as bytes: mostly unchanged
-        self._tripped: list[int] = []  # joints whose watchdog did
+        self._dogs = b""  # the watchdogs, too; and joints whose tripped
+        self._tripped: list[int] = []
 
     def judge(self, facts: Facts) -> Iterator[Said]:
         """What is wrong with the servos."""
@@ -53,8 +57,13 @@ class DeviceRules:
             self._taken, self._tripped = facts.now, []
             self._forget(facts.now)
             return
-        if not same(facts.status_time, self._seen):
+        fresh = not same(facts.status_time, self._seen)
+        if fresh:
             self._refresh(facts)
+        if fresh or not same(facts.watchdog, self._dogs):
+            self._dogs = facts.watchdog.tobytes()
+            tripped = (facts.watchdog == TRIPPED) & (facts.status_time > self._taken)
+            self._tripped = np.flatnonzero(tripped).tolist()
         for joint in self._tripped:
             message = "its watchdog tripped and it takes no goals: disarm, reset, arm"
             finding = Finding(Code.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
@@ -73,7 +82,8 @@ class DeviceRules:
         """R09: a hardware error. With its bits unread it has no bound, so that it is told again with them."""
         for joint in np.flatnonzero(facts.alerts & ALERT).tolist():
             bits = int(facts.fault[joint])
-            message = f"hardware error: {words(bits)}: find the cause, disarm, then `twindctl reboot BUS ID`"
+            named = words(bits, can=joint in self._can)
+            message = f"hardware error: {named}: find the cause, disarm, then `twindctl reboot BUS ID`"
             value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
             finding = Finding(Code.SERVO_ALERT, joint, value=value, bound=bound, message=message)
             if ours(facts):
@@ -118,7 +128,7 @@ class DeviceRules:
         if not self._suspect:
             return
         for joint in np.flatnonzero(self._unwatched).tolist():
-            message = _rebooted("is its watchdog (98), armed before")
+            message = _rebooted("is its watchdog, armed before")
             finding = Finding(Code.SERVO_REBOOTED, joint, value=0.0, message=message)
             yield Said(finding, self._limp(facts, joint), latches=True)
         for joint in np.flatnonzero(self._disagreed >= self._bounds.disagreements).tolist():
@@ -135,8 +145,6 @@ class DeviceRules:
             np.maximum(self._refreshed, facts.status_time),
             facts.status_time.tobytes(),
         )
-        tripped = (facts.watchdog == TRIPPED) & (facts.status_time > self._taken)
-        self._tripped = np.flatnonzero(tripped).tolist()
         limp, unwatched = facts.torque != 1, facts.watchdog == 0
         if self._suspect or some(limp) or some(unwatched):
             self._disagreed[fresh & ~limp] = 0

@@ -52,6 +52,7 @@ class Thresholds:
     jumps: int = 3  # readings in a row that cannot be (R13)
     beyond_hard: float = 0.0087  # rad past the hard limit (R14)
     full: int = 3  # packets in a row that the port had no room for (R23)
+    line_silent: float = 0.1  # s that nobody on a CAN bus answers (R24)
     follow: float = 0.2  # rad between where a joint is and where its goal lets it be (R15) ...
     follow_for: float = 0.1  # s ... for so long
     follow_damp: float = 0.5  # rad: at once, and softer
@@ -100,6 +101,7 @@ class Traffic:
     answered: bool = False  # somebody was heard
     foreign: int = 0  # packets that nobody asked for (R08)
     full: int = 0  # packets of ours that the port had no room for (R23)
+    line: int = 0  # of a CAN controller: 0 active, 1 error passive, 2 off or unacknowledged (R24)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +139,7 @@ class Facts:
     discarded: int  # bytes thrown away in the last exchange
     traffic: Sequence[Traffic]  # of the last exchange, in the order of the buses
     alerts: NDArray[np.uint8]  # error byte of the last status; 0x80: hardware error; 0 where not heard
-    fault: NDArray[np.int16]  # register 70 read back; -1 unknown
+    fault: NDArray[np.int16]  # hardware error bits as read back; -1 unknown
     tick: NDArray[np.int32]  # ms, the servo's own clock modulo 32768; -1 unknown
     health_time: Floats  # s, when clock, temperature and voltage were read; -inf never
     temperature: Floats  # °C; NaN unknown
@@ -162,6 +164,7 @@ class Judgement:
     pace: float = 1.0  # share of its own speed that the motion may have: 1 freely, less near a bound
     # Joints that a HOLD holds where they are measured, not as commanded (R15, R17).
     here: tuple[int, ...] = ()
+    gone: tuple[int, ...] = ()  # buses on which nobody hears us (R24): to be emptied and begun anew
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +179,7 @@ class Said:
     bus: int = -1  # place of the bus it is about; -1: of none alone
     pace: float = 1.0  # share of its speed that a motion may have
     here: bool = False  # a HOLD holds this joint where it is measured
+    gone: bool = False  # nobody hears us on this bus
 
     @property
     def key(self) -> "Key":

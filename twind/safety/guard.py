@@ -5,7 +5,7 @@ refused. The rules stand by subject in the modules `..._rules`; here they are co
 counters and hysteresis alone: what was bad, what was said when.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import inf
 
 from twind.robot.finding import Finding
@@ -17,6 +17,7 @@ from twind.safety.device_rules import DeviceRules
 from twind.safety.facts import MOVING, REACTING, Facts, Judgement, Key, Reaction, Said, Thresholds, Traffic
 from twind.safety.goal_rules import UNWRITABLE, GoalRules
 from twind.safety.heat_rules import HeatRules
+from twind.safety.line_rules import LineRules
 from twind.safety.outlook_rules import ahead
 from twind.safety.power_rules import CurrentRules, VoltageRules
 from twind.safety.reading_rules import ReadingRules
@@ -50,17 +51,22 @@ class Guard:
         thresholds: Thresholds | None = None,
         *,
         buses: Sequence[str] = (),
+        can: Mapping[str, Sequence[int]] | None = None,
         support: str = "free",
         ratings: Ratings | None = None,
     ) -> None:
-        """`buses`: their names, in the order of `Facts.traffic`. `support`: of the robot file. `ratings`:
-        what the motors bear; without them nobody's supply, heat or load has a bound."""
+        """`buses`: their names, in the order of `Facts.traffic`. `can`: the joints of each of them that is a
+        CAN bus. `support`: of the robot file. `ratings`: what the motors bear; without them nobody's supply,
+        heat or load has a bound."""
         self._bounds = bounds = thresholds if thresholds is not None else Thresholds()
         rated = ratings if ratings is not None else Ratings.unknown(len(limits.lower))
         free = support not in ("fixed", "gantry")
         self._gaps, self._holds = GapRules(bounds), HoldRules(free, bounds)
         self._goals, self._readings = GoalRules(limits, bounds), ReadingRules(limits, bounds, free)
-        self._buses, self._devices = BusRules(buses, bounds), DeviceRules(rated.leg, free, bounds)
+        lines = can if can is not None else {}
+        self._buses, self._lines = BusRules(buses, bounds), LineRules(buses, lines, free, bounds)
+        on_can = frozenset(joint for joints in lines.values() for joint in joints)
+        self._devices = DeviceRules(rated.leg, free, bounds, on_can)
         self._tracking, self._heat = TrackingRules(limits, bounds), HeatRules(rated, bounds)
         self._currents, self._volts = CurrentRules(rated, bounds), VoltageRules(rated, bounds)
         self._present: set[Key] = set()  # said of the last tick, and told then or before
@@ -71,8 +77,9 @@ class Guard:
         """The reaction to this tick's facts, and what to tell. Never raises for bad numbers."""
         said = [*self._gaps.judge(facts), *self._goals.timing(facts), *self._goals.authority(facts)]
         said += [*self._goals.goal(facts), *ahead(facts, self._bounds), *self._readings.judge(facts)]
-        said += [*self._tracking.judge(facts), *self._buses.judge(facts), *self._devices.judge(facts)]
-        said += [*self._currents.judge(facts), *self._heat.judge(facts), *self._volts.judge(facts)]
+        said += [*self._tracking.judge(facts), *self._buses.judge(facts), *self._lines.judge(facts)]
+        said += [*self._devices.judge(facts), *self._currents.judge(facts)]
+        said += [*self._heat.judge(facts), *self._volts.judge(facts)]
         said += self._holds.judge(facts, said)
         if not said:
             self._present.clear()
@@ -99,6 +106,7 @@ class Guard:
             causes,
             pace=min(one.pace for one in said),
             here=tuple(sorted(joint for joint in here if joint is not None)),
+            gone=tuple(sorted({one.bus for one in said if one.gone})),
         )
 
     def _is_new(self, one: Said, now: float) -> bool:

@@ -1,0 +1,69 @@
+"""How each CAN bus is with its wire: rule R24. Pure.
+
+A serial bus has no controller that could tell, so it is judged by its answers alone (`bus_rules`).
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+
+from twind.robot.finding import Code, Finding
+from twind.safety.facts import Facts, Reaction, Said, Thresholds, Traffic, hold, ours
+
+PASSIVE, OFF = 1, 2  # of `Traffic.line`: many errors; left the wire, or unacknowledged
+ROUNDING = 1e-9  # s
+
+
+class LineRules:
+    """Remembers of each bus how many exchanges in a row nobody answered."""
+
+    def __init__(self, names: Sequence[str], can: Collection[str], free: bool, bounds: Thresholds) -> None:
+        """`can`: which of `names` are CAN buses. `free`: nothing carries the robot but itself."""
+        self._names, self._bounds, self._free = tuple(names), bounds, free
+        self._judged = tuple(place for place, name in enumerate(names) if name in can)
+        self._unanswered = [0] * len(self._names)
+
+    def judge(self, facts: Facts) -> Iterator[Said]:
+        """What is wrong with the lines. `facts.traffic` is in the order of their names."""
+        for bus in self._judged:
+            traffic = facts.traffic[bus]
+            if traffic.line >= OFF:
+                yield self._gone(
+                    facts, bus, float(OFF), float(OFF), "off the wire, or nobody acknowledges what it sends"
+                )
+            elif traffic.line == PASSIVE:
+                yield self._passive(bus)
+            silent = self._silent(facts, bus, traffic)
+            if silent is not None and traffic.line < OFF:
+                yield self._gone(facts, bus, silent, self._bounds.line_silent, "s that nobody there answers")
+
+    def _silent(self, facts: Facts, bus: int, traffic: Traffic) -> float | None:
+        """Seconds that nobody has answered, where that is a fault: each lost answer counts one period.
+
+        What had no room in the port was not answered either. A bus that is not asked, or holds nobody up,
+        begins anew.
+        """
+        missed = traffic.full > 0 or (traffic.asked and not traffic.answered)
+        self._unanswered[bus] = count = self._unanswered[bus] + 1 if missed and ours(facts) else 0
+        silent = count * facts.period
+        enough = count >= self._bounds.errors_least and silent >= self._bounds.line_silent - ROUNDING
+        return silent if enough else None
+
+    def _passive(self, bus: int) -> Said:
+        message = (
+            f"CAN bus {self._names[bus]} has so many errors that its controller is error passive: check "
+            "termination (60 ohm between the wires), bit rate and wiring"
+        )
+        return Said(
+            Finding(Code.CAN_BUS_STATE, value=float(PASSIVE), bound=float(PASSIVE), message=message), bus=bus
+        )
+
+    def _gone(self, facts: Facts, bus: int, value: float, bound: float, what: str) -> Said:
+        """Nobody hears us there: what waits must not leave later, and nobody follows our goals."""
+        message = (
+            f"CAN bus {self._names[bus]}: {what}: check the actuators' power, termination, bit rate and "
+            "wiring; it is emptied and everybody on it asked anew; then disarm, reset, arm"
+        )
+        finding = Finding(Code.CAN_BUS_STATE, value=value, bound=bound, message=message)
+        if not ours(facts):
+            return Said(finding, bars=True, bus=bus)
+        reaction = Reaction.SETTLE if self._free else hold(facts)
+        return Said(finding, reaction, latches=True, bars=True, bus=bus, gone=True)
