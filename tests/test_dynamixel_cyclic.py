@@ -8,10 +8,10 @@ from dxl_responder import Servos, Wire
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twind_drivers.attendance import MISSES, PROBE
 from twind_drivers.bus import Read, Sample
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.attendance import MISSES, PROBE
 from twind_drivers.dynamixel.cyclic import CALM, SURE
 from twind_drivers.dynamixel.reader import DynamixelReader
 

@@ -236,11 +236,19 @@ Script = Generator[Request, Reply, T]
 # --------------------------------------------------------------------------------------------- the two halves
 
 
-class Transport(Arrivals, Protocol):
-    """A byte stream to a bus: a serial port, or the in-process loopback of the virtual servos."""
+class Wire(Arrivals, Protocol):
+    """What the loop needs of the port under a bus: to wait for it, to name it, to let it go."""
 
     name: str  # what an error message calls it
     warning: str  # what is wrong with it though it works, and the remedy; empty: nothing
+
+    def close(self) -> None:
+        """Let go of the port. May be called twice."""
+
+
+class Transport(Wire, Protocol):
+    """A byte stream to a bus: a serial port, or the in-process loopback of the virtual servos."""
+
     holds: bool  # what is written may wait in it, and `backlog` knows how much
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
@@ -258,9 +266,6 @@ class Transport(Arrivals, Protocol):
     def flush(self) -> None:
         """Throw away what has not left yet. Raises PortError(lost=True)."""
 
-    def close(self) -> None:
-        """Let go of the port. May be called twice."""
-
 
 def upkeep_stride(rate_hz: float) -> int:
     """Cycles from one turn of a bus's upkeep to its next: 100 turns a second do, more would only cost."""
@@ -272,8 +277,11 @@ class Reader(Protocol):
 
     name: str
     ids: tuple[int, ...]
-    transport: Transport
     registers: Registers
+
+    @property
+    def transport(self) -> Wire:
+        """The port under it: bytes, or frames."""
 
     @property
     def deadline(self) -> float:

@@ -23,9 +23,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from twind_drivers.attendance import Attendance
 from twind_drivers.bus import Bools, Sample
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.attendance import Attendance
 from twind_drivers.dynamixel.layout import Layout
 from twind_drivers.dynamixel.line import Exchange, Line
 from twind_drivers.dynamixel.packet import CAPACITY, STATUS_OVERHEAD

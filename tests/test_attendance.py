@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from twind_drivers.dynamixel.attendance import FIRST, MISSES, PROBE, Attendance
+from twind_drivers.attendance import FIRST, MISSES, PROBE, Attendance
 
 ALL = np.ones(3, np.bool_)
 
