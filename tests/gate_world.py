@@ -23,6 +23,7 @@ from twind.safety.headroom import Condition
 
 TH = Thresholds()
 CAREFUL = Fraction(1, 10**11)  # rounding of the product's doubles; the oracle itself has none
+REST = Fraction(0.05)  # rad/s, counts as rest (docs/safety.md)
 
 
 def limits(n: int = 2, **over: float | Floats) -> Limits:
@@ -186,17 +187,32 @@ def oracle_faults(given: Trajectory, before: Reference, limit: Limits, samples: 
                     faults.add(Code.BRAKE_DISTANCE)
         if any(not lower <= Fraction(float(p)) <= upper for p in given.position[:, joint]):
             faults.add(Code.POS_LIMIT)
-        if given.velocity is None:
-            faults |= _corner_faults(segments, Fraction(float(before.velocity[joint])), strongest)
+        speed = Fraction(float(before.velocity[joint]))
+        if given.time[0] == 0.0 and (len(given.time) == 1 or given.velocity is not None):
+            faults |= _entry_faults(given, speed, int(joint), strongest)
+        elif given.velocity is None:
+            faults |= _corner_faults(segments, speed, strongest)
     return faults
 
 
 def _stops(p: Fraction, v: Fraction, hard: tuple[Fraction, Fraction], a: Fraction) -> bool:
     """|v| <= max(0.05, sqrt(2 a d) - 0.2), without a root."""
     speed, d = (v, hard[1] - p) if v > 0 else (-v, p - hard[0])
-    if speed <= Fraction(0.05) + CAREFUL:
+    if speed <= Fraction(0.05) + CAREFUL:  # the floor, always allowed
         return True
     return (speed + Fraction(0.2)) ** 2 <= 2 * a * d + CAREFUL * 100
+
+
+def _entry_faults(given: Trajectory, before: Fraction, joint: int, strongest: Fraction) -> set[Code]:
+    """S20 at t = 0: there the reference's speed gives way to the path's, over half of the first segment.
+
+    Where there is none, it has no time at all: the change must be within what counts as rest.
+    """
+    entry = Fraction(0) if given.velocity is None else Fraction(float(given.velocity[0, joint]))
+    change, most = abs(entry - before), REST
+    if len(given.time) > 1:
+        most = strongest * (Fraction(float(given.time[1])) - Fraction(float(given.time[0]))) / 2
+    return {Code.ACC_LIMIT} if change > most * (1 + CAREFUL) + CAREFUL else set()
 
 
 def _corner_faults(
