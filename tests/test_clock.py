@@ -136,6 +136,37 @@ def test_ports_replugged_again_and_again_do_not_grow_without_end() -> None:
         pipe.close()
 
 
+class Later(Coming):
+    """Without a descriptor, and it counts how often it was asked."""
+
+    asked = 0
+
+    def arrival(self) -> float:
+        self.asked += 1
+        return self.at
+
+
+@pytest.mark.realtime
+def test_a_source_without_descriptor_is_asked_each_millisecond_and_no_more_often(pipe: Pipe) -> None:
+    clock = MonotonicClock()
+    begin = clock.now()
+    later = Later(begin + 0.02)
+    clock.wait([pipe, later], begin + 600.0)
+    assert 0.02 <= clock.now() - begin < 60.0
+    assert 2 <= later.asked <= 22
+    never = Later(inf)
+    clock.wait([never], clock.now() + 0.01)
+    assert 2 <= never.asked <= 12
+
+
+def test_beside_a_source_without_descriptor_bytes_and_what_is_there_already_end_a_wait(pipe: Pipe) -> None:
+    clock, begin = MonotonicClock(), MonotonicClock().now()
+    clock.wait([pipe, Later(-inf)], begin + 600.0)
+    os.write(pipe.theirs, b"x")
+    clock.wait([Later(inf), pipe], begin + 600.0)
+    assert clock.now() < begin + 60.0
+
+
 def test_a_machine_that_never_slept_has_slept_for_nothing_and_it_only_grows() -> None:
     clock = MonotonicClock()
     first = clock.suspended()

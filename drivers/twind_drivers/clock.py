@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from math import ceil, inf
 from typing import Protocol
 
+ASK_MS = 1  # how often a source without descriptor is asked
+
 
 class Arrivals(Protocol):
     """Something bytes arrive from: a port with a descriptor, or an in-process bus that knows when."""
@@ -58,8 +60,14 @@ class MonotonicClock:
             time.sleep(remaining)
 
     def wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
-        """One `poll` over all descriptors. Errors and hang-ups wake it too: the read then says what it is."""
+        """One `poll` over all descriptors. Errors and hang-ups wake it too: the read then says what it is.
+
+        A source without one cannot wake anybody, so it is asked every millisecond what has arrived.
+        """
         key = tuple([source.fileno() for source in sources])
+        if -1 in key:
+            self._ask_and_wait(sources, deadline)
+            return
         poll = self._polls.get(key)
         if poll is None:
             if len(self._polls) > 64:  # descriptors of replugged ports: do not grow for ever
@@ -68,6 +76,16 @@ class MonotonicClock:
             for fd in key:
                 poll.register(fd, select.POLLIN)
         poll.poll(max(0, ceil((deadline - time.monotonic()) * 1e3)))
+
+    def _ask_and_wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
+        poll = select.poll()
+        mute = [source for source in sources if source.fileno() < 0]
+        for source in sources:
+            if source.fileno() >= 0:
+                poll.register(source.fileno(), select.POLLIN)
+        while all(source.arrival() > (now := time.monotonic()) for source in mute):
+            if now >= deadline or poll.poll(min(ASK_MS, ceil((deadline - now) * 1e3))):
+                return
 
 
 class FakeClock:
