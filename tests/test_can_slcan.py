@@ -16,7 +16,7 @@ from twind_drivers.can.slcan import RATES, SlcanChannel, opening
 from twind_drivers.can.slcan_lines import PATIENCE, Lines, encode
 from twind_drivers.can.stall import Stall
 
-MANY = settings(max_examples=150, deadline=None)
+MANY = settings(max_examples=100, deadline=None)
 
 
 @st.composite
@@ -78,7 +78,7 @@ def test_a_cycle_of_one_kind_is_the_same_as_its_lines_one_by_one(count: int, ext
 
 @given(st.lists(st.binary(max_size=400), max_size=8))
 @example([b"t" * 2000, b"\r"])
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_no_bytes_raise_and_none_are_kept_for_long(chunks: list[bytes]) -> None:
     lines = Lines()
     for chunk in chunks:
@@ -94,7 +94,7 @@ LINE = st.text("tTrR0123456789ABCDEFabcdefzF \x80", max_size=30).map(lambda text
 
 
 @given(st.lists(LINE, max_size=30))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_whatever_is_taken_for_a_frame_is_that_frame_to_the_last_character(texts: list[bytes]) -> None:
     lines = Lines()
     found = lines.take(b"".join(text + b"\r" for text in texts))

@@ -139,9 +139,13 @@ class PythonCanChannel:
     def _opened(self) -> can.BusABC:
         try:
             return can.Bus(self.channel, interface=self.interface, bitrate=self.bitrate, ignore_config=True)
-        except can.CanInterfaceNotImplementedError as error:
-            raise PortError(self.name, f"python-can cannot drive {self.interface!r}: {error}") from error
-        except (*FAILURES, NotImplementedError, ImportError, TypeError) as error:
+        except NotImplementedError as error:
+            known = ", ".join(sorted(can.VALID_INTERFACES))
+            reason = (
+                f"python-can cannot drive {self.interface!r}: {error}; it knows {known}, slcan has our own"
+            )
+            raise PortError(self.name, reason) from error
+        except (*FAILURES, ImportError, TypeError) as error:
             raise PortError(self.name, _why(self.interface, self.channel, error)) from error
 
     def _shut(self) -> None:
