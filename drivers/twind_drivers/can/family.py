@@ -103,6 +103,10 @@ class Family(Protocol):
     def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
         """One command each. Raises WireClamp naming id, field, value and range; then nothing is made."""
 
+    def gains(self, kp: Floats, kd: Floats) -> Frames:
+        """What must be told before torque, where `command` does not carry stiffness and damping (k,): them,
+        and the mode that its commands need. Empty where `command` carries all. Raises WireClamp."""
+
     def special(self, row: int, what: Special) -> Frames:
         """One order. Raises ValueError where the family has no such order."""
 
@@ -119,10 +123,19 @@ class Family(Protocol):
         """All register answers among `frames`, and which frames those were."""
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:
-        """What identification read of one: ranges that the device tells replace those that were given."""
+        """What identification read of one: ranges that the device tells replace those that were given.
+
+        Raises ValueError for a range that is no positive number; then nothing is changed.
+        """
 
     def operating_mode(self, values: Mapping[str, float]) -> int:
-        """Of what identification read: 1 where it takes this family's commands, else what it says."""
+        """Of what identification read: 1 where it takes this family's commands, else what it says.
+
+        Never 1 for another mode, whatever its number (see each family); 0: it was not read.
+        """
 
     def commands_to(self, frames: Frames) -> Ints:
         """Row that each frame commands, enables or writes; -1: none of these. For the last check."""
+
+    def commanded(self, frames: Frames) -> Floats:
+        """Position (len(frames),) rad that each frame commands; NaN: none of ours, or no motion command."""

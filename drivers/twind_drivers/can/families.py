@@ -1,0 +1,61 @@
+"""A family's codec for some actuators of one bus, by the names of family and models. Pure."""
+
+from collections.abc import Sequence
+
+from twind_drivers.can.cubemars import CubeMars
+from twind_drivers.can.damiao import Damiao
+from twind_drivers.can.family import Family, Ranges
+from twind_drivers.can.models import Model, model
+from twind_drivers.can.odrive import ODrive
+from twind_drivers.can.robstride import RobStride
+from twind_drivers.can.roster import column
+
+FAMILIES = ("damiao", "cubemars", "robstride", "odrive")
+MASTER_BESIDE = 0x10  # Damiao's habit: an actuator speaks on its id and this
+FIRST_BOARD = "ODrive"  # 3.x; the names of later boards say more
+
+
+def make(
+    family: str,
+    port_name: str,
+    ids: Sequence[int],
+    models: Sequence[str],
+    *,
+    ranges: Ranges | None = None,
+    feedback_ids: Sequence[int] | None = None,
+    host: int = 0xFD,
+) -> Family:
+    """The codec of the actuators `ids` (k,), all of `family`, in that order.
+
+    `ranges` None: those of the models. `feedback_ids` (k,): Damiao's master ids, None: id + 10h. `host`: the
+    id that we speak as to RobStride. Raises KeyError for an unknown family or model, ValueError for ids that
+    cannot be told apart, a model of another family, or a range that nobody gives.
+    """
+    if family not in FAMILIES:
+        raise KeyError(f"no CAN family {family!r}: known are {', '.join(FAMILIES)}")
+    if len(ids) != len(models):
+        raise ValueError(f"{port_name}: {len(models)} models for {len(ids)} {family} actuators")
+    known = [model(name) for name in models]
+    for id, one in zip(ids, known, strict=True):
+        if one.family != family:
+            raise ValueError(f"{port_name}: id {id} is a {one.name}, which is {one.family}, not {family}")
+    spans = ranges if ranges is not None else ranges_of(known)
+    if family == "damiao":
+        masters = feedback_ids if feedback_ids is not None else [id + MASTER_BESIDE for id in ids]
+        return Damiao(port_name, ids, spans, masters)
+    if family == "cubemars":
+        return CubeMars(port_name, ids, spans)
+    if family == "robstride":
+        return RobStride(port_name, ids, spans, host)
+    return ODrive(port_name, ids, spans, [one.name != FIRST_BOARD for one in known])
+
+
+def ranges_of(models: Sequence[Model]) -> Ranges:
+    """What the models span (k,), as the table has it; NaN where it has nothing."""
+    return Ranges(
+        position=column([one.position for one in models]),
+        velocity=column([one.velocity for one in models]),
+        torque=column([one.torque for one in models]),
+        kp=column([one.kp for one in models]),
+        kd=column([one.kd for one in models]),
+    )

@@ -1,0 +1,259 @@
+"""RobStride actuators by the vendor's own protocol of 29-bit ids. Pure.
+
+Id = type << 24 | data16 << 8 | target. Source: the vendor's sample program (July 2025) and lerobot. The
+communication timeout, 7028 (50 us ticks, 0 off), is in public drivers alone (takarakasai/robstride-driver,
+`param.rs`): **unverified on hardware**. Position and velocity are asked for as parameters, which are answered
+whether torque is on or not; those answers do not tell the effort. A write is acknowledged by feedback alone:
+read back. An index that the firmware does not have is answered with an error flag (bits 16 to 23 of the id)
+and a value of zero (lerobot, measured there): such an answer is dropped.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from twind_drivers.bus import Bools, Floats, Ints
+from twind_drivers.can.family import (
+    ELECTRICAL,
+    ENCODER,
+    HEAT,
+    OVERLOAD,
+    UNCALIBRATED,
+    UNKNOWN,
+    VOLTAGE,
+    Answered,
+    Feedback,
+    Kind,
+    Parameter,
+    Ranges,
+    Special,
+)
+from twind_drivers.can.frame import BYTES, EXTENDED, EXTENDED_MASK, NOTHING, Frames, Octets, frames
+from twind_drivers.can.mit import WIDE, Scale
+from twind_drivers.can.roster import NONE, by_name, checked_ids, four, to_one, untold
+
+GET_ID, MOTION, TOLD, ENABLE, STOP, ZERO, GET, SET, FAULTS = (
+    0x00,
+    0x01,
+    0x02,
+    0x03,
+    0x04,
+    0x06,
+    0x11,
+    0x12,
+    0x15,
+)
+HARMLESS = (GET_ID, GET)  # of what a host may send: neither moves nor changes anything
+BROADCAST = 0xFE  # target of the answer to GET_ID
+ORDERS = {  # type and D0
+    Special.ENABLE: (ENABLE, 0),
+    Special.DISABLE: (STOP, 0),
+    Special.CLEAR: (STOP, 1),
+    Special.ZERO: (ZERO, 1),
+}
+FARTHEST = 1e6  # rad, rad/s: a float beyond it is no reading
+ELSEWISE = 100  # operating modes other than motion control begin here: this and run_mode
+
+POSITION = Parameter("mechanical_position", 0x7019, Kind.F32)
+VELOCITY = Parameter("mechanical_velocity", 0x701B, Kind.F32)
+TIMEOUT = Parameter("timeout", 0x7028, Kind.U32, writable=True, kept=True, unit=50e-6)
+PARAMETERS = by_name(
+    # Of the answer to GET_ID: the 64-bit number of its processor, all that tells one specimen from another.
+    Parameter("mcu_low", 0, Kind.U32, kept=True),
+    Parameter("mcu_high", 4, Kind.U32, kept=True),
+    Parameter("run_mode", 0x7005, Kind.U8, writable=True),
+    Parameter("iq_reference", 0x7006, Kind.F32),
+    Parameter("velocity_reference", 0x700A, Kind.F32),
+    Parameter("torque_limit", 0x700B, Kind.F32, writable=True, kept=True),
+    Parameter("current_kp", 0x7010, Kind.F32, writable=True, kept=True),
+    Parameter("current_ki", 0x7011, Kind.F32, writable=True, kept=True),
+    Parameter("current_filter", 0x7014, Kind.F32, writable=True, kept=True),
+    Parameter("position_reference", 0x7016, Kind.F32),
+    Parameter("speed_limit", 0x7017, Kind.F32, writable=True, kept=True),
+    Parameter("current_limit", 0x7018, Kind.F32, writable=True, kept=True),
+    POSITION,
+    Parameter("filtered_iq", 0x701A, Kind.F32),
+    VELOCITY,
+    Parameter("bus_voltage", 0x701C, Kind.F32),
+    Parameter("turn_count", 0x701D, Kind.I16),
+    Parameter("velocity_acceleration", 0x7022, Kind.F32, writable=True, kept=True),
+    Parameter("profile_speed", 0x7024, Kind.F32, writable=True, kept=True),
+    Parameter("profile_acceleration", 0x7025, Kind.F32, writable=True, kept=True),
+    TIMEOUT,
+)
+IDENTITY = ("run_mode", "timeout", "torque_limit", "bus_voltage", "mcu_low", "mcu_high")
+
+# Bits 16 to 21 of the id of feedback.
+_BITS = (VOLTAGE, ELECTRICAL, HEAT, ENCODER, OVERLOAD, UNCALIBRATED)
+_FAULT = np.array(
+    [sum(fault for bit, fault in enumerate(_BITS) if bits >> bit & 1) for bits in range(64)], np.int64
+)
+# Bits of a fault frame (type 21), D0 to D3: those that the sample program names.
+_REPORTED = {0: HEAT, 1: ELECTRICAL, 2: VOLTAGE, 3: ENCODER, 7: UNCALIBRATED, 14: OVERLOAD}
+_ENABLED = np.array(
+    [0, 1, 1, -1], np.int64
+)  # bits 22 and 23: reset, calibration, run, and one without a name
+_NAMELESS = 3
+
+
+class RobStride:
+    """k RobStride actuators of one bus, as `Family` says."""
+
+    name = "robstride"
+    parameters: Mapping[str, Parameter] = PARAMETERS
+    identity: Sequence[str] = IDENTITY
+    watchdog: Parameter | None = TIMEOUT
+    answers = 2
+
+    def __init__(self, port: str, ids: Sequence[int], ranges: Ranges, host: int = 0xFD) -> None:
+        """`host`: the id that we speak as. ValueError: ids outside 1..FD, twice the same, or the host's."""
+        self.port, self.host = port, host
+        self.ids = checked_ids(port, self.name, ids, 1, 0xFD)
+        if host in self.ids or not 0 <= host <= 0xFF or host == BROADCAST:
+            raise ValueError(
+                f"{port}: host id {host:#x} is a motor's, {BROADCAST:#x} or no byte: give another"
+            )
+        self.replies: Bools = np.ones(len(self.ids), np.bool_)
+        self.ranges = ranges
+        self._rows = np.full(256, NONE, np.int64)
+        self._rows[list(self.ids)] = range(len(self.ids))
+        self._scale = Scale(port, self.ids, ranges, WIDE, WIDE[:3])
+        self._motion = np.array([EXTENDED | MOTION << 24 | id for id in self.ids], np.uint32)
+        self._blank = frames(self._motion)
+        self._blank["size"] = BYTES
+        asked = [self.read(row, what) for what in (POSITION, VELOCITY) for row in range(len(self.ids))]
+        self._question = np.concatenate(asked) if asked else NOTHING
+
+    def _to(self, row: int, kind: int, data: bytes) -> Frames:
+        return to_one(EXTENDED | kind << 24 | self.host << 8 | self.ids[row], data)
+
+    def question(self) -> Frames:
+        """Reads the position of each, then the velocity of each."""
+        return self._question
+
+    def command(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Frames:
+        """One motion frame each, torque in the id. Raises WireClamp naming id, field, value and range."""
+        fields = self._scale.fields(position, velocity, kp, kd, torque)
+        made = self._blank.copy()
+        made["id"] = self._motion | fields[4].astype(np.uint32) << np.uint32(8)
+        made["data"] = np.ascontiguousarray(fields[:4].T).astype(">u2").view(np.uint8)
+        return made
+
+    def gains(self, kp: Floats, kd: Floats) -> Frames:
+        """Nothing: every command carries them."""
+        return NOTHING
+
+    def special(self, row: int, what: Special) -> Frames:
+        """Enable (3), stop (4; D0 = 1 clears faults) or zero (6). Raises ValueError for REBOOT."""
+        if what not in ORDERS:
+            raise ValueError(f"{self.port}: id {self.ids[row]}: a RobStride has no {what.name.lower()}")
+        kind, first = ORDERS[what]
+        return self._to(row, kind, bytes([first, 0, 0, 0, 0, 0, 0, 0]))
+
+    def read(self, row: int, parameter: Parameter) -> Frames:
+        """Asks for one parameter (17); for its processor's number by type 0."""
+        if parameter.address < 0x100:
+            return self._to(row, GET_ID, bytes(8))
+        return self._to(row, GET, parameter.address.to_bytes(2, "little") + bytes(6))
+
+    def write(self, row: int, parameter: Parameter, data: bytes) -> Frames:
+        """Writes one parameter in RAM (18). Raises ValueError for one that is only read."""
+        value = four(self.port, parameter, data)
+        return self._to(row, SET, parameter.address.to_bytes(2, "little") + bytes(2) + value)
+
+    def _of(self, received: Frames) -> tuple[Ints, Ints, Ints, Octets]:
+        """Row of the motor that sent each frame of 8 bytes to us, else -1; id, type, payloads (j, 8)."""
+        came = received["id"].astype(np.int64)
+        rows = self._rows.take(came >> 8 & 0xFF)
+        # `came` without its 29 bits is the frame's flags, which must be EXTENDED and nothing else.
+        ours = (received["size"] == BYTES) & (came & ~EXTENDED_MASK == EXTENDED) & (came & 0xFF == self.host)
+        rows[~ours] = NONE
+        return rows, came, came >> 24 & 0x1F, received["data"]
+
+    def feedback(self, frames: Frames) -> tuple[Feedback, Bools]:
+        """Of feedback (2), fault frames (21) and answers to reads of position and velocity (17)."""
+        rows, came, kind, data = self._of(frames)
+        index = data[:, 0] + data[:, 1].astype(np.int64) * 256
+        sound = (kind == GET) & (came >> 16 & 0xFF == 0)
+        place, speed = sound & (index == POSITION.address), sound & (index == VELOCITY.address)
+        told = (rows >= 0) & ((kind == TOLD) | (kind == FAULTS) | place | speed)
+        found = untold(rows[told])
+        for chosen, into in ((place[told], found.position), (speed[told], found.velocity)):
+            if chosen.any():
+                into[chosen] = _reading(data[told][chosen])
+        whole = kind[told] == TOLD
+        if whole.any():
+            self._whole(found, whole, came[told][whole], data[told][whole])
+        for at in np.flatnonzero(kind[told] == FAULTS):
+            found.fault[at] = _reported(int.from_bytes(data[told][at, :4].tobytes(), "little"))
+        return found, told
+
+    def _whole(self, found: Feedback, at: Bools, came: Ints, data: Octets) -> None:
+        """Feedback frames (2) into those places of `found`."""
+        words = np.ascontiguousarray(data).view(">u2").astype(np.int64)
+        values = self._scale.values(words[:, :3].T.astype(np.float64), found.rows[at])
+        found.position[at], found.velocity[at], found.effort[at] = values
+        found.temperature[at] = words[:, 3].astype(np.int16) / 10.0
+        mode = came >> 22 & 3
+        found.enabled[at] = _ENABLED.take(mode)
+        found.fault[at] = _FAULT.take(came >> 16 & 0x3F) | np.where(mode == _NAMELESS, UNKNOWN, 0)
+
+    def answered(self, frames: Frames) -> tuple[list[Answered], Bools]:
+        """Values read (17) without an error flag, and processors' numbers (0). Never a write."""
+        rows, came, kind, data = self._of(frames)
+        found = (rows >= 0) & (kind == GET) & (came >> 16 & 0xFF == 0)
+        born = (kind == GET_ID) & (came & ~EXTENDED_MASK == EXTENDED) & (came & 0xFF == BROADCAST)
+        born &= (
+            (frames["size"] == BYTES) & (came >> 16 & 0xFF == 0) & (self._rows.take(came >> 8 & 0xFF) >= 0)
+        )
+        answers = []
+        for at in np.flatnonzero(found | born):
+            content = data[at].tobytes()
+            if born[at]:
+                row = int(self._rows[came[at] >> 8 & 0xFF])
+                answers += [Answered(row, 0, content[:4]), Answered(row, 4, content[4:])]
+            else:
+                index = int.from_bytes(content[:2], "little")
+                answers.append(Answered(int(rows[at]), index, content[4:]))
+        return answers, found | born
+
+    def learn(self, row: int, values: Mapping[str, float]) -> None:
+        """Nothing: it tells no ranges; those of the configuration must be confirmed by moving."""
+
+    def operating_mode(self, values: Mapping[str, float]) -> int:
+        """1 motion control (run_mode 0); else 100 + run_mode; 0: it was not read."""
+        if "run_mode" not in values:
+            return 0
+        mode = int(values["run_mode"])
+        return 1 if mode == 0 else ELSEWISE + mode
+
+    def commands_to(self, frames: Frames) -> Ints:
+        """Every 29-bit frame to an id of ours, but requests of ids and parameters."""
+        came = frames["id"].astype(np.int64)
+        rows = self._rows.take(came & 0xFF)
+        rows[(came & EXTENDED == 0) | np.isin(came >> 24 & 0x1F, HARMLESS)] = NONE
+        return rows
+
+    def commanded(self, frames: Frames) -> Floats:
+        """Position of each motion frame (1) to an id of ours, rad. NaN: another frame."""
+        rows = self.commands_to(frames)
+        motion = (rows >= 0) & (frames["id"] >> 24 & 0x1F == MOTION) & (frames["size"] == BYTES)
+        position = np.full(len(frames), np.nan)
+        position[motion] = self._scale.position(frames["data"][motion], rows[motion])
+        return position
+
+
+def _reading(data: Octets) -> Floats:
+    """Floats (j,) in D4 to D7, little-endian. NaN for what is no reading."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN may come over the wire
+        value = np.ascontiguousarray(data[:, 4:]).view("<f4")[:, 0].astype(np.float64)
+    return np.where(np.abs(value) <= FARTHEST, value, np.nan)
+
+
+def _reported(bits: int) -> int:
+    """Fault bits of a fault frame; what the sample program does not name counts as unknown."""
+    known = sum(1 << bit for bit in _REPORTED)
+    fault = UNKNOWN if bits & ~known else 0
+    for bit, meaning in _REPORTED.items():
+        fault |= meaning if bits >> bit & 1 else 0
+    return fault
