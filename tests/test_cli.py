@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from twind import cli
-from twind.cli import FAILED, USAGE, UsageError, bus_ports, live_denied, wrong_groups
+from twind.cli import FAILED, USAGE, UsageError, bus_ports, live_denied, refuse_wrong, wrong_groups
 from twind.config.located import ConfigError
+from twind.config.robot_file import load_robot
 from twind.config.settings import Settings, load_settings
 from twind.robot.finding import Code
 
@@ -75,8 +76,8 @@ def test_the_settings_are_not_changed_by_being_read() -> None:
         (["a", "b"], "given twice"),
         (["main=a", "main=b"], "for bus main twice"),
         ([""], "empty"),
-        (["can:socketcan:can0"], "CAN ports are not supported"),
-        (["main=can:socketcan:can0"], "CAN ports are not supported"),
+        (["can:can0"], "a CAN port is can:INTERFACE:CHANNEL"),
+        (["main=can::can0"], "a CAN port is can:INTERFACE:CHANNEL"),
     ],
 )
 def test_a_port_that_cannot_be_meant_is_refused(ports: Sequence[str], message: str) -> None:
@@ -87,6 +88,34 @@ def test_a_port_that_cannot_be_meant_is_refused(ports: Sequence[str], message: s
 def test_a_path_with_an_equals_sign_is_a_path() -> None:
     by_id = "/dev/serial/by-id/usb-FTDI=1"
     assert bus_ports(settings(by_id), ["main"], {"main": None}) == {"main": by_id}
+
+
+@pytest.mark.parametrize("given", ["can:slcan:/dev/ttyACM0", "can:slcan:/dev/by=id", "can:socketcan:can0"])
+def test_a_can_port_may_be_given_bare_or_for_a_bus(given: str) -> None:
+    assert bus_ports(settings(given), ["main"], {"main": None}) == {"main": given}
+    assert bus_ports(settings(f"legs={given}"), TWO, dict.fromkeys(TWO)) == {"legs": given, "arms": None}
+
+
+@pytest.mark.parametrize(
+    ("bus", "port", "message"),
+    [
+        (
+            "l_leg",
+            "/dev/ttyACM0",
+            "port of bus l_leg: /dev/ttyACM0: a bus of kind can needs can:INTERFACE:CHANN",
+        ),
+        (
+            "upper",
+            "can:socketcan:can0",
+            "port of bus upper: can:socketcan:can0: a bus of kind dynamixel2 needs",
+        ),
+    ],
+)
+def test_a_port_of_the_other_kind_is_refused_with_what_is_right(bus: str, port: str, message: str) -> None:
+    robot = load_robot("h24-mixed")
+    refuse_wrong(robot, {"upper": "/dev/ttyUSB0", "l_leg": "can:slcan:/dev/ttyACM0", "r_leg": None})
+    with pytest.raises(UsageError, match=message):
+        refuse_wrong(robot, {bus: port})
 
 
 # ------------------------------------------------------------------------------------- live

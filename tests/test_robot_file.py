@@ -112,7 +112,7 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
         ),
         ("rate_hz: 50", "rate_hz: 5", ":5:17: loop.rate_hz: 5 is outside >= 10 and <= 1000"),
         ("rate_hz: 50", "rate: 50", ":5:8: loop.rate: unknown key; nearest: rate_hz"),
-        ("kind: dynamixel2", "kind: can", "kind can is not supported by this version yet"),
+        ("kind: dynamixel2", "kind: can", "/dev/ttyUSB0: a bus of kind can needs can:INTERFACE:CHANNEL"),
         ("baud: 1000000", "baud: 1000001", "1000001 is not a rate of these servos: 9600, 57600"),
         ("gains: {p: 800, i: 0, d: 0}, ", "", "gains.p: is required and missing"),
         (
@@ -248,9 +248,10 @@ def test_the_description_hash_follows_identity_and_arithmetic_only(tmp_path: Pat
 
 
 def test_built_in_robots_are_found_by_name() -> None:
-    assert built_in_robots() == ("h24", "h24-split")
+    assert built_in_robots() == ("h24", "h24-mixed", "h24-split")
     assert {name: load_robot(name).name for name in built_in_robots()} == {
         "h24": "h24",
+        "h24-mixed": "h24-mixed",
         "h24-split": "h24-split",
     }
 
@@ -273,7 +274,7 @@ def test_a_folder_that_may_not_be_entered_is_an_error_that_names_it(
 
 
 def test_an_unknown_name_lists_the_known() -> None:
-    with pytest.raises(ConfigError, match="no robot of that name; built in: h24, h24-split"):
+    with pytest.raises(ConfigError, match="no robot of that name; built in: h24, h24-mixed, h24-split"):
         load_robot("h25")
 
 

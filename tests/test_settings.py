@@ -87,7 +87,10 @@ def test_a_port_without_a_bus_stands_beside_those_of_the_file(tmp_path: Path) ->
         ("cpu: -1\n", "cpu"),
         ("cpu: 1.5\n", "cpu"),
         ("log_level: verbose\n", "none of debug, info, warning, error"),
-        ("ports: {main: 'can:socketcan:can0'}\n", "CAN ports are not supported"),
+        (
+            "ports: {main: 'can:can0'}\n",
+            "ports.main: can:can0: a CAN port is can:INTERFACE:CHANNEL, as can:slc",
+        ),
         ("ports: {main: 3}\n", "ports.main: text is expected"),
         ("thresholds: {latency_warn_ms: 60}\n", "60 is outside > 0 and <= 50"),
         ("thresholds: {latency_block_ms: 101}\n", "101 is outside > 0 and <= 100"),
@@ -112,7 +115,7 @@ def test_a_wrong_setting_is_refused_at_its_line(tmp_path: Path, text: str, messa
         ({"ports": [""]}, "--port is empty"),
         ({"ports": ["/dev/a", "main=/dev/b"]}, "--port /dev/a names no bus beside --port main=/dev/b"),
         ({"ports": ["main=/dev/b", "/dev/a"]}, "give every port as BUS=PORT"),
-        ({"ports": ["main=can:socketcan:can0"]}, "CAN ports are not supported"),
+        ({"ports": ["main=can:slcan:"]}, "--port can:slcan:: a CAN port is can:INTERFACE:CHANNEL"),
     ],
 )
 def test_a_wrong_option_is_refused(change: dict[str, object], message: str) -> None:

@@ -15,7 +15,8 @@ from twind.config.budget import require_rate
 from twind.config.calibration_file import load_calibration
 from twind.config.edited import fingerprints
 from twind.config.located import ConfigError
-from twind.config.robot_file import load_robot
+from twind.config.ports import virtual_port, wrong_port
+from twind.config.robot_file import RobotFile, load_robot
 from twind.config.settings import Settings, load_settings
 from twind.loop import assembly, realtime
 from twind.loop.notify import Notifier
@@ -52,7 +53,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="PORT|BUS=PORT",
         action="append",
         default=[],
-        help="serial port; BUS=PORT for each bus of several",
+        help="serial port, or can:slcan:PATH, can:socketcan:can0; BUS=PORT for each bus of several",
     )
     result.add_argument("--socket", metavar="DIR", help="folder of the control sockets")
     result.add_argument(
@@ -92,12 +93,14 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     ports = bus_ports(
         settings, [bus.name for bus in robot.buses], {bus.name: bus.port for bus in robot.buses}
     )
+    refuse_wrong(robot, ports)
     calibration_path = settings.calibration_path(robot.name)
     if options.virtual and (options.port or options.calibration):
         raise UsageError("--virtual brings its own port and calibration: leave out --port and --calibration")
     if options.virtual:
         child = stack.enter_context(VirtualChild(settings.robot))
-        ports, calibration_path = dict(child.ports), child.calibration
+        ports = {name: virtual_port(robot.bus(name).kind, path) for name, path in child.ports.items()}
+        calibration_path = child.calibration
     mode = Mode(settings.mode)
     files = fingerprints([calibration_path] if calibration_path is not None else [])  # before it is read
     calibration = load_calibration(calibration_path, robot) if calibration_path is not None else None
@@ -199,6 +202,14 @@ def bus_ports(
             raise UsageError(f"--port {bare}: this robot has {len(buses)} buses, say which: {named}")
         ports[buses[0]] = bare
     return ports
+
+
+def refuse_wrong(robot: RobotFile, ports: Mapping[str, str | None]) -> None:
+    """Raises UsageError for a serial port of a CAN bus, or the other way round."""
+    for name, port in ports.items():
+        wrong = None if port is None else wrong_port(robot.bus(name).kind, port)
+        if wrong is not None:
+            raise UsageError(f"port of bus {name}: {wrong}")
 
 
 def live_denied(robot: str, ports: Mapping[str, str | None], calibrated: bool) -> Finding | None:

@@ -1,19 +1,38 @@
-"""The cycle of every bus of a robot at a rate: bytes, µs, Hz reachable; or a refusal."""
+"""The cycle of every bus of a robot at a rate: bytes or frames, µs, Hz reachable; or a refusal."""
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import Protocol
 
+from twind.config.actuator import CAN, CanType, ServoType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.config.section import file_error
 from twind_drivers.bus import upkeep_stride
+from twind_drivers.can import budget as can
 from twind_drivers.dynamixel.budget import Budget, budget
 from twind_drivers.dynamixel.layout import layout_of
 from twind_drivers.dynamixel.tables import number_of, table
 
 
+class Cycle(Protocol):
+    """One bus at one rate, whatever hangs on it."""
+
+    @property
+    def bus(self) -> BusSpec:
+        """Of the robot file."""
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the rate is out of reach; None: it is not."""
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The arithmetic, for people."""
+
+
 @dataclass(frozen=True, slots=True)
 class BusBudget:
-    """One bus at one rate. `plain` is what every servo can do, `fast` needs newer firmware."""
+    """One serial bus at one rate. `plain` is what every servo can do, `fast` needs newer firmware."""
 
     bus: BusSpec
     count: int
@@ -38,13 +57,39 @@ class BusBudget:
         return (head, *rows, *(f"    {line}" for line in self.plain.lines))
 
 
-def budgets(robot: RobotFile, rate_hz: float) -> tuple[BusBudget, ...]:
+@dataclass(frozen=True, slots=True)
+class CanBudget:
+    """One CAN bus at one rate."""
+
+    bus: BusSpec
+    count: int
+    rate_hz: float
+    cycle: can.Budget
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the rate is out of reach; None: it is not."""
+        why = self.cycle.refusal(self.rate_hz)
+        return None if why is None else f"bus {self.bus.name}: {why}"
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """For people: frames and time of a cycle, then the arithmetic."""
+        each, rate = self.cycle, f"{self.bus.baud} bit/s, {self.rate_hz:g} Hz wanted"
+        return (
+            f"bus {self.bus.name}: {self.count} CAN actuators at {rate}",
+            f"  {each.frames:.3g} frames, {each.seconds * 1e6:.0f} us, up to {each.reachable_hz:.0f} Hz",
+            *(f"    {line}" for line in each.lines),
+        )
+
+
+def budgets(robot: RobotFile, rate_hz: float) -> tuple[Cycle, ...]:
     """The cycle of every bus: goals, reading, upkeep and the adapter's latency. Without joints: none."""
     joints = {bus.name: [joint for joint in robot.joints if joint.bus == bus.name] for bus in robot.buses}
-    return tuple(_budget(bus, joints[bus.name], rate_hz) for bus in robot.buses if joints[bus.name])
+    return tuple(_cycle(bus, joints[bus.name], rate_hz) for bus in robot.buses if joints[bus.name])
 
 
-def require_rate(robot: RobotFile, rate_hz: float) -> tuple[BusBudget, ...]:
+def require_rate(robot: RobotFile, rate_hz: float) -> tuple[Cycle, ...]:
     """`budgets`, every one within reach. Raises ConfigError with the arithmetic of the first that is not."""
     found = budgets(robot, rate_hz)
     for each in found:
@@ -53,8 +98,17 @@ def require_rate(robot: RobotFile, rate_hz: float) -> tuple[BusBudget, ...]:
     return found
 
 
-def _budget(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> BusBudget:
-    delay = max(joint.type.return_delay_us for joint in joints)
+def _cycle(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> Cycle:
+    return (_can if bus.kind == CAN else _serial)(bus, joints, rate_hz)
+
+
+def _can(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> CanBudget:
+    families = Counter(joint.type.family for joint in joints if isinstance(joint.type, CanType))
+    return CanBudget(bus, len(joints), rate_hz, can.budget(families, bus.baud, rate_hz))
+
+
+def _serial(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> BusBudget:
+    delay = max(joint.type.return_delay_us for joint in joints if isinstance(joint.type, ServoType))
     latency = bus.latency_timer_ms * 1e-3
     groups = _groups(joints)
     # A reply that does not fill the adapter's buffer ends on its latency timer: one period at most.

@@ -199,7 +199,7 @@ def _device(section: Section) -> DeviceRecord:
     eeprom = section.section("eeprom")
     number, byte = {"least": -MAX_TICKS, "most": MAX_TICKS}, {"least": 0, "most": 255}
     record = DeviceRecord(
-        model_number=section.integer("model_number", least=0, most=65535),
+        model_number=section.integer("model_number", least=0, most=MAX_TICKS),
         firmware=section.integer("firmware", **byte),
         unique_id=None if section.plain("unique_id") is None else section.text("unique_id"),
         homing_offset_ticks=eeprom.integer("homing_offset_ticks", **number),

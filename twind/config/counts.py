@@ -6,8 +6,8 @@ turn; direction is in `sign` alone.
 
 import math
 
-from twind.config.robot_spec import JointSpec, TypeSpec
-from twind_drivers.dynamixel.tables import number_of, table
+from twind.config.actuator import TypeSpec
+from twind.config.robot_spec import JointSpec
 
 
 def rad_per_tick(joint: JointSpec) -> float:
@@ -16,13 +16,11 @@ def rad_per_tick(joint: JointSpec) -> float:
 
 
 def centre_of(kind: TypeSpec) -> int:
-    """The count in the middle of the turn that position mode takes: X series 2048, P series 0.
+    """The count in the middle of the turn that an actuator wakes up in: X series 2048, P series and CAN 0.
 
-    Source: e-manual, "Goal Position" of each. Where nobody says, half a turn. Raises KeyError: a
-    model that is in no table.
+    Raises KeyError: a model that is in no table.
     """
-    known = table(number_of(kind.device)).facts.centre
-    return kind.ticks_per_turn // 2 if known is None else known
+    return kind.centre
 
 
 def turn_start(kind: TypeSpec) -> int:

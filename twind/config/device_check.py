@@ -1,23 +1,21 @@
-"""Are the servos on the wire those the files speak of? Pure: devices as identified in, a verdict out (S09).
+"""Are the actuators on the wire those of the files? Pure: devices as identified in, a verdict out (S09).
 
 Registers are compared and named, never written. What is not known counts as different.
 """
 
 from collections.abc import Iterator, Mapping
 
+from twind.config import can_check, servo_check
+from twind.config.actuator import CanType, ServoType
 from twind.config.calibration_file import Calibration, DeviceRecord, JointCalibration
 from twind.config.counts import rad_per_tick
 from twind.config.robot_spec import JointSpec, RobotFile
+from twind.config.servo_check import Doubt
 from twind.robot.finding import Code, Finding, Verdict
 from twind_drivers.bus import Device
 
 Devices = Mapping[tuple[str, int], Device]
 
-MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
-SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
-MAX_ID = 252  # above it the second id is off (e-manual, address 12)
-TORQUE_AT_BOOT = 0b0001  # startup configuration (60), bit 0
-TORQUE_BY_GOAL = 0b1000  # drive mode (10), bit 3
 PLAUSIBLE_SWEEP = (0.6, 1.3)  # of the described range
 
 # register in `Device.settings` -> field of the record
@@ -43,8 +41,8 @@ def check_devices(robot: RobotFile, devices: Devices) -> Verdict:
             where = f"id {joint.id} on bus {joint.bus}"
             unfit = [f"{where}: {why}" for why in _unfit(joint, device)]
             refusals.extend(Finding(Code.DEVICE_MISMATCH, place, message=text) for text in unfit)
-            warnings.extend(_slow(place, joint, device))
-            warnings.extend(_unfenced(place, joint))
+            doubts = _doubts(joint, device)
+            warnings.extend(Finding(Code.DEVICE_MISMATCH, place, **doubt._asdict()) for doubt in doubts)
     return Verdict(refusals=tuple(refusals), warnings=tuple(warnings))
 
 
@@ -70,82 +68,17 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
 
 
 def _unfit(joint: JointSpec, device: Device) -> Iterator[str]:
-    """What makes this servo unusable for this joint, whatever the calibration says."""
-    settings = device.settings
-    if not _same_model(device.model_name, joint.type.device):
-        found = device.model_name or "a model that is in no table"
-        yield f"is {found} (model number {device.model_number}), the robot file says {joint.type.device}"
-    yield from _wrong_mode(joint, settings)
-    yield from _shadowing(settings)
-    offset = settings.get("homing_offset")
-    if offset is None or (abs(offset) > MAX_OFFSET and joint.mode == "position"):
-        yield f"homing_offset (20) is {offset}; beyond ±{MAX_OFFSET} position mode ignores it: write 0"
-    drive = settings.get("drive_mode")
-    if drive is None or drive & TORQUE_BY_GOAL:
-        yield f"drive_mode (10) is {drive}: bit 3, torque on by goal update, must be 0"
-    startup = settings.get("startup_configuration", 0)  # older firmware has no such register
-    if startup & TORQUE_AT_BOOT:
-        yield f"startup_configuration (60) is {startup}: bit 0, torque on at boot, must be 0"
-    for register, wanted in joint.registers.items():
-        found_value = settings.get(register)
-        if found_value is None:
-            yield f"{register} must be {wanted}, but is not read from servos: remove it from the robot file"
-        elif found_value != wanted:
-            yield f"{register} is {found_value}, the robot file says {wanted}"
+    """What makes this actuator unusable for this joint, whatever the calibration says."""
+    if isinstance(joint.type, CanType):
+        return can_check.unfit(joint.type, device)
+    return servo_check.unfit(joint, device)
 
 
-def _wrong_mode(joint: JointSpec, settings: Mapping[str, int]) -> Iterator[str]:
-    """Another operating mode than the robot file names, or a cap that the servo does not take."""
-    mode, wanted = settings.get("operating_mode"), joint.operating_mode
-    if mode != wanted:
-        yield (
-            f"operating_mode (11) is {mode}, {joint.mode} mode is {wanted}: "
-            f"with torque off write {wanted} to register 11, then calibrate anew; or correct the robot file"
-        )
-    limit, cap = settings.get("current_limit"), joint.current_cap
-    if cap is not None and (limit is None or limit < cap):
-        yield (
-            f"current_limit (38) is {limit}, current_limit_a of the robot file asks for {cap}: "
-            "lower current_limit_a, or raise register 38"
-        )
-
-
-def _shadowing(settings: Mapping[str, int]) -> Iterator[str]:
-    """A second id that the servo obeys as well, without an answer (e-manual, "Secondary(Shadow) ID (12)").
-
-    It is read in one block with the operating mode: where it was not read, that refuses.
-    """
-    for register in SECONDARY:
-        value = settings.get(register, 255)
-        if value <= MAX_ID:
-            yield (
-                f"{register} (12) is {value}: it obeys goals for id {value} too; "
-                "with torque off write 255, off, to register 12"
-            )
-
-
-def _same_model(found: str | None, wanted: str) -> bool:
-    """XM430-W350-T and -R are XM430-W350 with another connector."""
-    return found is not None and found.lower() == wanted.lower().removesuffix("-t").removesuffix("-r")
-
-
-def _slow(place: int, joint: JointSpec, device: Device) -> Iterator[Finding]:
-    register = device.settings.get("return_delay_time")
-    described = joint.type.return_delay_us
-    if register is not None and 2 * register > described:
-        text = f"return delay is {2 * register} us, the robot file says {described}: rate at risk"
-        bound = float(described)
-        yield Finding(Code.DEVICE_MISMATCH, place, value=2.0 * register, bound=bound, message=text)
-
-
-def _unfenced(place: int, joint: JointSpec) -> Iterator[Finding]:
-    """In modes 4 and 5 the servo takes goals of many turns (e-manual, registers 48, 52: mode 3 only)."""
-    if joint.mode != "position":
-        text = (
-            f"in {joint.mode} mode the servo's own position limits (48, 52) do nothing: "
-            "the daemon's clamp is the only fence"
-        )
-        yield Finding(Code.DEVICE_MISMATCH, place, value=float(joint.operating_mode), bound=3.0, message=text)
+def _doubts(joint: JointSpec, device: Device) -> Iterator[Doubt]:
+    """What works, and should be known."""
+    if isinstance(joint.type, ServoType):
+        return servo_check.doubts(joint, joint.type, device)
+    return iter(())
 
 
 def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> Iterator[Finding]:

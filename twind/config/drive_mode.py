@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Mapping
 
-from twind.config.robot_spec import OPERATING_MODES, TypeSpec, cap_counts
+from twind.config.actuator import OPERATING_MODES, ServoType
 from twind.config.section import Section
 from twind_drivers.dynamixel.modes import mode_of
 from twind_drivers.dynamixel.tables import number_of, table
@@ -36,14 +36,14 @@ def type_mode(section: Section, default: str = "position") -> str:
     return mode
 
 
-def joint_mode(source: Callable[[str], Section], entry: Section, kind: TypeSpec, described: Section) -> str:
+def joint_mode(source: Callable[[str], Section], entry: Section, kind: ServoType, described: Section) -> str:
     """The mode of a joint: its own, that of the defaults, else its type's. Raises ConfigError.
 
     Refused: a mode that the servo's model does not have, current-based position without a current that it
     takes. `described`: the section of `kind`.
     """
     mode = type_mode(source("mode"), kind.mode)
-    cap = cap_counts(kind)
+    cap = kind.cap_counts
     if mode == CURRENT_BASED and cap is None:
         raise entry.refuse(
             "mode", f"mode {mode} needs current_limit_a in type {kind.name}: the most current it may use"
@@ -58,9 +58,9 @@ def joint_mode(source: Callable[[str], Section], entry: Section, kind: TypeSpec,
     return mode
 
 
-def _require_current(kind: TypeSpec, described: Section, counts: int) -> None:
+def _require_current(kind: ServoType, described: Section, counts: int) -> None:
     """Raises ConfigError where `current_limit_a` is no goal current of 1..`counts`, told in ampere."""
-    cap, most = cap_counts(kind), counts * kind.current_lsb_a
+    cap, most = kind.cap_counts, counts * kind.current_lsb_a
     if cap is None or not 1 <= cap <= counts:
         raise described.refuse(
             "current_limit_a",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from twind.config.budget import budgets
 from twind.config.calibration_file import Calibration
-from twind.config.counts import centre_of, ticks_of, turn_start
+from twind.config.counts import centre_of, ticks_of
 from twind.config.robot_spec import JointSpec, RobotFile
 
 HEADINGS = (
@@ -62,11 +62,11 @@ def check_robot(
 
 
 def _unfenced(robot: RobotFile) -> list[str]:
-    """Joints whose servos take goals of many turns (e-manual, registers 48 and 52: mode 3 only)."""
-    names = [joint.name for joint in robot.joints if joint.mode != "position"]
+    """Joints whose actuators take goals of many turns: servos but in mode 3, and CAN actuators."""
+    names = [joint.name for joint in robot.joints if not joint.type.fenced(joint.mode)]
     if not names:
         return []
-    text = "warning: modes without position limits of the servo's own, the daemon's clamp is the only fence"
+    text = "warning: no position limits of the actuator's own, the daemon's clamp is the only fence"
     return [f"{text}: {', '.join(names)}"]
 
 
@@ -89,11 +89,10 @@ def _row(joint: JointSpec, zero: int) -> tuple[str, ...]:
 
 
 def _out_of_turn(joint: JointSpec, zero: int, calibrated: bool) -> list[str]:
-    """In position mode a servo takes goals of one turn only."""
+    """In position mode a servo takes goals of one turn only; a CAN actuator what its field holds."""
     ends = [ticks_of(joint, zero, angle) for angle in (joint.lower, joint.upper)]
-    first = turn_start(joint.type)
-    last = first + joint.type.ticks_per_turn - 1
-    if joint.mode != "position" or not calibrated or (min(ends) >= first and max(ends) <= last):
+    first, last = joint.type.goals(joint.mode, None)
+    if not calibrated or (min(ends) >= first and max(ends) <= last):
         return []  # without calibration the zero is a guess
     where = f"counts {min(ends)}..{max(ends)} leave the servo's turn {first}..{last}"
     return [f"joints.{joint.name}: {where}: remount the horn, then calibrate again"]

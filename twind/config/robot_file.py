@@ -7,30 +7,30 @@ identity stand in the calibration file). Refuses by name what this version canno
 import hashlib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
+from typing import NamedTuple
 
+from twind.config.actuator import CanType, Gains, ServoType, TypeSpec
+from twind.config.buses import NAME, buses
+from twind.config.can_type import can_joint, can_type, refuse_clash
 from twind.config.collision import clearance
-from twind.config.drive_mode import joint_mode, type_mode
 from twind.config.located import ConfigError, parse, read_text
-from twind.config.robot_spec import BusSpec, Gains, GateSettings, JointSpec, RobotFile, TypeSpec
+from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
 from twind.config.section import Section, file_error
-from twind.config.supply import heat, supply
-from twind.config.units import units
+from twind.config.servo_type import servo_joint, servo_type
 from twind.protocol.plain_file import NotAFile, read_plain
-from twind_drivers.dynamixel.tables import Table, number_of, table
+from twind_drivers.can.models import MODELS as CAN_MODELS
+from twind_drivers.dynamixel.tables import number_of
 
 FORMAT = "twind-robot/1"
 SUPPORTS = ("fixed", "gantry", "free")
-BAUDS = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 MAX_MJCF = 8 * 1024 * 1024  # bytes
 LATER = "is not supported by this version yet; remove it to use the rest of the file"
 
 _NAME = re.compile(r"[a-z0-9_-]{1,64}")
-_JOINT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-_REGISTER = re.compile(r"[a-z][a-z0-9_]{1,40}")
 
 
 def built_in_robots() -> tuple[str, ...]:
@@ -74,8 +74,8 @@ def read_robot(path: Path) -> RobotFile:
         raise top.refuse("name", f"{name!r}: use 1 to 64 of a-z, 0-9, _ and -")
     mjcf_path, mjcf, base = _model(top.section("model"), path)
     rate, timeout = _loop(top.section("loop"))
-    buses = _buses(top.section("buses"))
-    joints = _joints(top, buses)
+    wires = buses(top.section("buses"))
+    joints = _joints(top, wires)
     support = top.text("support", "free", SUPPORTS)
     robot = RobotFile(
         name=name,
@@ -87,7 +87,7 @@ def read_robot(path: Path) -> RobotFile:
         support=support,
         rate_hz=rate,
         command_timeout_ms=timeout,
-        buses=buses,
+        buses=wires,
         joints=joints,
         passive=_passive(top, joints),
         legs=_legs(top, joints),
@@ -122,91 +122,26 @@ def _loop(section: Section) -> tuple[float, float]:
     return rate, timeout
 
 
-def _buses(section: Section) -> tuple[BusSpec, ...]:
-    buses = [_bus(name, section) for name in section]
-    if not buses:
-        raise section.refuse("", "a robot needs at least one bus")
-    section.close()
-    return tuple(buses)
-
-
-def _bus(name: str, parent: Section) -> BusSpec:
-    if not _JOINT.fullmatch(name):
-        raise parent.refuse(name, "a bus is named by letters, digits, _ . and -")
-    section = parent.section(name)
-    kind = section.text("kind", None, ("dynamixel2", "can"))
-    if kind == "can":
-        raise section.refuse("kind", f"kind can {LATER}")
-    baud = section.integer("baud", 1_000_000)
-    if baud not in BAUDS:
-        raise section.refuse("baud", f"{baud} is not a rate of these servos: {', '.join(map(str, BAUDS))}")
-    bus = BusSpec(
-        name=name,
-        kind=kind,
-        port=section.text("port") if section.has("port") else None,
-        baud=baud,
-        latency_timer_ms=section.integer("latency_timer_ms", 1, least=0, most=255),
-        one_write=section.flag("one_write", True),
-    )
-    section.close()
-    return bus
-
-
 def _type(name: str, parent: Section) -> TypeSpec:
+    """By its device: a model of one of the CAN families, else a serial servo."""
     section = parent.section(name)
-    delay = section.integer("return_delay_us", 500, least=0, most=508)  # factory setting: 250 units of 2 µs
-    if delay % 2:
-        raise section.refuse("return_delay_us", f"{delay} is odd: the register counts in steps of 2 µs")
     device = section.text("device")
-    known = _known(section, device)
-    of = units(section, device)
-    spec = TypeSpec(
-        name=name,
-        device=device,
-        mode=type_mode(section),
-        return_delay_us=delay,
-        ticks_per_turn=of.ticks_per_turn,
-        gains=_gains(section.section("gains")),
-        torque_constant_nm_per_a=section.number("torque_constant_nm_per_a", math.nan, above=0.0, most=1e3),
-        current_lsb_a=of.current_lsb_a,
-        velocity_lsb_rad_s=of.velocity_lsb_rad_s,
-        velocity_limit_rad_s=section.number("velocity_limit_rad_s", 2.0, above=0.0, most=100.0),
-        acceleration_limit_rad_s2=section.number("acceleration_limit_rad_s2", 10.0, above=0.0, most=1e4),
-        current_limit_a=section.number("current_limit_a", math.nan, above=0.0, most=1e3),
-        registers=_registers(section.section("registers"), known),
-        supply=supply(section, device),
-        heat=heat(section, device),
-    )
-    section.close()
-    return spec
+    if device in CAN_MODELS:
+        return can_type(name, section)
+    near = get_close_matches(device, CAN_MODELS, 1, 0.75)
+    if near and device.lower() != near[0].lower() and not _is_servo(device):
+        raise section.refuse("device", f"no CAN actuator {device!r}; nearest: {near[0]}")
+    return servo_type(name, section)
 
 
-def _known(section: Section, device: str) -> Table:
-    """The vendor's table of a type's device. Raises ConfigError with the nearest names."""
+def _is_servo(device: str) -> bool:
     try:
-        return table(number_of(device))
-    except KeyError as error:
-        raise section.refuse("device", str(error.args[0])) from None
+        return number_of(device) > 0
+    except KeyError:
+        return False
 
 
-def _gains(section: Section) -> Gains:
-    gains = Gains(*(section.integer(key, least=0, most=16383) for key in ("p", "i", "d")))
-    section.close()
-    return gains
-
-
-def _registers(section: Section, known: Table) -> dict[str, int]:
-    for key in section:
-        if not _REGISTER.fullmatch(key):
-            raise section.refuse(key, "a register is named in snake case, as homing_offset")
-        if key not in known:
-            near = get_close_matches(key, known.fields, 1)
-            hint = f"; nearest: {near[0]}" if near else ""
-            raise section.refuse(key, f"{known.model} has no {key}{hint}")
-    return {key: section.integer(key, least=-(2**31), most=2**32 - 1) for key in section}
-
-
-def _joints(top: Section, buses: tuple[BusSpec, ...]) -> tuple[JointSpec, ...]:
+def _joints(top: Section, wires: tuple[BusSpec, ...]) -> tuple[JointSpec, ...]:
     kinds = top.section("types")
     types = {name: _type(name, kinds) for name in kinds}
     kinds.close()
@@ -216,14 +151,15 @@ def _joints(top: Section, buses: tuple[BusSpec, ...]) -> tuple[JointSpec, ...]:
     joints: list[JointSpec] = []
     taken: dict[tuple[str, int], str] = {}
     driven: dict[str, str] = {}
-    names = tuple(bus.name for bus in buses)
+    lines = {bus.name: bus.kind for bus in wires}
     for name in section:
         entry = section.section(name)
-        joint = _joint(name, entry, defaults, kinds, types, names)
+        joint = _joint(name, entry, defaults, kinds, types, lines)
         if (other := taken.get((joint.bus, joint.id))) is not None:
             raise entry.refuse("id", f"id {joint.id} on bus {joint.bus} is that of {other} already")
         if (other := driven.get(joint.model_joint)) is not None:
             raise entry.refuse("model_joint", f"model joint {joint.model_joint} is driven by {other} already")
+        refuse_clash(joint, joints, entry)
         taken[joint.bus, joint.id] = driven[joint.model_joint] = name
         joints.append(joint)
     section.close()
@@ -237,9 +173,9 @@ def _joint(
     defaults: Section,
     kinds: Section,
     types: Mapping[str, TypeSpec],
-    buses: Sequence[str],
+    buses: Mapping[str, str],
 ) -> JointSpec:
-    if not _JOINT.fullmatch(name):
+    if not NAME.fullmatch(name):
         raise entry.refuse("", f"joint {name!r}: use 1 to 64 letters, digits, _ . and -")
     for key in ("homing", "stop_rad"):
         if entry.has(key):
@@ -260,11 +196,16 @@ def _joint(
         message = f"the travel is {turns:.2f} turns of the actuator: one turn at most without homing"
         raise entry.refuse("limits_rad", message)
     speed, pull = "velocity_limit_rad_s", "acceleration_limit_rad_s2"
+    bus = source("bus").text("bus", None, tuple(buses))
+    if buses[bus] != kind.BUS:
+        device = f"type {kind.name} is a {kind.device}, for buses of kind {kind.BUS}"
+        raise entry.refuse("bus", f"{device}; bus {bus} is of kind {buses[bus]}")
+    own = _driven(source, entry, kind, kinds.section(kind.name))
     joint = JointSpec(
         name=name,
         model_joint=entry.text("model_joint", name),
-        bus=source("bus").text("bus", None, tuple(buses)),
-        id=entry.integer("id", least=0, most=252),
+        bus=bus,
+        id=own.id,
         type=kind,
         sign=sign,
         ratio=ratio,
@@ -276,11 +217,30 @@ def _joint(
         acceleration_limit=min(
             kind.acceleration_limit_rad_s2 / ratio, source(pull).number(pull, math.inf, above=0.0, most=1e4)
         ),
-        registers={**kind.registers, **_registers(entry.section("registers"), table(number_of(kind.device)))},
-        mode=joint_mode(source, entry, kind, kinds.section(kind.name)),
+        registers=own.registers,
+        mode=own.mode,
+        feedback_id=own.feedback_id,
     )
     entry.close()
     return joint
+
+
+class _Driven(NamedTuple):
+    """What a joint says of its own actuator."""
+
+    id: int
+    mode: str
+    registers: Mapping[str, int]
+    feedback_id: int | None
+
+
+def _driven(source: Callable[[str], Section], entry: Section, kind: TypeSpec, described: Section) -> _Driven:
+    if isinstance(kind, CanType):
+        id, mode, feedback = can_joint(source, entry, kind)
+        return _Driven(id, mode, {}, feedback)
+    assert isinstance(kind, ServoType)
+    id, mode, registers = servo_joint(source, entry, kind, described)
+    return _Driven(id, mode, registers, None)
 
 
 def _limits(entry: Section) -> tuple[float, float]:

@@ -1,21 +1,12 @@
 """The nouns of the robot file: buses, actuator types, joints, the robot. Frozen; read by `robot_file.py`."""
 
 import hashlib
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from twind.config.actuator import TypeSpec
 from twind.config.collision import Clearance
-from twind.config.supply import Heat, Supply
-
-# Name in the robot file -> value of the servo's register 11 (e-manual, "Operating Mode").
-OPERATING_MODES: Mapping[str, int] = {
-    "position": 3,
-    "extended_position": 4,
-    "current_based_position": 5,
-}
-MANY_TURNS = 1_048_575  # ticks: goals of the modes without position limits (e-manual, "Goal Position")
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,41 +14,11 @@ class BusSpec:
     """One bus and the port it is reached by."""
 
     name: str
-    kind: str  # `dynamixel2`
+    kind: str  # `dynamixel2` or `can`
     port: str | None  # None: given by the settings or on the command line
-    baud: int
+    baud: int  # bit/s; of a CAN bus what its file calls `bitrate`
     latency_timer_ms: int  # of the adapter; 0: it has none (an on-board port)
     one_write: bool = True  # goals and the next read request leave in one system call
-
-
-@dataclass(frozen=True, slots=True)
-class Gains:
-    """Position loop gains as register counts; they are written before torque and read back."""
-
-    p: int
-    i: int
-    d: int
-
-
-@dataclass(frozen=True, slots=True)
-class TypeSpec:
-    """One kind of actuator, shared by joints."""
-
-    name: str
-    device: str  # as the vendor's table spells it: XM430-W350
-    mode: str  # one of OPERATING_MODES; a joint may have another
-    return_delay_us: int
-    ticks_per_turn: int
-    gains: Gains
-    torque_constant_nm_per_a: float  # NaN: effort unknown
-    current_lsb_a: float
-    velocity_lsb_rad_s: float
-    velocity_limit_rad_s: float
-    acceleration_limit_rad_s2: float
-    current_limit_a: float  # NaN: unknown
-    registers: Mapping[str, int]  # what a register must hold, by its name in snake case
-    supply: Supply  # V that its servos bear
-    heat: Heat  # °C, and for how long how much current
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,23 +38,18 @@ class JointSpec:
     acceleration_limit: float  # rad/s²
     registers: Mapping[str, int]  # of the type, overridden by the joint
     mode: str = "position"  # of the joint, else of its type
+    # Id of the frames that a CAN actuator answers with; None: its family answers with its own id.
+    feedback_id: int | None = None
 
     @property
     def operating_mode(self) -> int:
-        """What the servo's register 11 must hold."""
-        return OPERATING_MODES[self.mode]
+        """What the actuator must say: a servo in its register 11, a CAN actuator that it takes commands."""
+        return self.type.operating_mode(self.mode)
 
     @property
     def current_cap(self) -> int | None:
         """Goal current (102) in counts, the most the servo may use; None but in current-based position."""
-        return cap_counts(self.type) if self.mode == "current_based_position" else None
-
-
-def cap_counts(kind: TypeSpec) -> int | None:
-    """`current_limit_a` of a type in counts of its servo, rounded down; None where it is not given."""
-    if not math.isfinite(kind.current_limit_a):
-        return None
-    return math.floor(kind.current_limit_a / kind.current_lsb_a + 1e-9)  # 2.69 A is 1000 counts of 2.69 mA
+        return self.type.current_cap(self.mode)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from twind.config.located import parse, read_text
+from twind.config.ports import wrong_port
 from twind.config.section import Plain, Section, file_error
 from twind.protocol.places import own_folder
 
@@ -195,8 +196,8 @@ def _robot(name: str, folder: Path) -> str:
 
 def _port(section: Section, bus: str) -> str:
     port = section.text(bus)
-    if port.startswith("can:"):
-        raise section.refuse(bus, f"{port}: CAN ports are not supported by this version yet")
+    if (wrong := wrong_port(None, port)) is not None:
+        raise section.refuse(bus, wrong)
     return port
 
 
@@ -207,8 +208,8 @@ def _command_line_ports(ports: Sequence[str]) -> dict[str, str]:
         bus, port = (match[1], match[2]) if match else ("", given)
         if not port:
             raise file_error(COMMAND_LINE, "--port is empty: give a device, or BUS=device")
-        if port.startswith("can:"):
-            raise file_error(COMMAND_LINE, f"--port {given}: CAN ports are not supported by this version yet")
+        if (wrong := wrong_port(None, port)) is not None:
+            raise file_error(COMMAND_LINE, f"--port {wrong}")
         if bus in found:
             again = f"for bus {bus} " if bus else ""
             raise file_error(COMMAND_LINE, f"--port is given {again}twice: {found[bus]} and {port}")

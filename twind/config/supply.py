@@ -43,8 +43,13 @@ class Heat:
 
 
 def supply(parent: Section, device: str) -> Supply:
-    """Section `supply` of a type. Raises ConfigError: bounds that are not in order."""
-    section, usual = parent.section("supply"), _usual_supply(device)
+    """Section `supply` of a servo's type. Raises ConfigError: bounds that are not in order."""
+    return own_supply(parent, _usual_supply(device))
+
+
+def own_supply(parent: Section, usual: Supply) -> Supply:
+    """Section `supply` of a type; `usual`: what stands where it says nothing. Raises ConfigError."""
+    section = parent.section("supply")
     found = Supply(
         warn=section.number("warn_v", usual.warn, above=0.0, most=100.0),
         settle=section.number("settle_v", usual.settle, above=0.0, most=100.0),
@@ -58,8 +63,13 @@ def supply(parent: Section, device: str) -> Supply:
 
 
 def heat(parent: Section, device: str) -> Heat:
-    """Section `heat` of a type. Raises ConfigError: bounds that are not in order, or never reached."""
-    section, usual, own = parent.section("heat"), _usual_heat(device), _limit(device)
+    """Section `heat` of a servo's type. Raises ConfigError: bounds not in order, or never reached."""
+    return own_heat(parent, usual_heat(_limit(device)), _limit(device))
+
+
+def own_heat(parent: Section, usual: Heat, own: float) -> Heat:
+    """Section `heat` of a type that shuts itself down at `own` °C; `usual` as above. Raises ConfigError."""
+    section = parent.section("heat")
     found = Heat(
         warn=section.number("warn_c", usual.warn, above=0.0, most=own),
         slow=section.number("slow_c", usual.slow, above=0.0, most=own),
@@ -104,8 +114,8 @@ def _scaled(bound: float, own: tuple[float, float]) -> float:
     return round(own[0] + share * (own[1] - own[0]), 1)
 
 
-def _usual_heat(device: str) -> Heat:
-    own = _limit(device)
+def usual_heat(own: float) -> Heat:
+    """Bounds of what shuts itself down at `own` °C; inf: not known, nothing is judged by them."""
     return Heat(own - WARN_BELOW, own - SLOW_BELOW, own - SETTLE_BELOW, own - COOL_BELOW)
 
 

@@ -1,13 +1,21 @@
-"""Opens the serial buses of a robot file as readers, and makes their writers: the loop's way to a driver."""
+"""Opens the buses of a robot file as readers, and makes their writers: the loop's way to the drivers.
+
+The one place that knows which driver serves which kind of bus.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from twind.config.actuator import CAN, CanType, ServoType
 from twind.config.robot_file import RobotFile
 from twind.config.robot_spec import JointSpec
 from twind.robot.joints import BusMap, JointMap
 from twind_drivers.bus import Reader, Transport, Writer
+from twind_drivers.can.channel import Channel
+from twind_drivers.can.ports import open_channel, present
 from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter, Gains
 from twind_drivers.dynamixel.serial_port import SerialTransport
 from twind_drivers.dynamixel.tables import number_of
@@ -23,37 +31,73 @@ class Buses:
     rate_hz: float
 
     def open(self, name: str) -> Reader:
-        """The read half of a bus, on its serial port. Raises PortError."""
+        """The read half of a bus, on its port. Raises PortError."""
         port = self.ports[name]
         assert port is not None
-        return self.reader(name, SerialTransport(port, self.robot.bus(name).baud))
+        bus = self.robot.bus(name)
+        if bus.kind == CAN:
+            return self.can_reader(name, open_channel(port, bus.baud))
+        return self.reader(name, SerialTransport(port, bus.baud))
 
     def reader(self, name: str, transport: Transport) -> Reader:
-        """The read half of a bus, on any transport."""
-        joints = self._joints(name)
+        """The read half of a serial bus, on any transport."""
+        kinds = [kind for _, kind in self._servos(name)]
         return DynamixelReader(
             name,
             transport,
             self._map(name).ids,
-            [number_of(joint.type.device) for joint in joints],
+            [number_of(kind.device) for kind in kinds],
             baud=self.robot.bus(name).baud,
-            return_delay_us=max(joint.type.return_delay_us for joint in joints),
+            return_delay_us=max(kind.return_delay_us for kind in kinds),
             rate_hz=self.rate_hz,
             one_write=self.robot.bus(name).one_write,
         )
 
+    def can_reader(self, name: str, channel: Channel) -> Reader:
+        """The read half of a CAN bus, on any channel."""
+        from twind_drivers.can.bus import Actuator, CanReader  # noqa: PLC0415
+
+        actuators = [
+            Actuator(
+                id=joint.id,
+                feedback_id=joint.id if joint.feedback_id is None else joint.feedback_id,
+                model=kind.device,
+                position=kind.ranges.position_rad,
+                velocity=kind.ranges.velocity_rad_s,
+                torque=kind.ranges.torque_nm,
+            )
+            for joint, kind in self._actuators(name)
+        ]
+        return CanReader(name, channel, actuators, bitrate=self.robot.bus(name).baud, rate_hz=self.rate_hz)
+
     def enable(self, reader: Reader) -> Writer:
         """The write half of a bus: its clamp (R22) is the joints' hard range in ticks."""
+        if self.robot.bus(reader.name).kind == CAN:
+            return self._enable_can(reader)
         assert isinstance(reader, DynamixelReader)
-        bus, joints = self._map(reader.name), self._joints(reader.name)
-        gains = [Gains(joint.type.gains.p, joint.type.gains.i, joint.type.gains.d) for joint in joints]
+        bus, joints = self._map(reader.name), self._servos(reader.name)
         return DynamixelWriter(
             reader,
             lower=bus.lower,
             upper=bus.upper,
-            gains=gains,
-            modes=[joint.operating_mode for joint in joints],
-            current_caps=[joint.current_cap for joint in joints],
+            gains=[Gains(kind.gains.p, kind.gains.i, kind.gains.d) for _, kind in joints],
+            modes=[joint.operating_mode for joint, _ in joints],
+            current_caps=[joint.current_cap for joint, _ in joints],
+        )
+
+    def _enable_can(self, reader: Reader) -> Writer:
+        from twind_drivers.can.bus import CanReader, CanWriter  # noqa: PLC0415
+
+        assert isinstance(reader, CanReader)
+        bus, kinds = self._map(reader.name), [kind for _, kind in self._actuators(reader.name)]
+        return CanWriter(
+            reader,
+            lower=bus.lower,
+            upper=bus.upper,
+            kp=np.array([kind.gains.kp for kind in kinds]),
+            kd=np.array([kind.gains.kd for kind in kinds]),
+            torque_limits=np.array([kind.torque_limit_nm for kind in kinds]),
+            watchdog=[kind.watchdog == "device" for kind in kinds],
         )
 
     def refuse_taken(self) -> None:
@@ -61,12 +105,29 @@ class Buses:
 
         A port that does not exist yet is no failure: the robot may be plugged in later. Raises PortError.
         """
-        for name, port in self.ports.items():
-            if port is not None and Path(port).exists():
-                SerialTransport(port, self.robot.bus(name).baud).close()
+        held: list[Channel | SerialTransport] = []  # all at once: two buses on one port are refused too
+        try:
+            for name, port in self.ports.items():
+                if port is not None:
+                    held.extend(self._look(self.robot.bus(name).kind, port, self.robot.bus(name).baud))
+        finally:
+            for each in held:
+                each.close()
+
+    @staticmethod
+    def _look(kind: str, port: str, rate: int) -> list[Channel | SerialTransport]:
+        if kind == CAN:
+            return [open_channel(port, rate)] if present(port) else []
+        return [SerialTransport(port, rate)] if Path(port).exists() else []
 
     def _map(self, name: str) -> BusMap:
         return next(bus for bus in self.joints.buses if bus.name == name)
 
     def _joints(self, name: str) -> list[JointSpec]:
         return [self.robot.joints[int(place)] for place in self._map(name).joints]
+
+    def _servos(self, name: str) -> list[tuple[JointSpec, ServoType]]:
+        return [(each, each.type) for each in self._joints(name) if isinstance(each.type, ServoType)]
+
+    def _actuators(self, name: str) -> list[tuple[JointSpec, CanType]]:
+        return [(each, each.type) for each in self._joints(name) if isinstance(each.type, CanType)]

@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.config.counts import angle_of, centre_of, rad_per_tick, tick_range, turn_start
-from twind.config.robot_spec import MANY_TURNS, JointSpec, RobotFile
-from twind.config.supply import full_counts
+from twind.config.counts import angle_of, centre_of, rad_per_tick, tick_range
+from twind.config.robot_spec import JointSpec, RobotFile
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.limits import Limits
@@ -192,12 +191,9 @@ def _reach(joint: JointSpec, zero: int, entry: JointCalibration | None, model_ra
             max(hard_lower, float(model_range[0])),
             min(hard_upper, float(model_range[1])),
         )
-    wide = joint.mode != "position"  # then the limit registers do nothing (e-manual, 48 and 52)
-    start = turn_start(joint.type)
-    least, most = (-MANY_TURNS, MANY_TURNS) if wide else (start, start + joint.type.ticks_per_turn - 1)
+    recorded = None if entry is None else (entry.device.min_ticks, entry.device.max_ticks)
+    least, most = joint.type.goals(joint.mode, recorded)
     if entry is not None:
-        if not wide:
-            least, most = entry.device.min_ticks, entry.device.max_ticks
         ends = sorted(angle_of(joint, zero, ticks) for ticks in entry.sweep_ticks)
         hard_lower, hard_upper = max(hard_lower, ends[0]), min(hard_upper, ends[1])
     first, last = tick_range(joint, zero, hard_lower, hard_upper)
@@ -205,7 +201,8 @@ def _reach(joint: JointSpec, zero: int, entry: JointCalibration | None, model_ra
     if first >= last:
         raise BindingError(
             f"{joint.name}: no count is inside its limits, its travel and the servo's own {least}..{most} "
-            f"(zero {zero}): remount the horn, or correct registers 48 and 52, then calibrate again"
+            f"(zero {zero}): remount the horn, or correct those (of a servo registers 48 and 52), then "
+            "calibrate again"
         )
     # A goal is rounded to the nearest count, and that must be one the servo takes.
     edge = ROUNDING * abs(rad_per_tick(joint))
@@ -223,7 +220,7 @@ def _reach(joint: JointSpec, zero: int, entry: JointCalibration | None, model_ra
 
 def _limits(robot: RobotFile, reach: list[_Reach]) -> Limits:
     def effort(joint: JointSpec) -> float:
-        return joint.ratio * joint.type.torque_constant_nm_per_a * joint.type.current_limit_a
+        return joint.ratio * joint.type.effort_limit_nm
 
     return Limits(
         lower=frozen([each.lower for each in reach]),
@@ -266,13 +263,9 @@ def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[_Reach]) 
         zero=np.array([zeros[place] for place in places], np.int64),
         scale=frozen([rad_per_tick(joint) for joint in joints]),
         velocity_scale=frozen([j.sign / j.ratio * j.type.velocity_lsb_rad_s for j in joints]),
-        effort_scale=frozen(
-            [j.sign * j.ratio * j.type.torque_constant_nm_per_a * j.type.current_lsb_a for j in joints]
-        ),
+        effort_scale=frozen([j.sign * j.ratio * j.type.effort_lsb_nm for j in joints]),
         lower=np.array([reach[place].first for place in places], np.int64),
         upper=np.array([reach[place].last for place in places], np.int64),
         fastest=frozen([j.type.velocity_limit_rad_s * j.type.ticks_per_turn / math.tau for j in joints]),
-        load_scale=frozen(
-            [1.0 / full_counts(j.type.device, j.type.current_limit_a, j.type.current_lsb_a) for j in joints]
-        ),
+        load_scale=frozen([1.0 / j.type.full_effort for j in joints]),
     )

@@ -1,0 +1,100 @@
+"""Is a serial servo one that a joint can have? Registers as identified in, texts out. Pure.
+
+Registers are compared and named, never written. What is not known counts as different.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from twind.config.actuator import ServoType
+from twind.config.robot_spec import JointSpec
+from twind_drivers.bus import Device
+
+MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
+SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
+MAX_ID = 252  # above it the second id is off (e-manual, address 12)
+TORQUE_AT_BOOT = 0b0001  # startup configuration (60), bit 0
+TORQUE_BY_GOAL = 0b1000  # drive mode (10), bit 3
+
+
+class Doubt(NamedTuple):
+    """What works, and should be known."""
+
+    message: str
+    value: float
+    bound: float
+
+
+def unfit(joint: JointSpec, device: Device) -> Iterator[str]:
+    """What makes this servo unusable for this joint, whatever the calibration says."""
+    settings = device.settings
+    if not _same_model(device.model_name, joint.type.device):
+        found = device.model_name or "a model that is in no table"
+        yield f"is {found} (model number {device.model_number}), the robot file says {joint.type.device}"
+    yield from _wrong_mode(joint, settings)
+    yield from _shadowing(settings)
+    offset = settings.get("homing_offset")
+    if offset is None or (abs(offset) > MAX_OFFSET and joint.mode == "position"):
+        yield f"homing_offset (20) is {offset}; beyond ±{MAX_OFFSET} position mode ignores it: write 0"
+    drive = settings.get("drive_mode")
+    if drive is None or drive & TORQUE_BY_GOAL:
+        yield f"drive_mode (10) is {drive}: bit 3, torque on by goal update, must be 0"
+    startup = settings.get("startup_configuration", 0)  # older firmware has no such register
+    if startup & TORQUE_AT_BOOT:
+        yield f"startup_configuration (60) is {startup}: bit 0, torque on at boot, must be 0"
+    for register, wanted in joint.registers.items():
+        found_value = settings.get(register)
+        if found_value is None:
+            yield f"{register} must be {wanted}, but is not read from servos: remove it from the robot file"
+        elif found_value != wanted:
+            yield f"{register} is {found_value}, the robot file says {wanted}"
+
+
+def _wrong_mode(joint: JointSpec, settings: Mapping[str, int]) -> Iterator[str]:
+    """Another operating mode than the robot file names, or a cap that the servo does not take."""
+    mode, wanted = settings.get("operating_mode"), joint.operating_mode
+    if mode != wanted:
+        yield (
+            f"operating_mode (11) is {mode}, {joint.mode} mode is {wanted}: "
+            f"with torque off write {wanted} to register 11, then calibrate anew; or correct the robot file"
+        )
+    limit, cap = settings.get("current_limit"), joint.current_cap
+    if cap is not None and (limit is None or limit < cap):
+        yield (
+            f"current_limit (38) is {limit}, current_limit_a of the robot file asks for {cap}: "
+            "lower current_limit_a, or raise register 38"
+        )
+
+
+def _shadowing(settings: Mapping[str, int]) -> Iterator[str]:
+    """A second id that the servo obeys as well, without an answer (e-manual, "Secondary(Shadow) ID (12)").
+
+    It is read in one block with the operating mode: where it was not read, that refuses.
+    """
+    for register in SECONDARY:
+        value = settings.get(register, 255)
+        if value <= MAX_ID:
+            yield (
+                f"{register} (12) is {value}: it obeys goals for id {value} too; "
+                "with torque off write 255, off, to register 12"
+            )
+
+
+def _same_model(found: str | None, wanted: str) -> bool:
+    """XM430-W350-T and -R are XM430-W350 with another connector."""
+    return found is not None and found.lower() == wanted.lower().removesuffix("-t").removesuffix("-r")
+
+
+def doubts(joint: JointSpec, kind: ServoType, device: Device) -> Iterator[Doubt]:
+    """A return delay that costs more time than described; in modes 4 and 5, that it has no limits itself."""
+    register = device.settings.get("return_delay_time")
+    described = kind.return_delay_us
+    if register is not None and 2 * register > described:
+        text = f"return delay is {2 * register} us, the robot file says {described}: rate at risk"
+        yield Doubt(text, 2.0 * register, float(described))
+    if not kind.fenced(joint.mode):  # goals of many turns (e-manual, registers 48, 52: mode 3 only)
+        text = (
+            f"in {joint.mode} mode the servo's own position limits (48, 52) do nothing: "
+            "the daemon's clamp is the only fence"
+        )
+        yield Doubt(text, float(joint.operating_mode), 3.0)
