@@ -74,16 +74,14 @@ class Motor:
     def of(cls, joint: JointSpec, zero: int) -> "Motor":
         """The motor that a robot file describes. `zero`: ticks at joint angle 0."""
         kind = joint.type
-        constant = kind.torque_constant_nm_per_a
-        constant = constant if math.isfinite(constant) else TORQUE_CONSTANT
-        limit = constant * kind.current_limit_a
+        unit, limit = kind.effort_lsb_nm, kind.effort_limit_nm
         return cls(
             joint=joint.model_joint,
             zero=zero,
             ticks=joint.sign * joint.ratio * kind.ticks_per_turn / (2.0 * math.pi),
             ratio=joint.ratio,
             speed_lsb=kind.velocity_lsb_rad_s,
-            torque_lsb=constant * kind.current_lsb_a,
+            torque_lsb=unit if math.isfinite(unit) else TORQUE_CONSTANT * 0.00269,
             stall=limit if math.isfinite(limit) else STALL,
         )
 
