@@ -1,8 +1,8 @@
 """Actuators for the CAN figures: `python -m bench.can_responder`, a process of its own behind a pty.
 
-It is a serial adapter that speaks slcan, with actuators behind it that answer every standard frame at once, by
-the frame's id + 100 (hex) and a made-up feedback; so only the host's CPU is left to measure. Never sleeps: a
-host that must wake us would pay for it.
+It is a serial adapter that speaks slcan, with actuators behind it that answer every standard frame at once,
+by the frame's id + 100 (hex) and a made-up feedback; so only the host's CPU is left to measure. Never sleeps:
+a host that must wake us would pay for it.
 """
 
 import os
