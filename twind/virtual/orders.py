@@ -54,25 +54,62 @@ FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
 }
 
 
+# of a bus of CAN actuators, as the methods of `CanFaults`
+CAN_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
+    "drop": {"count": int, "id?": int},
+    "duplicate": {"count": int, "id?": int},
+    "foreign": {"count": int, "id?": int},
+    "delay": {"seconds": REAL, "id?": int},
+    "corrupt": {"count": int, "kind?": str},
+    "unacknowledged": {"on?": bool},
+    "bus_off": {"on?": bool},
+    "passive": {"on?": bool},
+    "error_frames": {"count": int},
+    "echo": {"on?": bool},
+    "stall": {"on?": bool},
+    "seed": {"number": int},
+    "silence": {"id?": int, "on?": bool},
+    "damage": {"id": int, "bits": int},
+    "ranges": {"id": int, "position": REAL, "velocity": REAL, "torque": REAL},
+    "zero_lost": {"id": int, "radians": REAL},
+    "wrap": {"id": int, "turns?": int},
+    "twin": {"id": int, "on?": bool},
+    "master": {"id": int, "on?": bool},
+    "brown_out": {"id": int},
+    "power": {"on": bool, "id?": int},
+    "supply": {"volts": REAL},
+    "heat": {"id": int, "celsius": REAL},
+    "lock": {"id": int},
+    "free": {"id": int},
+    "freeze": {"id": int, "on?": bool},
+    "record": {"count": int},
+    "unplug": {},
+    "replug": {"renamed?": bool},
+    "clear": {},
+}
+
+
 class OrderError(ValueError):
     """An order that cannot be carried out, and what would be right."""
 
 
-def arguments(order: Order) -> tuple[str, dict[str, Any]]:
-    """Fault and its arguments. Raises OrderError."""
+def arguments(
+    order: Order, faults: Mapping[str, Mapping[str, type | tuple[type, ...]]] = FAULTS
+) -> tuple[str, dict[str, Any]]:
+    """Fault and its arguments, of those of one kind of bus. Raises OrderError."""
     if "fault" not in order:
         raise OrderError('an order names a fault or a query, as {"fault": "drop", "count": 3}')
     name = order["fault"]
-    if not isinstance(name, str) or name not in FAULTS:
-        raise OrderError(f"no fault {name!r}; there are {', '.join(FAULTS)}")
-    kinds = {key.rstrip("?"): kind for key, kind in FAULTS[name].items()}
+    if not isinstance(name, str) or name not in faults:
+        raise OrderError(f"no fault {name!r}; there are {', '.join(faults)}")
+    kinds = {key.rstrip("?"): kind for key, kind in faults[name].items()}
     given = {key: value for key, value in order.items() if key not in ("fault", "bus")}
     for key, value in given.items():
         if key not in kinds:
             raise OrderError(f"{name} takes {', '.join(kinds) or 'no arguments'}, not {key!r}")
         if not isinstance(value, kinds[key]) or (isinstance(value, bool) and kinds[key] is not bool):
             raise OrderError(f"{name}: {key} is {value!r}, of the wrong type")
-    missing = [key for key in FAULTS[name] if key not in given and not key.endswith("?")]
+    missing = [key for key in faults[name] if key not in given and not key.endswith("?")]
     if missing:
         raise OrderError(f"{name} needs {', '.join(missing)}")
     return name, given

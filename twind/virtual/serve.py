@@ -12,11 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from twind.virtual.orders import Order, OrderError, OrderSocket, arguments
+from twind.virtual.orders import CAN_FAULTS, FAULTS, Order, OrderError, OrderSocket, arguments
 from twind.virtual.pty_port import PtyPort
 from twind_drivers.clock import Clock
-from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.truth import truth
+from twind_drivers.virtual.served import Served
 
 STEP = 0.002  # s between two looks at muscles and watchdogs, traffic or not
 STALL = 0.02  # s: a longer gap between two rounds did not happen to the servos
@@ -48,7 +47,7 @@ class Server:
 
     def __init__(
         self,
-        buses: Mapping[str, VirtualBus],
+        buses: Mapping[str, Served],
         ports: Mapping[str, PtyPort],
         clock: ServoClock,
         said: Callable[[str, str], None],
@@ -92,7 +91,7 @@ class Server:
         if more > 0.0:
             self._lost += more
             for bus in self._buses.values():
-                bus.servos.readings.origin -= more
+                bus.slip(more)
 
     def _wait(self, next_step: float) -> set[int]:
         """Until something is to be done; descriptors that have something to read."""
@@ -118,8 +117,8 @@ class Server:
             return self._history(order)
         if "query" in order:
             raise OrderError(f"no query {order['query']!r}; there are state, history")
-        name, given = arguments(order)
         bus, port = self._chosen(order.get("bus"))
+        name, given = arguments(order, CAN_FAULTS if bus.kind == "can" else FAULTS)
         bus.advance(self._clock.now())
         getattr(bus.faults, name)(**given)
         if name == "unplug":
@@ -129,7 +128,7 @@ class Server:
             self._said(port.name, port.path)
         return {"ok": True, "bus": port.name, "path": port.path}
 
-    def _chosen(self, name: Any) -> tuple[VirtualBus, PtyPort]:
+    def _chosen(self, name: Any) -> tuple[Served, PtyPort]:
         if name is None and len(self._pairs) == 1:
             return self._pairs[0]
         if not isinstance(name, str) or name not in self._buses:
@@ -140,8 +139,7 @@ class Server:
         now = self._clock.now()
         buses = {}
         for name, bus in self._buses.items():
-            bus.advance(now)
-            buses[name] = {"plugged": bus.plugged, "servos": truth(bus.servos, now)}
+            buses[name] = {"plugged": bus.plugged, "kind": bus.kind, "servos": bus.truth(now)}
         return {"ok": True, "now": now, "lost": self._clock.lost, "buses": buses}
 
     def _history(self, order: Order) -> Order:
@@ -150,17 +148,17 @@ class Server:
         since = order.get("since", -1.0)
         if not isinstance(since, int | float) or isinstance(since, bool):
             raise OrderError(f"history: since is {since!r}; it is a time in s")
-        if bus.servos.history is None:
+        if bus.history is None:
             raise OrderError(
                 f'bus {port.name}: nothing is recorded; order {{"fault": "record", "count": 1000}}'
             )
-        times, positions = bus.servos.history.readings()
+        times, positions = bus.history.readings()
         first = int(np.searchsorted(times, since, side="right"))
         return {
             "ok": True,
             "bus": port.name,
             "now": self._clock.now(),
-            "ids": bus.servos.registers.ids(),
+            "ids": bus.ids(),
             "more": first + PAGE < len(times),
             "time": times[first : first + PAGE].tolist(),
             "position": positions[first : first + PAGE].tolist(),

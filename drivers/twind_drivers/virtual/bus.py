@@ -24,10 +24,12 @@ from twind_drivers.dynamixel.packet import (
 from twind_drivers.virtual.columns import NO_ID
 from twind_drivers.virtual.faults import Faults
 from twind_drivers.virtual.group import FastGroup, PlainGroup
+from twind_drivers.virtual.history import History
 from twind_drivers.virtual.instructions import Answer, Answers, Instructions
 from twind_drivers.virtual.muscles import Muscles
 from twind_drivers.virtual.servos import BAUDS, Servos, ServoSpec
 from twind_drivers.virtual.stream import Adapter, Stream
+from twind_drivers.virtual.truth import truth
 from twind_drivers.virtual.uart import clash, misheard
 from twind_drivers.virtual.wire import Wire
 
@@ -38,6 +40,8 @@ Group = PlainGroup | FastGroup
 
 class VirtualBus:
     """m servos on one wire. Time (s) is an argument and never goes back."""
+
+    kind = "dynamixel2"
 
     def __init__(
         self,
@@ -81,6 +85,24 @@ class VirtualBus:
     def backlog(self) -> int:
         """Bytes that a stalled adapter has taken and not sent."""
         return len(self._stream.held)
+
+    @property
+    def history(self) -> History | None:
+        """What `record` keeps: ticks, in the order of `ids`."""
+        return self.servos.history
+
+    def ids(self) -> list[int]:
+        """Of the servos, in rows."""
+        return [int(id) for id in self.servos.registers.ids()]
+
+    def truth(self, now: float) -> list[dict[str, Any]]:
+        """What is true of each servo at `now`, past the bus: see `virtual.truth`."""
+        self.advance(now)
+        return truth(self.servos, now)
+
+    def slip(self, seconds: float) -> None:
+        """Time that the servos did not live: their clock registers count it all the same."""
+        self.servos.readings.origin -= seconds
 
     def flush(self) -> None:
         """Those bytes are never sent."""

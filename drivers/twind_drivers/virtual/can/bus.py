@@ -1,0 +1,59 @@
+"""A virtual CAN bus: its nodes behind an adapter that gives frames, and slcan text around them.
+
+Whoever serves bytes (a pseudo-terminal, `virtual.loopback`) uses it as the bus of serial servos.
+"""
+
+from math import inf
+
+from twind_drivers.virtual.can.line import CanLine
+
+
+class VirtualCanBus(CanLine):
+    """A `CanLine` that speaks slcan text too. Its channel is closed until it is opened."""
+
+    kind = "can"
+    _held = b""  # the host has sent it while the adapter is stalled
+    _said_back = b""  # answers of the adapter to the host's lines
+
+    @property
+    def backlog(self) -> int:
+        """Bytes that a stalled adapter leaves with the host."""
+        return len(self._held)
+
+    def flush(self) -> None:
+        """Those are never sent."""
+        self._held = b""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Text of the host, sent at `now`."""
+        if not self.plugged:
+            self.flush()
+            return
+        self._run(now)
+        data, self._held = self._held + data, b""
+        if self.faults.stalled:
+            self._held = data
+        else:
+            self._said_back += self.text.hear(data, now)
+
+    def due(self) -> float:
+        """As `CanLine.due`, for text."""
+        ready = self._said_back or (self._held and not self.faults.stalled)
+        return -inf if ready else super().due()
+
+    def take(self, now: float) -> bytes:
+        """Text that has arrived at the host by `now`."""
+        if not self.plugged:
+            self._said_back = b""
+            return b""
+        if self._held:
+            self.receive(b"", now)
+        heard = self._arrived(now)
+        said, self._said_back = self._said_back, b""
+        return said + self.text.print(heard)
+
+    def line(self, baud: int) -> None:
+        """The host's port is set to `baud`: a USB adapter does not care."""
+
+    def slip(self, seconds: float) -> None:
+        """Nodes have no clock register that goes on while time stands still."""

@@ -1,0 +1,97 @@
+"""The virtual CAN bus as a channel in the same process: the mock bus of tests, under a fake clock.
+
+Made with an adapter that `keeps`, it is a kernel's socket: frames that wait survive `purge` and `close`, and
+go out when somebody acknowledges again.
+"""
+
+from twind_drivers.bus import PortError, PortFull
+from twind_drivers.can.channel import Condition, Line
+from twind_drivers.can.frame import ERROR, NOTHING, Frames
+from twind_drivers.clock import Clock
+from twind_drivers.virtual.can.controller import CONTROLLER, OFF, PASSIVE, RESTARTED
+from twind_drivers.virtual.can.line import CanLine
+
+DEAD = 1.0  # s without a frame taken
+LEFT = 0.1  # s after which frames that wait are old ones
+
+
+class CanLoopback:
+    """A `Channel` without descriptor: `arrival` tells the clock when a frame may come."""
+
+    def __init__(self, line: CanLine, clock: Clock) -> None:
+        self.name, self.warning = f"virtual:{line.name}", ""
+        self.condition = Condition()
+        self._line, self._clock, self._open = line, clock, True
+        self._stuck_since: float | None = None  # s
+        line.controller.connect(True)
+        line.controller.inbox.clear()
+
+    def fileno(self) -> int:
+        """-1: nothing to poll."""
+        return -1
+
+    def arrival(self) -> float:
+        """No frame comes before this, s; an unplugged adapter wakes its reader at once."""
+        return self._line.due() if self._open and self._line.plugged else self._clock.now()
+
+    def send(self, frames: Frames, now: float) -> None:
+        """See `Channel.send`."""
+        self._check()
+        self._line.advance(now)
+        if self._line.controller.backlog():
+            self._refuse(len(frames), now)
+        self._stuck_since = None
+        self.condition.refused += self._line.hear(frames, now)
+
+    def receive(self, now: float) -> Frames:
+        """See `Channel.receive`; error frames are counted and set `condition.line`."""
+        self._check()
+        heard = self._line.say(now)
+        if not heard.size:
+            return NOTHING
+        wrong = (heard["id"] & ERROR) != 0
+        for frame in heard[wrong]:
+            self._error(int(frame["id"]), int(frame["data"][1]))
+        good: Frames = heard[~wrong]
+        return good
+
+    def purge(self) -> None:
+        """See `Channel.purge`."""
+        self._check()
+        self._empty()
+
+    def close(self) -> None:
+        """See `Channel.close`."""
+        if self._open and not self._line.controller.adapter.keeps:
+            self._line.controller.connect(False)
+        self._open = False
+
+    def _empty(self) -> None:
+        if not self._line.controller.adapter.keeps:
+            self._line.controller.purge()
+
+    def _refuse(self, count: int, now: float) -> None:
+        waiting = self._line.controller.backlog()
+        since = self._stuck_since = now if self._stuck_since is None else self._stuck_since
+        self.condition.refused += count
+        if now - since >= LEFT:
+            self.condition.line = Line.OFF
+        self._empty()
+        if now - since >= DEAD:
+            raise PortError(self.name, f"has taken nothing for {now - since:.1f} s", lost=True)
+        raise PortFull(self.name, waiting, count)
+
+    def _error(self, id: int, detail: int) -> None:
+        self.condition.errors += 1
+        if id & OFF:
+            self.condition.line = Line.OFF
+        elif id & RESTARTED:
+            self.condition.line = Line.ACTIVE
+        elif id & CONTROLLER:
+            self.condition.line = Line.PASSIVE if detail & PASSIVE else Line.ACTIVE
+
+    def _check(self) -> None:
+        if not self._open:
+            raise PortError(self.name, "the channel is closed", lost=True)
+        if not self._line.plugged:
+            raise PortError(self.name, "the adapter was unplugged", lost=True)

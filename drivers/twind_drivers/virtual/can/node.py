@@ -1,0 +1,136 @@
+"""What all virtual CAN actuators share: power, faults, and what a family has to say.
+
+A node hears only while it has power and its connector is plugged in; the bus sees to that.
+"""
+
+import math
+from collections.abc import Sequence
+from math import inf
+from typing import Any
+
+from twind_drivers.can.units import COUNT, EFFORT
+from twind_drivers.virtual.can.message import Message
+from twind_drivers.virtual.can.motors import Motors
+from twind_drivers.virtual.can.shaft import Shaft, Watch
+from twind_drivers.virtual.can.spec import NodeSpec
+
+BOOT = 0.3  # s from power to the first frame (assumed)
+NOMINAL, AMBIENT = 48.0, 25.0  # V, °C
+HEAT, LOW, HIGH = "heat", "low", "high"
+COMMON = ("hottest", "lowest", "highest", "boot")  # settings that are no register
+
+
+class Node:
+    """One actuator. Times are s of the bus; a family's class says what its frames mean."""
+
+    def __init__(self, spec: NodeSpec, row: int, motors: Motors, now: float) -> None:
+        self.spec, self.row, self.id = spec, row, spec.id
+        self.motors, self.shaft, self.watch = motors, Shaft(row, motors), Watch(now)
+        self.spans = (spec.position, spec.velocity, spec.torque)
+        self.powered, self.boots_at = True, inf
+        self.silenced = False  # its connector is pulled
+        self.fault = 0  # in the vendor's own code
+        self.celsius, self.volts = AMBIENT, NOMINAL
+
+    # ------------------------------------------------------------------------------- what a family says
+
+    def obey(self, message: Message, now: float) -> Sequence[Message]:
+        """What it says to a frame, after its effect. Frames for others give nothing."""
+        raise NotImplementedError
+
+    def listens(self, key: int) -> bool:
+        """Are frames for it among those with this id (11 bits), or with these 8 lowest bits of 29?"""
+        return key == self.id
+
+    def ail(self, what: str) -> int:
+        """Its own code for heat, low or high voltage."""
+        raise NotImplementedError
+
+    def start(self) -> None:
+        """Power has come: what is not kept is as from the factory."""
+
+    def next_beat(self) -> float:
+        """When it says something by itself, s; `inf`: never."""
+        return inf
+
+    def beat(self, now: float) -> Sequence[Message]:
+        """What it says by itself, when `next_beat` has come."""
+        return ()
+
+    def expire(self, now: float) -> Sequence[Message]:
+        """Its watchdog has expired: torque off. A family adds what it says of it."""
+        self.watch.trip(now)
+        self.shaft.disable()
+        return ()
+
+    def watchdog(self) -> int:
+        """What its watchdog register shows; 0: off, -1: nobody can tell over the bus."""
+        return -1
+
+    def bounds(self) -> tuple[float, float, float]:
+        """Hottest °C, lowest and highest V that it bears."""
+        own = self.spec.settings
+        return own.get("hottest", 100.0), own.get("lowest", 15.0), own.get("highest", 60.0)
+
+    # ------------------------------------------------------------------------------- power and faults
+
+    def enable(self) -> None:
+        """Torque on, where no fault forbids it."""
+        if not self.fault and not self.shaft.on:
+            self.shaft.enable()
+            self.watch.tripped = False
+
+    def damage(self, bits: int) -> Sequence[Message]:
+        """A fault in the vendor's code: torque off until it is cleared. What it says of it by itself."""
+        self.fault |= bits
+        self.shaft.disable()
+        return ()
+
+    def clear(self) -> None:
+        """The fault is forgotten; what still ails it comes back at once."""
+        self.fault, self.watch.tripped = 0, False
+        self.suffer()
+
+    def suffer(self) -> None:
+        """Heat and supply, against `bounds`."""
+        hottest, lowest, highest = self.bounds()
+        found = {HEAT: self.celsius >= hottest, LOW: self.volts < lowest, HIGH: self.volts > highest}
+        for what, ails in found.items():
+            if ails:
+                self.damage(self.ail(what))
+
+    def down(self, until: float) -> None:
+        """Power is gone, or it restarts: back at `until` (s; inf: when somebody says so)."""
+        self.shaft.disable()
+        self.powered, self.boots_at = False, until
+
+    def boot(self, now: float) -> None:
+        """Power: torque off, no fault, its place within one turn around its zero."""
+        self.powered, self.boots_at = True, inf
+        self.fault, self.watch.tripped, self.watch.heard_at = 0, False, now
+        if self.spec.forgets_zero:
+            self.shaft.kept_zero = 0.0
+        self.shaft.fold()
+        self.start()
+        self.suffer()
+
+    def truth(self, now: float) -> dict[str, Any]:
+        """What is true of it, past the bus; raw units of `can.units`, the keys as of a serial servo."""
+        motors, row, shaft, watch = self.motors, self.row, self.shaft, self.watch
+        return {
+            "id": self.id,
+            "family": self.spec.spoken(),
+            "position": shaft.told()[0] / COUNT,
+            "encoder": float(motors.muscles.position[row]) / COUNT,
+            "velocity": motors.velocity[row] / COUNT,
+            "effort": motors.torque[row] / EFFORT,
+            "goal": shaft.goal / COUNT,
+            "torque": shaft.on,
+            "fault": self.fault,
+            "watchdog": self.watchdog(),
+            "tripped": watch.tripped,
+            "listening": self.powered and not self.silenced,
+            "heard_ago": now - watch.heard_at,
+            "tripped_at": None if math.isnan(watch.tripped_at) else watch.tripped_at,
+            "trip_delay": None if math.isnan(watch.trip_delay) else watch.trip_delay,
+        }

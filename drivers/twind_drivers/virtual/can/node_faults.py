@@ -1,0 +1,186 @@
+"""What is wrong with single nodes and their supply, by name."""
+
+import struct
+from math import inf
+
+from twind_drivers.can.frame import EXTENDED
+from twind_drivers.virtual.can.controller import Controller
+from twind_drivers.virtual.can.damiao import Damiao
+from twind_drivers.virtual.can.message import Message
+from twind_drivers.virtual.can.node import Node
+from twind_drivers.virtual.can.nodes import Nodes
+from twind_drivers.virtual.history import History
+
+EVERY = 0.01  # s between two commands of another master
+
+
+class NodeFaults:
+    """Faults of nodes; unless named otherwise they outlast `clear`, as a node's state does."""
+
+    def __init__(self, bus: str, nodes: Nodes, controller: Controller) -> None:
+        self._bus, self._nodes, self._wire = bus, nodes, controller
+        self.now = 0.0  # s, kept by the bus
+        self.history: History | None = None
+        self.masters: dict[int, float] = {}  # row -> s, when the other master commands it next
+
+    def silence(self, id: int | None = None, on: bool = True) -> None:
+        """Pull the connector of one node or (None) of all: it hears and says nothing, keeps its power.
+
+        `clear` plugs all in. Raises KeyError.
+        """
+        for node in self._some(id):
+            node.silenced = on
+        self._changed()
+
+    def power(self, on: bool, id: int | None = None) -> None:
+        """The supply of one or all. On: they boot; what was not stored is lost, zeros of some too."""
+        rows = range(len(self._nodes.each)) if id is None else self.rows(id)
+        self._nodes.power(list(rows), on, self.now)
+        for row in rows if not on else ():
+            self._wire.wire.drop(row)
+        self._changed()
+
+    def brown_out(self, id: int) -> None:
+        """One node loses its supply for a moment and boots. Raises KeyError."""
+        self.power(False, id)
+        self.power(True, id)
+
+    def supply(self, volts: float) -> None:
+        """What all are fed with, V. Raises ValueError outside 0..100 V."""
+        if not 0.0 <= volts <= 100.0:
+            raise ValueError(f"supply: {volts} V is outside 0..100 V")
+        for node in self._nodes.each:
+            node.volts = volts
+            node.suffer()
+        self._changed()
+
+    def heat(self, id: int, celsius: float) -> None:
+        """One node is that warm from now on. Raises KeyError, ValueError outside -40..200 °C."""
+        if not -40.0 <= celsius <= 200.0:
+            raise ValueError(f"heat: {celsius} °C is outside -40..200 °C")
+        for node in self._some(id):
+            node.celsius = celsius
+            node.suffer()
+        self._changed()
+
+    def damage(self, id: int, bits: int) -> None:
+        """A fault in the vendor's own code. Raises KeyError, ValueError.
+
+        Damiao: status nibble 8..14. CubeMars: error byte. RobStride: six bits. ODrive: axis error.
+        """
+        for row in self.rows(id):
+            node = self._nodes.each[row]
+            lowest, highest = {"damiao": (8, 15), "cubemars": (1, 255), "robstride": (1, 63)}.get(
+                node.spec.spoken(), (1, 0xFFFFFFFF)
+            )
+            if not lowest <= bits <= highest:
+                raise ValueError(f"damage: {bits} is outside {lowest}..{highest} of a {node.spec.spoken()}")
+            self._nodes.damage(row, bits, self.now)
+        self._changed()
+
+    def ranges(self, id: int, position: float, velocity: float, torque: float) -> None:
+        """What its fields really span: a Damiao's registers 21-23 say so too, others say nothing.
+
+        Raises KeyError, ValueError for what is not above 0.
+        """
+        if not min(position, velocity, torque) > 0.0:
+            raise ValueError(f"ranges: {position} rad, {velocity} rad/s, {torque} N·m: all are above 0")
+        for node in self._some(id):
+            if isinstance(node, Damiao):
+                node.rescale(position, velocity, torque)
+            else:
+                node.spans = (position, velocity, torque)
+
+    def zero_lost(self, id: int, radians: float) -> None:
+        """Its place reads so much more from now on. Raises KeyError."""
+        for node in self._some(id):
+            node.shaft.zero -= radians
+            node.shaft.kept_zero -= radians
+
+    def wrap(self, id: int, turns: int = 1) -> None:
+        """Its place jumps by whole turns when it is enabled next, as a restart in between does it.
+
+        A Damiao also at its next change of mode. Raises KeyError, ValueError outside -3..3.
+        """
+        if not -3 <= turns <= 3:
+            raise ValueError(f"wrap: {turns} turns are outside -3..3")
+        for node in self._some(id):
+            node.shaft.turns_due = turns
+
+    def twin(self, id: int, on: bool = True) -> None:
+        """A second node with this id answers too, with another place. Raises KeyError."""
+        change = self._nodes.twins.update if on else self._nodes.twins.difference_update
+        change(self.rows(id))
+
+    def master(self, id: int, on: bool = True) -> None:
+        """Another master on the wire commands this node every 10 ms, with no torque. Raises KeyError."""
+        for row in self.rows(id):
+            self.masters.pop(row, None)
+            if on:
+                self.masters[row] = self.now + EVERY
+
+    def lock(self, id: int) -> None:
+        """Something holds the shaft: it does not turn, with torque or without. Raises KeyError."""
+        for row in self.rows(id):
+            self._nodes.motors.block(row, True)
+
+    def free(self, id: int) -> None:
+        """The shaft turns again. Raises KeyError."""
+        for row in self.rows(id):
+            self._nodes.motors.block(row, False)
+
+    def freeze(self, id: int, on: bool = True) -> None:
+        """The place that it tells repeats its value, wherever the shaft goes. Raises KeyError."""
+        for row in self.rows(id):
+            self._nodes.motors.freeze(row, on)
+
+    def record(self, count: int) -> None:
+        """Keep the last `count` places, in counts; 0: none. Raises ValueError outside 0..100,000."""
+        self.history = History(len(self._nodes.each), count) if count else None
+
+    def rows(self, id: int) -> list[int]:
+        """Rows of the nodes with this id. Raises KeyError that names the ids there are."""
+        found = [row for row, node in enumerate(self._nodes.each) if node.id == id]
+        if not found:
+            ids = sorted(node.id for node in self._nodes.each)
+            raise KeyError(f"bus {self._bus}: no node with id {id}; ids are {ids}")
+        return found
+
+    def clear(self) -> None:
+        """Every connector is plugged in, nobody has a twin, no other master."""
+        for node in self._nodes.each:
+            node.silenced = False
+        self._nodes.twins.clear()
+        self.masters.clear()
+        self._changed()
+
+    def next_command(self) -> float:
+        """When the other master speaks next, s."""
+        return min(self.masters.values(), default=inf)
+
+    def commands(self, now: float) -> list[Message]:
+        """What it says by then."""
+        said = []
+        for row, at in list(self.masters.items()):
+            if at <= now:
+                self.masters[row] = at + EVERY
+                said.append(_limp(self._nodes.each[row]))
+        return said
+
+    def _some(self, id: int | None) -> list[Node]:
+        each = self._nodes.each
+        return list(each) if id is None else [each[row] for row in self.rows(id)]
+
+    def _changed(self) -> None:
+        self._nodes.changed()
+        self._wire.changed()
+
+
+def _limp(node: Node) -> Message:
+    """A command without torque, as each family has it."""
+    family = node.spec.spoken()
+    if family == "robstride":
+        return Message(EXTENDED | 1 << 24 | 0x7FFF << 8 | node.id, bytes.fromhex("7FFF7FFF00000000"))
+    if family == "odrive":
+        return Message(node.id << 5 | 0x0E, struct.pack("<f", 0.0))
+    return Message(node.id, bytes.fromhex("7FFF7FF0000007FF"))

@@ -1,0 +1,114 @@
+"""All nodes of one bus: who hears a frame, and who says something by itself when."""
+
+from collections.abc import Callable, Sequence
+from math import inf
+
+from twind_drivers.can.frame import EXTENDED, STANDARD_MASK
+from twind_drivers.virtual.can.cubemars import CubeMars
+from twind_drivers.virtual.can.damiao import Damiao
+from twind_drivers.virtual.can.message import Message
+from twind_drivers.virtual.can.motors import Motors
+from twind_drivers.virtual.can.muscles import CanMuscles
+from twind_drivers.virtual.can.node import BOOT, Node
+from twind_drivers.virtual.can.odrive import ODrive
+from twind_drivers.virtual.can.robstride import RobStride
+from twind_drivers.virtual.can.spec import NodeSpec
+
+KINDS: dict[str, type[Node]] = {
+    "damiao": Damiao,
+    "cubemars": CubeMars,
+    "robstride": RobStride,
+    "odrive": ODrive,
+}
+
+
+class Nodes:
+    """m nodes, in rows. `say(row, message, now)` takes what they send."""
+
+    def __init__(
+        self,
+        specs: Sequence[NodeSpec],
+        muscles: CanMuscles,
+        now: float,
+        say: Callable[[int, Message, float], None],
+    ) -> None:
+        """Raises ValueError for a node that cannot be simulated."""
+        self.motors = Motors(muscles, [spec.torque for spec in specs], now)
+        self._say = say
+        self.each: list[Node] = [
+            KINDS[spec.spoken()](spec, row, self.motors, now) for row, spec in enumerate(specs)
+        ]
+        self.twins: set[int] = set()  # rows beside which a second node with the same id answers
+        self.present = [True] * len(specs)  # has power and a plugged connector
+        self._times = [inf] * len(specs)  # s, when each does something by itself
+        self.changed()
+
+    def changed(self) -> None:
+        """Power or a connector changed, or a frame was heard: work out what follows."""
+        self._rows: dict[int, list[int]] = {}  # id, or what of it names somebody -> who listens to it
+        for row in range(len(self.each)):
+            self._look(row)
+        self._sum()
+
+    def hear(self, message: Message, now: float, but: int) -> None:
+        """A frame has passed the wire: all that are there hear it, `but` the row that sent it."""
+        self.motors.settle(now)
+        id = message.id
+        key = id & 0xFF | EXTENDED if id & EXTENDED else id & STANDARD_MASK
+        if key not in self._rows:
+            self._rows[key] = [row for row, node in enumerate(self.each) if node.listens(key)]
+        for row in self._rows[key]:
+            if row != but and self.present[row]:
+                node = self.each[row]
+                for answer in node.obey(message, now):
+                    self._answer(row, answer, now)
+                self._look(row)
+        self._sum()
+
+    def act(self, now: float) -> None:
+        """Whoever's time has come by `now` (s): watchdogs, boots, heartbeats."""
+        self.motors.settle(now)
+        for row, node in enumerate(self.each):
+            if node.boots_at <= now:
+                node.boot(now)
+                self._look(row)
+            if node.watch.expiry(node.shaft.on) <= now:
+                self._tell(row, node.expire(now), now)
+            if node.powered and node.next_beat() <= now:
+                self._tell(row, node.beat(now), now)
+            self._look(row)
+        self._sum()
+
+    def power(self, rows: Sequence[int], on: bool, now: float) -> None:
+        """Supply of these; they boot when it comes."""
+        for row in rows:
+            node = self.each[row]
+            if on != (node.powered or node.boots_at < inf):
+                node.down(now + node.spec.settings.get("boot", BOOT) if on else inf)
+        self.changed()
+
+    def damage(self, row: int, bits: int, now: float) -> None:
+        """A fault in the vendor's code."""
+        self._tell(row, self.each[row].damage(bits), now)
+        self.changed()
+
+    def _look(self, row: int) -> None:
+        node = self.each[row]
+        self.present[row] = node.powered and not node.silenced
+        own = min(node.watch.expiry(node.shaft.on), node.next_beat())
+        self._times[row] = own if node.powered else node.boots_at
+
+    def _sum(self) -> None:
+        self.there = sum(self.present)  # how many
+        self.event = min(self._times, default=inf)  # s, when the next one does something by itself
+
+    def _tell(self, row: int, said: Sequence[Message], now: float) -> None:
+        """What one says by itself; nobody hears it with its connector pulled."""
+        for message in said if self.present[row] else ():
+            self._say(row, message, now)
+
+    def _answer(self, row: int, answer: Message, now: float) -> None:
+        self._say(row, answer, now)
+        if row in self.twins:
+            other = bytes(each ^ 0x10 if place == 2 else each for place, each in enumerate(answer.data))
+            self._say(row, Message(answer.id, other), now)

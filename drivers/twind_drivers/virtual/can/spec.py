@@ -1,0 +1,40 @@
+"""One virtual CAN actuator as it is screwed in."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+# How the name of a model begins -> the frames that it speaks.
+PREFIXES = {"DM": "damiao", "AK": "cubemars", "RS": "robstride", "EL": "robstride", "CyberGear": "robstride"}
+FAMILIES = ("damiao", "cubemars", "robstride", "odrive")
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSpec:
+    """Who it is, and its settings that are not as from the factory.
+
+    `settings`, by family. Damiao: any register by its name, raw. RobStride: any parameter by its name, raw.
+    CubeMars: `timeout` s. ODrive: `watchdog_timeout`, `heartbeat`, `estimates` s (0: never),
+    `velocity_limit` rev/s, `current_limit` A, `torque_constant` N·m/A, `position_gain`, `velocity_gain`.
+    All: `hottest` °C, `lowest`, `highest` V, `boot` s.
+    """
+
+    id: int
+    model: str
+    feedback_id: int = 0  # Damiao: master id (register 7); RobStride: host id, 0 for FD; else unused
+    position: float = 12.5  # rad: what its position field spans, both ways
+    velocity: float = 30.0  # rad/s
+    torque: float = 10.0  # N·m: what the field spans, and the most that it can pull
+    firmware: int = 1
+    settings: Mapping[str, float] = field(default_factory=dict)
+    family: str = ""  # one of FAMILIES; empty: by the model's name
+    forgets_zero: bool = False  # a zero that was set over the bus is lost at power-off (CyberGear)
+
+    def spoken(self) -> str:
+        """One of FAMILIES. Raises ValueError for a family or model that is not simulated."""
+        if self.family in FAMILIES:
+            return self.family
+        for prefix, family in [*PREFIXES.items(), ("ODrive", "odrive")]:
+            if not self.family and self.model.startswith(prefix):
+                return family
+        what = self.family or self.model
+        raise ValueError(f"node {self.id}: {what!r} is not simulated; families are {', '.join(FAMILIES)}")

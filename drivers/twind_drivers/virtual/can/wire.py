@@ -1,0 +1,110 @@
+"""One CAN wire: who may send when, by arbitration, and what nobody acknowledges waits.
+
+Senders are the host's adapter (`HOST`) and nodes by their row. Each has a queue of its own that keeps its
+order, as a controller with one mailbox does: only heads compete. A frame occupies the wire for its own bits,
+stuff bits counted.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from math import inf
+from typing import NamedTuple
+
+from twind_drivers.virtual.can.message import SHORTEST, Message, bits, rank
+
+HOST = -1
+MAILBOX = 8  # frames that a node keeps while it cannot send; later ones are lost (assumed)
+
+
+class Waiting(NamedTuple):
+    """A frame that its sender wants to send from `ready` (s) on."""
+
+    ready: float
+    rank: int
+    message: Message
+
+
+class Sending(NamedTuple):
+    """What is on the wire next, and when it is over, s."""
+
+    end: float
+    sender: int
+    message: Message
+
+
+class CanWire:
+    """Frames that wait, and the order in which the wire carries them. `heard(sender)`: may it send?
+
+    True when somebody else is there to acknowledge.
+    """
+
+    def __init__(self, bitrate: int, heard: Callable[[int], bool], *, timing: bool) -> None:
+        self.bitrate, self.timing = bitrate, timing
+        self._heard = heard
+        self._free = -inf  # s, when the wire is idle
+        self._queues: dict[int, deque[Waiting]] = {}
+        self._next: Sending | None = None
+        self._known = True  # is `_next` up to date?
+
+    def put(self, sender: int, message: Message, ready: float) -> bool:
+        """Queue a frame. False: a node's mailbox is full, and the frame lost."""
+        queue = self._queues.setdefault(sender, deque())
+        if sender != HOST and len(queue) >= MAILBOX:
+            return False
+        queue.append(Waiting(ready, rank(message.id), message))
+        self._known = False
+        return True
+
+    def count(self, sender: int) -> int:
+        """Frames of this sender that have not left."""
+        return len(self._queues.get(sender, ()))
+
+    def drop(self, sender: int) -> None:
+        """Its frames are never sent."""
+        self._queues.pop(sender, None)
+        self._known = False
+
+    def changed(self, now: float) -> None:
+        """Somebody came or went: what could not be sent may go from `now` on."""
+        self._free = max(self._free, now)
+        self._known = False
+
+    def noise(self, now: float, spent: float) -> None:
+        """The wire is busy with garbage for so long, s."""
+        self.changed(now)
+        self._free += spent if self.timing else 0.0
+
+    def next(self) -> Sending | None:
+        """What is sent next; None: nobody may send anything."""
+        if not self._known:
+            self._known, self._next = True, self._pick()
+        return self._next
+
+    def take(self) -> Sending | None:
+        """That frame has passed the wire."""
+        sent = self.next()
+        if sent is not None:
+            queue = self._queues[sent.sender]
+            queue.popleft()
+            if not queue:
+                del self._queues[sent.sender]
+            self._free, self._known = sent.end, False
+        return sent
+
+    def soonest_answer(self) -> float:
+        """s that any answer takes at least."""
+        return SHORTEST / self.bitrate if self.timing else 0.0
+
+    def _pick(self) -> Sending | None:
+        heads = [
+            (queue[0], sender) for sender, queue in self._queues.items() if queue and self._heard(sender)
+        ]
+        if not heads:
+            return None
+        start = max(self._free, min(head.ready for head, _ in heads))
+        first, sender = min(
+            ((head, sender) for head, sender in heads if head.ready <= start),
+            key=lambda each: (each[0].rank, each[1]),
+        )
+        spent = bits(first.message) / self.bitrate if self.timing else 0.0
+        return Sending(start + spent, sender, first.message)
