@@ -40,14 +40,14 @@ def forged_answer(world: World) -> None:
 def flipped_command(world: World) -> None:
     """Bits of what is sent: in everything, or in goals alone, which nobody answers: the robot stands."""
     rig, goals = world.moving(), bool(world.random.random() < 0.5)
-    many = {"count": 1_000_000, "bits": int(world.random.integers(3, 17))}
-    if not goals:
-        world.inject({"fault": "mangle", **many})
+    if not goals:  # so many that no packet of a write stays whole: goals that got through would be followed
+        world.inject({"fault": "mangle", "count": 1_000_000, "bits": int(world.random.integers(48, 65))})
         world.detected(codes=(*SILENT, "RX_SHAPE", "FOLLOW_ERR"), bound=0.06)
         world.stands(world.begun + 0.2 + BRAKE)
     else:
-        world.inject({"fault": "mangle", **many, "bytes": GOALS - 2})
-        crossed = world.behind(0.2)
+        few = int(world.random.integers(3, 17))
+        world.inject({"fault": "mangle", "count": 1_000_000, "bits": few, "bytes": GOALS - 2})
+        crossed = world.behind(0.205, 0.1)  # beyond what rounding to ticks may hide
         if crossed is not None:
             world.detected(since=crossed, bound=0.1 + 0.03 + 0.01 + 0.02, codes=("FOLLOW_ERR",))
         world.stands(world.now + BRAKE)

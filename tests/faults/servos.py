@@ -149,7 +149,7 @@ def stall(world: World) -> None:
     rig = world.moving(far=0.5)
     row = world.row(world.joint)
     world.inject({"fault": "lock", "id": world.id}, inside=False)
-    crossed = world.behind(0.2)
+    crossed = world.behind(0.205, 0.1)  # beyond what rounding to ticks may hide
     if crossed is None:
         world.blame("the shaft was never behind")
         return
