@@ -67,6 +67,7 @@ def tick(now: float, sequence: int, count: int = 24) -> link.Tick:
         heard=np.array([True] * (count - 1) + [False]).tobytes(),
         goal=(place / 10.0).tobytes(),
         simulated=(place / 10.0).tobytes(),
+        skew=0.0015,
     )
 
 
@@ -80,6 +81,8 @@ def overview(now: float, ticks: int = 0, count: int = 24) -> link.Overview:
         latency_avg_ms=2.4,
         latency_max_ms=float("nan"),
         violations=0,
+        skew_ms=1.5,
+        skew_max_ms=2.5,
         hw_connected=True,
         sim_connected=True,
         lease=None,

@@ -160,6 +160,15 @@ def test_a_topic_comes_at_its_rate_and_as_the_interface_says(loop: StandIn, topi
     assert 0.05 < sum(steps) / len(steps) < 0.2
 
 
+def test_how_far_apart_the_buses_were_read_is_in_status_and_state(loop: StandIn) -> None:
+    with Raw(loop) as client:
+        status = client.call("GetStatus")["parameters"]["status"]
+        state = client.call("Monitor", topics=["state"])["parameters"]
+    assert (status["skew_ms"], status["skew_max_ms"]) == (1.5, 2.5)
+    assert state["skew_ms"] == 1.5
+    assert len(state["joints"]) == 24
+
+
 def test_events_and_verdicts_reach_those_who_watch_them(loop: StandIn) -> None:
     finding = {"code": "POS_LIMIT", "joint": 2, "value": 2.0, "bound": 1.0}
     with Raw(loop) as client:

@@ -225,6 +225,33 @@ def test_hops_and_trips_are_the_times_of_the_last_exchange() -> None:
     assert max(world.hardware.trips) == pytest.approx(state.round_trip)
 
 
+def test_the_skew_is_the_time_between_the_first_and_the_last_bus_that_had_answered() -> None:
+    world = TwoBuses()
+    world.connect()
+    world.tick()
+    usual = world.hardware.skew
+    assert 0.0 <= usual == pytest.approx(abs(np.diff(world.hardware.trips).item()), abs=5e-4)
+    world.virtual["left"].faults.delay(0.0006)
+    world.tick()
+    later = world.hardware.skew
+    assert later == pytest.approx(usual + 0.0006, abs=3e-4)
+    world.virtual["left"].faults.delay(0.0)
+    world.tick(count=20)
+    assert world.hardware.skew == pytest.approx(usual, abs=1e-4)
+    assert world.hardware.worst_skew >= later
+
+
+def test_one_bus_that_answers_alone_has_no_skew() -> None:
+    world = TwoBuses()
+    world.connect()
+    worst = world.hardware.worst_skew
+    for id in (1, 2, 3):
+        world.virtual["left"].faults.silence(id)
+    world.tick(count=3)
+    assert np.isnan(world.hardware.skew)
+    assert world.hardware.worst_skew >= worst > -1.0
+
+
 def test_bytes_of_nobody_are_counted_and_move_no_joint() -> None:
     world = TwoBuses()
     world.connect()

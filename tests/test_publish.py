@@ -50,6 +50,23 @@ def test_the_arrays_of_a_tick_are_the_loops_own_in_joint_order(armed: Rig) -> No
     assert (tick.mode, tick.state, tick.motion, tick.armed) == ("live", "armed", "holding", True)
 
 
+def test_the_skew_of_two_buses_is_told_every_tick_and_its_worst_in_the_overview() -> None:
+    rig = Rig("h24-split")
+    rig.connect()
+    rig.ticks(20)
+    tick, overview = of(rig, link.Tick)[-1], of(rig, link.Overview)[-1]
+    assert tick.skew == rig.loop.hardware.skew >= 0.0
+    assert overview.skew_ms is not None
+    assert overview.skew_max_ms == pytest.approx(rig.loop.hardware.worst_skew * 1e3)
+    rig.close()
+
+
+def test_a_robot_of_one_bus_has_no_skew(live: Rig) -> None:
+    live.connect()
+    assert np.isnan(of(live, link.Tick)[-1].skew)
+    assert of(live, link.Overview)[-1].skew_ms is None
+
+
 def test_without_a_goal_the_goal_is_unknown_and_not_zero(live: Rig) -> None:
     live.connect()
     assert np.isnan(floats(of(live, link.Tick)[-1].goal)).all()

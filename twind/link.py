@@ -8,6 +8,7 @@ Joints are indices here; the front names them. Times are the loop's monotonic se
 """
 
 from collections.abc import Sequence
+from math import nan
 from typing import Any
 
 import msgspec
@@ -200,6 +201,7 @@ class Tick(Base, frozen=True, kw_only=True):
     goal: bytes  # rad, NaN: none
     simulated: bytes  # rad
     dropped: int = 0  # ticks and overviews lost before this one because the pipe was full
+    skew: float = nan  # s between the first and the last bus that had answered; NaN: fewer than two did
 
 
 class BusInfo(msgspec.Struct, frozen=True):
@@ -262,6 +264,8 @@ class Overview(Base, frozen=True, kw_only=True):
     sim_connected: bool
     lease: LeaseInfo | None
     lease_client: int  # 0: nobody
+    skew_ms: float | None = None  # between the first and the last bus that had answered
+    skew_max_ms: float | None = None  # of the run
     faults: Sequence[Finding]
     buses: Sequence[BusInfo]
     loop: LoopInfo

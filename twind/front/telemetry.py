@@ -64,7 +64,7 @@ class Telemetry:
 
     def tick(self, tick: Tick) -> None:
         """Topics that follow the tick."""
-        pieces = {"state": (b"joints", self._world.joints), "status": (b"status", self._world.status)}
+        pieces = {"state": (b"joints", self._world.state), "status": (b"status", self._world.status)}
         for topic, (key, piece) in pieces.items():
             self._periodic(topic, key, piece, tick.time, tick.sequence, self._slack)
 

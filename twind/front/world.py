@@ -10,13 +10,17 @@ import msgspec
 from twind.front.naming import Names
 from twind.link import Briefing, Event, Moment, Overview, Tick
 
-# Bits of a servo's hardware error register (Protocol 2.0, address 70); bit 8: its last answer's alert.
+# Bits of a servo's hardware error register (Protocol 2.0, address 70), and of what the CAN drivers make of a
+# fault (`twind_drivers.can.family`); bit 8: its last answer's alert.
 FAULT_BITS = {
     0: "input_voltage",
+    1: "not_calibrated",
     2: "overheating",
     3: "encoder",
     4: "electrical_shock",
     5: "overload",
+    6: "communication_lost",
+    7: "unknown_fault",
     8: "alert",
 }
 _TORQUE = {1: True, 0: False}
@@ -90,6 +94,11 @@ class World:
         """`[]Joint` of the interface, encoded."""
         return self._once("joints", self._joints)
 
+    def state(self) -> bytes:
+        """Of the topic `state`: the joints, and how far apart in time their buses were read; encoded."""
+        assert self.tick is not None
+        return self.joints() + b',"skew_ms":' + encode(self.tick.skew * 1e3)
+
     def latency(self) -> bytes:
         """`[]Latency` of the interface, encoded."""
         return self._once("latency", lambda: encode([] if self.overview is None else self.overview.latencies))
@@ -141,6 +150,8 @@ class World:
                 "latency_avg_ms": overview.latency_avg_ms,
                 "latency_max_ms": overview.latency_max_ms,
                 "violations": overview.violations,
+                "skew_ms": overview.skew_ms,
+                "skew_max_ms": overview.skew_max_ms,
                 "lease": overview.lease,
                 **self._slow,
             }

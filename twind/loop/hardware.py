@@ -51,6 +51,8 @@ class Hardware:
         self.traffic = tuple(Traffic() for _ in self.ports)  # of the last exchange, bus by bus
         self.hops = (nan, nan)  # s, of the last exchange: request to first byte, first to last
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
+        self.skew = nan  # s, of the last exchange: between the first and the last bus that had answered
+        self.worst_skew = nan  # s, of the run
         self._access = (False, False)
         self._stride, self._turn = upkeep_stride(1.0 / period), 0
         self._place = {port.name: number for number, port in enumerate(self.ports)}
@@ -213,6 +215,7 @@ class Hardware:
         sent = self.clock.now()
         first = self._collect(asked)
         received, heard = sent, np.zeros(len(self.joints), np.bool_)
+        earliest, latest = inf, -inf  # s, when the buses had answered
         self.trips = [nan] * len(self.ports)
         for port, bus in asked:
             sample = port.finish(self.clock.now())
@@ -224,11 +227,20 @@ class Hardware:
                 if self.traffic[number].answered:
                     received = max(received, sample.received)
                     self.trips[number] = sample.received - sample.sent
+                    earliest, latest = min(earliest, sample.received), max(latest, sample.received)
         self.hops = (first - sent, received - first) if some(heard) else (nan, nan)
+        self._keep_skew(latest - earliest)
         if not quiet:
             self._rare(end)
         time, trip = (received, received - sent) if some(heard) else (self.clock.now(), nan)
         return self.readings.state(heard, time, trip)
+
+    def _keep_skew(self, skew: float) -> None:
+        """NaN where fewer than two buses answered: nothing is between them."""
+        several = sum(traffic.answered for traffic in self.traffic) > 1
+        self.skew = skew if several else nan
+        if several and not skew <= self.worst_skew:
+            self.worst_skew = skew
 
     def _begin(self) -> None:
         """Forget what the last exchange brought."""

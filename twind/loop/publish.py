@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import isfinite, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,6 +61,7 @@ class Publisher:
             goal=self._unknown if reference is None else np.ascontiguousarray(reference.position).tobytes(),
             simulated=loop.simulated.position.tobytes(),
             dropped=loop.link.dropped,
+            skew=loop.hardware.skew if loop.mode is not Mode.SIM else nan,
         )
 
     def status(self) -> str:
@@ -81,6 +82,8 @@ class Publisher:
             latency_avg_ms=_ms(latency.mean),
             latency_max_ms=_ms(latency.max),
             violations=latency.violations,
+            skew_ms=_ms(loop.hardware.skew) if loop.mode is not Mode.SIM else None,
+            skew_max_ms=_ms(loop.hardware.worst_skew),
             hw_connected=loop.mode is not Mode.SIM and loop.hardware.connected,
             sim_connected=True,
             lease=self.lease(now),
