@@ -1,4 +1,4 @@
-"""Channels against the real other end: ptys, python-can's slcan and virtual bus, and a socket that fails."""
+"""Channels against another end: ptys, virtual motors, python-can's slcan and bus, a socket that fails."""
 
 import errno
 import os
@@ -24,9 +24,14 @@ from twind_drivers.can.channel import Channel, Line
 from twind_drivers.can.frame import EXTENDED, FRAME, REMOTE, Frames, frames, payload
 from twind_drivers.can.ports import CanPort, open_channel, parse, present
 from twind_drivers.can.python_can import PythonCanChannel
+from twind_drivers.can.slcan import SlcanChannel
 from twind_drivers.can.slcan_lines import encode
 from twind_drivers.clock import FakeClock, MonotonicClock
 from twind_drivers.dynamixel.serial_port import SerialTransport
+from twind_drivers.virtual.can.bus import VirtualCanBus
+from twind_drivers.virtual.can.muscles import FirstOrderCan
+from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.loopback import Loopback
 
 OPENING = b"\r\rC\rS8\rO\r"
 NOWHERE = "can-none"  # an interface that no machine has: 8 characters, so the kernel looks for it
@@ -198,6 +203,80 @@ def test_our_slcan_and_python_cans_understand_each_other_on_the_two_ends_of_one_
         channel.close()
         ours.unplug()
         theirs.unplug()
+
+
+# ------------------------------------------------------------------------------------- slcan in process
+
+
+class Body:
+    """Four virtual motors behind a serial adapter in this process, and our channel to them."""
+
+    def __init__(self) -> None:
+        self.clock = FakeClock()
+        nodes = [NodeSpec(id=id, model="DM4340", feedback_id=0x10 + id) for id in range(1, 5)]
+        self.bus = VirtualCanBus("arm", nodes, FirstOrderCan(np.zeros(4)))
+        self.channel = SlcanChannel(Loopback(self.bus, self.clock), 1_000_000)
+
+    def tick(self) -> list[int]:
+        """10 ms: all are told to be limp, and who answers is given by id."""
+        begin = self.clock.now()
+        limp = np.frombuffer(bytes.fromhex("7FFF7FF0000007FF"), np.uint8)
+        self.channel.send(frames(np.arange(1, 5), limp), begin)
+        found = []
+        while self.clock.now() < begin + 0.01:
+            self.clock.wait([self.channel], begin + 0.01)
+            found += self.channel.receive(self.clock.now())["id"].tolist()
+        return sorted(found)
+
+
+def test_a_virtual_adapter_in_process_answers_under_a_fake_clock() -> None:
+    body = Body()
+    assert [body.tick() for _ in range(50)] == [[0x11, 0x12, 0x13, 0x14]] * 50
+    assert (body.channel.condition.line, body.channel.condition.refused) == (Line.ACTIVE, 0)
+    body.channel.close()
+
+
+def test_motors_without_power_are_a_line_that_is_off_and_come_back_when_they_answer() -> None:
+    body = Body()
+    body.tick()
+    body.bus.faults.power(False)
+    began = body.clock.now()
+    while body.channel.condition.line is not Line.OFF:
+        assert not body.tick()
+        assert body.clock.now() < began + 1.0
+    body.channel.purge()
+    body.bus.faults.power(True)
+    while not body.tick():
+        assert body.clock.now() < began + 3.0
+    assert body.channel.condition.line is Line.PASSIVE  # as its flags said while nobody was there
+    for _ in range(20):
+        assert len(body.tick()) == 4
+    assert body.channel.condition.line is Line.ACTIVE
+
+
+def test_a_virtual_adapter_that_is_pulled_out_is_lost() -> None:
+    body = Body()
+    body.tick()
+    body.bus.faults.unplug()
+    with pytest.raises(PortError, match="unplugged") as lost:
+        body.tick()
+    assert lost.value.lost
+    body.channel.close()
+
+
+def test_a_virtual_adapter_that_hangs_is_lost_after_a_second() -> None:
+    body = Body()
+    body.tick()
+    body.bus.faults.stall()
+    began, lost = body.clock.now(), False
+    while not lost and body.clock.now() < began + 3.0:
+        try:
+            body.tick()
+        except PortError as error:
+            lost = error.lost
+            body.clock.sleep_until(body.clock.now() + 0.01)
+    assert lost
+    assert 1.0 <= body.clock.now() - began <= 1.2
 
 
 # ------------------------------------------------------------------------------------- python-can, virtual

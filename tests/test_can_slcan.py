@@ -154,6 +154,17 @@ def test_answers_of_the_adapter_are_told_apart_from_frames() -> None:
     assert lines.errors == 1  # the bare F
 
 
+def test_acknowledgements_before_a_cycle_are_counted_and_taken_off() -> None:
+    lines = Lines()
+    assert lines.take(b"z\r" * 23 + b"z").tobytes() == b""
+    assert lines.take(b"\r\rZ\r" + encode(cycle(24))).tobytes() == cycle(24).tobytes()
+    assert (lines.acknowledged, lines.errors) == (26, 0)
+    assert lines.take(b"z" + encode(cycle(2))).tobytes() == cycle(2)[1:].tobytes()  # run into a frame
+    assert (lines.acknowledged, lines.errors) == (26, 1)
+    lines.take(b"zzz\r")
+    assert (lines.acknowledged, lines.errors) == (26, 2)
+
+
 @pytest.mark.parametrize(("id", "size"), [(0x800, 1), (1 | ERROR, 8), (1, 9), (0x3FFFFFFF | EXTENDED, 0)])
 def test_what_is_no_frame_is_not_sent(id: int, size: int) -> None:
     wrong = cycle(3)
@@ -443,6 +454,21 @@ def test_a_stall_is_as_long_as_since_something_was_taken(gaps: list[float]) -> N
     stall.taken()
     assert not stall.waiting
     assert stall.refused(now + 0.1) == 0.0
+
+
+def test_what_an_emptied_queue_takes_says_nothing_until_somebody_is_heard() -> None:
+    stall = Stall()
+    for tick in range(20):
+        stall.refused(tick * 0.01)
+    assert stall.blocked
+    stall.emptied()
+    stall.taken()
+    assert stall.blocked
+    assert stall.refused(0.3) == pytest.approx(0.3)
+    stall.heard(0.4)
+    stall.taken()
+    assert not stall.blocked
+    assert stall.refused(0.5) == 0.0
 
 
 def test_a_refusal_long_ago_is_another_story() -> None:

@@ -54,7 +54,7 @@ class PythonCanChannel:
         self.condition = Condition()
         self._standing = Standing(self.condition)
         self._early: can.Message | None = None  # taken to learn whether there is one
-        self._heard = -inf
+        self._heard = self._now = self._restarted = -inf  # s; of the last call, and of the link
         self._doubtful = False  # frames of ours may still wait: nobody was heard before the last was sent
         quiet = logging.getLogger("can")  # what it would say there is in our errors
         if not quiet.handlers:
@@ -86,7 +86,7 @@ class PythonCanChannel:
     def send(self, frames: Frames, now: float) -> None:
         """All, in this order. Raises PortFull, PortError(lost=True), ValueError for what is no frame."""
         messages = [_message(frame) for frame in frames.tolist()]
-        bus = self._require()
+        bus, self._now = self._require(), now
         self._doubtful |= bool(messages) and now - self._heard >= DEAF
         for taken, message in enumerate(messages):
             try:
@@ -101,7 +101,7 @@ class PythonCanChannel:
 
     def receive(self, now: float) -> Frames:
         """All that has arrived; error frames become the condition. Raises PortError(lost=True)."""
-        bus = self._require()
+        bus, self._now = self._require(), now
         records: list[bytes] = []
         message, self._early = self._early, None
         try:
@@ -121,9 +121,11 @@ class PythonCanChannel:
     def purge(self) -> None:
         """Closes the bus and opens it again; a kernel interface where frames may wait goes down and up.
 
-        Where that is not permitted, `warning` says so. Raises PortError(lost=True).
+        That at most once a second: it takes long. Where it is not permitted, `warning` says so.
+        Raises PortError(lost=True).
         """
-        self._shut()
+        self._shut(empties=self._now - self._restarted >= DEAD)
+        self._standing.stall.emptied()
         try:
             self._bus = self._opened()
         except PortError as error:
@@ -132,7 +134,7 @@ class PythonCanChannel:
     def close(self) -> None:
         """Purge and let go. May be called twice; never raises."""
         if self._bus is not None:
-            self._shut()
+            self._shut(empties=True)
 
     # ------------------------------------------------------------------------------- inside
 
@@ -148,14 +150,15 @@ class PythonCanChannel:
         except (*FAILURES, ImportError, TypeError) as error:
             raise PortError(self.name, _why(self.interface, self.channel, error)) from error
 
-    def _shut(self) -> None:
+    def _shut(self, *, empties: bool) -> None:
         bus, self._bus, self._early = self._bus, None, None
         if bus is not None:
             with suppress(*FAILURES):  # an unplugged adapter raises here too
                 bus.shutdown()
-        if self.interface == "socketcan" and (self._doubtful or self._standing.stall.waiting):
+        waits = self.interface == "socketcan" and (self._doubtful or self._standing.stall.waiting)
+        if waits and empties:
             self.warning = restart(self.channel) or long_queue(self.channel)
-        self._doubtful = False
+            self._restarted, self._doubtful = self._now, False
 
     def _require(self) -> can.BusABC:
         if self._bus is None:

@@ -121,6 +121,7 @@ class SlcanChannel:
         self._transport.flush()
         self._reopen()
         self._flushed = True
+        self._standing.stall.emptied()
 
     def close(self) -> None:
         """Purge, close the adapter's channel, let go of the port. May be called twice; never raises."""

@@ -130,6 +130,7 @@ class Lines:
         """The frames (k,) whose lines have ended now, in their order."""
         text = self._rest + data if self._rest else bytes(data)
         if not self._lost:
+            text = self._past_acknowledgements(text)
             alike = _alike(text)
             if alike is not None:
                 self._rest = b""
@@ -152,6 +153,15 @@ class Lines:
         elif self._lost:
             self._rest = b""
         return frames
+
+    def _past_acknowledgements(self, text: bytes) -> bytes:
+        """An adapter that answers every frame does so before those frames are answered."""
+        rest = text.lstrip(b"zZ\r")
+        begin = text[: len(text) - len(rest)]
+        if not begin.endswith(b"\r") or len(begin) > 2 * begin.count(b"\r"):
+            return text
+        self.acknowledged += begin.count(b"\r")
+        return rest
 
     def _split(self, text: bytes, octets: Octets, begins: NDArray[np.intp], ends: NDArray[np.intp]) -> Frames:
         refused = octets[ends] == BEL

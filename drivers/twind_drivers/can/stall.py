@@ -32,6 +32,7 @@ class Stall:
     def __init__(self) -> None:
         self._since = self._last = -inf
         self._heard = -inf
+        self._emptied = False  # the queue has been thrown away, so that it takes something says nothing
         self.blocked = False  # refused so long, and nobody heard, that the line counts as off
 
     @property
@@ -47,15 +48,21 @@ class Stall:
         self.blocked = now - max(self._since, self._heard) >= DEAF
         return now - self._since
 
+    def emptied(self) -> None:
+        """The queue was thrown away: until somebody is heard, what it takes has not left."""
+        self._emptied = True
+
     def taken(self) -> None:
-        """Something left."""
+        """The queue took something, so something had left it, unless it was emptied."""
+        if self._emptied:
+            return
         self._since = self._last = -inf
         self.blocked = False
 
     def heard(self, now: float) -> None:
         """Somebody spoke on the wire: there is one who acknowledges."""
         self._heard = now
-        self.blocked = False
+        self._emptied = self.blocked = False
 
 
 class Standing:
