@@ -13,7 +13,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from busmon.limits import Limits
+from busmon.bus import limits_of
 from busmon.relay import Relay
 
 
@@ -29,7 +29,7 @@ def main() -> int:
     parser.add_argument("--observe", type=Path, help="the daemon's observe.sock, for its states")
     parser.add_argument("--hearsay", type=float, default=0.5, help="s that those may come late")
     given = parser.parse_args()
-    limits = Limits.read(given.robot, given.calibration, given.bus, rate_hz=given.rate)
+    limits = limits_of(given.robot, given.calibration, given.bus, rate_hz=given.rate)
     with suppress(OSError):  # without the right to it an ordinary process judges as well, with more delay
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(45))
     gc.collect()

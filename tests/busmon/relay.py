@@ -14,8 +14,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from busmon.limits import Limits
-from busmon.monitor import Monitor
+from busmon.bus import AnyLimits, monitor_of, port_baud
 from busmon.observe import Observer
 from busmon.ports import CHUNK, DaemonEnd, Holders, ServoEnd, baud_of, set_baud, write_all
 
@@ -29,16 +28,15 @@ class Relay:
     """One bus between two ports."""
 
     def __init__(
-        self, servos: Path, link: Path, limits: Limits, *, observe: Path | None, hearsay: float
+        self, servos: Path, link: Path, limits: AnyLimits, *, observe: Path | None, hearsay: float
     ) -> None:
-        self.monitor = Monitor(limits, hearsay=hearsay)
-        self._limits = limits
+        self.monitor = monitor_of(limits, hearsay=hearsay)
         self._servos, self._daemon = ServoEnd(servos), DaemonEnd(link)
         self._observer = Observer(observe) if observe else None
         self._holders = Holders()
         self._process = -1  # pidfd of the daemon
         self._orders = b""
-        self._baud, self._try_at, self._was_there = limits.baud, 0.0, False
+        self._baud, self._try_at, self._was_there = port_baud(limits), 0.0, False
         self.ended = False
         self._since = 0.0  # s, the earliest that what is read now can have come
         self._empty = 0.0  # s, when the daemon's port was last known to hold nothing

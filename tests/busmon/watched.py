@@ -6,8 +6,7 @@ Takes any rig by its parts (robot, virtual, loop, clock), so it imports nothing 
 from pathlib import Path
 from typing import Any
 
-from busmon.limits import Limits
-from busmon.monitor import Monitor
+from busmon.bus import AnyMonitor, limits_of, monitor_of
 
 
 class Watched:
@@ -18,14 +17,14 @@ class Watched:
         self.rig = rig
         rate = rate_hz or rig.robot.rate_hz
         self.monitors = {
-            name: Monitor(Limits.read(rig.robot.path, calibration_file, name, rate_hz=rate))
+            name: monitor_of(limits_of(rig.robot.path, calibration_file, name, rate_hz=rate))
             for name in rig.virtual
         }
         self._said: dict[str, Any] = {}
         for name, bus in rig.virtual.items():
             self._tap(self.monitors[name], bus)
 
-    def _tap(self, monitor: Monitor, bus: Any) -> None:
+    def _tap(self, monitor: AnyMonitor, bus: Any) -> None:
         receive, take = bus.receive, bus.take
 
         def received(data: bytes, now: float) -> None:

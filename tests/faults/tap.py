@@ -7,8 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from busmon.limits import Limits
-from busmon.monitor import Monitor
+from busmon.bus import AnyLimits, limits_of, monitor_of
 from busmon.watched import Watched
 from rig import Rig
 
@@ -21,8 +20,8 @@ def _folder() -> tempfile.TemporaryDirectory[str]:
 
 
 @cache
-def _limits(robot: Path, name: str, bus: str, rate_hz: float) -> Limits:
-    return Limits.read(robot, Path(_folder().name) / f"{name}.yaml", bus, rate_hz=rate_hz)
+def _limits(robot: Path, name: str, bus: str, rate_hz: float) -> AnyLimits:
+    return limits_of(robot, Path(_folder().name) / f"{name}.yaml", bus, rate_hz=rate_hz)
 
 
 def _kept(rig: Rig) -> None:
@@ -39,7 +38,7 @@ class Tap(Watched):
         _kept(rig)
         self.rig = rig
         self.monitors = {
-            name: Monitor(_limits(rig.robot.path, rig.robot.name, name, rig.robot.rate_hz), writes=writes)
+            name: monitor_of(_limits(rig.robot.path, rig.robot.name, name, rig.robot.rate_hz), writes=writes)
             for name in rig.virtual
         }
         self.sent_at = dict.fromkeys(rig.virtual, -1.0)
