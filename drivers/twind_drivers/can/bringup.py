@@ -1,0 +1,187 @@
+"""What comes before torque over CAN, each step read back; and damping. Scripts.
+
+Modes are looked at, never written: an actuator may restart in another one. The watchdog is written to RAM
+and is gone with the power, so it is written before every torque.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from twind_drivers.bus import Bools, Burst, DeviceRefused, Floats, Ints, NoReply, Read, Script, Write
+from twind_drivers.can.commands import Commands
+from twind_drivers.can.family import Family, Parameter, Special
+from twind_drivers.can.fleet import Fleet
+from twind_drivers.can.orders import STATE, decode, encode
+
+WATCHDOG = 0.1  # s without a command, after which an actuator lets go by itself
+MODES = ("mode", "run_mode")  # registers that tell what an actuator takes
+LIMIT = "torque_limit"
+TRIES = 3
+UNWATCHED = (
+    "ids {}: no watchdog that can be read back over this bus: without one set in the vendor's tool they "
+    "hold their last command for ever when this daemon dies"
+)
+
+
+def prepare(own: Commands, ticks: Ints, required: Bools, limits: Floats) -> Script[None]:
+    """Modes looked at; held where it is and faults cleared in one send; limits, watchdogs, gains.
+
+    `required` (m,): who must have a watchdog. `limits` (m,), N·m, NaN none.
+    """
+    own.order(ticks, np.ones(len(ticks), np.bool_))  # judged before anything is sent
+    own.soft, own.aim = False, ticks.copy()
+    yield from _require_modes(own.reader.fleet, own)
+    own.cyclic.barred = np.zeros(len(ticks), np.bool_)
+    yield from _clear_faults(own, ticks)
+    yield from _limit(own, limits)
+    own.hold(ticks)  # from here on it is fed
+    own.cyclic.watched = yield from _watch(own, required)
+    gains = own.gains()
+    if any(len(family.gains(own.kp[rows], own.kd[rows])) for family, rows in own.fleet.families):
+        yield Burst((gains,))
+    own.hold(ticks)
+
+
+def damp(own: Commands, ticks: Ints) -> Script[tuple[int, ...]]:
+    """No stiffness, more damping, from the next command on; ids of those that did not acknowledge it."""
+    own.soft, everybody = True, np.ones(len(ticks), np.bool_)
+    own.line.goals = None
+    soft = own.order(ticks, everybody)
+    missing = set(own.reader.ids)
+    for _ in range(TRIES):
+        reply = yield Burst((own.gains(), soft))
+        missing -= {id for id in reply.data if own.fleet.replies[own.fleet.row(id)]}
+        if not missing:
+            break
+    return tuple(sorted(missing))
+
+
+# --------------------------------------------------------------------------------------------- steps
+
+
+def _require_modes(fleet: Fleet, own: Commands) -> Script[None]:
+    for family, rows in fleet.families:
+        for name in MODES:
+            if name not in family.identity:
+                continue
+            parameter = family.parameters[name]
+            found = yield from collect(own, [fleet.ids[row] for row in rows], parameter)
+            for place, row in enumerate(rows.tolist()):
+                mode = family.operating_mode({name: decode(parameter, found[fleet.ids[row]])})
+                if mode != 1:
+                    reason = (
+                        f"is {mode}, needs 1: it takes no commands of this bus; set it in the vendor's tool"
+                    )
+                    raise DeviceRefused(own.reader.name, family.ids[place], name, reason)
+
+
+def _clear_faults(own: Commands, ticks: Ints) -> Script[None]:
+    state = own.reader.registers
+    faulty = state.fault > 0
+    everybody = np.ones(len(ticks), np.bool_)
+    yield Burst((own.order(ticks, everybody, soft=False), *_clear(own, faulty)))
+    for _ in range(TRIES):
+        if not (state.fault[faulty] > 0).any():
+            return
+        yield Read(tuple(own.by_id(faulty)), STATE, 3)
+    row = int(np.argmax(state.fault > 0))
+    reason = (
+        f"fault bits {int(state.fault[row]):#x} stay though cleared: find the cause, switch it off and on"
+    )
+    raise DeviceRefused(own.reader.name, own.reader.ids[row], "fault", reason)
+
+
+def _clear(own: Commands, faulty: Bools) -> list[Write]:
+    able = faulty.copy()
+    for row in np.flatnonzero(faulty).tolist():
+        try:
+            own.fleet.special(row, Special.CLEAR)
+        except ValueError:  # it has no such order: then its fault stays, and is told
+            able[row] = False
+    return [own.special(Special.CLEAR, able)] if able.any() else []
+
+
+def _watch(own: Commands, required: Bools) -> Script[Bools]:
+    """Watchdogs armed and read back; who (m,) has one now. Raises DeviceRefused where one is required."""
+    watched = np.zeros(len(required), np.bool_)
+    for family, rows in own.fleet.families:
+        if family.watchdog is not None:
+            ticks = encode(family.watchdog, round(WATCHDOG / family.watchdog.unit))
+            yield from written(own, {own.reader.ids[row]: ticks for row in rows.tolist()}, family.watchdog)
+            watched[rows] = True
+    without = np.flatnonzero(required & ~watched)
+    if len(without):
+        row = int(without[0])
+        family, _ = own.fleet.of(row)
+        reason = (
+            f"{family.name} has none that could be read back: allow it in the robot file, or do not drive it"
+        )
+        raise DeviceRefused(own.reader.name, own.reader.ids[row], "watchdog", reason)
+    if not watched.all():
+        _warn(own, UNWATCHED.format(own.by_id(~watched)))
+    return watched
+
+
+def _warn(own: Commands, text: str) -> None:
+    channel = own.reader.channel
+    if text not in channel.warning:
+        channel.warning = "; ".join(part for part in (channel.warning, text) if part)
+
+
+def _limit(own: Commands, limits: Floats) -> Script[None]:
+    for family, rows in own.fleet.families:
+        parameter = family.parameters.get(LIMIT)
+        if parameter is None or not parameter.writable:
+            continue
+        data = {
+            own.reader.ids[row]: encode(parameter, float(limits[row]))
+            for row in rows.tolist()
+            if np.isfinite(limits[row])
+        }
+        if data:
+            yield from written(own, data, parameter)
+
+
+# --------------------------------------------------------------------------------------------- registers
+
+
+def collect(own: Commands, ids: Sequence[int], parameter: Parameter) -> Script[dict[int, bytes]]:
+    """One register of several of a family, some at once. Raises NoReply naming the silent."""
+    found: dict[int, bytes] = {}
+    waited, count = 0.0, own.reader.at_once
+    for _ in range(TRIES):
+        missing = [id for id in ids if id not in found]
+        for first in range(0, len(missing), count):
+            reply = yield Read(tuple(missing[first : first + count]), parameter.address, 4)
+            found.update(reply.data)
+            waited += reply.waited
+    silent = [id for id in ids if id not in found]
+    if silent:
+        raise NoReply(own.reader.name, silent, waited, f"read of {parameter.name}")
+    return found
+
+
+def written(own: Commands, data: Mapping[int, bytes], parameter: Parameter) -> Script[None]:
+    """One register of several of a family, read back; what was lost is written again.
+
+    Raises DeviceRefused for the first that reads otherwise, NoReply.
+    """
+    ids, count = list(data), own.reader.at_once
+    left = dict(data)
+    for _ in range(TRIES):
+        wanted = list(left)
+        for first in range(0, len(wanted), count):
+            yield Write({id: left[id] for id in wanted[first : first + count]}, parameter.address)
+        found = yield from collect(own, wanted, parameter)
+        left = {id: each for id, each in left.items() if found[id] != each}
+        if not left:
+            return
+    id = next(each for each in ids if each in left)
+    reason = f"wrote {decode(parameter, left[id]):g}, reads {decode(parameter, found[id]):g}"
+    raise DeviceRefused(own.reader.name, id, parameter.name, reason)
+
+
+def family_of(own: Commands, id: int) -> Family:
+    """The family of an id. Raises KeyError that lists the ids of this bus."""
+    return own.fleet.of(own.fleet.row(id))[0]

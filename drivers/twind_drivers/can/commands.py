@@ -1,0 +1,174 @@
+"""What the actuators are told to do: goals, holds and softness as frames that have passed the last check.
+
+Stiffness and damping travel with each command, so whoever gives a goal also gives them; softness, once
+ordered, therefore lasts until strength is given back.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from twind_drivers.bus import Bools, Floats, Ints, WireClamp, Write
+from twind_drivers.can.family import Special
+from twind_drivers.can.fleet import joined
+from twind_drivers.can.frame import Frames
+from twind_drivers.can.line import Goals
+from twind_drivers.can.orders import ADDRESS, COMMAND, GAINS, whole_command
+from twind_drivers.can.reader import CanReader
+from twind_drivers.can.units import COUNT, counts
+from twind_drivers.can.wire_check import WireCheck
+
+FIRMER = 2.0  # times its damping, and no stiffness: a soft actuator; never more than its field holds
+KEPT, CYCLES = 0.5, 10  # s and cycles, the longer: how long a hold is repeated while no goals come
+
+
+class Commands:
+    """Of m actuators: `lower`, `upper` (m,) in counts; `kp`, `kd` (m,) in N·m/rad and N·m·s/rad."""
+
+    def __init__(self, reader: CanReader, lower: Ints, upper: Ints, kp: Floats, kd: Floats) -> None:
+        """Raises ValueError for another shape, lower above upper, and gains that no field holds."""
+        self.reader, self.fleet, self.line, self.cyclic = reader, reader.fleet, reader.line, reader.cyclic
+        m = len(self.fleet)
+        self.lower, self.upper = (np.asarray(each, np.int64) for each in (lower, upper))
+        self.kp, self.kd = (np.asarray(each, np.float64) for each in (kp, kd))
+        for each in (self.lower, self.upper, self.kp, self.kd):
+            if each.shape != (m,):
+                raise ValueError(f"{reader.name}: {each.shape} values for {m} actuators")
+        if not (self.lower <= self.upper).all():
+            row = int(np.argmin(self.lower <= self.upper))
+            raise ValueError(f"{reader.name}: id {reader.ids[row]}: bounds {lower[row]}..{upper[row]}")
+        self._require_gains()
+        self.check = WireCheck(self.fleet, self.lower, self.upper)
+        self.soft = False  # no stiffness, until prepared anew
+        self.aim: Ints | None = None  # (m,) where to hold, as last told
+        self._given: Ints | None = None  # the goals given last ...
+        self._given_in = -1  # ... in which cycle, and those of the cycle before
+        self._before: Ints | None = None
+        everybody = [[self.fleet.special(row, Special.DISABLE) for row in range(m)]] * 2
+        self._off = joined([frame for each in everybody for frame in each])
+        self.check.judge(self._off)
+        self._knock()
+
+    def _require_gains(self) -> None:
+        ranges = self.fleet.ranges
+        for name, values, most in (("kp", self.kp, ranges.kp), ("kd", self.kd, ranges.kd)):
+            fine = (values >= 0.0) & (values <= most)
+            if not fine.all():
+                row = int(np.argmin(fine))
+                id, value, bound = self.reader.ids[row], float(values[row]), float(most[row])
+                raise ValueError(f"{self.reader.name}: id {id}: {name} {value} is outside 0..{bound}")
+
+    def _knock(self) -> None:
+        """Who tells where he is in answer to a command alone gets one without stiffness, damping, torque."""
+        rows = (self.fleet.answers == 0) & self.fleet.replies
+        if rows.any():
+            values = np.zeros((5, len(rows)))
+            values[0] = np.clip(0, self.lower, self.upper) * COUNT
+            frames = self.fleet.command(values, rows)
+            self.check.judge(frames)
+            self.cyclic.knock = (frames, rows)
+
+    # --------------------------------------------------------------------------- every tick
+
+    def goals(self, ticks: Ints) -> None:
+        """Goals (m,) in counts for the next request. Raises WireClamp, ValueError; then nothing is pending.
+
+        Speed beside them: the step from the goal of the cycle before. A step that the field cannot say is a
+        jump, and has no speed. Who is barred (`Cyclic`) is not commanded.
+        """
+        self.line.goals = None
+        self._require(ticks)
+        if self._given_in != self.cyclic.cycle:
+            follows = self._given is not None and self._given_in == self.cyclic.cycle - 1
+            self._before = self._given if follows else None
+        before = ticks if self._before is None else self._before
+        speed: Floats = np.asarray((ticks - before) * COUNT * self.reader.rate_hz, np.float64)
+        speed[np.abs(speed) > self.fleet.ranges.velocity] = 0.0
+        rows = ~self.cyclic.barred
+        frames = self.encode(ticks, speed, rows)
+        self._given, self._given_in = ticks.copy(), self.cyclic.cycle
+        self.line.goals = Goals(frames, rows, ticks.copy())
+
+    def _require(self, ticks: Ints) -> None:
+        if ticks.shape != self.lower.shape:
+            raise ValueError(f"{self.reader.name}: {ticks.shape} goals for {len(self.lower)} actuators")
+        outside = ~((ticks >= self.lower) & (ticks <= self.upper))
+        if outside.any():
+            row = int(np.argmax(outside))
+            bounds = float(self.lower[row]), float(self.upper[row])
+            raise WireClamp(self.reader.name, self.reader.ids[row], float(ticks[row]), *bounds)
+
+    def encode(self, ticks: Ints, speed: Floats, rows: Bools, *, soft: bool = False) -> Frames:
+        """Frames that have passed the last check. Raises WireClamp."""
+        frames = self.fleet.command(self.values(ticks, speed, soft=soft), rows)
+        self.check.judge(frames)
+        return frames
+
+    def values(self, ticks: Ints, speed: Floats | None = None, *, soft: bool = False) -> Floats:
+        """Position, velocity, kp, kd, torque (5, m) of a command."""
+        values = np.zeros((5, len(self.lower)))
+        values[0], values[2], values[3] = ticks * COUNT, self.kp, self.kd
+        if speed is not None:
+            values[1] = speed
+        if soft or self.soft:
+            values[1], values[2], values[3] = 0.0, 0.0, self.damping
+        return values
+
+    @property
+    def damping(self) -> Floats:
+        """Damping (m,) of a soft actuator."""
+        damping: Floats = np.minimum(FIRMER * self.kd, self.fleet.ranges.kd)
+        return damping
+
+    # --------------------------------------------------------------------------- scripts' parts
+
+    def hold(self, ticks: Ints, *, soft: bool = False) -> None:
+        """Until goals come, each request commands `ticks` (m,), for half a second. Raises WireClamp."""
+        self._require(ticks)
+        rows = ~self.cyclic.barred
+        until = self.line.sent + max(KEPT, CYCLES / self.reader.rate_hz)
+        still = np.zeros(len(ticks))
+        frames = self.encode(ticks, still, rows, soft=soft)
+        self.line.goals = Goals(frames, rows, ticks.copy(), until=until, kept=True)
+
+    def order(self, ticks: Ints, rows: Bools, *, soft: bool = False) -> Write:
+        """The same command as an order to `rows` (m,). Raises WireClamp."""
+        self._require(ticks)
+        values = self.values(ticks, soft=soft)
+        return Write({self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, COMMAND)
+
+    def special(self, what: Special, rows: Bools) -> Write:
+        """An order without a value to `rows` (m,)."""
+        return Write({self.reader.ids[row]: b"" for row in _places(rows)}, ADDRESS[what])
+
+    def gains(self, *, soft: bool = False) -> Write:
+        """Gains to all whose commands do not carry them."""
+        values = self.values(np.clip(0, self.lower, self.upper), soft=soft)[2:4]
+        every: Sequence[int] = range(len(self.lower))
+        return Write({self.reader.ids[row]: whole_command(values[:, row]) for row in every}, GAINS)
+
+    def here(self) -> Ints:
+        """Where (m,) each said that it is, as a goal: the nearest place that one may have."""
+        place = np.where(np.isfinite(self.cyclic.place), self.cyclic.place, 0.0)
+        return np.clip(counts(place), self.lower, self.upper)
+
+    def cut(self) -> None:
+        """Torque off for all, twice, in the next send; nobody's torque is ours from here on."""
+        self.line.goals = None
+        self.line.urgent = self._off
+        self.cyclic.energised = np.zeros(len(self.lower), np.bool_)
+
+    def by_id(self, rows: Bools) -> list[int]:
+        """Ids of `rows` (m,)."""
+        return [self.reader.ids[row] for row in _places(rows)]
+
+    def rows(self, ids: Mapping[int, object]) -> Bools:
+        """Rows (m,) of those ids."""
+        found = np.zeros(len(self.lower), np.bool_)
+        found[[self.fleet.row(id) for id in ids]] = True
+        return found
+
+
+def _places(rows: Bools) -> list[int]:
+    places: list[int] = np.flatnonzero(rows).tolist()
+    return places

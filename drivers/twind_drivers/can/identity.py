@@ -1,0 +1,72 @@
+"""Who is on a CAN bus: everybody asked where he is, then what his registers say of him. A script."""
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+from twind_drivers.bus import Device, Read, Script
+from twind_drivers.can.family import Parameter
+from twind_drivers.can.fleet import Fleet
+from twind_drivers.can.models import model
+from twind_drivers.can.orders import STATE, decode
+from twind_drivers.can.units import counts
+
+TRIES = 2  # that are not answered, after which somebody is silent, or does not have a register
+TOLD = {"position_range": "pmax_milli", "velocity_range": "vmax_milli", "torque_range": "tmax_milli"}
+
+
+def identify(fleet: Fleet, count: int) -> Script[tuple[Device, ...]]:
+    """Devices that answer, in order of ids; registers are asked of `count` at once.
+
+    Ranges that they tell replace those described. A register that stays unanswered twice is not among the
+    settings: boards and firmwares differ in what they have.
+    """
+    present = yield from _present(fleet)
+    values: dict[int, dict[str, float]] = {id: {} for id in present}
+    for family, rows in fleet.families:
+        own = [fleet.ids[row] for row in rows if fleet.ids[row] in present]
+        for name in family.identity:
+            found = yield from _collect(own, family.parameters[name], count)
+            for id, value in found.items():
+                values[id][name] = value
+    return tuple(_device(fleet, id, values[id]) for id in present)
+
+
+def _present(fleet: Fleet) -> Script[list[int]]:
+    found: set[int] = set()
+    for _ in range(TRIES):
+        missing = tuple(id for id in fleet.ids if id not in found)
+        if missing:
+            found |= (yield Read(missing, STATE, 3)).data.keys()
+    return [id for id in fleet.ids if id in found]
+
+
+def _collect(ids: Sequence[int], parameter: Parameter, count: int) -> Script[dict[int, float]]:
+    found: dict[int, float] = {}
+    for _ in range(TRIES):
+        missing = [id for id in ids if id not in found]
+        for first in range(0, len(missing), count):
+            reply = yield Read(tuple(missing[first : first + count]), parameter.address, 4)
+            found |= {id: decode(parameter, data) for id, data in reply.data.items()}
+    return found
+
+
+def _device(fleet: Fleet, id: int, values: Mapping[str, float]) -> Device:
+    """What is compared with the calibration, under the names that serial servos have for the same."""
+    row = fleet.row(id)
+    family, place = fleet.of(row)
+    known = {name: value for name, value in values.items() if isfinite(value)}
+    family.learn(place, {name: value for name, value in known.items() if name not in TOLD or value > 0.0})
+    span = float(family.ranges.position[place])
+    edge = int(counts(span)) if isfinite(span) else 0
+    settings = {
+        "homing_offset": 0,
+        "drive_mode": 0,
+        "operating_mode": family.operating_mode(known),
+        "min_position_limit": -edge,
+        "max_position_limit": edge,
+    }
+    settings |= {TOLD[name]: round(value * 1e3) for name, value in known.items() if name in TOLD}
+    whole = {name: int(value) for name, value in known.items() if value == int(value) and name not in TOLD}
+    described = model(fleet.actuators[row].model)
+    firmware = int(known.get("firmware", 0)) & 0xFF
+    return Device(id, described.number, None, firmware, {**whole, **settings})

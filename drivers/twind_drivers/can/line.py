@@ -1,0 +1,295 @@
+"""One wire of frames: one transaction at a time, what is pending before it, its deadline.
+
+Does the I/O through a `Channel`; time is an argument. It also judges what came unasked (R08), and what
+silence means: frames that nobody acknowledges wait in the adapter, and must not leave when somebody is back.
+"""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from twind_drivers.bus import Bools, Ints, PortError, PortFull
+from twind_drivers.can import channel as wire
+from twind_drivers.can.fleet import Fleet, Heard, joined
+from twind_drivers.can.frame import BYTES, EXTENDED, NOTHING, Frames
+
+LATE = 1.0  # s that an answer may be late and is still known as one
+DEAD = 0.1  # s without anybody: what the actuators' watchdogs are set to; whatever was given before is void
+STANDARD_BITS, EXTENDED_BITS = 135, 160  # of a frame of 8 bytes, stuffed as badly as can be
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """Frames to send, and what should come back. Arrays (m,)."""
+
+    frames: Frames
+    expect: Ints  # frames of feedback
+    registers: frozenset[tuple[int, int]] = frozenset()  # row and address of each register that is asked for
+    acks: Bools | None = None  # who must say anything at all: who was written to
+    states: Bools | None = None  # who must say whether its torque is on
+
+    @property
+    def waits(self) -> bool:
+        """Something should come back."""
+        some = self.acks is not None or self.states is not None
+        return some or bool(self.registers) or bool(self.expect.any())
+
+
+@dataclass(slots=True)
+class Goals:
+    """Commands that wait for the next cyclic request, and whom (m,) they command."""
+
+    frames: Frames
+    rows: Bools
+    ticks: Ints  # (m,) where to
+    until: float = inf  # s: not sent later than that
+    kept: bool = False  # sent again with each request, until others come
+
+
+def bits(frames: Frames) -> int:
+    """Bits that frames take on the wire at most."""
+    wide = int(np.count_nonzero(frames["id"] & EXTENDED))
+    return wide * EXTENDED_BITS + (len(frames) - wide) * STANDARD_BITS
+
+
+class Line:
+    """The wire of one bus.
+
+    `goals` leave with the next cyclic request; `urgent` with the next write of any kind, and goals set before
+    it left are dropped. Until an answer shows that it left, it is sent again when the queue was thrown away.
+
+    `epoch` counts what makes every goal given before void: a full port, a line that is off, silence of
+    everybody for 0.1 s. A dead line is purged, and asked ten times a second; no goal leaves on it.
+
+    `foreign` counts frames that nobody asked for: of nobody here, of another master, second answers. An
+    answer of an actuator that missed one within the last second is not among them.
+    """
+
+    def __init__(self, fleet: Fleet, channel: wire.Channel, *, bitrate: int, slack: float) -> None:
+        self.fleet, self.channel, self.name = fleet, channel, fleet.name
+        self.bitrate, self.slack = bitrate, slack
+        self.urgent: Frames = NOTHING
+        self.goals: Goals | None = None
+        self._leaving: Frames = NOTHING  # urgent, sent, and not yet known to have left
+        self.sent = self.received = self.deadline = -inf  # s
+        self.strays = 0  # bytes dropped in the present transaction
+        self.foreign = 0  # frames; whoever reports it sets it back
+        self.epoch = 0
+        self.left: dict[int, int] = {}  # row -> the last goal that went out
+        self.asked: Bools = np.ones(len(fleet), np.bool_)  # whose answers are waited for
+        self.heard = Heard.nothing(len(fleet))  # in the present transaction
+        self.expect: Ints = np.zeros(len(fleet), np.int64)  # of it, urgent orders and goals included
+        self.aside: Heard | None = None  # what came after the last one had ended, if anything ...
+        self.late: Bools = np.zeros(len(fleet), np.bool_)  # ... and from whom
+        self.exchange: Exchange | None = None
+        self._leaves: Goals | None = None
+        self._done = True
+        self._busy = -inf  # s, until when our own frames are still going out
+        self._frames: list[Frames] = []
+        self._count = self._wanted = 0
+        self._looked = -1  # frames that `heard` was made of
+        self._owed = np.full(len(fleet), -inf)  # s, until when an answer may still come late
+        self._silent_since = inf  # s, of the first question since anybody was heard
+        self._purged = -inf
+        self._errors = channel.condition.errors
+
+    # --------------------------------------------------------------------------- how it is
+
+    def condition(self, now: float) -> wire.Line:
+        """What the controller says; OFF too where nobody has answered for 0.1 s though asked (R24)."""
+        return wire.Line.OFF if self.dead(now) else self.channel.condition.line
+
+    def dead(self, now: float) -> bool:
+        """The controller is off the wire, or nobody acknowledges or answers."""
+        return self.channel.condition.line is wire.Line.OFF or now - self._silent_since >= DEAD
+
+    def void(self) -> None:
+        """From here on no goal given before may leave."""
+        self.goals, self.epoch = None, self.epoch + 1
+
+    def span(self, exchange: Exchange, lead: int = 0) -> float:
+        """Bus time (s) that it takes both ways, with `lead` bits before it."""
+        out = exchange.frames
+        wide = len(out) > 0 and bool(out["id"][0] & EXTENDED)
+        back = int(exchange.expect.sum()) + len(exchange.registers)
+        back += int(np.count_nonzero(exchange.acks)) if exchange.acks is not None else 0
+        return (lead + bits(out) + back * (EXTENDED_BITS if wide else STANDARD_BITS)) / self.bitrate
+
+    # --------------------------------------------------------------------------- the transaction
+
+    def commanded(self, now: float) -> Bools:
+        """Whom (m,) the next request commands: nobody where an urgent order goes first, or on a dead line."""
+        goals = self.goals
+        if goals is not None and (len(self.urgent) or self.dead(now) or now > goals.until):
+            goals = self.goals = None
+        return goals.rows if goals is not None else np.zeros(len(self.fleet), np.bool_)
+
+    def send(self, exchange: Exchange, now: float, *, goals: bool = False) -> None:
+        """Begin a transaction: late frames of the last one are dropped, then everything leaves.
+
+        Raises PortError; PortFull when the queue was still full: it is purged, goals are dropped, an urgent
+        order is sent later.
+        """
+        self.exchange, self._done, self.strays = None, True, 0
+        self._look_back(self.channel.receive(now), now)
+        if self.dead(now):
+            exchange = self._revive(exchange, now, cyclic=goals)
+        lead, rows = self._lead(goals)
+        expect = exchange.expect + np.where(self.fleet.replies, rows, 0)
+        try:
+            if len(lead) or len(exchange.frames):
+                self.channel.send(joined([lead, exchange.frames]), now)
+        except PortFull:
+            self._thrown_away()
+            raise
+        except PortError:
+            self.void()
+            raise
+        if len(self.urgent):
+            self._leaving, self.urgent = self.urgent, NOTHING
+        if self._leaves is not None:
+            own = self._leaves.rows
+            self.left |= dict(
+                zip(np.flatnonzero(own).tolist(), self._leaves.ticks[own].tolist(), strict=True)
+            )
+        self._begin(exchange, lead, expect, now)
+
+    def _lead(self, goals: bool) -> tuple[Frames, Ints]:
+        """What goes before: an urgent order, else the goals; and how many frames command each (m,)."""
+        self._leaves = None
+        if len(self.urgent):
+            self.goals = None
+            to = self.fleet.commands_to(self.urgent)
+            return self.urgent, np.bincount(to[to >= 0], minlength=len(self.fleet))
+        found = self.goals if goals else None
+        if found is None:
+            return NOTHING, np.zeros(len(self.fleet), np.int64)
+        self.goals = found if found.kept else None
+        self._leaves = found
+        return found.frames, found.rows.astype(np.int64)
+
+    def _revive(self, exchange: Exchange, now: float, *, cyclic: bool) -> Exchange:
+        """A dead line: nothing old waits in it, and ten times a second it is asked."""
+        self.void()
+        if now - self._purged >= DEAD:
+            self._purged = now
+            self.channel.purge()
+            self._thrown_away()
+            return exchange
+        return Exchange(NOTHING, np.zeros(len(self.fleet), np.int64)) if cyclic else exchange
+
+    def _thrown_away(self) -> None:
+        """What waited in the port is gone, an urgent order perhaps too."""
+        self.void()
+        if not len(self.urgent):
+            self.urgent = self._leaving
+        self._busy = -inf
+
+    def _begin(self, exchange: Exchange, lead: Frames, expect: Ints, now: float) -> None:
+        self.exchange, self.sent, self.received, self.expect = exchange, now, now, expect
+        self._frames, self._count, self._looked = [], 0, -1
+        self._wanted = int(expect[self.asked].sum()) + len(exchange.registers)
+        waits = exchange.waits or self._wanted > 0
+        self._done = not waits
+        begin, ahead = max(now, self._busy), bits(lead)
+        self._busy = begin + (ahead + bits(exchange.frames)) / self.bitrate
+        ahead += int((expect - exchange.expect).sum()) * (EXTENDED_BITS if len(lead) else 0)
+        self.deadline = begin + self.span(exchange, ahead) + (self.slack if waits else 0.0)
+        if waits and self._silent_since == inf:
+            self._silent_since = now
+
+    def feed(self, now: float) -> bool:
+        """Take what has arrived; True when the transaction is complete. Raises PortError."""
+        if self._done or self.exchange is None:
+            return True
+        got = self.channel.receive(now)
+        if len(got):
+            self.received = now
+            self._frames.append(got)
+            self._count += len(got)
+            if self._count >= self._wanted:
+                self._done = self._complete(self.exchange)
+        return self._done
+
+    def end(self) -> Exchange | None:
+        """End the transaction; what was heard stands in `heard` until the next one. Never raises."""
+        exchange, self.exchange, self._done = self.exchange, None, True
+        if exchange is not None:
+            heard = self._decode()
+            self._judge(heard, self._surplus(exchange, heard), self.sent)
+            self._owed[self._short(exchange, heard)] = self.sent + LATE
+            if heard.count.any() or heard.answers:
+                self._silent_since, self._leaving = inf, NOTHING
+        return exchange
+
+    def _decode(self) -> Heard:
+        if self._looked != self._count:
+            self.heard, self._looked = self.fleet.hear(joined(self._frames)), self._count
+        return self.heard
+
+    def _complete(self, exchange: Exchange) -> bool:
+        heard = self._decode()
+        if (self.asked & (heard.count < self.expect)).any():
+            return False
+        if not exchange.registers <= _told(heard):
+            return False
+        if exchange.acks is not None and (exchange.acks & ~self._spoke(heard)).any():
+            return False
+        return exchange.states is None or not (exchange.states & (heard.enabled < 0)).any()
+
+    def _spoke(self, heard: Heard) -> Bools:
+        spoke = heard.count > 0
+        spoke[[each.row for each in heard.answers]] = True
+        return spoke
+
+    # --------------------------------------------------------------------------- what came unasked
+
+    def _look_back(self, frames: Frames, now: float) -> None:
+        """What came after the last transaction had ended."""
+        before, self._errors = self._errors, self.channel.condition.errors
+        self.strays += max(0, self._errors - before)
+        self.aside = None
+        if not len(frames):
+            self.late = np.zeros(len(self.fleet), np.bool_)
+            return
+        heard = self.aside = self.fleet.hear(frames)
+        self.late = heard.count > 0
+        surplus = np.where(self.fleet.replies, heard.count, 0)
+        np.add.at(surplus, [each.row for each in heard.answers if not heard.count[each.row]], 1)
+        self._judge(heard, surplus, now)
+        if self.late.any():
+            self._silent_since = inf
+
+    def _surplus(self, exchange: Exchange, heard: Heard) -> Ints:
+        """Frames (m,) of ours that nobody asked for. What is sent of itself (ODrive) is never one, and a
+        write may be answered by an acknowledgement, by feedback, or by both."""
+        surplus = np.where(self.fleet.replies, np.maximum(heard.count - self.expect, 0), 0)
+        asked = {row for row, _ in exchange.registers}
+        for each in heard.answers:
+            if each.row in asked:  # a register may be told in both forms, or two in one frame (RobStride)
+                surplus[each.row] = max(0, surplus[each.row] - 1)
+            elif not heard.count[each.row]:
+                surplus[each.row] += 1
+        if exchange.acks is not None:
+            surplus[exchange.acks] = 0
+        return surplus
+
+    def _short(self, exchange: Exchange, heard: Heard) -> Bools:
+        """Who (m,) may still answer: who has not, and who was written to."""
+        short: Bools = heard.count < self.expect
+        told = _told(heard)
+        short[[row for row, address in exchange.registers if (row, address) not in told]] = True
+        return short if exchange.acks is None else short | exchange.acks
+
+    def _judge(self, heard: Heard, surplus: Ints, now: float) -> None:
+        """Count strangers, other masters, and `surplus` (m,). Who is not waited for may be late."""
+        owing = self._owed > now
+        late = int(surplus[owing & self.asked].sum())
+        foreign = heard.strangers + heard.masters + int(surplus[~owing].sum())
+        self.foreign += foreign
+        self.strays += BYTES * (foreign + late)
+
+
+def _told(heard: Heard) -> set[tuple[int, int]]:
+    return {(each.row, each.address) for each in heard.answers}

@@ -1,0 +1,156 @@
+"""The slowly changing state of each actuator: what feedback tells of it by itself, and what must be asked.
+
+Torque, fault and temperature come with the readings. Watchdog and supply voltage are registers where a family
+has them, asked in turn: all watchdogs, slice by slice, then one slice of voltages.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from twind_drivers.bus import Bools, Floats, Read, Registers
+from twind_drivers.can.family import SILENCE, Family, Parameter
+from twind_drivers.can.fleet import Fleet, Heard
+from twind_drivers.can.orders import decode
+
+VOLTAGE = "bus_voltage"  # the register's name in every family that has it
+TRIPPED, LONGEST = 255, 254  # ms: what a watchdog reads as after it ran out, and at most before
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """A register that is read in turn: of which rows, and how many fit into one slice."""
+
+    parameter: Parameter
+    rows: tuple[int, ...]
+
+    def slices(self, ids: Sequence[int], size: int) -> list[Read]:
+        """Reads of at most `size` actuators each."""
+        parts = (self.rows[first : first + size] for first in range(0, len(self.rows), size))
+        return [Read(tuple(ids[row] for row in part), self.parameter.address, 4) for part in parts]
+
+
+class SlowRegisters:
+    """State of m actuators, each group with the time of its reading.
+
+    `watchdog` is in ms, 1 to 254 (longer ones too), 0 off, 255 where the actuator says that it lost its
+    master, or is `barred`: it has not been heard for as long. -1: its family cannot tell. `tick` is never
+    known. `status_time`: of the older of feedback and, where there is one, the watchdog's register.
+    `health_time`: of temperature and voltage, of those that the actuator tells at all.
+    """
+
+    def __init__(self, fleet: Fleet) -> None:
+        m = len(fleet)
+        self.registers: Registers = Registers.unknown(m)
+        self._fleet = fleet
+        self._period = np.full(m, -1, np.int16)  # of the watchdog's register
+        self._lost = np.zeros(m, np.bool_)  # says that it lost its master
+        self._mute = np.zeros(m, np.bool_)  # does not tell its torque: that is what it was ordered last
+        self._state_time, self._watch_time, self._heat_time, self._volt_time = np.full((4, m), -inf)
+        self._watch = _watched(fleet, lambda family: family.watchdog)
+        self._volts = _watched(fleet, lambda family: family.parameters.get(VOLTAGE))
+        self._tells_watch = _rows(self._watch, m)
+        self._tells_volts = _rows(self._volts, m)
+        self._status: list[Read] = []
+        self._health: list[Read] = []
+        self._turn = self._slot = 0
+
+    # --------------------------------------------------------------------------- whose turn it is
+
+    def schedule(self, size: int) -> None:
+        """From now on slices of at most `size` actuators come round robin."""
+        ids = self._fleet.ids
+        self._status = [read for each in self._watch for read in each.slices(ids, size)]
+        self._health = [read for each in self._volts for read in each.slices(ids, size)]
+        self._turn = self._slot = 0
+
+    def next(self) -> Read | None:
+        """The slice whose turn it is; None: all that can be told comes by itself."""
+        if not self._status and not self._health:
+            return None
+        slot, self._slot = self._slot, (self._slot + 1) % (len(self._status) + bool(self._health))
+        if slot < len(self._status):
+            return self._status[slot]
+        turn, self._turn = self._turn, (self._turn + 1) % len(self._health)
+        return self._health[turn]
+
+    # --------------------------------------------------------------------------- what was told
+
+    def hear(self, heard: Heard, rows: Bools, barred: Bools, time: float) -> None:
+        """Keep what feedback says of `rows` (m,). `barred` (m,): who gets no commands any more."""
+        state = self.registers
+        told = rows & (heard.enabled >= 0)
+        state.torque[told] = heard.enabled[told]
+        faulty = rows & (heard.fault >= 0)
+        state.fault[faulty] = heard.fault[faulty]
+        self._lost[faulty] = (heard.fault[faulty] & SILENCE) != 0
+        self._state_time[(told | (rows & self._mute)) & faulty] = time
+        for source, store, when in (
+            (heard.temperature, state.temperature, self._heat_time),
+            (heard.voltage, state.voltage, self._volt_time),
+        ):
+            says = rows & ~np.isnan(source)
+            store[says], when[says] = source[says], time
+        self._settle(barred)
+
+    def fold(self, heard: Heard, rows: Bools, barred: Bools, time: float) -> None:
+        """Keep what register answers of `rows` (m,) say."""
+        for row, address, data in heard.answers:
+            family, _ = self._fleet.of(row)
+            if not rows[row]:
+                continue
+            if family.watchdog is not None and address == family.watchdog.address:
+                self._period[row] = _milliseconds(decode(family.watchdog, data) * family.watchdog.unit)
+                self._watch_time[row] = time
+            volts = family.parameters.get(VOLTAGE)
+            if volts is not None and address == volts.address:
+                self.registers.voltage[row], self._volt_time[row] = decode(volts, data) * volts.unit, time
+        self._settle(barred)
+
+    def doubt(self, rows: Bools) -> None:
+        """What was read of the torque of `rows` (m,) says nothing of it any more."""
+        self.registers.torque[rows] = -1
+
+    def assume(self, rows: Bools, on: bool) -> None:
+        """`rows` (m,) acknowledged an order of torque, and do not tell what it is (CubeMars)."""
+        self._mute |= rows
+        self.registers.torque[rows] = on
+
+    def forget(self, row: int) -> None:
+        """An actuator that restarted: what was read of it no longer holds."""
+        state = self.registers
+        for store in (state.torque, state.fault, self._period):
+            store[row] = -1
+        state.voltage[row] = state.temperature[row] = np.nan
+        for when in (self._state_time, self._watch_time, self._heat_time, self._volt_time):
+            when[row] = -inf
+        self._lost[row] = False
+        self._settle(np.zeros(len(self._lost), np.bool_))
+
+    def _settle(self, barred: Bools) -> None:
+        state = self.registers
+        state.watchdog[:] = np.where(self._lost | barred, TRIPPED, self._period)
+        watch = np.where(self._tells_watch, self._watch_time, inf)
+        state.status_time[:] = np.minimum(self._state_time, watch)
+        heat: Floats = np.where(np.isfinite(self._heat_time), self._heat_time, inf)
+        volts = np.where(self._tells_volts | np.isfinite(self._volt_time), self._volt_time, inf)
+        health = np.minimum(heat, volts)
+        state.health_time[:] = np.where(health < inf, health, -inf)
+
+
+def _watched(fleet: Fleet, of: Callable[[Family], Parameter | None]) -> list[Watched]:
+    found = [(of(family), rows) for family, rows in fleet.families]
+    return [Watched(each, tuple(rows.tolist())) for each, rows in found if each is not None]
+
+
+def _rows(watched: Sequence[Watched], m: int) -> Bools:
+    rows = np.zeros(m, np.bool_)
+    for each in watched:
+        rows[list(each.rows)] = True
+    return rows
+
+
+def _milliseconds(seconds: float) -> int:
+    return 0 if seconds == 0 else min(LONGEST, max(1, round(seconds * 1e3)))

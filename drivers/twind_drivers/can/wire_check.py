@@ -1,0 +1,37 @@
+"""The last look at frames that order something (R22): actuators of ours, positions inside their bounds."""
+
+import numpy as np
+
+from twind_drivers.bus import Ints, WireClamp
+from twind_drivers.can.fleet import Fleet
+from twind_drivers.can.frame import Frames
+from twind_drivers.can.units import COUNT
+
+STEPS = 0xFFFF  # of a field of 16 bits, the narrowest that carries a position: it is truncated to one
+
+
+class WireCheck:
+    """What may be ordered on one bus: `lower`, `upper` (m,) in counts, inclusive.
+
+    Judged is what the bytes say, so one count is allowed beyond, or one step of a field that is coarser.
+    """
+
+    def __init__(self, fleet: Fleet, lower: Ints, upper: Ints) -> None:
+        self._fleet, self._lower, self._upper = fleet, lower, upper
+
+    def judge(self, frames: Frames) -> None:
+        """Raises WireClamp for the first frame that may not leave."""
+        fleet = self._fleet
+        to = fleet.commands_to(frames)
+        if (to < 0).any():
+            id = int(frames["id"][np.argmax(to < 0)])
+            raise WireClamp(fleet.name, id, id, min(fleet.ids), max(fleet.ids), "order to a frame id")
+        place = fleet.commanded(frames) / COUNT
+        step = np.nan_to_num(2.0 * fleet.ranges.position / STEPS / COUNT, nan=0.0, posinf=0.0)
+        slack = np.maximum(1.0, step)[to]
+        outside = (place < self._lower[to] - slack) | (place > self._upper[to] + slack)
+        if outside.any():
+            first = int(np.argmax(outside))
+            row = int(to[first])
+            bounds = float(self._lower[row]), float(self._upper[row])
+            raise WireClamp(fleet.name, fleet.ids[row], float(place[first]), *bounds, "goal")

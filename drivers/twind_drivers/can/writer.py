@@ -1,0 +1,193 @@
+"""The writing half of a CAN bus: goals, torque, registers. Exists in live only.
+
+Every frame that orders something is judged by its own bytes before it leaves (R22): actuators of this bus,
+positions inside what each may be sent.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twind_drivers.bus import (
+    Burst,
+    DeviceRefused,
+    Floats,
+    Ints,
+    NoReply,
+    Order,
+    Read,
+    Reboot,
+    Register,
+    Restart,
+    Script,
+    Write,
+)
+from twind_drivers.can import bringup, torque
+from twind_drivers.can.commands import Commands
+from twind_drivers.can.family import Special
+from twind_drivers.can.orders import STATE, encode, ordering, parameter_of, part
+from twind_drivers.can.reader import CanReader
+
+TRIES = 3
+RESTART = 200  # looks at an actuator that restarts
+# Registers that `write` leaves alone, and whose they are.
+ELSEWHERE = {
+    "timeout": "its watchdog is armed by preparing for torque",
+    "mode": "it would not take the commands of this bus",
+    "run_mode": "it would not take the commands of this bus",
+    "master_id": "it would answer under another id than this bus knows",
+    "esc_id": "it would listen on another id than this bus knows",
+    "can_rate": "it would answer at another bitrate than this bus has",
+    "torque_limit": "it is set by preparing for torque, from the robot file",
+}
+
+
+class CanWriter:
+    """Writes to the bus of `reader`; arrays are in the order of its ids, goals in counts (`units.py`).
+
+    What an actuator holds cannot be read back: `aim` and `aimed` speak of what was sent and acknowledged.
+    """
+
+    def __init__(
+        self,
+        reader: CanReader,
+        *,
+        lower: Ints,
+        upper: Ints,
+        kp: Floats,
+        kd: Floats,
+        torque_limits: Floats | None = None,
+        watchdog: Sequence[bool] | None = None,
+    ) -> None:
+        """`lower`, `upper` (m,): goals that may ever be sent. `kp`, `kd` (m,): N·m/rad and N·m·s/rad.
+
+        `torque_limits` (m,), N·m, NaN none: written where a family has such a register; elsewhere nothing on
+        the actuator holds it. `watchdog` (m,), None: all. True: it must be armed and read back before torque;
+        False: where it cannot be, the port's warning says so.
+
+        Raises ValueError: values of the wrong shape, bounds crossed, a gain outside its field.
+        """
+        m = len(reader.ids)
+        self._reader, self._name = reader, reader.name
+        self._own = Commands(reader, lower, upper, kp, kd)
+        limits = np.full(m, np.nan) if torque_limits is None else np.asarray(torque_limits, np.float64)
+        required = np.ones(m, np.bool_) if watchdog is None else np.asarray(watchdog, np.bool_)
+        if limits.shape != (m,) or required.shape != (m,):
+            raise ValueError(
+                f"{self._name}: {limits.shape} limits, {required.shape} policies for {m} actuators"
+            )
+        self._limits, self._required = limits, required
+
+    # --------------------------------------------------------------------------- every tick
+
+    def goals(self, ticks: Ints) -> None:
+        """Goals (m,) for the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
+        self._own.goals(ticks)
+
+    def cut(self) -> None:
+        """Torque off for all, twice, in the next send of any kind; goals given before it are not sent."""
+        self._own.cut()
+
+    def clear(self) -> None:
+        """Drop pending goals and holds. A pending cut stays: torque off is never refused."""
+        self._own.line.goals = None
+
+    # --------------------------------------------------------------------------- the rare path
+
+    def begin(self, order: Order, now: float) -> None:
+        """Begin one order; the reader's `answer` ends it. Raises PortError, WireClamp, TypeError;
+        DeviceRefused for what a family does not have."""
+        if not isinstance(order, Write | Burst | Reboot):
+            raise TypeError(f"{self._name}: a writer does not ask: {order}")
+        try:
+            exchange = ordering(self._own.fleet, order)
+        except (ValueError, KeyError) as error:
+            raise DeviceRefused(self._name, -1, "order", str(error)) from None
+        self._own.check.judge(exchange.frames)
+        self._reader.start(order, exchange, now)
+
+    # --------------------------------------------------------------------------- scripts
+
+    def prepare(self, ticks: Ints) -> Script[None]:
+        """Before torque: modes looked at; `ticks` (m,) commanded and faults cleared in one send; limits,
+        watchdogs and gains written and read back. Raises DeviceRefused, NoReply, WireClamp.
+
+        From here on a hold at `ticks` is repeated until goals come, half a second at most.
+        """
+        return bringup.prepare(self._own, ticks, self._required, self._limits)
+
+    def aim(self, ticks: Ints) -> Script[None]:
+        """Command `ticks` (m,), acknowledged. Raises NoReply, WireClamp."""
+        own = self._own
+        own.hold(ticks)
+        own.aim = ticks.copy()
+        silent = own.fleet.replies.copy()
+        waited = 0.0
+        for _ in range(TRIES):
+            reply = yield Burst((own.order(ticks, silent),))
+            waited += reply.waited
+            silent &= ~own.rows(reply.data)
+            if not silent.any():
+                return
+        raise NoReply(self._name, own.by_id(silent), waited, "goal")
+
+    def aimed(self) -> Script[Ints]:
+        """The goals (m,) that were sent last, in counts. Raises NoReply where none was."""
+        yield from ()
+        left = self._own.line.left
+        missing = [id for row, id in enumerate(self._reader.ids) if row not in left]
+        if missing:
+            raise NoReply(self._name, missing, 0.0, "goal: none was sent")
+        return np.array([left[row] for row in range(len(self._reader.ids))], np.int64)
+
+    def torque(self, on: bool) -> Script[None]:
+        """Torque of all, read back; off is ordered twice. Raises DeviceRefused, NoReply.
+
+        On: without stiffness first, until each says where it is; one that changed its turn meanwhile ends it.
+        """
+        return torque.energise(self._own) if on else torque.release(self._own)
+
+    def damp(self) -> Script[tuple[int, ...]]:
+        """No stiffness and twice the damping, of every command from now on until `prepare`; ids of those
+        that did not acknowledge it, or never acknowledge."""
+        return bringup.damp(self._own, self._own.here())
+
+    def write(self, id: int, name: str, value: int) -> Script[Register]:
+        """One register by name, in RAM, read back; a float in thousandths of its unit.
+
+        Raises NoReply, DeviceRefused, KeyError (lists near names), ValueError (range, read-only, not here).
+        """
+        own = self._own
+        row = own.fleet.row(id)
+        parameter = parameter_of(own.fleet, row, name)
+        if parameter.name in ELSEWHERE:
+            raise ValueError(f"{parameter.name} is not written here: {ELSEWHERE[parameter.name]}")
+        data = encode(parameter, part(parameter, value))
+        own.fleet.write(row, parameter, data)
+        yield from bringup.written(own, {id: data}, parameter)
+        return (yield from self._reader.read(id, parameter.name))
+
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[Restart]:
+        """Restart one actuator, wait until it answers. Nothing of its RAM is kept: `prepare` writes it anew.
+
+        Raises DeviceRefused while its torque is on (unless `shut_down`), and where its family has no restart.
+        """
+        own = self._own
+        row = own.fleet.row(id)
+        try:
+            own.fleet.special(row, Special.REBOOT)
+        except ValueError as error:
+            raise DeviceRefused(self._name, id, "restart", f"{error}: switch its power off and on") from None
+        if self._reader.registers.torque[row] == 1 and not shut_down:
+            raise DeviceRefused(
+                self._name, id, "restart", "its torque is on: it carries a load; disarm first"
+            )
+        yield Reboot(id)
+        self._reader.slow.forget(row)
+        waited = 0.0
+        for _ in range(RESTART):
+            reply = yield Read((id,), STATE, 3)
+            waited += reply.waited
+            if id in reply.data:
+                return Restart()
+        raise NoReply(self._name, [id], waited, "restart")
