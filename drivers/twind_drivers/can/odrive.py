@@ -100,6 +100,10 @@ _ACTIVE = {  # later boards
 }
 
 
+_TELLING = np.isin(np.arange(32), TELLING)
+_ANSWERS = np.isin(np.arange(32), (0x03, ENCODER_ERROR, 0x14, SUPPLY, 0x1D))
+
+
 class ODrive:
     """k axes of one bus, as `Family` says."""
 
@@ -211,7 +215,7 @@ class ODrive:
     def answered(self, frames: Frames) -> tuple[list[Answered], Bools]:
         """Of frames with errors, currents and supply; both halves of those with two values."""
         rows, command, data = self._of(frames)
-        found = (rows >= 0) & np.isin(command, (0x03, ENCODER_ERROR, 0x14, SUPPLY, 0x1D))
+        found = (rows >= 0) & _ANSWERS.take(command)
         answers = []
         for at in np.flatnonzero(found):
             content, row, address = data[at].tobytes(), int(rows[at]), int(command[at])
@@ -236,8 +240,8 @@ class ODrive:
         rows = row_of(self._rows, bare >> np.uint32(5))
         command = bare & np.uint32(0x1F)
         writes = (frames["size"] > 0) & (self._later.take(rows, mode="clip") if len(self.ids) else False)
-        rows[np.isin(command, TELLING) | ((command == ENCODER_ERROR) & ~writes)] = NONE
-        return rows
+        idle = _TELLING.take(command) | ((command == ENCODER_ERROR) & ~writes)
+        return np.where(idle, NONE, rows)
 
     def commanded(self, frames: Frames) -> Floats:
         """Position of each 0C on a node of ours, rad. NaN: another frame."""

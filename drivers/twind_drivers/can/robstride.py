@@ -83,17 +83,22 @@ PARAMETERS = by_name(
 )
 IDENTITY = ("run_mode", "timeout", "torque_limit", "bus_voltage", "mcu_low", "mcu_high")
 
-# Bits 16 to 21 of the id of feedback.
+_FLAG = 0xFF << 16  # of an answer to a read: not zero, and it is none
+_FLAGS_AND_TARGET = 0xFFFF_FFFF & ~EXTENDED_MASK | 0xFF
+_HARMLESS = np.isin(np.arange(32), HARMLESS)
+# Bits 16 to 23 of the id of feedback: six faults, and the mode, whose fourth value has no name.
 _BITS = (VOLTAGE, ELECTRICAL, HEAT, ENCODER, OVERLOAD, UNCALIBRATED)
+_MODES = ((0, 0), (1, 0), (1, 0), (-1, UNKNOWN))  # reset, calibration, run: torque, fault
+_ENABLED = np.array([_MODES[state >> 6][0] for state in range(256)], np.int64)
 _FAULT = np.array(
-    [sum(fault for bit, fault in enumerate(_BITS) if bits >> bit & 1) for bits in range(64)], np.int64
+    [
+        sum(fault for bit, fault in enumerate(_BITS) if state >> bit & 1) | _MODES[state >> 6][1]
+        for state in range(256)
+    ],
+    np.int64,
 )
 # Bits of a fault frame (type 21), D0 to D3: those that the sample program names.
 _REPORTED = {0: HEAT, 1: ELECTRICAL, 2: VOLTAGE, 3: ENCODER, 7: UNCALIBRATED, 14: OVERLOAD}
-_ENABLED = np.array(
-    [0, 1, 1, -1], np.int64
-)  # bits 22 and 23: reset, calibration, run, and one without a name
-_NAMELESS = 3
 
 
 class RobStride:
@@ -165,47 +170,50 @@ class RobStride:
         """Row of the motor that sent each frame of 8 bytes to us, else -1; id, type, payloads (j, 8)."""
         came = received["id"].astype(np.int64)
         rows = self._rows.take(came >> 8 & 0xFF)
-        # `came` without its 29 bits is the frame's flags, which must be EXTENDED and nothing else.
-        ours = (received["size"] == BYTES) & (came & ~EXTENDED_MASK == EXTENDED) & (came & 0xFF == self.host)
-        rows[~ours] = NONE
-        return rows, came, came >> 24 & 0x1F, received["data"]
+        ours = (came & _FLAGS_AND_TARGET == EXTENDED | self.host) & (received["size"] == BYTES)
+        return np.where(ours, rows, NONE), came, came >> 24 & 0x1F, received["data"]
 
     def feedback(self, frames: Frames) -> tuple[Feedback, Bools]:
         """Of feedback (2), fault frames (21) and answers to reads of position and velocity (17)."""
         rows, came, kind, data = self._of(frames)
+        whole = (rows >= 0) & (kind == TOLD)
+        if whole.all():
+            return self._whole(rows, came, data), whole
         index = data[:, 0] + data[:, 1].astype(np.int64) * 256
-        sound = (kind == GET) & (came >> 16 & 0xFF == 0)
+        sound = (rows >= 0) & (kind == GET) & (came & _FLAG == 0)
         place, speed = sound & (index == POSITION.address), sound & (index == VELOCITY.address)
-        told = (rows >= 0) & ((kind == TOLD) | (kind == FAULTS) | place | speed)
+        faults = (rows >= 0) & (kind == FAULTS)
+        told = whole | place | speed | faults
         found = untold(rows[told])
-        for chosen, into in ((place[told], found.position), (speed[told], found.velocity)):
-            if chosen.any():
-                into[chosen] = _reading(data[told][chosen])
-        whole = kind[told] == TOLD
+        found.position[place[told]] = _readings(data[place])
+        found.velocity[speed[told]] = _readings(data[speed])
         if whole.any():
-            self._whole(found, whole, came[told][whole], data[told][whole])
-        for at in np.flatnonzero(kind[told] == FAULTS):
-            found.fault[at] = _reported(int.from_bytes(data[told][at, :4].tobytes(), "little"))
+            into, at = whole[told], self._whole(rows[whole], came[whole], data[whole])
+            for name in ("position", "velocity", "effort", "enabled", "fault", "temperature"):
+                getattr(found, name)[into] = getattr(at, name)
+        if faults.any():
+            reports = [int.from_bytes(one[:4].tobytes(), "little") for one in data[faults]]
+            found.fault[faults[told]] = [_reported(report) for report in reports]
         return found, told
 
-    def _whole(self, found: Feedback, at: Bools, came: Ints, data: Octets) -> None:
-        """Feedback frames (2) into those places of `found`."""
-        words = np.ascontiguousarray(data).view(">u2").astype(np.int64)
-        values = self._scale.values(words[:, :3].T.astype(np.float64), found.rows[at])
-        found.position[at], found.velocity[at], found.effort[at] = values
-        found.temperature[at] = words[:, 3].astype(np.int16) / 10.0
-        mode = came >> 22 & 3
-        found.enabled[at] = _ENABLED.take(mode)
-        found.fault[at] = _FAULT.take(came >> 16 & 0x3F) | np.where(mode == _NAMELESS, UNKNOWN, 0)
+    def _whole(self, rows: Ints, came: Ints, data: Octets) -> Feedback:
+        """Of feedback frames (2)."""
+        fields = np.ascontiguousarray(data).view(">u2").T.astype(np.float64)
+        position, velocity, effort = self._scale.values(fields[:3], rows)
+        heat = np.where(fields[3] < 32768.0, fields[3], fields[3] - 65536.0) / 10.0
+        state = came >> 16 & 0xFF
+        unknown = np.full(len(rows), np.nan)
+        enabled, fault = _ENABLED.take(state), _FAULT.take(state)
+        return Feedback(rows, position, velocity, effort, enabled, fault, heat, unknown)
 
     def answered(self, frames: Frames) -> tuple[list[Answered], Bools]:
         """Values read (17) without an error flag, and processors' numbers (0). Never a write."""
         rows, came, kind, data = self._of(frames)
-        found = (rows >= 0) & (kind == GET) & (came >> 16 & 0xFF == 0)
-        born = (kind == GET_ID) & (came & ~EXTENDED_MASK == EXTENDED) & (came & 0xFF == BROADCAST)
-        born &= (
-            (frames["size"] == BYTES) & (came >> 16 & 0xFF == 0) & (self._rows.take(came >> 8 & 0xFF) >= 0)
-        )
+        found = (rows >= 0) & (kind == GET) & (came & _FLAG == 0)
+        born = kind == GET_ID
+        if born.any():
+            born &= (came & (_FLAGS_AND_TARGET | _FLAG) == EXTENDED | BROADCAST) & (frames["size"] == BYTES)
+            born &= self._rows.take(came >> 8 & 0xFF) >= 0
         answers = []
         for at in np.flatnonzero(found | born):
             content = data[at].tobytes()
@@ -231,8 +239,8 @@ class RobStride:
         """Every 29-bit frame to an id of ours, but requests of ids and parameters."""
         came = frames["id"].astype(np.int64)
         rows = self._rows.take(came & 0xFF)
-        rows[(came & EXTENDED == 0) | np.isin(came >> 24 & 0x1F, HARMLESS)] = NONE
-        return rows
+        idle = (came & EXTENDED == 0) | _HARMLESS.take(came >> 24 & 0x1F)
+        return np.where(idle, NONE, rows)
 
     def commanded(self, frames: Frames) -> Floats:
         """Position of each motion frame (1) to an id of ours, rad. NaN: another frame."""
@@ -243,7 +251,7 @@ class RobStride:
         return position
 
 
-def _reading(data: Octets) -> Floats:
+def _readings(data: Octets) -> Floats:
     """Floats (j,) in D4 to D7, little-endian. NaN for what is no reading."""
     with np.errstate(invalid="ignore"):  # a signalling NaN may come over the wire
         value = np.ascontiguousarray(data[:, 4:]).view("<f4")[:, 0].astype(np.float64)

@@ -1,0 +1,143 @@
+"""CAN models by name, and the codecs that are made of them."""
+
+import numpy as np
+import pytest
+
+from tests.can_frames import ranges
+from twind_drivers.can.damiao import Damiao
+from twind_drivers.can.families import FAMILIES, make, ranges_of
+from twind_drivers.can.models import MODELS, model, named, number_of
+from twind_drivers.can.odrive import ODrive
+
+# As the project's facts have them: rad, rad/s, N·m.
+TABLE = {
+    "DM3507": (12.5, 30, 10),
+    "DM4310": (12.5, 30, 10),
+    "DM4310-48V": (12.5, 50, 10),
+    "DM4340": (12.5, 8, 28),
+    "DM4340-48V": (12.5, 10, 28),
+    "DM6006": (12.5, 45, 20),
+    "DM8006": (12.5, 45, 40),
+    "DM8009": (12.5, 45, 54),
+    "DM10010L": (12.5, 25, 200),
+    "DM10010": (12.5, 20, 200),
+    "DMH3510": (12.5, 280, 1),
+    "DMH6215": (12.5, 45, 10),
+    "DMG6220": (12.5, 45, 10),
+    "AK70-10": (12.5, 50, 25),
+    "AK80-64": (12.5, 8, 144),
+    "RS00": (12.57, 33, 14),
+    "RS01": (12.5, 44, 17),
+    "RS02": (12.57, 33, 20),
+    "RS03": (12.57, 33, 60),
+    "RS04": (12.57, 33, 120),
+    "RS05": (12.57, 50, 5.5),
+    "EL05": (12.57, 50, 6),
+}
+
+
+@pytest.mark.parametrize("name", sorted(TABLE))
+def test_the_table(name: str) -> None:
+    found = model(name)
+    assert (found.position, found.velocity, found.torque) == TABLE[name]
+
+
+def test_numbers_are_for_ever() -> None:
+    """Calibrations hold them: a number that changes makes a robot another one."""
+    numbers = {name: number_of(name) for name in MODELS}
+    assert len(set(numbers.values())) == len(numbers)
+    assert min(numbers.values()) > 0xFFFF  # no serial servo has one like it
+    assert [numbers[name] for name in ("DM3507", "DM4340", "DMG6220")] == [71001, 71004, 71013]
+    assert [numbers[name] for name in ("AK70-10", "AK80-9", "RS00", "EL05")] == [72001, 72005, 73000, 73006]
+    assert [numbers[name] for name in ("ODrive", "ODrive-S1", "ODrive-Pro")] == [74001, 74002, 74003]
+    assert all(named(number).name == name for name, number in numbers.items())
+    with pytest.raises(KeyError, match="71099"):
+        named(71099)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "near"),
+    [
+        ("DM4342", "DM4340"),
+        ("dm4340", "DM4340"),
+        ("AK70-11", "AK70-10"),
+        ("odrive", "ODrive"),
+        ("RS-01", "RS01"),
+    ],
+)
+def test_a_wrong_name_lists_the_nearest(wrong: str, near: str) -> None:
+    with pytest.raises(KeyError, match=f"{wrong}.*{near}"):
+        model(wrong)
+
+
+def test_a_name_that_is_near_nothing_lists_all() -> None:
+    with pytest.raises(KeyError, match=r"known are DM3507.*ODrive-Pro"):
+        model("?")
+
+
+def test_every_model_makes_a_codec_of_its_family() -> None:
+    for name, found in MODELS.items():
+        spans = ranges_of([found])
+        if np.isnan(found.position):
+            with pytest.raises(ValueError, match="range of position"):
+                make(found.family, "can0", [1], [name])
+            spans = ranges(1)
+        family = make(found.family, "can0", [1], [name], ranges=spans)
+        assert (family.name, family.ids) == (found.family, (1,))
+        assert family.ranges.velocity[0] == spans.velocity[0]
+        assert (family.watchdog is not None) == (found.family in ("damiao", "robstride"))
+        assert set(family.identity) <= set(family.parameters)
+    assert {found.family for found in MODELS.values()} == set(FAMILIES)
+
+
+def test_large_robstrides_have_wider_gains() -> None:
+    for name in ("RS03", "RS04", "RS06"):
+        assert (model(name).kp, model(name).kd) == (5000.0, 100.0)
+    assert (model("RS01").kp, model("RS01").kd) == (500.0, 5.0)
+
+
+def test_a_damiao_speaks_on_its_id_and_10h_unless_told() -> None:
+    beside = make("damiao", "can0", [1, 2], ["DM4310", "DM4340"])
+    given = make("damiao", "can0", [1, 2], ["DM4310", "DM4340"], feedback_ids=[0x21, 0x21])
+    assert isinstance(beside, Damiao)
+    assert list(beside.ranges.velocity) == [30.0, 8.0]
+    for id, family in ((0x12, beside), (0x21, given)):
+        heard = np.zeros(1, beside.question().dtype)
+        heard["id"], heard["size"], heard["data"][0, 0] = id, 8, 0x12
+        heard["data"][0, 1] = 0x7F
+        assert list(family.feedback(heard)[0].rows) == [1]
+
+
+def test_the_host_id_reaches_a_robstride() -> None:
+    family = make("robstride", "can0", [1], ["RS01"], host=0x1F)
+    assert int(family.question()["id"][0]) & 0x1FFF_FFFF == 0x11001F01
+
+
+def test_the_name_tells_which_board_an_odrive_is() -> None:
+    family = make("odrive", "can0", [1, 2], ["ODrive", "ODrive-S1"], ranges=ranges(2))
+    assert isinstance(family, ODrive)
+    family.read(0, family.parameters["motor_error"])
+    with pytest.raises(ValueError, match="node 2"):
+        family.read(1, family.parameters["motor_error"])
+
+
+def test_what_does_not_fit_together_is_refused() -> None:
+    with pytest.raises(KeyError, match="no CAN family 'moteus': known are damiao"):
+        make("moteus", "can0", [1], ["DM4310"])
+    with pytest.raises(ValueError, match="id 2 is a AK70-10, which is cubemars, not damiao"):
+        make("damiao", "can0", [1, 2], ["DM4310", "AK70-10"])
+    with pytest.raises(ValueError, match="1 models for 2"):
+        make("damiao", "can0", [1, 2], ["DM4310"])
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_bus_without_one_of_them_is_no_special_case(family: str) -> None:
+    empty = make(family, "can0", [], [])
+    nothing: np.ndarray[tuple[int], np.dtype[np.float64]] = np.zeros(0)
+    assert len(empty.question()) == 0
+    assert len(empty.command(nothing, nothing, nothing, nothing, nothing)) == 0
+    assert len(empty.gains(nothing, nothing)) == 0
+    strange = np.zeros(3, empty.command(nothing, nothing, nothing, nothing, nothing).dtype)
+    assert not empty.feedback(strange)[1].any()
+    assert not empty.answered(strange)[1].any()
+    assert list(empty.commands_to(strange)) == [-1, -1, -1]
