@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from twind import link, memfd
+from twind.config.actuator import CAN
 from twind.config.counts import ticks_of
 from twind.config.robot_file import load_robot
 from twind.loop import assembly
@@ -23,10 +24,13 @@ from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety.gate import Thresholds
 from twind.twin.binding import bind
+from twind.virtual.bench import Line, can_bus
+from twind.virtual.nodes import unloaded
 from twind.virtual.specimen import calibration, specimen
 from twind_drivers.bus import PortError, Reader
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.can.loopback import CanLoopback
 from twind_drivers.virtual.loopback import Loopback
 from twind_drivers.virtual.muscles import FirstOrder
 
@@ -121,9 +125,13 @@ class Rig:
 
     # ------------------------------------------------------------------------- the virtual robot
 
-    def _virtual(self, bus: str, start: Mapping[str, float]) -> VirtualBus:
+    def _virtual(self, bus: str, start: Mapping[str, float]) -> Any:
         joints = self.made.joints(bus)
         ticks = [ticks_of(joint, self.zeros[joint.name], start.get(joint.name, 0.0)) for joint in joints]
+        if self.robot.bus(bus).kind == CAN:
+            shafts = unloaded(ticks, now=self.clock.now())
+            rate, nodes = self.robot.bus(bus).baud, self.made.nodes[bus]
+            return can_bus(bus, nodes, shafts, Line(), bitrate=rate, now=self.clock.now())
         muscles = self._muscles(np.array(ticks, np.float64), now=self.clock.now())
         baud, now = self.robot.bus(bus).baud, self.clock.now()
         return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now)
@@ -131,6 +139,8 @@ class Rig:
     def _open(self, name: str) -> Reader:
         if not self.virtual[name].plugged:
             raise PortError(f"virtual:{name}", "no such port")
+        if self.robot.bus(name).kind == CAN:
+            return self.buses.can_reader(name, CanLoopback(self.virtual[name], self.clock))
         return self.buses.reader(name, Loopback(self.virtual[name], self.clock))
 
     # ------------------------------------------------------------------------- time and calls
@@ -240,7 +250,12 @@ class Rig:
     def _angle(self, name: str) -> float:
         joint = next(joint for joint in self.robot.joints if joint.name == name)
         row = [other.name for other in self.robot.joints if other.bus == joint.bus].index(name)
-        ticks = float(self.virtual[joint.bus].servos.muscles.position[row])
+        bus = self.virtual[joint.bus]
+        ticks = (
+            bus.truth(self.clock.now())[row]["position"]
+            if bus.kind == CAN
+            else bus.servos.muscles.position[row]
+        )
         return (ticks - self.zeros[name]) * joint.sign / joint.ratio * 2 * np.pi / joint.type.ticks_per_turn
 
     @property

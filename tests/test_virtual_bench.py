@@ -115,3 +115,31 @@ def test_options_that_no_adapter_or_servo_can_have_end_with_2(
     assert main(options) == 2
     assert says in capsys.readouterr().err
     assert not Path("x.yaml").exists()
+
+
+def test_a_can_actuator_is_named_as_a_servo_is() -> None:
+    virtual = bench([servo("leg:1:DM4340"), servo("leg:2:AK70-10"), servo("arm:3:ODrive")], Line())
+    assert {name: (bus.kind, bus.ids()) for name, bus in virtual.items()} == {
+        "leg": ("can", [1, 2]),
+        "arm": ("can", [3]),
+    }
+    places = [told["position"] for told in virtual["leg"].truth(0.0)]
+    assert len(set(places)) == 2
+    assert places == [
+        told["position"]
+        for told in bench([servo("leg:1:DM4340"), servo("leg:2:AK70-10")], Line())["leg"].truth(0.0)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (["leg:128:DM4340"], "id 128 is not one of 0..127"),
+        (["leg:64:ODrive"], "id 64 is not one of 0..63"),
+        (["leg:1:DM4340:2"], "has no firmware to choose"),
+        (["leg:1:DM4340", "leg:2:XM430-W350"], "bus leg: XM430-W350 and DM4340 cannot share a wire"),
+    ],
+)
+def test_a_can_actuator_that_cannot_be_is_refused(texts: list[str], message: str) -> None:
+    with pytest.raises(SpecimenError, match=message):
+        bench([servo(text) for text in texts], Line())

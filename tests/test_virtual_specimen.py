@@ -6,7 +6,9 @@ import pytest
 from twind.config.calibration_file import load_calibration
 from twind.config.counts import angle_of, tick_range
 from twind.config.robot_file import load_robot
+from twind.virtual.bench import servo
 from twind.virtual.specimen import SpecimenError, buses, save, specimen
+from twind_drivers.virtual.servos import ServoSpec
 
 
 def test_zeros_differ_are_always_the_same_and_keep_clear_of_the_seam() -> None:
@@ -68,3 +70,40 @@ def test_a_travel_that_does_not_fit_one_turn_is_refused() -> None:
     wide = dataclasses.replace(robot.joints[0], lower=-math.pi, upper=math.pi)
     with pytest.raises(SpecimenError, match="does not fit one turn"):
         specimen(dataclasses.replace(robot, joints=(wide, *robot.joints[1:])))
+
+
+@pytest.mark.parametrize("physics", [True, False])
+def test_the_legs_of_the_mixed_robot_rest_where_its_file_says(physics: bool) -> None:
+    robot = load_robot("h24-mixed")
+    made = specimen(robot)
+    virtual = buses(made, physics=physics)
+    assert {name: bus.kind for name, bus in virtual.items()} == {
+        "upper": "dynamixel2",
+        "l_leg": "can",
+        "r_leg": "can",
+    }
+    for bus in ("l_leg", "r_leg"):
+        virtual[bus].advance(0.1)
+        assert virtual[bus].ids() == [1, 2, 3, 4, 5, 6]
+        for joint, told in zip(made.joints(bus), virtual[bus].truth(0.1), strict=True):
+            angle = angle_of(joint, made.zeros[joint.name], told["position"])
+            assert angle == pytest.approx(robot.poses["rest"][joint.name], abs=0.005)
+            assert not told["torque"]
+
+
+def test_can_zeros_keep_the_travel_on_the_turn_that_an_actuator_wakes_up_in() -> None:
+    robot = load_robot("h24-mixed")
+    zeros = specimen(robot).zeros
+    legs = [joint for joint in robot.joints if joint.bus != "upper"]
+    assert len({zeros[joint.name] for joint in legs}) > 6
+    for joint in legs:
+        low, high = tick_range(joint, zeros[joint.name], joint.lower - 0.08, joint.upper + 0.08)
+        assert -8192 + 32 <= low < high <= 8191 - 32
+
+
+def test_servos_cannot_hang_on_a_can_bus() -> None:
+    made = specimen(load_robot("h24-mixed"))
+    bus, spec = servo("l_leg:9:XM430-W350")
+    assert isinstance(spec, ServoSpec)
+    with pytest.raises(SpecimenError, match="l_leg is a CAN bus: only a serial one takes servos"):
+        buses(made, physics=False, extra={bus: [spec]})

@@ -5,19 +5,28 @@ Runs in `twind-virtual`.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
+from twind.config.can_type import MAX_ID, MAX_ODRIVE
+from twind.virtual.nodes import named, scattered
+from twind_drivers.can.models import MODELS
 from twind_drivers.dynamixel.packet import LAST_ID
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.can.bus import VirtualCanBus
+from twind_drivers.virtual.can.muscles import CanMuscles
+from twind_drivers.virtual.can.spec import NodeSpec
 from twind_drivers.virtual.muscles import FirstOrder, Muscles
+from twind_drivers.virtual.served import Served
 from twind_drivers.virtual.servos import BAUDS, ServoSpec
 from twind_drivers.virtual.stream import Adapter
 
 FIRMWARE = 47
 MIDDLE, SPREAD = 2048, 400  # ticks: where such servos stand, and how far from there
 PLUGGED = 20_000  # ms: they got power one by one in the time before
+BITRATE = 1_000_000  # bit/s of a CAN bus
 FACTORY_BAUD = 57600  # e-manual, "Baud Rate": the default of the X series
 
 
@@ -34,12 +43,17 @@ class Line:
     seed: int = 0  # of all that is random
 
 
-def servo(text: str, *, firmware: int = FIRMWARE) -> tuple[str, ServoSpec]:
-    """Bus and servo of `BUS:ID:MODEL[:FIRMWARE]`; its EEPROM is as from the factory. Raises SpecimenError."""
+def servo(text: str, *, firmware: int = FIRMWARE) -> tuple[str, ServoSpec | NodeSpec]:
+    """Bus and servo, or CAN actuator, of `BUS:ID:MODEL[:FIRMWARE]`, as from the factory.
+
+    Raises SpecimenError.
+    """
     parts = text.split(":")
     if not 3 <= len(parts) <= 4 or not all(parts):
         raise SpecimenError(f"--servo {text}: it is BUS:ID:MODEL or BUS:ID:MODEL:FIRMWARE")
     bus, id, model = parts[:3]
+    if model in MODELS:
+        return bus, _node(text, id, model, len(parts) == 4)
     version = parts[3] if len(parts) == 4 else str(firmware)
     if not (id.isascii() and id.isdigit() and int(id) <= LAST_ID):
         raise SpecimenError(f"--servo {text}: id {id} is not one of 0..{LAST_ID}")
@@ -50,6 +64,15 @@ def servo(text: str, *, firmware: int = FIRMWARE) -> tuple[str, ServoSpec]:
     except (KeyError, ValueError) as error:
         raise SpecimenError(f"--servo {text}: {error.args[0]}") from None
     return bus, ServoSpec(int(id), model, {}, int(version))
+
+
+def _node(text: str, id: str, model: str, versioned: bool) -> NodeSpec:
+    most = MAX_ODRIVE if MODELS[model].family == "odrive" else MAX_ID
+    if not (id.isascii() and id.isdigit() and int(id) <= most):
+        raise SpecimenError(f"--servo {text}: id {id} is not one of 0..{most}")
+    if versioned:
+        raise SpecimenError(f"--servo {text}: a CAN actuator has no firmware to choose: BUS:ID:MODEL")
+    return named(int(id), model)
 
 
 def settings(baud: int | None, return_delay_us: int | None) -> dict[str, int]:
@@ -67,14 +90,25 @@ def settings(baud: int | None, return_delay_us: int | None) -> dict[str, int]:
 
 
 def bench(
-    servos: Sequence[tuple[str, ServoSpec]], line: Line, *, baud: int | None = None, now: float = 0.0
-) -> dict[str, VirtualBus]:
+    servos: Sequence[tuple[str, ServoSpec | NodeSpec]],
+    line: Line,
+    *,
+    baud: int | None = None,
+    now: float = 0.0,
+) -> dict[str, Served]:
     """Buses with these servos alone, joints without load. `baud` is what their registers say; None: factory.
 
-    Raises SpecimenError for a model that cannot be simulated.
+    Raises SpecimenError for a model that cannot be simulated, and for servos and CAN actuators on one bus.
     """
-    buses = {}
-    for name, specs in by_bus(servos).items():
+    buses: dict[str, Served] = {}
+    for name, both in by_bus(servos).items():
+        nodes = [spec for spec in both if isinstance(spec, NodeSpec)]
+        specs = [spec for spec in both if isinstance(spec, ServoSpec)]
+        if nodes and specs:
+            raise SpecimenError(f"bus {name}: {specs[0].model} and {nodes[0].model} cannot share a wire")
+        if nodes:
+            buses[name] = can_bus(name, nodes, scattered(len(nodes), line.seed, now), line, now=now)
+            continue
         laid, start = laid_out(specs, line.seed)
         muscles = FirstOrder(np.array(start), now=now)
         buses[name] = virtual_bus(name, laid, muscles, line, baud=baud or FACTORY_BAUD, now=now)
@@ -112,9 +146,31 @@ def virtual_bus(
         raise SpecimenError(f"bus {name}: {error.args[0]}") from None
 
 
-def by_bus(servos: Sequence[tuple[str, ServoSpec]]) -> Mapping[str, list[ServoSpec]]:
+def can_bus(
+    name: str,
+    nodes: Sequence[NodeSpec],
+    muscles: CanMuscles,
+    line: Line,
+    *,
+    bitrate: int = BITRATE,
+    now: float = 0.0,
+) -> VirtualCanBus:
+    """One CAN bus. Raises SpecimenError for a family or model that is not simulated."""
+    timing = line.wire_timing
+    try:
+        return VirtualCanBus(
+            name, nodes, muscles, bitrate=bitrate, wire_timing=timing, now=now, seed=line.seed
+        )
+    except (KeyError, ValueError) as error:
+        raise SpecimenError(f"bus {name}: {error.args[0]}") from None
+
+
+Spec = TypeVar("Spec")
+
+
+def by_bus(servos: Sequence[tuple[str, Spec]]) -> Mapping[str, list[Spec]]:
     """In the order given."""
-    found: dict[str, list[ServoSpec]] = {}
+    found: dict[str, list[Spec]] = {}
     for bus, spec in servos:
         found.setdefault(bus, []).append(spec)
     return found

@@ -24,7 +24,8 @@ from twind.virtual.pty_port import PtyPort
 from twind.virtual.serve import Server, ServoClock
 from twind.virtual.specimen import buses, save, specimen
 from twind_drivers.clock import MonotonicClock
-from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.served import Served
 from twind_drivers.virtual.servos import ServoSpec
 from twind_drivers.virtual.stream import Adapter
 
@@ -40,7 +41,7 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="BUS:ID:MODEL[:FIRMWARE]",
-        help="a servo beside the robot's, or without --robot alone; may be repeated, an id too",
+        help="a servo beside the robot's, or without --robot one (or a CAN actuator) alone; may be repeated",
     )
     parser.add_argument("--link", type=Path, metavar="DIR", help="keep symbolic links DIR/BUS to the ports")
     parser.add_argument("--baud", type=int, metavar="N", help="of every servo, instead of the robot file's")
@@ -88,7 +89,7 @@ def _check(options: argparse.Namespace) -> None:
         raise SpecimenError("--calibration needs --robot: servos alone have no joints")
 
 
-def _buses(options: argparse.Namespace, now: float) -> dict[str, VirtualBus]:
+def _buses(options: argparse.Namespace, now: float) -> dict[str, Served]:
     line = Line(
         wire_timing=not options.no_wire_timing,
         adapter=Adapter(echo=options.echo, latency=options.latency_timer * 1e-3),
@@ -96,23 +97,33 @@ def _buses(options: argparse.Namespace, now: float) -> dict[str, VirtualBus]:
     )
     named = [servo(text, firmware=options.firmware) for text in options.servo]
     if named and options.robot is None:
-        made = [(bus, _set(spec, options, options.baud)) for bus, spec in named]
+        made = [
+            (bus, _set(spec, options, options.baud) if isinstance(spec, ServoSpec) else spec)
+            for bus, spec in named
+        ]
         return bench(made, line, baud=options.baud, now=now)
     robot = load_robot(options.robot or "h24")
     one = specimen(robot, baud=options.baud, return_delay_us=options.return_delay, firmware=options.firmware)
     rates = {bus.name: options.baud or bus.baud for bus in robot.buses}
-    extra = by_bus([(bus, _set(spec, options, rates.get(bus))) for bus, spec in named])
+    extra = by_bus([(bus, _set(_servo(spec), options, rates.get(bus))) for bus, spec in named])
     virtual = buses(one, physics=options.muscles == "mujoco", now=now, line=line, extra=extra)
     if options.calibration is not None:
         save(one, options.calibration)
     return virtual
 
 
+def _servo(spec: ServoSpec | NodeSpec) -> ServoSpec:
+    """What hangs beside a robot's own servos. Raises SpecimenError for a CAN actuator."""
+    if isinstance(spec, NodeSpec):
+        raise SpecimenError(f"{spec.model} {spec.id}: CAN actuators beside a robot's are not simulated")
+    return spec
+
+
 def _set(spec: ServoSpec, options: argparse.Namespace, baud: int | None) -> ServoSpec:
     return replace(spec, settings=settings(baud, options.return_delay))
 
 
-def _serve(virtual: dict[str, VirtualBus], clock: ServoClock, options: argparse.Namespace) -> None:
+def _serve(virtual: dict[str, Served], clock: ServoClock, options: argparse.Namespace) -> None:
     links = {name: options.link and options.link / name for name in virtual}
     with ExitStack() as undo:
         ports = {}
