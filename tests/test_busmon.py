@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from busmon import packet
 from busmon.monitor import Monitor
+from busmon.shadow import Servos
 from busmon.words import GOALS, STATES
 from evil import world
 from evil.good import Good
@@ -261,6 +262,42 @@ def test_a_robot_that_is_damped_has_five_more_seconds_to_let_go(lasts: float, wr
     daemon.hold(round((lasts - 3.0) * 100))
     daemon.loosen()
     assert daemon.rules == (["W6"] if wrong else [])
+
+
+def aim_anew(daemon: Armed, goals: dict[int, int], *, cleared: bool) -> None:
+    """Goals in one call with watchdogs that are cleared and set, as after a trip; or without."""
+    before, after = (daemon.all(98, b"\0"), daemon.all(98, b"\5")) if cleared else (b"", b"")
+    daemon.port.write(before + daemon.aim(goals) + after)
+    daemon.cycle()
+
+
+@pytest.mark.parametrize("off", range(-4, 5))
+@pytest.mark.parametrize("cleared", [True, False])
+def test_a_servo_that_dropped_its_goal_is_stopped_where_it_is_and_nowhere_else(
+    cleared: bool, off: int
+) -> None:
+    """In full motion the goal leads the shaft by far: back to it is no braking, but for who tripped."""
+    daemon = Armed()
+    most = int(LIMITS.servos[1].speed * LIMITS.period)
+    for _ in range(12):
+        daemon.cycle(daemon.goals | {1: daemon.goals[1] - most})
+    assert daemon.here[1] - daemon.goals[1] > 3 * most
+    daemon.port.say("estop", level="settle")
+    daemon.port.say("state", state="estop")
+    aim_anew(daemon, daemon.goals | {1: daemon.here[1] + off}, cleared=cleared)
+    assert set(daemon.rules) == ((set() if abs(off) <= 2 else {"W3", "W6"}) if cleared else {"W3", "W6"})
+
+
+@pytest.mark.parametrize("off", range(-4, 5))
+def test_of_who_dropped_its_goal_a_step_counts_from_where_it_was_read(off: int) -> None:
+    """To the count: a goal that creeps ahead of the shaft in every packet is no stop."""
+    servos = Servos(LIMITS)
+    servos.aim(1.0, np.array([2000, 2000, 2000]))
+    servos.at(1.0, servos.all, np.array([2100, 2100, 2003]))
+    servos.aim(1.01, np.array([2100 + off, 1990, 2001]))
+    servos.aimed_anew([0, 2], 1.01)
+    _, _, moves = servos.goals[-1]
+    assert moves.tolist() == [off if abs(off) <= 2 else 100 + off, -10, 1]
 
 
 @pytest.mark.parametrize(("pause", "wrong"), [(0.0, False), (0.049, False), (0.051, True)])

@@ -273,15 +273,13 @@ class Monitor:
                 servos.aim(now, words)
                 return
         self.words.goal(now, servos.ids[int(rows[0])])
-        anew = servos.anew.copy()  # whose watchdog was just cleared may be aimed where it is, a stop or not
+        anew = rows[servos.anew[rows]]
         for row, word in zip(rows.tolist(), words.tolist(), strict=True):
             self._goal(row, word, now)
         goals = servos.goal.copy()
         goals[rows] = words
         servos.aim(now, goals)
-        for row in np.flatnonzero(anew).tolist():
-            if servos.is_here(row, int(goals[row]), self._since):
-                servos.goals[-1][2][row] = 0
+        servos.aimed_anew(anew.tolist(), self._since)
         servos.known[rows] = True
         servos.anew[rows] = servos.first[rows] = False
         self.stopping.goals(now)

@@ -66,6 +66,17 @@ class Servos:
         """That goal is where the servo is."""
         return any(abs(goal - place) <= NEAR for place in self.present(row, now))
 
+    def aimed_anew(self, rows: list[int], now: float) -> None:
+        """The servos of `rows` had dropped their goals: who is aimed where it is makes no step from there.
+
+        W6 then counts from where it was read, if that is nearer than the old goal.
+        """
+        _, goals, moves = self.goals[-1]
+        for row in rows:
+            steps = [int(goals[row]) - place for place in self.present(row, now)]
+            near = [step for step in steps if abs(step) <= NEAR]
+            moves[row] = min([int(moves[row]), *near], key=abs)
+
     def aim(self, now: float, goals: np.ndarray) -> None:
         """All goals after a packet."""
         moves = goals - self.goal
