@@ -9,13 +9,14 @@ import sys
 import time
 from pathlib import Path
 
-from bench import bus, can, control, ctl, gate, hour, loop, start, twin
+from bench import bus, can, can_bus, control, ctl, gate, hour, loop, start, twin
 from bench.harness import RESULTS, CannotTake, Figure, Key, Measurement, save, table
 from bench.machine import describe
 
 MEASUREMENTS: tuple[Measurement, ...] = (
     *bus.MEASUREMENTS,
     *can.MEASUREMENTS,
+    *can_bus.MEASUREMENTS,
     *loop.MEASUREMENTS,
     *hour.MEASUREMENTS,
     *twin.MEASUREMENTS,

@@ -109,7 +109,7 @@ class PythonCan:
         self._bus.shutdown()
 
 
-def _run(make: Callable[[], Exchange], clock: Callable[[], float]) -> float:
+def average(make: Callable[[], Exchange], clock: Callable[[], float]) -> float:
     """Time (s, by `clock`) of a cycle, averaged over a round. Raises CannotTake when one is not whole."""
     exchange = make()
     try:
@@ -132,9 +132,9 @@ def take_slcan() -> Mapping[str, Figure]:
             "twind": partial(Ours, path),
             "python-can": partial(PythonCan, path),
         }
-        takes = {who: partial(_run, make, time.process_time) for who, make in makers.items()}
+        takes = {who: partial(average, make, time.process_time) for who, make in makers.items()}
         cpu = interleaved(ROUNDS, takes)
-        takes = {who: partial(_run, make, time.perf_counter) for who, make in makers.items()}
+        takes = {who: partial(average, make, time.perf_counter) for who, make in makers.items()}
         wall = interleaved(ROUNDS, takes)
     cost = {who: value / COUNT * 1e6 for who, value in medians(cpu).items()}
     rate = {who: 2 * COUNT / value for who, value in medians(wall).items()}
