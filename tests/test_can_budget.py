@@ -2,12 +2,21 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from twind.config.budget import budgets, require_rate
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
-from twind_drivers.can.budget import budget, frame_bits
+from twind_drivers.can.budget import budget, frame_bits, registers_at_once
+from twind_drivers.can.bus import Actuator, CanReader
+from twind_drivers.clock import FakeClock
+from twind_drivers.virtual.can.bus import VirtualCanBus
+from twind_drivers.virtual.can.loopback import CanLoopback
+from twind_drivers.virtual.can.muscles import FirstOrderCan
+from twind_drivers.virtual.can.spec import NodeSpec
 
 MIXED = load_robot("h24-mixed")
 
@@ -27,29 +36,57 @@ def test_a_frame_without_payload_has_at_most_eight_stuff_bits() -> None:
 
 @pytest.mark.parametrize(("family", "bits"), [("damiao", 135), ("robstride", 160)])
 def test_24_actuators_with_command_and_reply_take_what_was_computed(family: str, bits: int) -> None:
-    """6.5 ms with ids of 11 bits, 7.7 with 29; two frames of upkeep more."""
+    """6.5 ms with ids of 11 bits, 7.7 with 29; and 2 ms a tick for upkeep."""
     found = budget({family: 24}, 1_000_000, 100.0)
-    assert found.frames == 50
-    assert found.seconds == pytest.approx(50 * bits * 1e-6)
-    assert found.reachable_hz == pytest.approx(1e6 / (50 * bits))
+    assert found.seconds == pytest.approx(48 * bits * 1e-6 + 0.002)
+    assert found.frames == 48 + 2 * 6
     assert found.refusal(100.0) is None
+    assert found.reachable_hz == pytest.approx(0.8 * 1e6 / (48 * bits), rel=1e-5)  # a fifth is for upkeep
 
 
 def test_what_is_sent_unasked_takes_its_share_whatever_the_rate() -> None:
     slow, fast = (budget({"odrive": 6}, 1_000_000, rate) for rate in (100.0, 400.0))
-    assert slow.frames == pytest.approx(2 * 6 + 2 + 6 * 1.1)
-    assert fast.frames == pytest.approx(2 * 6 + 2 + 6 * 1.1 / 4)
-    assert slow.reachable_hz == fast.reachable_hz == pytest.approx((1e6 - 660 * 135) / (14 * 135))
+    assert slow.frames == pytest.approx(2 * 6 + 2 * 6 + 6 * 1.1)
+    assert fast.frames == pytest.approx(2 * 6 + 2 * 1 + 6 * 1.1 / 4)
+    assert slow.reachable_hz == fast.reachable_hz
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(["damiao", "cubemars", "robstride", "odrive"]), st.integers(1, 20), min_size=1
+    ),
+    st.sampled_from([125_000, 500_000, 1_000_000]),
+    st.floats(1.0, 1000.0),
+)
+def test_a_rate_is_refused_exactly_where_its_cycle_does_not_fit(
+    counts: dict[str, int], bitrate: int, rate: float
+) -> None:
+    found = budget(counts, bitrate, rate)
+    if abs(found.seconds * rate - 1.0) > 1e-4:
+        assert (found.refusal(rate) is None) == (found.seconds * rate < 1.0)
 
 
 def test_a_rate_out_of_reach_is_refused_with_the_arithmetic() -> None:
     found = budget({"damiao": 12}, 500_000, 200.0)
     text = found.refusal(200.0)
     assert text is not None
-    assert "200 Hz leaves 5000 us a cycle, the bus needs 7020 us (up to 142 Hz)" in text
+    assert "200 Hz leaves 5000 us a cycle, the bus needs 7480 us (up to 123 Hz)" in text
     assert "commands to 12 damiao and their replies: 24 frames of at most 135 bits = 6480 us" in text
-    assert "together 3510 bits at 500000 bit/s = 7020 us" in text
-    assert found.refusal(142.0) is None
+    assert "upkeep: 1 registers, asked and answered, at most 1000 us" in text
+    assert "together 3740 bits at 500000 bit/s = 7480 us" in text
+    assert found.refusal(123.0) is None
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0, 100.0, 250.0, 1000.0])
+@pytest.mark.parametrize("bitrate", [125_000, 1_000_000])
+def test_the_upkeep_that_is_reckoned_is_that_of_the_reader(bitrate: int, rate: float) -> None:
+    clock = FakeClock(0.0)
+    node = Actuator(1, 17, "DM4310", 12.5, 30.0, 10.0)
+    line = VirtualCanBus(
+        "leg", [NodeSpec(1, "DM4310", feedback_id=17)], FirstOrderCan(np.zeros(1)), bitrate=bitrate
+    )
+    reader = CanReader("leg", CanLoopback(line, clock), [node], bitrate=bitrate, rate_hz=rate)
+    assert reader.at_once == registers_at_once(bitrate, rate)
 
 
 @pytest.mark.parametrize(
@@ -66,7 +103,7 @@ def test_each_bus_of_a_mixed_robot_has_its_own_arithmetic() -> None:
     for bus, name in ((left, "l_leg"), (right, "r_leg")):
         assert bus.bus.name == name
         assert bus.lines[0] == f"bus {name}: 6 CAN actuators at 1000000 bit/s, 100 Hz wanted"
-        assert bus.lines[1] == "  14 frames, 1890 us, up to 529 Hz"
+        assert bus.lines[1] == "  24 frames, 3240 us, up to 494 Hz"
 
 
 def test_a_can_bus_that_cannot_carry_the_rate_refuses_the_robot() -> None:

@@ -14,6 +14,7 @@ from twind.config.robot_file import RobotFile
 from twind.config.robot_spec import JointSpec
 from twind.robot.joints import BusMap, JointMap
 from twind_drivers.bus import Reader, Transport, Writer
+from twind_drivers.can.bus import Actuator, CanReader, CanWriter
 from twind_drivers.can.channel import Channel
 from twind_drivers.can.ports import open_channel, present
 from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter, Gains
@@ -55,8 +56,6 @@ class Buses:
 
     def can_reader(self, name: str, channel: Channel) -> Reader:
         """The read half of a CAN bus, on any channel."""
-        from twind_drivers.can.bus import Actuator, CanReader  # noqa: PLC0415
-
         actuators = [
             Actuator(
                 id=joint.id,
@@ -72,7 +71,7 @@ class Buses:
 
     def enable(self, reader: Reader) -> Writer:
         """The write half of a bus: its clamp (R22) is the joints' hard range in ticks."""
-        if self.robot.bus(reader.name).kind == CAN:
+        if isinstance(reader, CanReader):
             return self._enable_can(reader)
         assert isinstance(reader, DynamixelReader)
         bus, joints = self._map(reader.name), self._servos(reader.name)
@@ -85,10 +84,7 @@ class Buses:
             current_caps=[joint.current_cap for joint, _ in joints],
         )
 
-    def _enable_can(self, reader: Reader) -> Writer:
-        from twind_drivers.can.bus import CanReader, CanWriter  # noqa: PLC0415
-
-        assert isinstance(reader, CanReader)
+    def _enable_can(self, reader: CanReader) -> Writer:
         bus, kinds = self._map(reader.name), [kind for _, kind in self._actuators(reader.name)]
         return CanWriter(
             reader,

@@ -12,7 +12,8 @@ STUFFED = {STANDARD: 34, EXTENDED: 54}  # of these bits those that are stuffed, 
 WITH_29_BITS = ("robstride",)  # families whose ids are extended
 # Frames of 8 bytes that one actuator sends a second whoever asks: estimates each 10 ms, a heartbeat each 100.
 BY_ITSELF: Mapping[str, float] = {"odrive": 110.0}
-UPKEEP = 2  # frames of a turn of upkeep: one register of one actuator, asked and answered
+SLICE, SHARE = 0.002, 0.2  # s, and of a period: the bus time that one transaction beside the cycle may take
+HIGHEST = 1e5  # Hz, where the search for a rate ends
 
 
 def frame_bits(size: int = 8, *, extended: bool = False, stuffed: bool = True) -> int:
@@ -43,34 +44,59 @@ class Budget:
         )
 
 
+def registers_at_once(bitrate: int, rate_hz: float) -> int:
+    """Registers that one turn of upkeep asks for: what fits into its share with the answers, one at least."""
+    return max(1, int(min(SLICE, SHARE / rate_hz) * bitrate / (2 * frame_bits(extended=True))))
+
+
 def budget(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> Budget:
     """The cycle of so many actuators of each family: commands, replies, upkeep, and what is sent unasked.
 
     Raises ValueError for no actuators, no bitrate or no rate.
     """
     if sum(counts.values()) < 1 or bitrate < 1 or not rate_hz > 0.0:
-        raise ValueError(
-            f"a budget needs actuators, a bitrate and a rate, got {counts}, {bitrate}, {rate_hz}"
-        )
-    lines, frames, each, fixed = [], 0.0, 0.0, 0.0  # `each`: bits a cycle; `fixed`: bits a second
+        given = f"{dict(counts)}, {bitrate} and {rate_hz}"
+        raise ValueError(f"a budget needs actuators, a bitrate and a rate, got {given}")
+    lines, frames, total = [], 0.0, 0.0
     for family, count in counts.items():
         bits = frame_bits(extended=family in WITH_29_BITS)
-        cycle, unasked = 2 * count, count * BY_ITSELF.get(family, 0.0)
+        cycle, unasked = 2 * count, count * BY_ITSELF.get(family, 0.0) / rate_hz
         lines.append(
             f"commands to {count} {family} and their replies: {cycle} frames of at most {bits} bits "
             f"= {_us(cycle * bits, bitrate)}"
         )
         if unasked:
-            lines.append(
-                f"sent unasked: {unasked / rate_hz:.3g} frames = {_us(unasked / rate_hz * bits, bitrate)}"
-            )
-        frames, each, fixed = frames + cycle + unasked / rate_hz, each + cycle * bits, fixed + unasked * bits
-    widest = frame_bits(extended=any(family in WITH_29_BITS for family in counts))
-    lines.append(f"one turn of upkeep: {UPKEEP} frames = {_us(UPKEEP * widest, bitrate)}")
-    frames, each = frames + UPKEEP, each + UPKEEP * widest
-    total = each + fixed / rate_hz
+            lines.append(f"sent unasked: {unasked:.3g} frames = {_us(unasked * bits, bitrate)}")
+        frames, total = frames + cycle + unasked, total + (cycle + unasked) * bits
+    asked = min(registers_at_once(bitrate, rate_hz), sum(counts.values()))
+    upkeep = _upkeep(counts, bitrate, rate_hz)
+    lines.append(f"upkeep: {asked} registers, asked and answered, at most {_us(upkeep, bitrate)}")
+    frames, total = frames + 2 * asked, total + upkeep
     lines.append(f"together {total:.0f} bits at {bitrate} bit/s = {_us(total, bitrate)}")
-    return Budget(frames, total, total / bitrate, max(0.0, bitrate - fixed) / each, tuple(lines))
+    return Budget(frames, total, total / bitrate, _reachable(counts, bitrate), tuple(lines))
+
+
+def _upkeep(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> float:
+    """Bits that are kept free for it: its share of the period, or one register where that is longer."""
+    one = 2 * frame_bits(extended=any(family in WITH_29_BITS for family in counts))
+    return max(one, min(SLICE, SHARE / rate_hz, sum(counts.values()) * one / bitrate) * bitrate)
+
+
+def _reachable(counts: Mapping[str, int], bitrate: int) -> float:
+    """The highest rate (Hz) at which a cycle fits into its period; 0 where none does."""
+
+    def fits(rate_hz: float) -> bool:
+        bits = _upkeep(counts, bitrate, rate_hz)
+        for family, count in counts.items():
+            unasked = BY_ITSELF.get(family, 0.0) / rate_hz
+            bits += count * (2 + unasked) * frame_bits(extended=family in WITH_29_BITS)
+        return bits * rate_hz <= bitrate
+
+    low, high = 0.0, HIGHEST
+    while high - low > 1e-3:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low
 
 
 def _us(bits: float, bitrate: int) -> str:
