@@ -15,6 +15,7 @@ from faults.robot import AWAY, BRAKE, LONGEST, QUIET, REST, STILL, TICK, Robot
 from twind import link
 from twind.robot.modes import State
 
+LAG = 0.03  # s that a servo may be behind a goal that moves, besides (docs/safety.md, FOLLOW_ERR)
 NEAR = "LOOKAHEAD_COLLISION"  # random motions may bring the feet near each other ...
 SLOWER = ": slower"  # ... and are slowed (R20): who is held by it is not on the way that a row is about
 
@@ -58,14 +59,20 @@ class World(Robot):
         self.claim(told - since <= bound + 1e-6, f"told after {told - since:.3f} s, bound {bound:.3f} s")
         return True
 
-    def behind(self, far: float, seconds: float = 8.0) -> float | None:
-        """Time passes until a shaft is that far (rad) from the last goal sent; when it was so, or None."""
-        rig = self.rig
+    def behind(self, far: float, lasting: float, seconds: float = 8.0) -> float | None:
+        """Time passes until a shaft has been that far (rad) from the last goal sent, and what a moving goal
+        may be ahead, for so long (s) without a break; when that began, or None."""
+        rig, since = self.rig, np.full(len(self.rig.truth), np.inf)
+        before = rig.loop.written
         for _ in range(round(seconds / rig.loop.period)):
             self.ticks(1)
-            written = rig.loop.written
-            if written is not None and (np.abs(written - rig.truth) > far).any():
-                return self.now
+            if rig.loop.written is not None and before is not None:
+                ahead = LAG * np.abs(rig.loop.written - before) / rig.loop.period
+                far_off = np.abs(rig.loop.written - rig.truth) > far + ahead
+                since = np.where(far_off, np.minimum(since, self.now), np.inf)
+                if self.now - since.min() >= lasting:
+                    return float(since.min())
+            before = rig.loop.written
         return None
 
     @property
