@@ -100,6 +100,7 @@ class Loops:
         )
         self.stall = self._stall / self._torque_lsb  # raw current
         self._way = np.copysign(1.0, self._ticks)
+        self._angle = self._ratio / np.abs(self._ticks)  # rad of the shaft per tick
         self._model = model
         self._damping = np.maximum(model.dof_damping[self.v], DAMPING)
         self._friction = np.maximum(model.dof_frictionloss[self.v], FRICTION)
@@ -171,6 +172,41 @@ class Loops:
         self._floor[at] = np.where(wanted, torque, self._floor[at])
         self._ceiling[at] = np.where(wanted, torque, self._ceiling[at])
         return np.select([wanted, mode == VELOCITY, mode == PWM], [0.0 * goal, speed, goal], angle)
+
+    def impede(
+        self,
+        at: Places,
+        on: Bools,
+        position: Floats,
+        velocity: Floats,
+        kp: Floats,
+        kd: Floats,
+        torque: Floats,
+        limit: Floats,
+    ) -> Floats:
+        """Motors `at` are CAN actuators: kp (position - q) + kd (velocity - v) + torque, within `limit`.
+
+        SI at the shaft; their current loop makes that torque whatever the back-EMF is. Both gains act
+        implicitly. Returns the controls of their actuators.
+        """
+        model, ratio, way = self._model, self._ratio[at], self._way[at]
+        stiff, damp = (np.where(on, gain * ratio**2, 0.0) for gain in (kp, kd))
+        most = np.where(on, limit * ratio, 0.0)
+        model.actuator_gainprm[at, 0] = 1.0
+        model.actuator_biasprm[at, 1], model.actuator_biasprm[at, 2] = -stiff, -damp
+        model.actuator_forcerange[at] = np.stack([-most, most], axis=-1)
+        self._emf[at], self._each[at] = 0.0, False
+        model.dof_damping[self.v[at]] = self._damping[at]
+        self._live = np.flatnonzero(self._each)
+        angle = (position - self._zero[at] * self._angle[at]) / ratio * way
+        ahead = stiff * angle + damp * velocity / ratio * way + torque * ratio * way
+        return np.where(on, ahead, 0.0)
+
+    def told(self, data: mujoco.MjData, at: Places) -> tuple[Floats, Floats, Floats]:
+        """Shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m) of the motors `at`."""
+        ratio, way = self._ratio[at], self._way[at]
+        angle = self._zero[at] * self._angle[at] + data.qpos[self.q[at]] * ratio * way
+        return angle, data.qvel[self.v[at]] * ratio * way, data.actuator_force[at] / ratio * way
 
     def step(self, data: mujoco.MjData) -> None:
         """Before one step of the physics: the integral terms, and the room that the back-EMF leaves."""

@@ -63,6 +63,10 @@ class MujocoMuscles:
         """The motors of one bus, by their places in `motors`."""
         return Part(self, self._loops, np.asarray(places, np.intp))
 
+    def impedance(self, places: Sequence[int]) -> "ImpedancePart":
+        """The CAN actuators of one bus, by their places in `motors`."""
+        return ImpedancePart(self, self._loops, np.asarray(places, np.intp))
+
     def drive(self, drive: Drive) -> None:
         """Torque, mode, gains and caps; see `twind_drivers.virtual.muscles`."""
         self._loops.drive(self._everyone, drive)
@@ -124,6 +128,38 @@ class Part:
         self._whole.advance(now)
         for name in ("position", "velocity", "current", "pwm"):
             getattr(self, name)[:] = getattr(self._whole, name)[self._at]
+
+
+class ImpedancePart:
+    """The CAN actuators of one bus: keeps `twind_drivers.virtual.can.muscles.CanMuscles`. Arrays (m,), SI."""
+
+    def __init__(self, whole: MujocoMuscles, loops: Loops, at: Places) -> None:
+        self._whole, self._loops, self._at = whole, loops, at
+        self.position, self.velocity, self.torque = loops.told(whole.data, at)
+
+    def drive(
+        self,
+        on: Bools,
+        position: Floats,
+        velocity: Floats,
+        kp: Floats,
+        kd: Floats,
+        torque: Floats,
+        limit: Floats,
+    ) -> None:
+        """The last command of each (rad, rad/s, N·m/rad, N·m·s/rad, N·m), within `limit` N·m."""
+        self._whole.data.ctrl[self._at] = self._loops.impede(
+            self._at, on, position, velocity, kp, kd, torque, limit
+        )
+
+    def block(self, held: Bools) -> None:
+        """Joints that something holds fast."""
+        self._loops.block(self._at, held)
+
+    def advance(self, now: float) -> None:
+        """The whole body advances; the other buses see it when they do. Raises Diverged."""
+        self._whole.advance(now)
+        self.position[:], self.velocity[:], self.torque[:] = self._loops.told(self._whole.data, self._at)
 
 
 def body_of(robot: RobotFile, zeros: Mapping[str, int], *, now: float = 0.0) -> MujocoMuscles:

@@ -66,7 +66,7 @@ def bits(message: Message) -> int:
     if id & EXTENDED:
         whole = id & EXTENDED_MASK
         head = ((whole >> 18) << 20 | 0b11 << 18 | whole & 0x3FFFF) << 3 | remote << 2
-        width = 35
+        width = 34
     else:
         head, width = (id & STANDARD_MASK) << 3 | remote << 2, 14
     head, width = head << 4 | len(data), width + 4 + 1  # DLC, and the start bit, which is 0

@@ -135,8 +135,8 @@ class RobStride(Node):
         return (
             unpack(place, spans[0], 16),
             unpack(speed, spans[1], 16),
-            fraction(kp, 500.0, 16),
-            fraction(kd, 5.0, 16),
+            fraction(kp, self.spec.gains()[0], 16),
+            fraction(kd, self.spec.gains()[1], 16),
             unpack(torque, spans[2], 16),
         )
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 # How the name of a model begins -> the frames that it speaks.
 PREFIXES = {"DM": "damiao", "AK": "cubemars", "RS": "robstride", "EL": "robstride", "CyberGear": "robstride"}
+USUAL, STRONG = (500.0, 5.0), (5000.0, 100.0)  # STRONG: public drivers, unverified
 FAMILIES = ("damiao", "cubemars", "robstride", "odrive")
 
 
@@ -28,6 +29,10 @@ class NodeSpec:
     settings: Mapping[str, float] = field(default_factory=dict)
     family: str = ""  # one of FAMILIES; empty: by the model's name
     forgets_zero: bool = False  # a zero that was set over the bus is lost at power-off (CyberGear)
+
+    def gains(self) -> tuple[float, float]:
+        """What its Kp (N·m/rad) and Kd (N·m·s/rad) fields span from 0: the three big RobStrides have more."""
+        return STRONG if self.model[:4] in ("RS03", "RS04", "RS06") else USUAL
 
     def spoken(self) -> str:
         """One of FAMILIES. Raises ValueError for a family or model that is not simulated."""
