@@ -11,7 +11,7 @@ from busmon.can.motors import FIELD, TURN, CanLimits, motor, word
 from busmon.can.odrive import ODrive
 from busmon.can.read import is_can, read
 from busmon.can.robstride import RobStride
-from busmon.can.text import Frame, Lines, Malformed, frame, set_up
+from busmon.can.text import Frame, Lines, Malformed, frame, set_up, text
 from evil import can_world
 from evil.can_good import Good
 from hypothesis import given
@@ -42,6 +42,19 @@ def test_every_frame_is_read_as_it_is_written(id: int, data: bytes, small: bool)
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
 def test_every_extended_frame_likewise(id: int, data: bytes) -> None:
     assert frame(f"T{id:08x}{len(data)}{data.hex()}".encode()) == Frame(id, True, False, data)
+
+
+@given(st.integers(0, 0x1FFFFFFF), st.booleans(), st.booleans(), st.binary(max_size=8))
+def test_frames_in_memory_become_the_lines_of_the_same_frames(
+    id: int, extended: bool, remote: bool, data: bytes
+) -> None:
+    id, data = id if extended else id & 0x7FF, b"" if remote else data
+    flags = extended << 31 | remote << 30
+    kept = (id | flags).to_bytes(4, "little") + bytes((len(data), 0, 0, 0)) + data.ljust(8, b"\0")
+    [line, rest] = text(kept).split(b"\r")
+    assert (frame(line), rest) == (Frame(id, extended, remote, data), b"")
+    assert text((1 << 29 | 4).to_bytes(4, "little") + bytes((8,)) + bytes(11)) == b""
+    assert text(kept * 3) == text(kept) * 3
 
 
 @pytest.mark.parametrize("line", [

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from busmon.bus import AnyMonitor, limits_of, monitor_of
+from busmon.can.monitor import CanMonitor
+from busmon.can.text import text
 
 
 class Watched:
@@ -25,6 +27,9 @@ class Watched:
             self._tap(self.monitors[name], bus)
 
     def _tap(self, monitor: AnyMonitor, bus: Any) -> None:
+        if isinstance(monitor, CanMonitor):
+            self._tap_frames(monitor, bus)
+            return
         receive, take = bus.receive, bus.take
 
         def received(data: bytes, now: float) -> None:
@@ -40,6 +45,23 @@ class Watched:
             return bytes(data)
 
         bus.receive, bus.take = received, taken
+
+    def _tap_frames(self, monitor: CanMonitor, bus: Any) -> None:
+        """A CAN bus in this process takes and gives frames: told as the text that an adapter would have."""
+        hear, say = bus.hear, bus.say
+
+        def heard(frames: Any, now: float) -> int:
+            self.listen(now)
+            monitor.sent(text(frames.tobytes()), now)
+            return int(hear(frames, now))
+
+        def said(now: float) -> Any:
+            frames = say(now)
+            if frames.size:
+                monitor.answered(text(frames.tobytes()), now)
+            return frames
+
+        bus.hear, bus.say = heard, said
 
     def listen(self, now: float) -> None:
         """What the daemon is, told to every monitor when it changes."""

@@ -64,6 +64,22 @@ def set_up(line: bytes, baud: int) -> bool:
     return False
 
 
+def text(frames: bytes) -> bytes:
+    """Lines of frames that stand in memory as the kernel has them (linux/can.h): id and flags, size, three
+    bytes of nothing, eight of data. Frames of errors have no line."""
+    lines = b""
+    for at in range(0, len(frames), 16):
+        id, size = int.from_bytes(frames[at : at + 4], "little"), frames[at + 4]
+        if id & 1 << 29:
+            continue
+        remote, extended = id >> 30 & 1, id >> 31
+        letter = b"tTrR"[2 * remote + extended : 2 * remote + extended + 1]
+        number = b"%08X" % (id & 0x1FFFFFFF) if extended else b"%03X" % (id & 0x7FF)
+        data = b"" if remote else frames[at + 8 : at + 8 + size].hex().upper().encode()
+        lines += letter + number + b"%d" % size + data + b"\r"
+    return lines
+
+
 class Lines:
     """Cuts a stream into lines."""
 
