@@ -5,7 +5,9 @@ import pytest
 
 from tests.can_frames import ranges
 from twind_drivers.can.damiao import Damiao
-from twind_drivers.can.families import FAMILIES, make, ranges_of
+from twind_drivers.can.families import FAMILIES, apart, make, ranges_of
+from twind_drivers.can.family import Family, Special
+from twind_drivers.can.frame import STANDARD_MASK
 from twind_drivers.can.models import MODELS, model, named, number_of
 from twind_drivers.can.odrive import ODrive
 
@@ -141,3 +143,43 @@ def test_a_bus_without_one_of_them_is_no_special_case(family: str) -> None:
     assert not empty.feedback(strange)[1].any()
     assert not empty.answered(strange)[1].any()
     assert list(empty.commands_to(strange)) == [-1, -1, -1]
+
+
+def of(family: str, *ids: int, masters: tuple[int, ...] | None = None) -> Family:
+    name = {"damiao": "DM4310", "cubemars": "AK70-10", "robstride": "RS01", "odrive": "ODrive"}[family]
+    spans = ranges(len(ids))
+    return make(family, "can0", ids, [name] * len(ids), ranges=spans, feedback_ids=masters)
+
+
+def test_families_share_a_bus_while_their_ids_differ() -> None:
+    apart("can0", [of("damiao", 1, 2), of("cubemars", 3), of("robstride", 1), of("odrive", 2)])
+    apart("can0", [])
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "shared"),
+    [
+        (("damiao", 1), ("cubemars", 1), "0x1"),
+        (("damiao", 1), ("cubemars", 0x11), "0x11"),  # its master id
+        (("damiao", 1), ("odrive", 0), "0x1"),
+        (("damiao", 1), ("odrive", 8), "0x101"),  # its position-velocity mode
+        (("damiao", 1), ("odrive", 0x3F), "0x7ff"),  # requests of registers
+        (("cubemars", 0x68), ("odrive", 3), "0x68"),
+        (("cubemars", 0x68), ("odrive", 0), "0x0"),
+    ],
+)
+def test_families_that_share_a_frame_id_are_refused(
+    one: tuple[str, int], other: tuple[str, int], shared: str
+) -> None:
+    with pytest.raises(ValueError, match=f"can0: {one[0]} .* and {other[0]} .* frame id {shared}:"):
+        apart("can0", [of(*one), of(*other)])
+
+
+@pytest.mark.parametrize("family", ["damiao", "cubemars", "odrive"])
+def test_every_frame_of_ours_has_an_id_that_is_claimed(family: str) -> None:
+    codec, zero = of(family, 1, 2), np.zeros(2)
+    made = [codec.question(), codec.command(zero, zero, zero, zero, zero), codec.gains(zero + 1, zero + 1)]
+    made += [codec.special(0, what) for what in (Special.ENABLE, Special.DISABLE, Special.ZERO)]
+    made += [codec.read(0, parameter) for parameter in codec.parameters.values()]
+    ids = {int(id) & STANDARD_MASK for frames in made for id in frames["id"]}
+    assert ids <= codec.claims

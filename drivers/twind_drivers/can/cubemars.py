@@ -62,6 +62,7 @@ class CubeMars:
         self.replies: Bools = np.ones(len(self.ids), np.bool_)
         self.ranges = ranges
         self._ids = np.array(self.ids or (0,), np.int64)
+        self.claims = frozenset({*self.ids, *([0] if self.ids else [])})
         self._hears = np.full(STANDARD_MASK + 2, NONE, np.int64)
         self._hears[list(self.ids)] = range(len(self.ids))
         self._scale = Scale(port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])

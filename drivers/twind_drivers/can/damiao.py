@@ -112,6 +112,8 @@ class Damiao:
         for row, id in enumerate(self.ids):
             for base in (0, *OTHER_MODES):
                 self._hears[base + id] = row
+        heard = {base + id for base in (0, *OTHER_MODES) for id in self.ids}
+        self.claims = frozenset({*heard, *masters, *([ASK] if self.ids else [])})
         asked = np.zeros((len(self.ids), 8), np.uint8)
         asked[:, 0], asked[:, 2] = self.ids, REFRESH
         self._question = frames([ASK] * len(self.ids), asked)

@@ -59,3 +59,18 @@ def ranges_of(models: Sequence[Model]) -> Ranges:
         kp=column([one.kp for one in models]),
         kd=column([one.kd for one in models]),
     )
+
+
+def apart(port_name: str, families: Sequence[Family]) -> None:
+    """Raises ValueError where two families of one bus use the same frame id, and names it.
+
+    An ODrive takes 32 ids from 20h times its node, so node 0 is among the ids of Damiao and CubeMars.
+    """
+    for place, one in enumerate(families):
+        for other in families[place + 1 :]:
+            shared = sorted(one.claims & other.claims)
+            if shared:
+                raise ValueError(
+                    f"{port_name}: {one.name} {list(one.ids)} and {other.name} {list(other.ids)} both use "
+                    f"frame id {shared[0]:#x}: give one of them other ids, or a bus of its own"
+                )

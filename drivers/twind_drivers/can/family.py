@@ -95,6 +95,7 @@ class Family(Protocol):
     # Frames that one actuator answers `question` with. 0: it tells nothing but in answer to a command
     # (CubeMars in MIT mode) or by itself.
     answers: int
+    claims: frozenset[int]  # 11-bit ids that it hears or speaks on: nobody else of that bus may have them
     replies: Bools  # (k,) True: it answers every command with feedback
 
     def question(self) -> Frames:

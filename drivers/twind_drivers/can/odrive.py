@@ -118,6 +118,7 @@ class ODrive:
         self.port = port
         self.ids = checked_ids(port, self.name, ids, 0, NODES)
         self.replies: Bools = np.zeros(len(self.ids), np.bool_)
+        self.claims = frozenset(node << 5 | command for node in self.ids for command in range(32))
         self.ranges = ranges
         self._later = np.array(later, np.bool_)
         self._lower, self._upper = bounds(ranges)

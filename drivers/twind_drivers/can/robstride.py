@@ -119,6 +119,7 @@ class RobStride:
                 f"{port}: host id {host:#x} is a motor's, {BROADCAST:#x} or no byte: give another"
             )
         self.replies: Bools = np.ones(len(self.ids), np.bool_)
+        self.claims: frozenset[int] = frozenset()  # its ids have 29 bits
         self.ranges = ranges
         self._rows = np.full(256, NONE, np.int64)
         self._rows[list(self.ids)] = range(len(self.ids))
