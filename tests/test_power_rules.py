@@ -23,6 +23,14 @@ RATED = replace(
     continuous=np.array([0.35, 0.35, 1.0]),
 )
 
+MUTE = replace(
+    RATED,
+    low_warn=np.array([11.1, 11.1, -inf]),
+    low_settle=np.array([10.5, 10.5, -inf]),
+    low_fault=np.array([10.0, 10.0, -inf]),
+    high_warn=np.array([14.8, 14.8, inf]),
+)
+
 
 class Watch:
     """A guard on a gantry, tick by tick."""
@@ -425,3 +433,13 @@ def test_without_ratings_no_supply_is_too_low() -> None:
         now = 10.0 + tick * 0.2
         given = {"now": now, "period": 0.2, "measured": reading(time=now), "health_time": np.full(N, now)}
         assert guard.judge(facts(**given, voltage=joints(0.0, 3.0, 60.0))) == FINE
+
+
+def test_r19_a_joint_without_bounds_never_tells_its_supply_and_is_not_judged_by_it() -> None:
+    """CAN actuators of the MIT family tell no voltage; those beside them are judged as ever."""
+    watch = Supply()
+    watch.guard = Guard(LIMITS, support="gantry", ratings=MUTE)
+    assert all(watch.volts(12.0, 12.0, nan) == FINE for _ in range(10))
+    for _ in range(2):
+        last = watch.volts(12.0, 10.0, nan)
+    assert (last.reaction, {finding.joint for finding in last.findings}) == (DAMP, {1})

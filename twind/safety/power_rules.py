@@ -111,6 +111,9 @@ class VoltageRules:
         self._bounds, self._high = bounds, ratings.high_warn + ROUNDING
         self._low = np.array([ratings.low_warn, ratings.low_settle, ratings.low_fault]) + ROUNDING
         self._fine = self._low.max(axis=0)  # V: above all three, whichever of them are known
+        # Without a bound nothing is judged: there are actuators that never tell their supply.
+        self._known = self._low > -inf
+        self._unjudged = (self._fine == -inf) & (self._high == inf)
         self._since = np.full(self._low.shape, inf)  # s, of the reading in which it was low first
         self._read = np.full(self._low.shape[1], -inf)  # s, when each was read last
         self._seen = b""  # the same, as bytes: mostly unchanged
@@ -138,7 +141,7 @@ class VoltageRules:
         fresh = facts.health_time != self._read
         self._read, self._seen = facts.health_time.copy(), facts.health_time.tobytes()
         volts, fine = facts.voltage, not self._suspect
-        if fine and every((volts > self._fine) & (volts <= self._high)):
+        if fine and every(self._unjudged | ((volts > self._fine) & (volts <= self._high))):
             return
         read = self._read > -inf
         high = read & (volts > self._high)
@@ -147,7 +150,7 @@ class VoltageRules:
             yield Said(_volts(facts, joint, float(self._high[joint]) - ROUNDING, "is more than it bears"))
         # NaN is low too. One that was read long ago agrees with nobody who reads low now.
         old = facts.now - facts.health_time > self._bounds.unread + ROUNDING
-        low = read & ~old & ~(volts > self._low)
+        low = read & ~old & self._known & ~(volts > self._low)
         self._suspect = bool(np.count_nonzero(low))
         begun = np.minimum(self._since, facts.health_time)
         self._since = np.where(low, np.where(fresh, begun, self._since), inf)
