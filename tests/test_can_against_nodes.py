@@ -81,7 +81,7 @@ def test_they_hold_still_until_enabled_and_then_go_where_they_are_sent(name: str
     gains = bench.codec.gains(np.full(2, 40.0), np.full(2, 2.0))
     heard = [bench.tell(gains)] if len(gains) else []
     heard += [bench.tell(bench.codec.special(row, Special.ENABLE)) for row in range(2)]
-    heard += [bench.tell(bench.command(goal)) for _ in range(400)]
+    heard += [bench.tell(bench.command(goal)) for _ in range(250)]
     told = bench.newest(np.concatenate(heard))
     assert list(bench.muscles.position) == pytest.approx(goal, abs=0.02)
     asked = bench.codec.question()

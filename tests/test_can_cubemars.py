@@ -117,7 +117,7 @@ def test_strangers_are_left_alone(stranger: Frames) -> None:
 
 
 @given(noise((0, *IDS)))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
     decode_all(drive(), frames)
 

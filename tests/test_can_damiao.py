@@ -181,13 +181,13 @@ def test_an_answer_must_name_its_sender_in_full() -> None:
 
 
 @given(noise((*IDS, *MASTERS, 0x7FF, 0x101, 0x202)))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
     decode_all(damiao(), frames)
 
 
 @given(noise((*IDS, *MASTERS)))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_nothing_is_both_feedback_and_a_register(frames: Frames) -> None:
     motor = damiao()
     assert not (motor.feedback(frames)[1] & motor.answered(frames)[1]).any()
@@ -266,6 +266,7 @@ def test_actuators_that_cannot_be_told_apart_are_refused() -> None:
 
 
 @given(st.floats(-1e6, 1e6, width=32))
+@settings(max_examples=40)
 def test_a_float_register_comes_back_as_its_four_bytes(value: float) -> None:
     made = frame(0x12, b"\x02\x00\x33\x15" + struct.pack("<f", value))
     (answer,), _ = damiao().answered(made)

@@ -54,7 +54,7 @@ def exact(value: float, most: float, bits: int, *, gain: bool) -> Fraction:
 
 
 @given(st.sampled_from(sorted(MODELS)), st.tuples(*[st.floats(0.0, 1.0)] * 5), st.sampled_from((BITS, WIDE)))
-@settings(max_examples=200)
+@settings(max_examples=100)
 def test_each_field_is_truncated_and_within_one_count(
     name: str, shares: tuple[float, ...], bits: tuple[int, ...]
 ) -> None:
@@ -89,6 +89,7 @@ def test_a_reply_holds_its_three_fields(fields: tuple[int, int, int]) -> None:
 
 
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFFF))
+@settings(max_examples=50)
 def test_what_was_told_can_be_commanded_again_within_one_count(position: int, velocity: int) -> None:
     by = scale()
     told = by.values(np.array([[position], [velocity], [0]], np.float64), np.array([0]))[:, 0]
@@ -149,6 +150,8 @@ def test_values_of_another_shape_are_an_error(wrong: tuple[int, ...]) -> None:
     by = Scale("can0", [3, 9], ranges(2), BITS, TOLD)
     with pytest.raises(ValueError):
         by.fields(np.zeros(wrong), *[np.zeros(2)] * 4)
+    with pytest.raises(ValueError, match=r"can0: \(5, .* values for \(5, 2\) fields"):
+        by.fields(*[np.zeros(wrong)] * 5)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])

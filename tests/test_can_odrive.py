@@ -108,9 +108,12 @@ def test_what_a_field_cannot_hold_is_refused() -> None:
         axes().command(zero, zero, column(math.nan, 0), zero, zero)
     with pytest.raises(ValueError):
         axes().command(np.zeros(1), zero, zero, zero, zero)
+    with pytest.raises(ValueError, match=r"\(5, 1\) values for \(5, 2\)"):
+        axes().command(*[np.zeros(1)] * 5)
 
 
 @given(st.floats(-600.0, 600.0), st.floats(-200.0, 200.0), st.floats(-32.0, 32.0))
+@settings(max_examples=50)
 def test_a_command_is_within_half_a_thousandth(position: float, velocity: float, torque: float) -> None:
     data = bytes.fromhex(wire(command(position, velocity, torque))[0][1])
     turns, fed, pulled = struct.unpack("<fhh", data)
@@ -224,7 +227,7 @@ def test_strangers_are_left_alone(stranger: Frames) -> None:
 
 
 @given(noise([node << 5 | cmd for node in IDS for cmd in range(32)]))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_no_frames_whatever_make_a_decoder_raise(frames: Frames) -> None:
     decode_all(axes(), frames)
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.bus import Bools, Floats, Ints
+from twind_drivers.bus import Floats, Ints
 from twind_drivers.can.family import Feedback, Parameter
-from twind_drivers.can.frame import BYTES, Frames, frames
+from twind_drivers.can.frame import Frames, frames
 
 Table = NDArray[np.int64]
 NONE = -1  # no actuator of ours
@@ -58,13 +58,6 @@ def untold(rows: Ints) -> Feedback:
     nan = np.full(count, np.nan)
     unsaid = np.full(count, -1, np.int64)
     return Feedback(rows, nan, nan.copy(), nan.copy(), unsaid, unsaid.copy(), nan.copy(), nan.copy())
-
-
-def sized(received: Frames, *sizes: int) -> Bools:
-    """Which frames have one of these sizes (none: 8)."""
-    size = received["size"]
-    fits: Bools = size == BYTES if not sizes else np.isin(size, sizes)
-    return fits
 
 
 def by_name(*parameters: Parameter) -> Mapping[str, Parameter]:
