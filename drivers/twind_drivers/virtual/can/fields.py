@@ -11,7 +11,9 @@ def pack(value: float, span: float, bits: int) -> int:
     most = (1 << bits) - 1
     if not math.isfinite(value):
         value = 0.0
-    return int((min(max(value, -span), span) + span) * most / (2.0 * span))
+    if abs(value) >= span:
+        return most if value > 0.0 else 0
+    return int((value + span) * most / (2.0 * span))
 
 
 def unpack(raw: int, span: float, bits: int) -> float:

@@ -23,6 +23,7 @@ class CanLoopback:
         self.condition = Condition()
         self._line, self._clock, self._open = line, clock, True
         self._stuck_since: float | None = None  # s
+        self._deaf = False  # off for frames that nobody took, until somebody is heard
         line.controller.connect(True)
         line.controller.inbox.clear()
 
@@ -53,6 +54,8 @@ class CanLoopback:
         for frame in heard[wrong]:
             self._error(int(frame["id"]), int(frame["data"][1]))
         good: Frames = heard[~wrong]
+        if good.size and self._deaf:
+            self._deaf, self.condition.line = False, Line.ACTIVE
         return good
 
     def purge(self) -> None:
@@ -75,7 +78,7 @@ class CanLoopback:
         since = self._stuck_since = now if self._stuck_since is None else self._stuck_since
         self.condition.refused += count
         if now - since >= LEFT:
-            self.condition.line = Line.OFF
+            self._deaf, self.condition.line = True, Line.OFF
         self._empty()
         if now - since >= DEAD:
             raise PortError(self.name, f"has taken nothing for {now - since:.1f} s", lost=True)

@@ -9,6 +9,7 @@ import math
 import struct
 from collections.abc import Sequence
 from math import inf
+from typing import NamedTuple
 
 from twind_drivers.can.frame import EXTENDED, REMOTE
 from twind_drivers.virtual.can.message import Message
@@ -26,9 +27,22 @@ from twind_drivers.virtual.can.spec import NodeSpec
 # fmt: on
 IDLE, CLOSED_LOOP = 1, 8  # axis states
 BY_TORQUE, BY_VELOCITY, BY_POSITION = 1, 2, 3  # control modes
-# axis error bits, firmware 3.x
-INVALID_STATE, UNDER_VOLTAGE, OVER_VOLTAGE, MOTOR_FAILED = 0x1, 0x2, 0x4, 0x40
-WATCHDOG, OVER_TEMPERATURE, ESTOP_REQUESTED = 0x800, 0x20000, 0x4000
+MOTOR_FAILED = 0x40  # axis error of a 3.x
+
+
+class Codes(NamedTuple):
+    """Axis errors: low supply, high supply, heat, watchdog, emergency stop, a state that it cannot take."""
+
+    low: int
+    high: int
+    heat: int
+    watchdog: int
+    stop: int
+    state: int
+
+
+OLD = Codes(0x2, 0x4, 0x40000, 0x800, 0x4000, 0x1)  # 3.x
+LATER = Codes(0x200, 0x100, 0x2000, 1 << 24, 1 << 25, 0)  # S1, Pro (recalled, unverified)
 CPR = 8192
 LIMITED = 0.002  # s between two looks at an axis whose speed is limited
 FACTORY = {
@@ -52,6 +66,8 @@ class ODrive(Node):
         strange = sorted(set(spec.settings) - set(FACTORY) - set(COMMON))
         if strange:
             raise ValueError(f"node {spec.id}: no setting {strange[0]!r}; there are {', '.join(FACTORY)}")
+        self.later = spec.model.startswith("ODrive-")  # S1, Pro: another heartbeat, other errors
+        self.codes = LATER if self.later else OLD
         self.configured = FACTORY | dict(spec.settings)
         self.boot(now)
         phase = self.id * 0.61803399 % 1.0  # no two axes start at the same moment
@@ -73,7 +89,8 @@ class ODrive(Node):
 
     def ail(self, what: str) -> int:
         """Axis error."""
-        return OVER_TEMPERATURE if what == HEAT else UNDER_VOLTAGE if what == LOW else OVER_VOLTAGE
+        codes = self.codes
+        return codes.heat if what == HEAT else codes.low if what == LOW else codes.high
 
     def watchdog(self) -> int:
         """ms; nobody can read it over this bus."""
@@ -82,7 +99,7 @@ class ODrive(Node):
     def expire(self, now: float) -> Sequence[Message]:
         """An axis error, and idle."""
         super().expire(now)
-        return self.damage(WATCHDOG)
+        return self.damage(self.codes.watchdog)
 
     def next_beat(self) -> float:
         """Heartbeat, estimates, or a look at the speed limit."""
@@ -122,6 +139,8 @@ class ODrive(Node):
 
     def _heartbeat(self) -> Message:
         state = CLOSED_LOOP if self.shaft.on else IDLE
+        if self.later:  # byte 5: result of the last procedure, 6: is the trajectory done
+            return self._say(HEARTBEAT, struct.pack("<IBBBB", self.fault, state, 0, 1, 0))
         failed = 1 if self.fault & MOTOR_FAILED else 0
         return self._say(HEARTBEAT, struct.pack("<IBBBB", self.fault, state, failed, 0, 0x80))
 
@@ -136,11 +155,16 @@ class ODrive(Node):
             ENCODER_COUNT: struct.pack("<ii", math.floor(turns * CPR), math.floor(turns % 1.0 * CPR)),
             IQ: struct.pack("<ff", amps, amps),
             BUS: struct.pack("<ff", self.volts, amps * torque / self.volts if self.volts else 0.0),
+        }
+        own = {
             MOTOR_ERROR: struct.pack("<Q", 1 if self.fault & MOTOR_FAILED else 0),
             ENCODER_ERROR: bytes(4),
             SENSORLESS_ERROR: bytes(4),
             CONTROLLER_ERROR: bytes(4),
         }
+        if self.later:  # active errors, and why it was disarmed; endpoints instead of the other errors
+            own = {MOTOR_ERROR: struct.pack("<II", self.fault, self.fault)}
+        answers |= own
         return self._say(command, answers[command]) if command in answers else None
 
     # ------------------------------------------------------------------------------------- what it does
@@ -148,7 +172,7 @@ class ODrive(Node):
     def _order(self, command: int, data: bytes, now: float) -> None:
         numbers = data.ljust(8, b"\0")
         if command == ESTOP:
-            self.damage(ESTOP_REQUESTED)
+            self.damage(self.codes.stop)
         elif command == STATE:
             self._state(int.from_bytes(numbers[:4], "little"), now)
         elif command == MODES:
@@ -167,7 +191,7 @@ class ODrive(Node):
 
     def _state(self, state: int, now: float) -> None:
         if state == CLOSED_LOOP and self.fault:
-            self.fault |= INVALID_STATE
+            self.fault |= self.codes.state
         elif state == CLOSED_LOOP:
             self.enable()
             if self.mode == BY_POSITION:  # 3.x: the input is set to where it is
