@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from bench import bus, can, can_bus, control, ctl, gate, hour, loop, start, twin
+from bench import bus, can, can_bus, can_loop, control, ctl, gate, hour, loop, start, twin
 from bench.harness import RESULTS, CannotTake, Figure, Key, Measurement, save, table
 from bench.machine import describe
 
@@ -17,6 +17,7 @@ MEASUREMENTS: tuple[Measurement, ...] = (
     *bus.MEASUREMENTS,
     *can.MEASUREMENTS,
     *can_bus.MEASUREMENTS,
+    *can_loop.MEASUREMENTS,
     *loop.MEASUREMENTS,
     *hour.MEASUREMENTS,
     *twin.MEASUREMENTS,

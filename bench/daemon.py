@@ -16,7 +16,10 @@ from pathlib import Path
 
 from bench.harness import CannotTake
 from twind.client import Client
+from twind.config.actuator import CAN
+from twind.config.robot_file import load_robot
 from twind.loop.virtual_child import VirtualChild
+from twind_drivers.can.ports import is_can
 
 READY, CONNECTED = 30.0, 15.0  # s that they may take
 CYCLICTEST = "cyclictest"  # of the Debian package rt-tests
@@ -100,8 +103,12 @@ def live(
     folder: Path, *arguments: str, robot: str = "h24", command: Sequence[str] = ("-m", "twind.cli")
 ) -> Iterator[Daemon]:
     """A daemon in mode live on the virtual servos of a process of its own, connected, not armed."""
+    adapters = {bus.name for bus in load_robot(robot).buses if bus.kind == CAN}
     with VirtualChild(robot) as servos:
-        ports = [f"--port={name}={path}" for name, path in servos.ports.items()]
+        ports = [
+            f"--port={name}={'can:slcan:' if name in adapters and not is_can(path) else ''}{path}"
+            for name, path in servos.ports.items()
+        ]
         files = ("--robot", robot, "--calibration", str(servos.calibration))
         with twind(folder, "--mode", "live", *ports, *files, *arguments, command=command) as daemon:
             await_state(daemon, "connected")

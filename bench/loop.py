@@ -79,10 +79,10 @@ def _late(daemon: Daemon, record: Lateness) -> dict[str, Figure]:
 def take_share() -> Mapping[str, Figure]:
     """CPU of loop and front together over seconds of real time, in % of a core."""
     with scratch() as folder, live(folder) as daemon:
-        resting = _shares(daemon)
+        resting = shares(daemon)
         with kept_moving(daemon):
             await_state(daemon, "armed")
-            moving = _shares(daemon)
+            moving = shares(daemon)
     middle = medians(moving)
     still = medians(resting)
     note = (
@@ -92,7 +92,7 @@ def take_share() -> Mapping[str, Figure]:
     return {"loop.cpu_share_100hz": Figure(middle["both"], note)}
 
 
-def _shares(daemon: Daemon) -> dict[str, list[float]]:
+def shares(daemon: Daemon) -> dict[str, list[float]]:
     """% of a core of each process, a round each."""
     pids = {"loop": daemon.pid, "front": daemon.front}
     found: dict[str, list[float]] = {"loop": [], "front": [], "both": []}
@@ -111,18 +111,24 @@ def _shares(daemon: Daemon) -> dict[str, list[float]]:
 def take_missed() -> Mapping[str, Figure]:
     """Ticks that did not begin in their own period: 500 Hz, four buses of six servos, armed and moving."""
     with scratch() as folder:
-        robot = four_buses(folder / "h24-four.yaml")
-        with live(folder, "--rate", "500", robot=str(robot)) as daemon, kept_moving(daemon):
-            await_state(daemon, "armed")
-            with daemon.client() as client:
-                first = client.call("GetStatus")["status"]
-                time.sleep(MISSED_SPAN)
-                last = client.call("GetStatus")["status"]
-    ticks, missed = (last["loop"][key] - first["loop"][key] for key in ("ticks", "missed"))
+        return {"loop.missed_500hz": missed(folder, four_buses(folder / "h24-four.yaml"), 500, MISSED_SPAN)}
+
+
+def missed(folder: Path, robot: Path, rate_hz: int, span: float) -> Figure:
+    """Share (%) of ticks that did not begin in their own period, over `span` s, armed and moving."""
+    with live(folder, "--rate", str(rate_hz), robot=str(robot)) as daemon, kept_moving(daemon):
+        await_state(daemon, "armed")
+        with daemon.client() as client:
+            first = client.call("GetStatus")["status"]
+            time.sleep(span)
+            last = client.call("GetStatus")["status"]
+    ticks, late = (last["loop"][key] - first["loop"][key] for key in ("ticks", "missed"))
     errors = sum(bus["errors"] for bus in last["buses"]) - sum(bus["errors"] for bus in first["buses"])
-    note = f"{missed} of {ticks + missed} in {MISSED_SPAN:g} s, {errors} readings with a silent servo, "
-    note += f"armed and moving; policy {last['loop']['realtime']['scheduler']}; servos: one process for all"
-    return {"loop.missed_500hz": Figure(100.0 * missed / (ticks + missed), note)}
+    note = f"{late} of {ticks + late} in {span:g} s, {errors} readings with a silent actuator, "
+    note += (
+        f"armed and moving; policy {last['loop']['realtime']['scheduler']}; actuators: one process for all"
+    )
+    return Figure(100.0 * late / (ticks + late), note)
 
 
 def four_buses(path: Path) -> Path:
