@@ -277,3 +277,16 @@ def test_a_float_register_comes_back_as_its_four_bytes(value: float) -> None:
 
 def test_no_gains_go_out_beside_the_commands() -> None:
     assert len(damiao().gains(np.ones(3), np.ones(3))) == 0
+
+
+@pytest.mark.parametrize(
+    ("data", "traffic"),
+    [
+        ("02 0F 33 51 00 00 00 00", True),  # the last id and the last register that there are
+        ("02 10 33 51 00 00 00 00", False),
+        ("02 0F 33 52 00 00 00 00", False),
+        ("02 0F 34 51 00 00 00 00", False),
+    ],
+)
+def test_where_register_traffic_ends(data: str, traffic: bool) -> None:
+    assert damiao().feedback(frame(0x12, data))[1].all() != traffic
