@@ -154,15 +154,18 @@ def test_answers_of_the_adapter_are_told_apart_from_frames() -> None:
     assert lines.errors == 1  # the bare F
 
 
-def test_acknowledgements_before_a_cycle_are_counted_and_taken_off() -> None:
+def test_acknowledgements_around_a_cycle_are_counted_and_taken_off() -> None:
     lines = Lines()
     assert lines.take(b"z\r" * 23 + b"z").tobytes() == b""
     assert lines.take(b"\r\rZ\r" + encode(cycle(24))).tobytes() == cycle(24).tobytes()
     assert (lines.acknowledged, lines.errors) == (26, 0)
-    assert lines.take(b"z" + encode(cycle(2))).tobytes() == cycle(2)[1:].tobytes()  # run into a frame
-    assert (lines.acknowledged, lines.errors) == (26, 1)
+    each = [encode(cycle(3)[place : place + 1]) for place in range(3)]
+    assert lines.take(b"z\r".join(each) + b"z\r\rt12").tobytes() == cycle(3).tobytes()
+    assert (lines.acknowledged, lines.errors, lines.held) == (30, 0, 3)
+    assert lines.take(b"z\r" + encode(cycle(2))).tobytes() == cycle(2).tobytes()  # run into one another
+    assert (lines.acknowledged, lines.errors) == (30, 1)
     lines.take(b"zzz\r")
-    assert (lines.acknowledged, lines.errors) == (26, 2)
+    assert (lines.acknowledged, lines.errors) == (30, 2)
 
 
 @pytest.mark.parametrize(("id", "size"), [(0x800, 1), (1 | ERROR, 8), (1, 9), (0x3FFFFFFF | EXTENDED, 0)])

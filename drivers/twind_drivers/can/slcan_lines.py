@@ -130,10 +130,11 @@ class Lines:
         """The frames (k,) whose lines have ended now, in their order."""
         text = self._rest + data if self._rest else bytes(data)
         if not self._lost:
-            text = self._past_acknowledgements(text)
+            self._rest = b""
             alike = _alike(text)
+            if alike is None:
+                alike = self._among_acknowledgements(text)
             if alike is not None:
-                self._rest = b""
                 return alike
         octets = np.frombuffer(text, np.uint8)
         ends = np.flatnonzero(ENDS[octets])
@@ -154,14 +155,18 @@ class Lines:
             self._rest = b""
         return frames
 
-    def _past_acknowledgements(self, text: bytes) -> bytes:
-        """An adapter that answers every frame does so before those frames are answered."""
-        rest = text.lstrip(b"zZ\r")
-        begin = text[: len(text) - len(rest)]
-        if not begin.endswith(b"\r") or len(begin) > 2 * begin.count(b"\r"):
-            return text
-        self.acknowledged += begin.count(b"\r")
-        return rest
+    def _among_acknowledgements(self, text: bytes) -> Frames | None:
+        """Frames of one kind, what acknowledges ours between them, and a beginning; None: something else."""
+        whole, end, rest = text.rpartition(b"\r")
+        if not end or BEL in text or len(rest) > PATIENCE:
+            return None
+        lines = whole.split(b"\r")
+        framed = [line for line in lines if line not in ACKNOWLEDGED]
+        found = _alike(b"\r".join(framed) + b"\r") if framed else NOTHING
+        if found is not None:
+            self.acknowledged += len(lines) - len(framed)
+            self._rest = rest
+        return found
 
     def _split(self, text: bytes, octets: Octets, begins: NDArray[np.intp], ends: NDArray[np.intp]) -> Frames:
         refused = octets[ends] == BEL
