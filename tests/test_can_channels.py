@@ -19,7 +19,7 @@ from can.interfaces.slcan import slcanBus
 from can.interfaces.socketcan import socketcan
 
 from twind_drivers.bus import PortError, PortFull
-from twind_drivers.can import link, ports
+from twind_drivers.can import link, ports, python_can
 from twind_drivers.can.channel import Channel, Line
 from twind_drivers.can.frame import EXTENDED, FRAME, REMOTE, Frames, frames, payload
 from twind_drivers.can.ports import CanPort, open_channel, parse, present
@@ -483,6 +483,34 @@ def test_a_full_queue_is_congestion_for_a_second_then_the_bus_is_dead_and_emptie
     assert "could not be taken down and up" in channel.warning  # nothing of that name: its queue is not ours
     assert "ip link set can-none down" in channel.warning
     channel.close()
+
+
+def test_a_link_goes_down_and_up_only_where_frames_may_wait_and_once_a_second(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    downs: list[str] = []
+    monkeypatch.setattr(python_can, "restart", lambda name: downs.append(name) or "")
+    channel = opened()
+    channel.purge()
+    wire.say(1, b"")
+    channel.receive(0.0)
+    channel.send(cycle(4), 0.01)
+    channel.purge()  # somebody was there when it was sent
+    assert downs == []
+    channel.send(cycle(4), 0.2)  # nobody has been heard for a while
+    channel.purge()
+    assert downs == [NOWHERE]
+    channel.send(cycle(4), 0.3)
+    channel.purge()
+    assert downs == [NOWHERE]  # it takes long
+    channel.close()
+    assert downs == [NOWHERE] * 2  # but nothing is left behind
+    channel = opened()
+    channel.send(cycle(4), 5.0)
+    wire.say(1, b"")
+    channel.receive(5.01)  # somebody is there: it has left
+    channel.close()
+    assert downs == [NOWHERE] * 2
 
 
 def test_a_queue_that_drains_in_time_is_never_lost(wire: Wire) -> None:
