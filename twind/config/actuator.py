@@ -80,6 +80,16 @@ class TypeSpec(ABC):
         """Most current (counts) that it may use, where `mode` takes such a cap."""
         return None
 
+    @property
+    def woken_turn(self) -> float:
+        """Rad of its output from which it may be off when it wakes up; inf: it tells its turn itself."""
+        return math.inf
+
+    @property
+    def watched(self) -> bool:
+        """Whether its own watchdog is armed and read back before torque."""
+        return True
+
 
 @dataclass(frozen=True, slots=True)
 class Gains:
@@ -216,3 +226,13 @@ class CanType(TypeSpec):
     def fenced(self, mode: str) -> bool:
         """Never: it goes wherever the field can say."""
         return False
+
+    @property
+    def woken_turn(self) -> float:
+        """One turn: positions go on over several, and the encoder knows one of them."""
+        return math.tau
+
+    @property
+    def watched(self) -> bool:
+        """As the file says."""
+        return self.watchdog == "device"

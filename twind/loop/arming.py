@@ -66,6 +66,12 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     loop.twin.place(held)
     loop.change(Event.ARMED, loop.clock.now())
     loop.say.reply(command, joints=list(range(len(loop.joints))))
+    if unwatched := loop.joints.unwatched:
+        message = (
+            "armed without a watchdog of its own that can be read back: if the daemon dies, nobody stops it"
+        )
+        findings = tuple(Finding(Code.DEVICE_MISMATCH, joint, message=message) for joint in unwatched)
+        loop.say.event("warning", Code.DEVICE_MISMATCH, f"{len(unwatched)} joints {message}", findings)
 
 
 def _asked(loop: Loop, command: link.Arm, now: float) -> Generator[None, float, tuple[Finding, ...]]:

@@ -20,6 +20,7 @@ from twind.robot.finding import Code, Finding, Verdict
 from twind.robot.joints import BusMap
 from twind.robot.modes import Mode, State
 from twind.safety.states import Event
+from twind.safety.turns import astray
 from twind_drivers.bus import Device
 
 if TYPE_CHECKING:
@@ -53,7 +54,16 @@ class Identity:
     @property
     def troubles(self) -> list[Finding]:
         """What stands between the robot and being armed, for the status."""
-        return [finding for findings in self.missing.values() for finding in findings] + list(self.mismatches)
+        missing = [finding for findings in self.missing.values() for finding in findings]
+        return [*missing, *self.mismatches, *self._astray()]
+
+    def _astray(self) -> Sequence[Finding]:
+        """Who woke up on another turn, or without its zero, as far as can be told now (S09)."""
+        loop = self._loop
+        turn = loop.joints.turn
+        if turn is None or loop.armed or loop.mode is Mode.SIM or not loop.hardware.connected:
+            return ()
+        return astray(loop.measured.position, turn, loop.parts.limits)
 
     def watch(self, now: float) -> None:
         """Once per tick, after the exchange."""
@@ -187,7 +197,7 @@ class Identity:
             return
         verdict = self._judge(self._devices)
         self.mismatches = verdict.refusals
-        self._tell("warning", (*verdict.refusals, *verdict.warnings))
+        self._tell("warning", (*verdict.refusals, *verdict.warnings, *self._astray()))
         if loop.mode is Mode.MIRROR and np.isfinite(loop.measured.position).all() and loop.untouched:
             loop.enter(loop.mode)  # the simulation starts from the measured pose
 

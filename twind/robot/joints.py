@@ -34,6 +34,9 @@ class JointMap:
     names: tuple[str, ...]
     buses: tuple[BusMap, ...]
     calibrated: tuple[bool, ...]
+    # (n,) rad of the joint in a turn of an actuator that may wake up on another; inf, or None: it cannot.
+    turn: Floats | None = None
+    unwatched: tuple[int, ...] = ()  # joints whose actuator cannot show that its own watchdog is armed
 
     def __len__(self) -> int:
         return len(self.names)

@@ -68,6 +68,8 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
             names=robot.names,
             buses=tuple(_bus_map(robot, bus.name, zeros, reach) for bus in robot.buses),
             calibrated=tuple(joint.name in known for joint in robot.joints),
+            turn=frozen([joint.type.woken_turn / joint.ratio for joint in robot.joints]),
+            unwatched=tuple(place for place, joint in enumerate(robot.joints) if not joint.type.watched),
         ),
         limits=_limits(robot, reach),
         ratings=_ratings(robot),

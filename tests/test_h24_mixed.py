@@ -1,0 +1,195 @@
+"""The humanoid with legs on CAN and the rest on a serial bus, in process: real bytes, a fake clock."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from rig import Rig
+
+from twind import link
+from twind.robot.arrays import Floats
+from twind.robot.finding import Code
+from twind.robot.modes import Mode, State
+from twind.robot.trajectory import Trajectory
+
+LEGS = ("l_leg", "r_leg")
+
+
+@pytest.fixture
+def mixed() -> Iterator[Rig]:
+    rig = Rig("h24-mixed")
+    yield rig
+    rig.close()
+
+
+def nodes(rig: Rig, bus: str) -> list[dict[str, Any]]:
+    """What is true of the actuators of a leg."""
+    found: list[dict[str, Any]] = rig.virtual[bus].truth(rig.clock.now())
+    return found
+
+
+def on(rig: Rig, bus: str) -> list[bool]:
+    """Whose torque is on."""
+    if bus in LEGS:
+        return [bool(node["torque"]) for node in nodes(rig, bus)]
+    return [bool(torque) for torque in rig.virtual[bus].servos["torque_enable"]]
+
+
+def places(rig: Rig, bus: str) -> list[int]:
+    """The joints of a bus."""
+    return [place for place, joint in enumerate(rig.robot.joints) if joint.bus == bus]
+
+
+def demonstration(rig: Rig, name: str) -> Trajectory:
+    """One of the motions that come with the robot."""
+    written = json.loads((rig.robot.motions / f"{name}.json").read_text())
+    mine = [rig.names.index(joint) for joint in written["joint_names"]]
+
+    def column(key: str) -> Floats | None:
+        if key not in written["points"][0]:
+            return None
+        rows = np.zeros((len(written["points"]), len(rig.names)))
+        rows[:, mine] = [point[key] for point in written["points"]]
+        return rows
+
+    commanded = np.zeros(len(rig.names), np.bool_)
+    commanded[mine] = True
+    position = column("positions")
+    assert position is not None
+    time = np.array([point["time_from_start"] for point in written["points"]])
+    return Trajectory(time, position, commanded, column("velocities"), column("accelerations"))
+
+
+def test_all_three_buses_are_identified_and_nothing_stands_between_them_and_arming(mixed: Rig) -> None:
+    mixed.connect()
+    assert mixed.loop.identity.troubles == []
+    assert [len(port.devices) for port in mixed.loop.hardware.ports] == [12, 6, 6]
+    mixed.ticks(5)
+    assert mixed.loop.measured.heard.all()
+    assert np.abs(mixed.loop.measured.position).max() < 0.002  # it hangs in its rest pose
+    assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
+
+
+def test_arming_energises_every_joint_with_its_watchdog_and_moves_none(mixed: Rig) -> None:
+    mixed.connect()
+    before = mixed.truth
+    mixed.arm()
+    assert all(all(on(mixed, bus)) for bus in mixed.virtual)
+    assert all(node["watchdog"] > 0 for bus in LEGS for node in nodes(mixed, bus))
+    mixed.seconds(1.0)
+    assert np.abs(mixed.truth - before).max() < 0.002
+    assert mixed.loop.state is State.ARMED
+
+
+@pytest.mark.parametrize(
+    ("radians", "words"), [(2.0 * np.pi, "a turn off: "), (-2.0, "nor a turn beside it is within its travel")]
+)
+def test_a_leg_whose_zero_is_elsewhere_is_not_energised(mixed: Rig, radians: float, words: str) -> None:
+    mixed.virtual["l_leg"].faults.zero_lost(4, radians)
+    mixed.connect()
+    mixed.call(link.AcquireLease)
+    refused = mixed.call(link.Arm)
+    assert refused.error == "Refused"
+    [finding] = [each for each in refused.parameters["findings"] if each["code"] == Code.CALIB_MISMATCH]
+    assert finding["joint"] == mixed.names.index("l_knee")
+    assert words in finding["message"]
+    assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
+    mixed.virtual["l_leg"].faults.zero_lost(4, -radians)
+    mixed.seconds(0.1)
+    assert mixed.call(link.Arm).error is None
+
+
+def test_actuators_whose_watchdog_nobody_can_read_are_told_of_at_every_arming() -> None:
+    rig = Rig("h24-mixed")
+    knee = rig.names.index("l_knee")
+    rig.loop.joints = replace(rig.loop.joints, unwatched=(knee,))
+    for count in (1, 2):
+        rig.arm()
+        told = [event for event in rig.events(Code.DEVICE_MISMATCH) if "without a watchdog" in event.message]
+        assert [[each.joint for each in event.findings] for event in told] == [[knee]] * count
+        assert rig.call(link.Disarm, ticks=1200).error is None
+    rig.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["reach", "squat", "wave"])
+def test_the_demonstration_motions_run_with_all_joints(mixed: Rig, name: str) -> None:
+    mixed.arm()
+    path = demonstration(mixed, name)
+    ticket = mixed.submit(path, more=True)
+    worst, joints = np.zeros(len(mixed.names)), mixed.loop.joints
+    for _ in range(round((path.time[-1] + 1.0) / mixed.loop.period)):
+        mixed.ticks(1)
+        reference = mixed.loop.executor.reference
+        assert reference is not None
+        worst = np.maximum(worst, np.abs(mixed.truth - reference.position))
+    assert mixed.replies(ticket)[-1].parameters["phase"] == "succeeded"
+    assert mixed.loop.state is State.ARMED
+    assert worst.max() < 0.15, joints.names[int(worst.argmax())]
+    moved = path.position.max(axis=0) - path.position.min(axis=0)
+    assert (moved[places(mixed, "l_leg")] > 0.3).any() or name != "squat"
+
+
+def test_disarming_lowers_all_and_takes_all_torque(mixed: Rig) -> None:
+    mixed.arm()
+    mixed.submit(mixed.path("l_knee", [0.6], [1.0]))
+    mixed.seconds(1.5)
+    assert mixed.truth[mixed.names.index("l_knee")] == pytest.approx(0.6, abs=0.02)
+    assert mixed.call(link.Disarm, ticks=1200).error is None
+    assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
+    assert np.abs(mixed.truth).max() < 0.05
+    assert mixed.loop.state is State.CONNECTED
+
+
+@pytest.mark.slow
+def test_a_leg_that_is_unplugged_is_lost_and_the_others_hold_until_somebody_disarms(mixed: Rig) -> None:
+    mixed.arm()
+    mixed.submit(mixed.path("r_knee", [0.6], [1.0]))
+    mixed.seconds(0.5)
+    mixed.virtual["l_leg"].faults.unplug()
+    mixed.seconds(3.0)
+    assert mixed.loop.state is State.FAULT
+    assert "PORT_LOST" in mixed.loop.latches
+    lost = places(mixed, "l_leg")
+    heard = mixed.loop.measured.heard
+    assert not heard[lost].any()
+    assert heard[[place for place in range(len(heard)) if place not in lost]].all()
+    knee = mixed.names.index("r_knee")
+    stopped = mixed.truth[knee]
+    assert 0.05 < stopped < 0.59
+    assert all(on(mixed, "r_leg"))
+    assert all(on(mixed, "upper"))
+    mixed.seconds(5.0)
+    assert mixed.truth[knee] == pytest.approx(stopped, abs=0.01)
+    assert not any(on(mixed, "l_leg")) or all(node["tripped"] for node in nodes(mixed, "l_leg"))
+    mixed.virtual["l_leg"].faults.replug()
+    mixed.seconds(3.0)
+    assert mixed.loop.hardware.connected
+    assert mixed.loop.state is State.FAULT
+    assert mixed.call(link.Disarm, ticks=1500).error is None
+    assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
+    mixed.call(link.Reset)
+    mixed.lease()
+    assert mixed.call(link.Arm).error is None
+
+
+def test_a_mirror_of_it_reads_all_and_writes_no_leg() -> None:
+    rig = Rig("h24-mixed", Mode.MIRROR)
+    rig.connect()
+    rig.seconds(1.0)
+    assert rig.loop.measured.heard.all()
+    assert all(port.writer is None for port in rig.loop.hardware.ports)
+    assert all(node["watchdog"] == 0 and not node["torque"] for bus in LEGS for node in nodes(rig, bus))
+    rig.close()
+
+
+def test_the_skew_of_its_buses_is_told(mixed: Rig) -> None:
+    mixed.arm()
+    mixed.seconds(1.0)
+    assert 0.0 < mixed.loop.hardware.skew < 0.01
+    overview = [news for news in mixed.news if isinstance(news, link.Overview)][-1]
+    assert overview.skew_ms is not None
+    assert 0.0 < overview.skew_ms <= overview.skew_max_ms < 10.0
