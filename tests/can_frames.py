@@ -1,73 +1,53 @@
-"""What the tests of the CAN codecs share: frames by hand, and frames that nobody meant."""
+"""Frames of every kind, as ours and as python-can's, for the tests of channels."""
 
-from collections.abc import Sequence
-
+import can
 import numpy as np
-from hypothesis import strategies as st
 
-from twind_drivers.bus import Floats
-from twind_drivers.can.family import Family, Ranges
-from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, payload
-
-GAINS = (500.0, 5.0)
+from twind_drivers.can.channel import Channel
+from twind_drivers.can.frame import EXTENDED, FRAME, REMOTE, Frames, frames, payload
+from twind_drivers.clock import MonotonicClock
 
 
-def column(*values: float) -> Floats:
-    return np.array(values, np.float64)
+def cycle(count: int) -> Frames:
+    data = np.random.default_rng(count).integers(0, 256, (count, 8), dtype=np.uint8)
+    return frames(np.arange(1, count + 1), data)
 
 
-def ranges(count: int, position: float = 12.5, velocity: float = 30.0, torque: float = 10.0) -> Ranges:
-    return Ranges(*(np.full(count, value) for value in (position, velocity, torque, *GAINS)))
+def mixed() -> Frames:
+    """One frame of each kind, and every size."""
+    rows = np.zeros(12, FRAME)
+    for size in range(9):
+        rows[size]["id"], rows[size]["size"] = 0x100 + size, size
+        rows[size]["data"][:size] = range(0xF0, 0xF0 + size)
+    rows[9]["id"], rows[9]["size"] = 0x1ABCDEF0 | EXTENDED, 8
+    rows[10]["id"], rows[10]["size"] = 0x123 | REMOTE, 4
+    rows[11]["id"] = 0x7F | EXTENDED | REMOTE
+    return rows
 
 
-def frame(id: int, data: str | bytes = b"", size: int | None = None) -> Frames:
-    """One frame; `data` as hex text or bytes."""
-    octets = bytes.fromhex(data) if isinstance(data, str) else data
-    made = np.zeros(1, FRAME)
-    made["id"] = id
-    made["data"][0, : len(octets)] = np.frombuffer(octets, np.uint8)
-    made["size"] = len(octets) if size is None else size
-    return made
+def messages_of(rows: Frames) -> list[can.Message]:
+    return [
+        can.Message(
+            arbitration_id=int(row["id"]) & 0x1FFFFFFF,
+            is_extended_id=bool(int(row["id"]) & EXTENDED),
+            is_remote_frame=bool(int(row["id"]) & REMOTE),
+            dlc=int(row["size"]),
+            data=None if int(row["id"]) & REMOTE else payload(row),
+        )
+        for row in rows
+    ]
 
 
-def wire(frames: Frames) -> list[tuple[int, str]]:
-    """Id without flags and payload in hex, of each."""
-    return [(int(one["id"]) & 0x1FFF_FFFF, payload(one).hex(" ").upper()) for one in frames]
+def same(message: can.Message, wanted: can.Message) -> bool:
+    return message.equals(wanted, timestamp_delta=None, check_channel=False, check_direction=False)
 
 
-def noise(ids: Sequence[int]) -> st.SearchStrategy[Frames]:
-    """Up to 80 frames of any id, size and content; half of them of `ids`, so that some nearly fit."""
-    return st.integers(0, 2**32 - 1).map(lambda seed: _noise(np.random.default_rng(seed), ids))
-
-
-def _noise(chance: np.random.Generator, ids: Sequence[int]) -> Frames:
-    count = int(chance.integers(0, 81))
-    made = np.frombuffer(chance.bytes(count * FRAME.itemsize), FRAME).copy()
-    near = chance.random(count) < 0.5
-    flags = chance.choice((0, 0, 0, 0, EXTENDED, REMOTE, ERROR), count).astype(np.uint32)
-    made["id"][near] = (chance.choice(np.array(ids, np.uint32), count) | flags)[near]
-    made["size"][chance.random(count) < 0.7] = 8
-    few = np.array((0, 1, 0x0F, 0x33, 0x55, 0x7F, 0xCC, 0xFF), np.uint8)
-    plain = chance.random(count) < 0.5
-    made["data"][plain] = chance.choice(few, (count, 8))[plain]
-    return made
-
-
-def decode_all(family: Family, frames: Frames) -> None:
-    """Every decoder on `frames`: none raises, all are of one length, and nothing of the frames is changed."""
-    before = frames.copy()
-    feedback, told = family.feedback(frames)
-    answers, answered = family.answered(frames)
-    commands, commanded = family.commands_to(frames), family.commanded(frames)
-    count = len(frames)
-    assert told.shape == answered.shape == commands.shape == commanded.shape == (count,)
-    columns = (feedback.rows, feedback.position, feedback.velocity, feedback.effort, feedback.enabled)
-    for array in (*columns, feedback.fault, feedback.temperature, feedback.voltage):
-        assert array.shape == (int(told.sum()),)
-    members = range(len(family.ids))
-    assert all(int(row) in members for row in feedback.rows)
-    assert all(int(row) in (-1, *members) for row in commands)
-    assert all(answer.row in members and len(answer.data) == 4 for answer in answers)
-    assert (before == frames).all()
-    assert not np.isinf(np.concatenate([feedback.position, feedback.velocity, feedback.effort])).any()
-    assert (np.isnan(commanded) | (commands >= 0)).all()
+def heard(channel: Channel, count: int) -> Frames:
+    """What a channel hears until `count` frames are there, in real time."""
+    clock, parts, total = MonotonicClock(), [cycle(0)], 0
+    deadline = clock.now() + 5.0
+    while total < count and clock.now() < deadline:
+        clock.wait([channel], deadline)
+        parts.append(channel.receive(clock.now()))
+        total += len(parts[-1])
+    return np.concatenate(parts)

@@ -1,0 +1,358 @@
+"""The kernel's CAN by python-can: full queues by how long, lost interfaces, error frames, the link itself."""
+
+import errno
+import os
+import socket
+import struct
+from collections.abc import Iterator
+from math import inf
+from pathlib import Path
+
+import pytest
+from can.interfaces.socketcan import socketcan
+from can_frames import cycle, heard, mixed
+
+from twind_drivers.bus import PortError, PortFull
+from twind_drivers.can import link, python_can
+from twind_drivers.can.channel import Line
+from twind_drivers.can.frame import REMOTE, payload
+from twind_drivers.can.ports import open_channel
+from twind_drivers.can.python_can import PythonCanChannel
+
+NOWHERE = "can-none"  # an interface that no machine has: 8 characters, so the kernel looks for it
+
+
+# The kernel's own CAN is not to be had everywhere, so here its socket alone is another: the code path of
+# python-can's socketcan and ours are the real ones.
+
+
+class Wire:
+    """What every socket of one test does."""
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+        self.refuses = 0  # errno of every send
+        self.fails = 0  # errno of every reading
+        self.gone = 0  # errno of every bind
+        self.room = 10**9  # frames until the queue is full
+        self.sockets: list[CanSocket] = []
+
+    def socket(self) -> "CanSocket":
+        self.sockets.append(CanSocket(self))
+        return self.sockets[-1]
+
+    def say(self, id: int, data: bytes) -> None:
+        """A frame from the wire, or of the controller."""
+        record = struct.pack("<IB3x8s", id, len(data), data)
+        self.sockets[-1].theirs.send(record)
+
+
+class CanSocket:
+    """As a raw CAN socket behaves, over a pair of local ones."""
+
+    def __init__(self, wire: Wire) -> None:
+        self.wire = wire
+        self.ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+    def setsockopt(self, *arguments: object) -> None:
+        return
+
+    def bind(self, address: tuple[str]) -> None:
+        if self.wire.gone:
+            self.close()
+            raise OSError(self.wire.gone, os.strerror(self.wire.gone))
+
+    def fileno(self) -> int:
+        return self.ours.fileno()
+
+    def send(self, data: bytes) -> int:
+        if self.wire.refuses:
+            raise OSError(self.wire.refuses, os.strerror(self.wire.refuses))
+        if len(self.wire.sent) >= self.wire.room:
+            raise OSError(errno.ENOBUFS, os.strerror(errno.ENOBUFS))
+        self.wire.sent.append(data)
+        return len(data)
+
+    def recvmsg(self, size: int, room: int) -> tuple[bytes, list[tuple[int, int, bytes]], int, object]:
+        if self.wire.fails:
+            raise OSError(self.wire.fails, os.strerror(self.wire.fails))
+        stamp = (socket.SOL_SOCKET, 35, struct.pack("@ll", 0, 0))  # SO_TIMESTAMPNS
+        return self.ours.recv(size), [stamp], 0, (NOWHERE,)
+
+    def close(self) -> None:
+        self.ours.close()
+        self.theirs.close()
+
+
+@pytest.fixture
+def wire(monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
+    wire = Wire()
+    monkeypatch.setattr(socketcan, "create_socket", wire.socket)
+    yield wire
+    for each in wire.sockets:
+        each.close()
+
+
+def opened() -> PythonCanChannel:
+    channel = open_channel(f"can:socketcan:{NOWHERE}", 1_000_000)
+    assert isinstance(channel, PythonCanChannel)
+    return channel
+
+
+def test_frames_cross_a_raw_socket_as_the_kernel_lays_them_out(wire: Wire) -> None:
+    channel = opened()
+    assert channel.fileno() == wire.sockets[0].fileno()
+    channel.send(mixed(), 0.0)
+    assert b"".join(each[:5] + each[8:] for each in wire.sent) == b"".join(
+        row.tobytes()[:5] + row.tobytes()[8:] for row in mixed()
+    )
+    for row in mixed():
+        wire.say(int(row["id"]), payload(row) if not int(row["id"]) & REMOTE else bytes(int(row["size"])))
+    assert channel.receive(0.1).tobytes() == mixed().tobytes()
+    channel.close()
+
+
+def test_a_full_queue_is_congestion_for_a_second_then_the_bus_is_dead_and_emptied(wire: Wire) -> None:
+    channel = opened()
+    wire.refuses = errno.ENOBUFS
+    for tick in range(100):
+        with pytest.raises(PortFull, match="full after 0 of 24 frames") as full:
+            channel.send(cycle(24), tick * 0.01)
+        assert not full.value.lost
+        assert channel.condition.line is (Line.OFF if tick >= 10 else Line.ACTIVE)
+    assert channel.condition.refused == 2400
+    with pytest.raises(PortError, match=r"taken nothing for 1\.0 s.*powered") as lost:
+        channel.send(cycle(24), 1.001)
+    assert lost.value.lost
+    assert len(wire.sockets) == 2  # closed and opened again
+    assert wire.sockets[0].ours.fileno() == -1
+    assert "could not be taken down and up" in channel.warning  # nothing of that name: its queue is not ours
+    assert "ip link set can-none down" in channel.warning
+    channel.close()
+
+
+def test_a_link_goes_down_and_up_only_where_frames_may_wait_and_once_a_second(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    downs: list[str] = []
+    monkeypatch.setattr(python_can, "restart", lambda name: downs.append(name) or "")
+    channel = opened()
+    channel.purge()
+    wire.say(1, b"")
+    channel.receive(0.0)
+    channel.send(cycle(4), 0.01)
+    channel.purge()  # somebody was there when it was sent
+    assert downs == []
+    channel.send(cycle(4), 0.2)  # nobody has been heard for a while
+    channel.purge()
+    assert downs == [NOWHERE]
+    channel.send(cycle(4), 0.3)
+    channel.purge()
+    assert downs == [NOWHERE]  # it takes long
+    channel.close()
+    assert downs == [NOWHERE] * 2  # but nothing is left behind
+    channel = opened()
+    channel.send(cycle(4), 5.0)
+    wire.say(1, b"")
+    channel.receive(5.01)  # somebody is there: it has left
+    channel.close()
+    assert downs == [NOWHERE] * 2
+
+
+def test_a_queue_that_drains_in_time_is_never_lost(wire: Wire) -> None:
+    channel, dropped = opened(), 0
+    for tick in range(500):
+        wire.refuses = errno.ENOBUFS if tick % 50 < 40 else 0
+        try:
+            channel.send(cycle(24), tick * 0.01)
+        except PortFull:
+            dropped += 1
+    assert dropped == 400
+    assert channel.condition.refused == 400 * 24
+    assert channel.condition.line is Line.ACTIVE
+    channel.close()
+
+
+def test_a_queue_that_takes_a_part_of_a_cycle_is_no_dead_one(wire: Wire) -> None:
+    channel = opened()
+    for tick in range(300):
+        wire.room = len(wire.sent) + 3
+        with pytest.raises(PortFull, match="full after 3 of 24"):
+            channel.send(cycle(24), tick * 0.01)
+    assert channel.condition.refused == 300 * 21
+    channel.close()
+
+
+def test_full_without_a_number_is_full_as_well(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+    channel = opened()
+    never = lambda reading, writing, failing, timeout: (reading, [], [])  # noqa: E731 - a socket nobody may write
+    with monkeypatch.context() as patch:
+        patch.setattr(socketcan.select, "select", never)
+        with pytest.raises(PortFull):
+            channel.send(cycle(1), 0.0)
+    channel.send(cycle(1), 0.01)
+    assert len(wire.sent) == 1
+    channel.close()
+
+
+GONE = [errno.ENODEV, errno.ENXIO, errno.ENETDOWN, errno.ENETUNREACH, errno.EBADF]
+
+
+@pytest.mark.parametrize("number", GONE)
+def test_an_interface_that_goes_is_lost_at_once_by_either_way(wire: Wire, number: int) -> None:
+    channel = opened()
+    wire.refuses = number
+    with pytest.raises(PortError, match=r"send failed.*interface down, or adapter unplugged") as lost:
+        channel.send(cycle(1), 0.0)
+    assert lost.value.lost
+    wire.say(1, b"")
+    wire.fails = number
+    with pytest.raises(PortError, match=r"receive failed.*interface down, or adapter unplugged") as lost:
+        channel.receive(0.0)
+    assert lost.value.lost
+    channel.close()
+
+
+def test_a_socket_that_was_closed_under_us_is_lost(wire: Wire) -> None:
+    channel = opened()
+    wire.sockets[0].close()
+    assert channel.arrival() == -inf
+    with pytest.raises(PortError) as lost:
+        channel.receive(0.0)
+    assert lost.value.lost
+    with pytest.raises(PortError) as lost:
+        channel.send(cycle(1), 0.0)
+    assert lost.value.lost
+    channel.close()
+
+
+ERROR_FLAG = 0x20000000
+
+
+@pytest.mark.parametrize(
+    ("id", "data", "line"),
+    [
+        (0x004, {1: 0x10}, Line.PASSIVE),
+        (0x004, {1: 0x20}, Line.PASSIVE),
+        (0x004, {1: 0x3C}, Line.PASSIVE),
+        (0x004, {1: 0x08}, Line.ACTIVE),  # the warning level alone
+        (0x004, {1: 0x01}, Line.ACTIVE),  # an overflow says nothing
+        (0x040, {}, Line.OFF),
+        (0x044, {1: 0x20}, Line.OFF),
+        (0x080, {}, Line.ACTIVE),
+    ],
+)
+def test_error_frames_are_the_condition_and_never_data(
+    wire: Wire, id: int, data: dict[int, int], line: Line
+) -> None:
+    channel = opened()
+    wire.say(ERROR_FLAG | id, bytes(data.get(place, 0) for place in range(8)))
+    wire.say(0x11, b"\1")
+    assert channel.receive(0.0)["id"].tolist() == [0x11]
+    assert (channel.condition.line, channel.condition.errors) == (line, 1)
+    channel.close()
+
+
+@pytest.mark.parametrize(("id", "place", "bits"), [(0x100, 0, 0), (0x004, 1, 0x40), (0x008, 2, 0x40)])
+def test_a_controller_that_is_back_is_told(wire: Wire, id: int, place: int, bits: int) -> None:
+    channel = opened()
+    wire.say(ERROR_FLAG | 0x040, bytes(8))
+    channel.receive(0.0)
+    assert channel.condition.line is Line.OFF
+    wire.say(0x11, b"\1")  # a frame that was taken before says nothing of a controller that has left
+    channel.receive(0.0)
+    assert channel.condition.line is Line.OFF
+    wire.say(ERROR_FLAG | id, bytes(bits if each == place else 0 for each in range(8)))
+    channel.receive(0.0)
+    assert channel.condition.line is Line.ACTIVE
+    channel.close()
+
+
+def test_an_interface_that_is_not_there_is_said_with_the_remedy(wire: Wire) -> None:
+    wire.gone = errno.ENODEV
+    with pytest.raises(PortError, match=r"no such CAN interface.*ip link set can-none up type can") as absent:
+        opened()
+    assert not absent.value.lost
+
+
+def test_a_bus_that_does_not_come_back_from_a_purge_is_lost(wire: Wire) -> None:
+    channel = opened()
+    wire.gone = errno.ENODEV
+    with pytest.raises(PortError, match="no such CAN interface") as lost:
+        channel.purge()
+    assert lost.value.lost
+    with pytest.raises(PortError, match="closed"):
+        channel.send(cycle(1), 0.0)
+
+
+def test_a_kernel_without_can_is_named() -> None:
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError as error:
+        assert error.errno == errno.EAFNOSUPPORT  # noqa: PT017 - what this machine says decides
+        with pytest.raises(PortError, match="this kernel has no CAN; `sudo modprobe can_raw`"):
+            opened()
+    else:
+        pytest.skip("this kernel has CAN")
+
+
+def test_a_real_interface_passes_frames_between_two_sockets() -> None:
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError as error:
+        pytest.skip(f"no AF_CAN here: {error.strerror}")
+    if not link.present("vcan0"):
+        pytest.skip("no vcan0 here")
+    one, other = (open_channel("can:socketcan:vcan0", 1_000_000) for _ in range(2))
+    one.send(mixed(), 0.0)
+    assert heard(other, 12).tobytes() == mixed().tobytes()
+    one.close()
+    other.close()
+
+
+def test_an_interface_that_python_can_does_not_know_is_named() -> None:
+    with pytest.raises(PortError, match="python-can cannot drive 'telepathy'"):
+        open_channel("can:telepathy:x", 1_000_000)
+
+
+# ------------------------------------------------------------------------------------- the kernel's interface
+
+
+def test_a_long_queue_is_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(link, "INTERFACES", tmp_path)
+    for name, length, kind in (("can0", 1000, 280), ("can1", 10, 280), ("eth0", 1000, 1)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "tx_queue_len").write_text(f"{length}\n")
+        (tmp_path / name / "type").write_text(f"{kind}\n")
+    assert "1000 frames" in link.long_queue("can0")
+    assert "ip link set can0 txqueuelen 48" in link.long_queue("can0")
+    assert link.long_queue("can1") == link.long_queue(NOWHERE) == ""
+    assert link.interfaces() == ["can0", "can1"]
+
+
+APART = """
+import ctypes, os, sys
+if ctypes.CDLL(None, use_errno=True).unshare(0x10000000 | 0x40000000):  # a user and a network of its own
+    print("denied"); sys.exit()
+from twind_drivers.can.link import restart
+import fcntl, socket
+from twind_drivers.can.link import FLAGS, REQUEST
+def up():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        return REQUEST.unpack(fcntl.ioctl(asking, FLAGS, REQUEST.pack(b"lo", 0)))[1] & 1
+before = up(); said = restart("lo"); print(before, repr(said), up(), repr(restart("none")))
+"""
+
+
+@pytest.mark.realtime
+def test_an_interface_goes_down_and_up_where_it_is_permitted() -> None:
+    """In a network of its own: `lo` starts there down."""
+    import subprocess
+    import sys
+
+    done = subprocess.run([sys.executable, "-c", APART], capture_output=True, text=True, check=True)
+    if done.stdout.strip() == "denied":
+        pytest.skip("no network of our own to be had here")
+    before, said, after, *rest = done.stdout.split(" ", 3)
+    assert (before, said, after) == ("0", "''", "1")
+    assert "No such device" in rest[0]
