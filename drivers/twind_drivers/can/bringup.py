@@ -10,7 +10,7 @@ import numpy as np
 
 from twind_drivers.bus import Bools, Burst, DeviceRefused, Floats, Ints, NoReply, Read, Script, Write
 from twind_drivers.can.commands import Commands
-from twind_drivers.can.family import Family, Parameter, Special
+from twind_drivers.can.family import Family, Parameter
 from twind_drivers.can.fleet import Fleet
 from twind_drivers.can.orders import STATE, decode, encode
 
@@ -80,7 +80,7 @@ def _clear_faults(own: Commands, ticks: Ints) -> Script[None]:
     state = own.reader.registers
     faulty = state.fault > 0
     everybody = np.ones(len(ticks), np.bool_)
-    yield Burst((own.order(ticks, everybody, soft=False), *_clear(own, faulty)))
+    yield Burst((own.order(ticks, everybody, soft=False), *own.clear_faults(faulty)))
     for _ in range(TRIES):
         if not (state.fault[faulty] > 0).any():
             return
@@ -90,16 +90,6 @@ def _clear_faults(own: Commands, ticks: Ints) -> Script[None]:
         f"fault bits {int(state.fault[row]):#x} stay though cleared: find the cause, switch it off and on"
     )
     raise DeviceRefused(own.reader.name, own.reader.ids[row], "fault", reason)
-
-
-def _clear(own: Commands, faulty: Bools) -> list[Write]:
-    able = faulty.copy()
-    for row in np.flatnonzero(faulty).tolist():
-        try:
-            own.fleet.special(row, Special.CLEAR)
-        except ValueError:  # it has no such order: then its fault stays, and is told
-            able[row] = False
-    return [own.special(Special.CLEAR, able)] if able.any() else []
 
 
 def _watch(own: Commands, required: Bools) -> Script[Bools]:

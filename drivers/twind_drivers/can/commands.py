@@ -141,6 +141,16 @@ class Commands:
         """An order without a value to `rows` (m,)."""
         return Write({self.reader.ids[row]: b"" for row in _places(rows)}, ADDRESS[what])
 
+    def clear_faults(self, rows: Bools) -> tuple[Write, ...]:
+        """Faults of `rows` (m,) forgotten, where there is such an order; the others stay, and are told."""
+        able = rows.copy()
+        for row in _places(rows):
+            try:
+                self.fleet.special(row, Special.CLEAR)
+            except ValueError:
+                able[row] = False
+        return (self.special(Special.CLEAR, able),) if able.any() else ()
+
     def gains(self, *, soft: bool = False) -> Write:
         """Gains to all whose commands do not carry them."""
         values = self.values(np.clip(0, self.lower, self.upper), soft=soft)[2:4]

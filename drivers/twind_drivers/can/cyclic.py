@@ -110,9 +110,9 @@ class Cyclic:
         self.proven = self._clean >= SURE
 
     def _take(self, heard: Heard, believed: Bools, now: float) -> None:
+        self.barred |= self.energised & self.watched & (now - self._heard_at >= DEAD)
         self.place[believed] = heard.position[believed]
         self._heard_at[believed] = now
-        self.barred |= self.energised & self.watched & (now - self._heard_at >= DEAD)
         if self._line.dead(now):
             self.barred |= self.energised
 
@@ -122,11 +122,12 @@ class Cyclic:
         heard = self._line.heard.count > 0
         self.attendance.missed(heard, could & self.attendance.asked, now)
         if self.attendance.parked:
-            for row in np.flatnonzero((heard | self._line.late) & ~self.attendance.asked).tolist():
+            for row in np.flatnonzero(self._line.spoke & ~self.attendance.asked).tolist():
                 self.attendance.back(row, now)
         elif could.any() and heard[could].all():
             self.attendance.whole()
         self._line.asked = self.attendance.asked
+        self._line.spoke.fill(False)
         return asked
 
     def note(self, heard: Heard, now: float) -> Bools:

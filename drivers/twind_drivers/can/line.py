@@ -80,14 +80,14 @@ class Line:
         self.asked: Bools = np.ones(len(fleet), np.bool_)  # whose answers are waited for
         self.heard = Heard.nothing(len(fleet))  # in the present transaction
         self.expect: Ints = np.zeros(len(fleet), np.int64)  # of it, urgent orders and goals included
-        self.aside: Heard | None = None  # what came after the last one had ended, if anything ...
-        self.late: Bools = np.zeros(len(fleet), np.bool_)  # ... and from whom
+        self.aside: Heard | None = None  # what came after the last one had ended, if anything
+        self.spoke: Bools = np.zeros(len(fleet), np.bool_)  # who said anything since the last sample
         self.exchange: Exchange | None = None
         self._leaves: Goals | None = None
         self._done = True
         self._busy = -inf  # s, until when our own frames are still going out
         self._frames: list[Frames] = []
-        self._count = self._wanted = 0
+        self._count = self._wanted = self._sent_frames = 0
         self._looked = -1  # frames that `heard` was made of
         self._owed = np.full(len(fleet), -inf)  # s, until when an answer may still come late
         self._silent_since = inf  # s, of the first question since anybody was heard
@@ -125,8 +125,10 @@ class Line:
             goals = self.goals = None
         return goals.rows if goals is not None else np.zeros(len(self.fleet), np.bool_)
 
-    def send(self, exchange: Exchange, now: float, *, goals: bool = False) -> None:
+    def send(self, exchange: Exchange, now: float, *, goals: bool = False, order: bool = False) -> None:
         """Begin a transaction: late frames of the last one are dropped, then everything leaves.
+
+        `goals`: those that are pending go before it. `order`: it is sent on a dead line too.
 
         Raises PortError; PortFull when the queue was still full: it is purged, goals are dropped, an urgent
         order is sent later.
@@ -134,7 +136,7 @@ class Line:
         self.exchange, self._done, self.strays = None, True, 0
         self._look_back(self.channel.receive(now), now)
         if self.dead(now):
-            exchange = self._revive(exchange, now, cyclic=goals)
+            exchange = self._revive(exchange, now, order=order)
         lead, rows = self._lead(goals)
         expect = exchange.expect + np.where(self.fleet.replies, rows, 0)
         try:
@@ -169,15 +171,15 @@ class Line:
         self._leaves = found
         return found.frames, found.rows.astype(np.int64)
 
-    def _revive(self, exchange: Exchange, now: float, *, cyclic: bool) -> Exchange:
+    def _revive(self, exchange: Exchange, now: float, *, order: bool) -> Exchange:
         """A dead line: nothing old waits in it, and ten times a second it is asked."""
         self.void()
-        if now - self._purged >= DEAD:
+        if order or len(self.urgent) or now - self._purged >= DEAD:
             self._purged = now
             self.channel.purge()
             self._thrown_away()
             return exchange
-        return Exchange(NOTHING, np.zeros(len(self.fleet), np.int64)) if cyclic else exchange
+        return Exchange(NOTHING, np.zeros(len(self.fleet), np.int64))
 
     def _thrown_away(self) -> None:
         """What waited in the port is gone, an urgent order perhaps too."""
@@ -189,9 +191,10 @@ class Line:
     def _begin(self, exchange: Exchange, lead: Frames, expect: Ints, now: float) -> None:
         self.exchange, self.sent, self.received, self.expect = exchange, now, now, expect
         self._frames, self._count, self._looked = [], 0, -1
+        self._sent_frames = len(lead) + len(exchange.frames)
         self._wanted = int(expect[self.asked].sum()) + len(exchange.registers)
         waits = exchange.waits or self._wanted > 0
-        self._done = not waits
+        self._done = not waits and not len(lead) and not len(exchange.frames)
         begin, ahead = max(now, self._busy), bits(lead)
         self._busy = begin + (ahead + bits(exchange.frames)) / self.bitrate
         ahead += int((expect - exchange.expect).sum()) * (EXTENDED_BITS if len(lead) else 0)
@@ -208,15 +211,26 @@ class Line:
             self.received = now
             self._frames.append(got)
             self._count += len(got)
-            if self._count >= self._wanted:
-                self._done = self._complete(self.exchange)
+        if self._count >= self._wanted and (len(got) or now >= self.deadline):
+            self._done = self._complete(self.exchange) and self._left(now)
         return self._done
+
+    def _left(self, now: float) -> bool:
+        """Our own frames are out: each answered, or there was time for them and for what was heard.
+
+        Else the transaction ends when they are: what follows would find the adapter busy.
+        """
+        if len(self._decode().answers) + int(self.heard.count.sum()) >= self._sent_frames:
+            return True
+        self.deadline = min(self.deadline, self._busy + self._count * EXTENDED_BITS / self.bitrate)
+        return now >= self.deadline
 
     def end(self) -> Exchange | None:
         """End the transaction; what was heard stands in `heard` until the next one. Never raises."""
         exchange, self.exchange, self._done = self.exchange, None, True
         if exchange is not None:
             heard = self._decode()
+            self.spoke |= heard.count > 0
             self._judge(heard, self._surplus(exchange, heard), self.sent)
             self._owed[self._short(exchange, heard)] = self.sent + LATE
             if heard.count.any() or heard.answers:
@@ -251,14 +265,13 @@ class Line:
         self.strays += max(0, self._errors - before)
         self.aside = None
         if not len(frames):
-            self.late = np.zeros(len(self.fleet), np.bool_)
             return
         heard = self.aside = self.fleet.hear(frames)
-        self.late = heard.count > 0
+        self.spoke |= heard.count > 0
         surplus = np.where(self.fleet.replies, heard.count, 0)
         np.add.at(surplus, [each.row for each in heard.answers if not heard.count[each.row]], 1)
         self._judge(heard, surplus, now)
-        if self.late.any():
+        if heard.count.any():
             self._silent_since = inf
 
     def _surplus(self, exchange: Exchange, heard: Heard) -> Ints:

@@ -138,7 +138,7 @@ class CanReader:
     def start(self, request: Request, exchange: Exchange, now: float) -> None:
         """Begin a transaction whose frames are made. Raises PortError."""
         self._query = None
-        self.line.send(exchange, now)
+        self.line.send(exchange, now, order=not isinstance(request, Ping | Read))
         self._overhear(now)
         self._query = request
 

@@ -12,9 +12,9 @@ from math import pi
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Burst, DeviceRefused, Floats, NoReply, Read, Script
+from twind_drivers.bus import Bools, Burst, DeviceRefused, Floats, NoReply, Read, Script, Write
 from twind_drivers.can.commands import Commands
-from twind_drivers.can.family import Special
+from twind_drivers.can.family import SILENCE, Special
 from twind_drivers.can.orders import STATE
 from twind_drivers.can.units import COUNT
 
@@ -70,13 +70,20 @@ def _told(own: Commands, on: bool, before: Floats | None) -> Script[None]:
         asked = wrong & answering
         if asked.any() and look < TRIES:
             again = own.order(own.aim, asked, soft=True) if on and own.aim is not None else None
-            yield Burst((again or own.special(Special.DISABLE, asked),))
+            yield Burst((again,) if again is not None else _off(own, asked))
         elif (wrong & ~answering).any():
             yield Read(tuple(own.by_id(wrong & ~answering)), STATE, 3)
         else:
             break
         spoke = own.line.heard.count > 0
     _refuse(own, state.torque != on, on)
+
+
+def _off(own: Commands, rows: Bools) -> tuple[Write, ...]:
+    """Off, once more. Who lost his master says only that, so he has to forget it before he tells."""
+    lost = rows & (own.reader.registers.fault == SILENCE)
+    off = own.special(Special.DISABLE, rows)
+    return (off, *own.clear_faults(lost), off)
 
 
 def _refuse(own: Commands, wrong: Bools, on: bool) -> None:

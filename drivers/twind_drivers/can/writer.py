@@ -117,16 +117,20 @@ class CanWriter:
         return bringup.prepare(self._own, ticks, self._required, self._limits)
 
     def aim(self, ticks: Ints) -> Script[None]:
-        """Command `ticks` (m,), acknowledged. Raises NoReply, WireClamp."""
+        """Command `ticks` (m,), acknowledged where a family does that. Raises NoReply, WireClamp."""
         own = self._own
         own.hold(ticks)
         own.aim = ticks.copy()
-        silent = own.fleet.replies.copy()
+        silent = np.ones(len(ticks), np.bool_)
         waited = 0.0
         for _ in range(TRIES):
             reply = yield Burst((own.order(ticks, silent),))
             waited += reply.waited
             silent &= ~own.rows(reply.data)
+            mute = silent & ~own.fleet.replies
+            if mute.any():  # acknowledges nothing: that it is there is all that can be known
+                reply = yield Read(tuple(own.by_id(mute)), STATE, 3)
+                silent &= ~own.rows(reply.data)
             if not silent.any():
                 return
         raise NoReply(self._name, own.by_id(silent), waited, "goal")
