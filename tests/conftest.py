@@ -8,7 +8,12 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # tests/rig.py and its like
 
+from hypothesis import settings
 from rig import Rig
+
+# How long an example takes says how busy the machine is: no test here claims it.
+settings.register_profile("twind", deadline=None)
+settings.load_profile("twind")
 
 
 @pytest.fixture

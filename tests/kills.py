@@ -21,7 +21,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from processes import Daemon, Virtual, robot, until
+from processes import BUSY, Daemon, Virtual, robot, until
 
 from twind.client import Client, ClientError, Disconnected, NoDaemon, Refused
 
@@ -31,7 +31,6 @@ NEAR = 40  # counts between the goal of a motion that succeeded and the joint, w
 JOINT, PLACE = "head_pitch", 1  # who moves, and its place among the servos
 TICKS_PER_RAD = 4096 / 6.283185307179586
 TRIES = 5
-BUSY = {"BUS_ERRORS", "LOOP_LATE", "STATE_STALE"}  # what a machine with too little time makes of a bus
 PHASES = ("holding", "moving", "streaming", "arming", "settling", "stopping", "disarmed")
 
 

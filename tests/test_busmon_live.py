@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 from busmon.started import Relayed, relayed
-from processes import Daemon, Virtual, robot, until
+from processes import BUSY, Daemon, Virtual, arm, favour, robot, until
 
-from twind.client import CallError, Client, Refused
+from twind.client import CallError, Client
 from twind.config.robot_file import load_robot
 
 pytestmark = pytest.mark.realtime
@@ -23,6 +23,7 @@ def watched() -> Iterator[tuple[Virtual, Path, Relayed]]:
         file = load_robot("h24").path
         observe = folder / "run" / "observe.sock"
         with relayed(folder, virtual.ports["main"], file, virtual.calibration, observe=observe) as relay:
+            favour(relay.process)
             try:
                 yield virtual, folder, relay
             finally:
@@ -42,22 +43,6 @@ def daemon(virtual: Virtual, folder: Path, relay: Relayed, mode: str = "live") -
         running.process.wait(10)
 
 
-def arm(client: Client) -> None:
-    """Once the first readings of temperature and voltage are there."""
-
-    def try_it() -> bool:
-        try:
-            client.call("AcquireLease")
-            client.call("Arm")
-        except Refused as refused:
-            print(refused)
-            time.sleep(0.2)
-            return False
-        return True
-
-    until(try_it, 10.0, "armed")
-
-
 def nod(client: Client, seconds: float, most: float = 1.1) -> None:
     """Head and elbow away and back; left when that far, or when it has ended."""
     names = ["head_pitch", "l_elbow"]
@@ -67,7 +52,7 @@ def nod(client: Client, seconds: float, most: float = 1.1) -> None:
     ]
     for said in client.stream("SubmitTrajectory", trajectory={"joint_names": names, "points": points}):
         if said["phase"] == "aborted":  # a busy machine drops answers of the virtual servos: the motion holds
-            assert {each["code"] for each in said["findings"]} <= {"BUS_ERRORS", "LOOP_LATE", "STATE_STALE"}
+            assert {each["code"] for each in said["findings"]} <= BUSY
         if said["progress"] > most:
             break
 

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import Daemon, Virtual, daemon, robot, until
+from processes import Daemon, Virtual, arm, daemon, go, patiently, robot, until
 
 from twind.client import Client, Refused
 
@@ -23,11 +23,6 @@ def moved(virtual: Virtual, before: list[float]) -> float:
     return max(abs(now - then) for now, then in zip(places(virtual), before, strict=True))
 
 
-def arm(client: Client) -> None:
-    client.call("AcquireLease")
-    client.call("Arm")
-
-
 def nod(seconds: float) -> dict[str, object]:
     """Away and back, slowly."""
     away = {"positions": [0.4], "time_from_start": seconds / 2}
@@ -35,13 +30,16 @@ def nod(seconds: float) -> dict[str, object]:
     return {"joint_names": ["head_pitch"], "points": [away, back]}
 
 
-def follow(client: Client, trajectory: dict[str, object], until_progress: float = 1.1) -> dict[str, object]:
-    """Follow a submission until it ends, or has come far enough; the last answer."""
-    last: dict[str, object] = {}
-    for last in client.stream("SubmitTrajectory", trajectory=trajectory):
-        if last["phase"] == "running" and last["progress"] > until_progress:
-            break
-    return last
+def follow(client: Client, trajectory: dict[str, object], until_progress: float) -> None:
+    """Begin a motion and follow it until it has come far enough, or has ended before."""
+
+    def begin() -> None:
+        client.call("AcquireLease")  # arming may have taken longer than it lasts
+        for answer in client.stream("SubmitTrajectory", trajectory=trajectory):
+            if answer["phase"] == "running" and answer["progress"] > until_progress:
+                break
+
+    patiently(begin)
 
 
 def test_sigkill_of_the_loop_stops_every_servo_by_its_own_watchdog_and_a_restart_moves_nothing() -> None:
@@ -103,7 +101,7 @@ def test_sigterm_lowers_the_robot_before_torque_goes_off() -> None:
                 "joint_names": ["r_shoulder_pitch"],
                 "points": [{"positions": [-0.8], "time_from_start": 1.0}],
             }
-            assert follow(client, path)["phase"] == "succeeded"
+            go(client, path)
             assert moved(virtual, rest) > 300
             assert running.end() == 0
         assert not any(servo["torque"] for servo in virtual.servos())

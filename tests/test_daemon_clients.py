@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from processes import Daemon, daemon, robot, until
+from processes import Daemon, arm, daemon, robot, until
 
 from twind.client import Client, NoDaemon, Refused
 from twind.client.errors import CallError
@@ -56,8 +56,7 @@ else:
 def armed(running: Daemon) -> None:
     running.reach(state="connected")
     with running.client() as client:
-        client.call("AcquireLease")
-        client.call("Arm")
+        arm(client)
         client.call("ReleaseLease")
 
 

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
-from processes import daemon, robot
+from processes import arm, daemon, robot
 from rig import Rig
 
 from twind import link
@@ -56,13 +56,12 @@ def test_a_calibration_that_is_rewritten_while_the_daemon_runs_refuses_to_arm() 
         text = virtual.calibration.read_text()
         virtual.calibration.write_text(text + "\n")
         with running.client() as client:
-            client.call("AcquireLease")
             with pytest.raises(Refused) as answer:
-                client.call("Arm")
+                arm(client)
             found = answer.value.findings
             assert [finding["code"] for finding in found] == ["CALIB_MISMATCH"]
             assert str(virtual.calibration) in found[0]["message"]
             virtual.calibration.write_text(text)
-            client.call("Arm")
+            arm(client)
             client.call("Disarm")
         assert running.end() == 0

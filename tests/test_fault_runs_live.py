@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fault_cases import CASES, FAULT, Case, healing, order
-from processes import Daemon, Virtual, daemon, robot
+from processes import Daemon, Virtual, daemon, patiently, robot
 
 from twind.client import CallError, Client, ClientError
 from twind.config.robot_file import load_robot
@@ -135,20 +135,25 @@ def arm_and_move(client: Client, running: Daemon) -> None:
     status = running.status()
     if not status["armed"] or status["faults"] or status["state"] != "armed":
         client.call("EStop", level="cut")
-        deadline = time.monotonic() + 10.0
+        deadline, last = time.monotonic() + 10.0, time.monotonic() + 60.0
         while True:
             with suppress(CallError):
                 client.call("Reset")
                 for joint in client.call("GetStatus", joints=True)["joints"]:
-                    if joint["faults"]:
+                    if joint["faults"]:  # perhaps all of them, one after the other
                         client.call("Reboot", bus=joint["bus"], id=joint["id"])
+                        deadline = min(time.monotonic() + 10.0, last)
                 client.call("AcquireLease")
                 client.call("Arm")
                 break
             assert time.monotonic() < deadline, running.status()
             time.sleep(0.05)
-    client.call("AcquireLease")
-    client.call("SubmitTrajectory", trajectory=to_and_fro())
+
+    def move() -> None:
+        client.call("AcquireLease")
+        client.call("SubmitTrajectory", trajectory=to_and_fro())
+
+    patiently(move)
 
 
 def test_what_monitor_shows_is_right_or_marked_whatever_goes_wrong(world: tuple[Virtual, Daemon]) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from processes import Virtual, daemon, robot
+from processes import Virtual, arm, daemon, robot
 
 from twind.client import Client
 
@@ -48,8 +48,7 @@ def test_a_bus_that_comes_back_under_another_name_is_found_by_its_link_and_nothi
         taken: list[int] = []
         with running.client() as client, running.client() as watcher:
             news = watcher.stream("Monitor", topics=["events"])
-            client.call("AcquireLease")
-            client.call("Arm")
+            arm(client)
             for away in (0.15, 0.4, 1.0):
                 name = os.readlink(stable)
                 virtual.order(fault="unplug", bus="upper")
