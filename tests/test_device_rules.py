@@ -78,6 +78,8 @@ def test_r09_on_can_more_bits_have_a_name_and_only_there(bits: int, said: str) -
     assert first == third
     assert f"hardware error: {words(bits, can=True)}: " in first
     assert said in words(bits, can=True)
+    assert first.endswith("reboot BUS ID`, or switch its power off and on")
+    assert second.endswith("reboot BUS ID`")
     assert f"hardware error: {words(bits)}: " in second
 
 

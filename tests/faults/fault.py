@@ -29,6 +29,7 @@ class Fault:
     real: Callable[[Ground], None] | None = None
     instead: str = ""
     also: Sequence[str] = ()  # may be told besides
+    world: type[World] | None = None  # None: that of a robot with servos alone
 
 
 @dataclass

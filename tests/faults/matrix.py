@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from faults import line, outside, port, servos, timing
+from faults import can_rows, line, outside, port, servos, timing
 from faults.fault import Fault
 from faults.real import REAL
 
-WITH_CAN = 38
 ONLY_REAL = {
     33: Fault(
         33,
@@ -26,10 +25,12 @@ ONLY_REAL = {
         "arming refused",
         instead="virtual: the daemon under the fake clock was given its files, it has read none",
     ),
-    WITH_CAN: Fault(WITH_CAN, "CAN bus off", ("CAN_BUS_STATE",), 0.1, "fault", instead="with CAN"),
 }
-ROWS = {row.number: row for module in (port, line, servos, timing, outside) for row in module.ROWS}
+ROWS = {row.number: row for module in (port, line, servos, timing, outside) for row in module.ROWS} | {
+    38: can_rows.ROW
+}
 NO_REAL = {
+    38: "real: not yet",
     4: "real: other servos behind the port are other files to read; the bytes are those of virtual time",
     23: "real: the collector is off in the process that ticks; tests/test_realtime.py holds it to that",
     30: "real: nobody may suspend this machine; a stopped process, row 25, is what it sees of it",

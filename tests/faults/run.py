@@ -18,7 +18,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from faults.fault import Fault, Outcome
-from faults.matrix import MATRIX, WITH_CAN
+from faults.matrix import MATRIX
 from faults.world import once
 
 OUT = Path(__file__).resolve().parents[2] / ".faults.json"
@@ -100,9 +100,6 @@ def main(arguments: list[str] | None = None) -> int:
     print(" ".join(HEAD))
     for number in rows:
         row = MATRIX[number]
-        if number == WITH_CAN:
-            print(f"{number}  {row.name}: {row.instead}")
-            continue
         for way, found in (("virtual", virtual(row, seeds)), ("real", real(row, reals))):
             if not found:
                 continue

@@ -61,7 +61,7 @@ class World(Robot):
 
     def behind(self, far: float, lasting: float, seconds: float = 8.0) -> float | None:
         """Time passes until a shaft has been that far (rad) from the last goal sent, and what a moving goal
-        may be ahead, for so long (s) without a break; when that began, or None."""
+        may be ahead, for so long (s) without a break, or until it is told; when that began, or None."""
         rig, since = self.rig, np.full(len(self.rig.truth), np.inf)
         before = rig.loop.written
         for _ in range(round(seconds / rig.loop.period)):
@@ -69,6 +69,8 @@ class World(Robot):
             if rig.loop.written is not None and before is not None:
                 ahead = LAG * np.abs(rig.loop.written - before) / rig.loop.period
                 far_off = np.abs(rig.loop.written - rig.truth) > far + ahead
+                if self.told(("FOLLOW_ERR",)) is not None:  # and a hold has closed the gap
+                    return float(min(since.min(), self.now))
                 since = np.where(far_off, np.minimum(since, self.now), np.inf)
                 if self.now - since.min() >= lasting:
                     return float(since.min())
@@ -264,7 +266,7 @@ class World(Robot):
 
 def once(fault: Fault, seed: int) -> Outcome:
     """One injection under the fake clock. An exception is a wrong outcome, with its seed."""
-    world = World(fault, seed)
+    world = (fault.world or World)(fault, seed)
     try:
         assert fault.virtual is not None
         fault.virtual(world)

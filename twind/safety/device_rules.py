@@ -84,6 +84,7 @@ class DeviceRules:
             bits = int(facts.fault[joint])
             named = words(bits, can=joint in self._can)
             message = f"hardware error: {named}: find the cause, disarm, then `twindctl reboot BUS ID`"
+            message += ", or switch its power off and on" if joint in self._can else ""
             value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
             finding = Finding(Code.SERVO_ALERT, joint, value=value, bound=bound, message=message)
             if ours(facts):
