@@ -173,23 +173,13 @@ class Loops:
         self._ceiling[at] = np.where(wanted, torque, self._ceiling[at])
         return np.select([wanted, mode == VELOCITY, mode == PWM], [0.0 * goal, speed, goal], angle)
 
-    def impede(
-        self,
-        at: Places,
-        on: Bools,
-        position: Floats,
-        velocity: Floats,
-        kp: Floats,
-        kd: Floats,
-        torque: Floats,
-        limit: Floats,
-    ) -> Floats:
+    def impede(self, at: Places, on: Bools, kp: Floats, kd: Floats, limit: Floats) -> None:
         """Motors `at` are CAN actuators: kp (position - q) + kd (velocity - v) + torque, within `limit`.
 
-        SI at the shaft; their current loop makes that torque whatever the back-EMF is. Both gains act
-        implicitly. Returns the controls of their actuators.
+        SI at the shaft; their current loop makes that torque whatever the back-EMF is. Damping acts
+        implicitly. `steer` must follow.
         """
-        model, ratio, way = self._model, self._ratio[at], self._way[at]
+        model, ratio = self._model, self._ratio[at]
         stiff, damp = (np.where(on, gain * ratio**2, 0.0) for gain in (kp, kd))
         most = np.where(on, limit * ratio, 0.0)
         model.actuator_gainprm[at, 0] = 1.0
@@ -198,9 +188,13 @@ class Loops:
         self._emf[at], self._each[at] = 0.0, False
         model.dof_damping[self.v[at]] = self._damping[at]
         self._live = np.flatnonzero(self._each)
-        angle = (position - self._zero[at] * self._angle[at]) / ratio * way
-        ahead = stiff * angle + damp * velocity / ratio * way + torque * ratio * way
-        return np.where(on, ahead, 0.0)
+
+    def steer(self, at: Places, position: Floats, velocity: Floats, torque: Floats) -> Floats:
+        """Where to, for those: the controls of their actuators, N·m at the joint."""
+        turn = self._ratio[at] * self._way[at]  # rad of the shaft per rad of the joint
+        stiff, damp = -self._model.actuator_biasprm[at, 1:3].T
+        angle = (position - self._zero[at] * self._angle[at]) / turn
+        return np.asarray(stiff * angle + damp * velocity / turn + torque * turn)
 
     def told(self, data: mujoco.MjData, at: Places) -> tuple[Floats, Floats, Floats]:
         """Shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m) of the motors `at`."""

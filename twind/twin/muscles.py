@@ -136,6 +136,7 @@ class ImpedancePart:
     def __init__(self, whole: MujocoMuscles, loops: Loops, at: Places) -> None:
         self._whole, self._loops, self._at = whole, loops, at
         self.position, self.velocity, self.torque = loops.told(whole.data, at)
+        self._gains = np.full((4, at.size), np.nan)  # on, kp, kd, limit as the physics has them
 
     def drive(
         self,
@@ -148,9 +149,11 @@ class ImpedancePart:
         limit: Floats,
     ) -> None:
         """The last command of each (rad, rad/s, N·m/rad, N·m·s/rad, N·m), within `limit` N·m."""
-        self._whole.data.ctrl[self._at] = self._loops.impede(
-            self._at, on, position, velocity, kp, kd, torque, limit
-        )
+        gains = np.stack([on, kp, kd, limit])
+        if not np.array_equal(gains, self._gains):
+            self._gains = gains
+            self._loops.impede(self._at, on, kp, kd, limit)
+        self._whole.data.ctrl[self._at] = self._loops.steer(self._at, position, velocity, torque)
 
     def block(self, held: Bools) -> None:
         """Joints that something holds fast."""

@@ -16,6 +16,7 @@ from twind_drivers.dynamixel.packet import LAST_ID
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.can.bus import VirtualCanBus
+from twind_drivers.virtual.can.controller import CanAdapter
 from twind_drivers.virtual.can.muscles import CanMuscles
 from twind_drivers.virtual.can.spec import NodeSpec
 from twind_drivers.virtual.muscles import FirstOrder, Muscles
@@ -28,6 +29,9 @@ MIDDLE, SPREAD = 2048, 400  # ticks: where such servos stand, and how far from t
 PLUGGED = 20_000  # ms: they got power one by one in the time before
 BITRATE = 1_000_000  # bit/s of a CAN bus
 FACTORY_BAUD = 57600  # e-manual, "Baud Rate": the default of the X series
+USB = (
+    0.001  # s, a frame of full-speed USB: a CAN adapter hands over then what has come, so nobody wakes often
+)
 
 
 class SpecimenError(Exception):
@@ -156,10 +160,16 @@ def can_bus(
     now: float = 0.0,
 ) -> VirtualCanBus:
     """One CAN bus. Raises SpecimenError for a family or model that is not simulated."""
-    timing = line.wire_timing
     try:
         return VirtualCanBus(
-            name, nodes, muscles, bitrate=bitrate, wire_timing=timing, now=now, seed=line.seed
+            name,
+            nodes,
+            muscles,
+            bitrate=bitrate,
+            wire_timing=line.wire_timing,
+            now=now,
+            adapter=CanAdapter(batch=USB if line.wire_timing else 0.0),
+            seed=line.seed,
         )
     except (KeyError, ValueError) as error:
         raise SpecimenError(f"bus {name}: {error.args[0]}") from None

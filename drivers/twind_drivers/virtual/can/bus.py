@@ -3,7 +3,7 @@
 Whoever serves bytes (a pseudo-terminal, `virtual.loopback`) uses it as the bus of serial servos.
 """
 
-from math import inf
+from math import ceil, inf, isfinite
 
 from twind_drivers.virtual.can.line import CanLine
 
@@ -14,6 +14,7 @@ class VirtualCanBus(CanLine):
     kind = "can"
     _held = b""  # the host has sent it while the adapter is stalled
     _said_back = b""  # answers of the adapter to the host's lines
+    _said_at = -inf  # s, when the first of those was given
 
     @property
     def backlog(self) -> int:
@@ -34,12 +35,21 @@ class VirtualCanBus(CanLine):
         if self.faults.stalled:
             self._held = data
         else:
+            self._said_at = self._said_at if self._said_back else now
             self._said_back += self.text.hear(data, now)
 
     def due(self) -> float:
-        """As `CanLine.due`, for text."""
-        ready = self._said_back or (self._held and not self.faults.stalled)
-        return -inf if ready else super().due()
+        """As `CanLine.due`, for text: the adapter hands over what has come at the next batch."""
+        if self._held and not self.faults.stalled:
+            return -inf
+        controller = self.controller
+        batch = controller.adapter.batch
+        if not batch:
+            return -inf if self._said_back else super().due()
+        first = controller.since if controller.inbox else super().due()
+        if self._said_back:
+            first = min(first, self._said_at)
+        return ceil(first / batch - 1e-6) * batch if isfinite(first) else first
 
     def take(self, now: float) -> bytes:
         """Text that has arrived at the host by `now`."""
@@ -48,6 +58,10 @@ class VirtualCanBus(CanLine):
             return b""
         if self._held:
             self.receive(b"", now)
+        if self.controller.adapter.batch:
+            self._run(now)
+            if self.due() > now:
+                return b""
         heard = self._arrived(now)
         said, self._said_back = self._said_back, b""
         return said + self.text.print(heard)

@@ -6,6 +6,7 @@ Error frames are those of linux/can/error.h; a kernel socket gives them to the h
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 
 from twind_drivers.can.frame import ERROR
 from twind_drivers.virtual.can.message import Message
@@ -24,6 +25,7 @@ class CanAdapter:
     queue: int = 64  # frames that it takes beyond those that have left
     keeps: bool = False  # closing the channel leaves them in it; they go out when it is opened again
     acknowledges: bool = True  # slcan: a line that was taken is answered with z or Z
+    batch: float = 0.0  # s: text comes to the host at whole multiples, 1 ms over full-speed USB; 0: at once
 
 
 class Controller:
@@ -36,6 +38,7 @@ class Controller:
         self.wire, self.adapter, self.may_send = wire, adapter, may_send
         self.news, self.broken = True, 0  # what the bus must look at: anything; error frames to spend time on
         self.inbox: deque[Message] = deque()  # has arrived, error frames among it
+        self.since = -inf  # s, when the first of those came; -inf: at some time before
         self.refused = 0  # frames that it did not take
         self.rate = bitrate  # that the host has set
         self.listens_only = False
@@ -91,9 +94,10 @@ class Controller:
         there = self.plugged and self.up and not self.off and not self.cut
         return there and self.rate == self.wire.bitrate
 
-    def hear(self, message: Message) -> None:
+    def hear(self, message: Message, now: float) -> None:
         """A frame of somebody has passed the wire."""
         if self.sound():
+            self.since = self.since if self.inbox else now
             self.inbox.append(message)
 
     # ------------------------------------------------------------------------------------- errors
@@ -119,4 +123,5 @@ class Controller:
 
     def _tell(self, kind: int, detail: int = 0) -> None:
         if self.up and self.plugged:
+            self.since = -inf
             self.inbox.append(Message(ERROR | kind, bytes([0, detail, 0, 0, 0, 0, 0, 0])))

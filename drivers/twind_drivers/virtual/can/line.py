@@ -18,6 +18,7 @@ from twind_drivers.virtual.can.text import SlcanText
 from twind_drivers.virtual.can.wire import HOST, CanWire
 from twind_drivers.virtual.history import History
 
+IDLE = 0.01  # s after which the muscles move though nobody asks
 STRANGER = -2  # sender: another master on the wire
 
 
@@ -52,6 +53,7 @@ class CanLine:
         self.faults = CanFaults(name, self.nodes, self.controller, self.text)
         self.faults.now = now
         self._noted = now
+        self._hears = self._host_may = False  # the controller; see `_changed`
         self._alone = False  # nobody acknowledges what the controller sends
 
     @property
@@ -70,7 +72,8 @@ class CanLine:
 
     def truth(self, now: float) -> list[dict[str, Any]]:
         """What is true of each node at `now`, past the bus; raw units of `can.units`. See `Node.truth`."""
-        self.advance(now)
+        self._run(now)
+        self.nodes.motors.advance(now)
         return [node.truth(now) for node in self.nodes.each]
 
     def hear(self, frames: Frames, now: float) -> int:
@@ -83,7 +86,10 @@ class CanLine:
         """No frame comes before this, s; `inf`: none is under way, `-inf`: some are there."""
         if self.controller.inbox:
             return -inf
-        own = min(self.nodes.event, self.faults.next_command()) + self.wire.soonest_answer()
+        own = self.nodes.event
+        if self.faults.masters:
+            own = min(own, self.faults.next_command())
+        own += self.wire.soonest_answer()
         self._look()
         sending = self.wire.next()
         if sending is None:
@@ -100,7 +106,8 @@ class CanLine:
     def advance(self, now: float) -> None:
         """Let time pass without traffic: muscles, watchdogs, boots, heartbeats."""
         self._run(now)
-        self.nodes.motors.advance(now)
+        if now - self.nodes.motors.at >= IDLE:
+            self.nodes.motors.advance(now)
 
     # ------------------------------------------------------------------------------------- what happens
 
@@ -131,13 +138,14 @@ class CanLine:
             self._note()
         self._now = max(self._now, until)
         self.faults.now = self._now
-        self._despair()
+        if not self._host_may:
+            self._despair()
 
     def _despair(self) -> None:
         """A frame that nobody acknowledges is sent again and again: the controller is soon error passive."""
         controller = self.controller
         tries = controller.up and not controller.off and not controller.stalled and controller.backlog()
-        if tries and not self._alone and not controller.may_send():
+        if tries and not self._alone:
             self._alone = True
             controller.doubt(True)
 
@@ -145,8 +153,16 @@ class CanLine:
         """Faults and channel have changed what may be sent."""
         controller = self.controller
         if controller.news or controller.broken:
+            self._changed()
             self.wire.noise(self._now, controller.broken * BROKEN / self.wire.bitrate)
             controller.news, controller.broken = False, 0
+
+    def _changed(self) -> None:
+        """Who is there, and who may send."""
+        controller = self.controller
+        self._hears = controller.sound() and not controller.listens_only
+        self._host_may = self._hears and not controller.stalled and self.nodes.there > 0
+        self.wire.changed(self._now)
 
     def _act(self) -> None:
         there = self.nodes.there
@@ -155,7 +171,7 @@ class CanLine:
         if self.nodes.event <= self._now:
             self.nodes.act(self._now)
         if there != self.nodes.there:
-            self.wire.changed(self._now)
+            self._changed()
 
     def _deliver(self) -> None:
         sent = self.wire.take()
@@ -164,12 +180,12 @@ class CanLine:
         there = self.nodes.there
         self.nodes.hear(sent.message, sent.end, sent.sender)
         if there != self.nodes.there:
-            self.wire.changed(self._now)
+            self._changed()
         if sent.sender == HOST and self._alone:
             self._alone = False
             self.controller.doubt(False)
         if sent.sender != HOST or self.controller.echo:
-            self.controller.hear(sent.message)
+            self.controller.hear(sent.message, self._now)
 
     def _said(self, row: int, message: Message, now: float) -> None:
         """A node wants to send."""
@@ -182,14 +198,11 @@ class CanLine:
 
     def _may_send(self, sender: int) -> bool:
         """Is it on the bus, and anybody there to acknowledge?"""
-        controller, present = self.controller, self.nodes.present
         if sender == HOST:
-            able = controller.sound() and not controller.stalled and not controller.listens_only
-            return able and self.nodes.there > 0
-        hears = controller.sound() and not controller.listens_only
+            return self._host_may
         if sender == STRANGER:
-            return hears or self.nodes.there > 0
-        return present[sender] and (hears or self.nodes.there > 1)
+            return self._hears or self.nodes.there > 0
+        return self.nodes.present[sender] and (self._hears or self.nodes.there > 1)
 
     def _note(self) -> None:
         history, at = self.history, self.nodes.motors.at

@@ -73,8 +73,8 @@ def bits(message: Message) -> int:
     body = head << 8 * size | int.from_bytes(data[:size], "big")
     width += 8 * size
     line = format(body << 15 | _crc(body, width), f"0{width + 15}b")
-    stuffed = sum((len(run.group()) - 1) // 4 for run in RUNS.finditer(line))
-    return len(line) + stuffed + TAIL
+    runs = RUNS.findall(line)  # each of 4 k + 1 bits has k stuff bits
+    return len(line) + (sum(map(len, runs)) - len(runs)) // 4 + TAIL
 
 
 def _table() -> tuple[int, ...]:

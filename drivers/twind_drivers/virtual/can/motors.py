@@ -20,6 +20,7 @@ class Motors:
         self.muscles, self.limits = muscles, np.array(limits)
         self.on: Bools = np.zeros(count, np.bool_)
         self._told: Floats = np.zeros((5, count))  # place, speed, kp, kd, torque
+        self._last: list[tuple[float, ...]] = [()] * count  # what was told; empty: torque off
         self._held = np.zeros(count, np.bool_)
         self._frozen: dict[int, float] = {}
         self._changed = True
@@ -29,13 +30,17 @@ class Motors:
 
     def command(self, row: int, place: float, speed: float, kp: float, kd: float, torque: float) -> None:
         """Torque is on, and follows this: rad of the shaft, rad/s, N·m/rad, N·m·s/rad, N·m."""
-        self.on[row] = True
-        self._told[:, row] = place, speed, kp, kd, torque
-        self._changed = True
+        told = (place, speed, kp, kd, torque)
+        if told != self._last[row]:
+            self._last[row] = told
+            self.on[row] = True
+            self._told[:, row] = told
+            self._changed = True
 
     def free(self, row: int) -> None:
         """Torque is off."""
         self.on[row] = False
+        self._last[row] = ()
         self._told[:, row] = 0.0
         self._changed = True
 

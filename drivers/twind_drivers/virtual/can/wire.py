@@ -13,6 +13,7 @@ from typing import NamedTuple
 from twind_drivers.virtual.can.message import SHORTEST, Message, bits, rank
 
 HOST = -1
+REMEMBERED = 4096  # frames whose bits are counted already
 MAILBOX = 8  # frames that a node keeps while it cannot send; later ones are lost (assumed)
 
 
@@ -45,6 +46,7 @@ class CanWire:
         self._queues: dict[int, deque[Waiting]] = {}
         self._next: Sending | None = None
         self._known = True  # is `_next` up to date?
+        self._spans: dict[Message, float] = {}
 
     def put(self, sender: int, message: Message, ready: float) -> bool:
         """Queue a frame. False: a node's mailbox is full, and the frame lost."""
@@ -101,10 +103,22 @@ class CanWire:
         ]
         if not heads:
             return None
-        start = max(self._free, min(head.ready for head, _ in heads))
-        first, sender = min(
-            ((head, sender) for head, sender in heads if head.ready <= start),
-            key=lambda each: (each[0].rank, each[1]),
-        )
-        spent = bits(first.message) / self.bitrate if self.timing else 0.0
-        return Sending(start + spent, sender, first.message)
+        if len(heads) == 1:
+            first, sender = heads[0]
+            start = max(self._free, first.ready)
+        else:
+            start = max(self._free, min([head.ready for head, _ in heads]))
+            able = [(head.rank, sender, head) for head, sender in heads if head.ready <= start]
+            _, sender, first = min(able)
+        return Sending(start + self._span(first.message), sender, first.message)
+
+    def _span(self, message: Message) -> float:
+        """s on the wire; a robot that holds says the same again and again."""
+        if not self.timing:
+            return 0.0
+        span = self._spans.get(message)
+        if span is None:
+            if len(self._spans) >= REMEMBERED:
+                self._spans.clear()
+            span = self._spans[message] = bits(message) / self.bitrate
+        return span
