@@ -139,7 +139,7 @@ def run_mixes(judged: tuple[Rig, Judge, Wire], seeds: range, least: int) -> None
 
 
 def test_several_faults_at_once_make_no_wrong_reading_fresh(mirror: tuple[Rig, Judge, Wire]) -> None:
-    run_mixes(mirror, range(90), 200)
+    run_mixes(mirror, range(40), 80)
 
 
 @pytest.mark.slow

@@ -45,7 +45,7 @@ def test_one_of_two_buses_lost_leaves_the_other_holding_until_somebody_disarms(s
     knee, upper, lower = rig.names.index("l_knee"), rig.virtual["upper"], rig.virtual["lower"]
     assert 0.1 < rig.truth[knee] < 0.5  # where it came to rest on its way
     held = np.asarray(lower.servos["goal_position"]).copy()
-    rig.seconds(25.0)
+    rig.seconds(12.0)
     assert rig.loop.armed is True
     assert all(lower.servos["torque_enable"])
     assert (np.asarray(lower.servos["bus_watchdog"]) == 5).all()

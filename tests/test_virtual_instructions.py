@@ -285,7 +285,7 @@ def test_set_to_another_protocol_it_hears_nothing_of_this_one() -> None:
 
 
 @given(code=st.integers(0, 255), params=st.binary(max_size=12), id=st.sampled_from([1, 2, 50, BROADCAST]))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_no_instruction_and_no_parameters_break_the_bus(code: int, params: bytes, id: int) -> None:
     host = Host([1, 2], settings={"secondary_shadow_id": 50})
     host.raw(packet.instruction(id, code, params))

@@ -196,7 +196,7 @@ def test_a_model_of_another_layout_is_refused_with_a_reason(model: str) -> None:
         Host([1], model=model)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     st.sampled_from(["XM430-W350", "XL330-M288", "XL430-W250", "PH54-100-S500"]),
     st.one_of(st.integers(0, 900), st.integers(0, 150)),
