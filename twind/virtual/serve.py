@@ -20,7 +20,7 @@ from twind_drivers.virtual.served import Served
 STEP = 0.002  # s between two looks at muscles and watchdogs, traffic or not
 STALL = 0.02  # s: a longer gap between two rounds did not happen to the servos
 PAGE = 500  # readings in one answer: 24 servos fit into what a socket takes at once
-BUSY = 0.00008  # s before an answer is due that are waited awake: a timer is that much late
+BUSY = 0.00008  # s before a servo's answer is due that are waited awake: a timer is that much late
 
 
 class ServoClock:
@@ -95,14 +95,20 @@ class Server:
 
     def _wait(self, next_step: float) -> set[int]:
         """Until something is to be done; descriptors that have something to read."""
-        until = min(next_step, *(bus.due() for bus, _ in self._pairs))
-        left = until - self._clock.now()
+        late = next_step  # s; what comes in batches of an adapter may come as late as a timer is
+        soon = np.inf
+        for bus, _ in self._pairs:
+            if bus.kind == "can":
+                late = min(late, bus.due())
+            else:
+                soon = min(soon, bus.due())
+        left = min(soon - BUSY, late) - self._clock.now()
         sources = [port.fd for bus, port in self._pairs if port.present and not bus.faults.stalled]
         if self._input >= 0:
             sources.append(self._input)
         if self.orders is not None:
             sources += self.orders.filenos()
-        ready, _, _ = select.select(sources, [], [], left - BUSY if left > BUSY else 0.0)
+        ready, _, _ = select.select(sources, [], [], max(left, 0.0))
         if self._input in ready and not os.read(self._input, 4096):
             self.ended = True
         return set(ready)
