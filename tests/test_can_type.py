@@ -1,13 +1,16 @@
 """Robot files with CAN buses: what a type and its joints may say, and what is refused by name."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from twind.config.actuator import CanType, ServoType
+from twind.config.can_type import MUTE, TELL_VOLTAGE
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot, read_robot
 from twind.config.robot_spec import RobotFile
+from twind_drivers.can.families import make, ranges_of
 from twind_drivers.can.models import MODELS
 from twind_drivers.can.units import COUNT, EFFORT, TURN
 
@@ -229,3 +232,12 @@ def test_the_mixed_robot_is_the_body_of_h24_with_legs_on_can() -> None:
         assert {joint.name[:2] for joint in legs} == {bus[:2]}
         assert all(isinstance(joint.type, CanType) for joint in legs)
     assert sum(joint.bus == "upper" for joint in mixed.joints) == 12
+
+
+@pytest.mark.parametrize("name", ["DM4340", "AK70-10", "RS01", "ODrive"])
+def test_what_is_asked_of_a_watchdog_and_a_supply_is_what_the_codec_can(name: str) -> None:
+    spans = ranges_of([replace(MODELS[name], position=12.5)])
+    family = make(MODELS[name].family, "leg", [1], [name], ranges=spans, feedback_ids=[17])
+    assert (family.watchdog is None) == (family.name in MUTE)
+    reads = {parameter for parameter in family.parameters if parameter == "bus_voltage"}
+    assert bool(reads) == (family.name in TELL_VOLTAGE)

@@ -7,12 +7,15 @@ import pytest
 from pages import ROOT, table
 
 from twind.config import section
+from twind.config.actuator import CanType, ServoType
 from twind.config.robot_file import read_robot
 from twind.config.settings import load_settings
 
 TEXT = (ROOT / "docs" / "configuration.md").read_text()
 HEADING = ("key", "value", "default", "what")
-SETTINGS, ROBOT = (table(part, *HEADING) for part in TEXT.split("\n## Robot file\n"))
+SETTINGS, ROBOT = (
+    table(part, *HEADING) for part in TEXT.split("\n## CAN buses\n")[0].split("\n## Robot file\n")
+)
 LATER = set(re.findall(r"`(\w+)`", TEXT.rsplit("Refused by name", 1)[1]))
 NAMES = {"buses": "BUS", "types": "TYPE", "joints": "JOINT", "poses": "POSE"}
 
@@ -20,10 +23,14 @@ FILE = """\
 format: twind-robot/1
 name: one
 model: {mjcf: one.xml, base: torso}
-buses: {main: {kind: dynamixel2}}
-types: {small: {device: XM430-W350, gains: {p: 1, i: 0, d: 0}, registers: {shutdown: 52}}}
+buses: {main: {kind: dynamixel2}, leg: {kind: can}}
+types:
+  small: {device: XM430-W350, gains: {p: 1, i: 0, d: 0}, registers: {shutdown: 52}}
+  large: {device: DM4340, gains: {kp: 100.0, kd: 2.0}}
 defaults: {type: small, bus: main}
-joints: {yaw: {id: 1, limits_rad: [-1.0, 1.0], registers: {shutdown: 52}}}
+joints:
+  yaw: {id: 1, limits_rad: [-1.0, 1.0], registers: {shutdown: 52}}
+  knee: {type: large, bus: leg, id: 1, limits_rad: [-1.0, 1.0]}
 poses: {rest: {yaw: 0.0}}
 collision: {}
 """
@@ -87,9 +94,17 @@ def test_the_defaults_of_the_page_are_those_of_the_code(tmp_path: Path) -> None:
     assert page["loop.rate_hz"] == f"{robot.rate_hz:g}"
     assert page["loop.command_timeout_ms"] == f"{robot.command_timeout_ms:g}"
     assert page["buses.BUS.baud"] == f"{bus.baud}"
+    assert page["buses.BUS.bitrate"] == f"{robot.buses[1].baud}"
+    knee = robot.joints[1]
+    assert isinstance(knee.type, CanType)
+    assert page["types.TYPE.watchdog"] == f"`{knee.type.watchdog}`"
+    assert page["types.TYPE.torque_limit_nm"] == "`ranges.torque_nm`"
+    assert knee.type.torque_limit_nm == knee.type.ranges.torque_nm
+    assert page["joints.JOINT.feedback_id"] == f"`id` + {(knee.feedback_id or 0) - knee.id}"
     assert page["buses.BUS.latency_timer_ms"] == f"{bus.latency_timer_ms}"
     assert page["buses.BUS.one_write"] == f"`{str(bus.one_write).lower()}`"
-    assert page["types.TYPE.mode"] == f"`{kind.mode}`"
+    assert page["types.TYPE.mode"] == f"`{kind.mode}`; CAN: `{knee.type.mode}`"
+    assert isinstance(kind, ServoType)
     assert page["types.TYPE.return_delay_us"] == f"{kind.return_delay_us}"
     assert page["types.TYPE.velocity_limit_rad_s"] == f"{kind.velocity_limit_rad_s:g}"
     assert page["types.TYPE.acceleration_limit_rad_s2"] == f"{kind.acceleration_limit_rad_s2:g}"
