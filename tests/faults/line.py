@@ -176,7 +176,8 @@ def duplicate(world: World) -> None:
         world.ticks(int(world.random.integers(20, 120)))
         plug(True)
         world.begun = world.now
-        world.detected()
+        # Where the other one's answers are heard, what is told may be that it is limp and has no watchdog.
+        world.detected(codes=(*world.fault.codes, "SERVO_REBOOTED", "TORQUE_MISMATCH"))
         world.seconds(0.8)
         world.claim(bool(rig.loop.latches), "nothing is latched")
         world.claim(rig.loop.state is not State.ARMED, f"state {rig.loop.state.value} with two of one id")
@@ -241,6 +242,14 @@ ROWS = (
         STALE,
         "arming refused; armed: hold, fault",
         duplicate,
-        also=(*AWAY, "SERVO_REBOOTED", "OUT_OF_LIMIT", "CALIB_MISMATCH", "FOLLOW_ERR", "DAMP"),
+        also=(
+            *AWAY,
+            "SERVO_REBOOTED",
+            "TORQUE_MISMATCH",
+            "OUT_OF_LIMIT",
+            "CALIB_MISMATCH",
+            "FOLLOW_ERR",
+            "DAMP",
+        ),
     ),
 )

@@ -284,7 +284,8 @@ ROWS = (
         FOLLOW,
         "holds where it is measured",
         stall,
-        also=("SERVO_ALERT", "MIRROR_DRIFT", "PATH_TOLERANCE"),
+        # A motor that pushes warms, and may shut itself down: who is rebooted is away for a moment.
+        also=("BUS_ERRORS", "STATE_STALE", "SERVO_ALERT", "MIRROR_DRIFT", "PATH_TOLERANCE", "OVERTEMP"),
     ),
     Fault(
         19,

@@ -61,7 +61,7 @@ class World(Robot):
 
     def behind(self, far: float, lasting: float, seconds: float = 8.0) -> float | None:
         """Time passes until a shaft has been that far (rad) from the last goal sent, and what a moving goal
-        may be ahead, for so long (s) without a break, or until it is told; when that began, or None."""
+        may be ahead, for so long (s) without a break, or until a fault holds it; when that began."""
         rig, since = self.rig, np.full(len(self.rig.truth), np.inf)
         before = rig.loop.written
         for _ in range(round(seconds / rig.loop.period)):
@@ -69,7 +69,7 @@ class World(Robot):
             if rig.loop.written is not None and before is not None:
                 ahead = LAG * np.abs(rig.loop.written - before) / rig.loop.period
                 far_off = np.abs(rig.loop.written - rig.truth) > far + ahead
-                if self.told(("FOLLOW_ERR",)) is not None:  # and a hold has closed the gap
+                if rig.loop.latches:  # it is held, and the gap closed
                     return float(min(since.min(), self.now))
                 since = np.where(far_off, np.minimum(since, self.now), np.inf)
                 if self.now - since.min() >= lasting:
