@@ -1,7 +1,10 @@
 """Faults on order of a virtual CAN bus, each by what a host sees of it."""
 
 import inspect
+import json
+import re
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -277,3 +280,13 @@ def test_orders_of_the_other_kind_of_bus_are_refused() -> None:
     with pytest.raises(OrderError, match="no fault 'babble'; there are drop"):
         arguments({"fault": "babble"}, CAN_FAULTS)
     assert arguments({"fault": "wrap", "id": 3}, CAN_FAULTS) == ("wrap", {"id": 3})
+
+
+def test_the_page_shows_every_order_and_what_it_shows_is_right() -> None:
+    page = (Path(__file__).parents[1] / "docs/virtual-can.md").read_text()
+    shown = [json.loads(each) for each in re.findall(r'`(\{"fault".*?\})`', page)]
+    assert {arguments(each, CAN_FAULTS)[0] for each in shown} == set(CAN_FAULTS)
+    host = CanHost([NodeSpec(7, "DM4310", 0x17)])
+    for order in shown:
+        name, given = arguments(order, CAN_FAULTS)
+        getattr(host.faults, name)(**given)

@@ -217,3 +217,19 @@ def test_an_error_frame_has_no_text() -> None:
     host.host.faults.passive()
     assert host.ask(b"") == b""
     assert host.ask(b"F\r") == b"F24\r"
+
+
+def test_an_adapter_with_batches_hands_over_at_their_ends_and_nothing_before() -> None:
+    host = Adapter(adapter=CanAdapter(batch=0.001))
+    bus = host.bus
+    bus.receive(b"S8\rO\r" + ENABLE, 0.0002)
+    heard = {}
+    assert bus.take(0.0009) == b""
+    while np.isfinite(due := bus.due()):
+        assert bus.take(np.nextafter(due - 1e-9, 0.0)) == b""
+        heard[round(due * 1e3, 6)] = bus.take(due)
+    assert heard == {1.0: b"\r\rz\r" + TOLD}
+    bus.receive(ENABLE, 0.00195)
+    assert bus.take(0.002) == b"z\r"
+    assert bus.take(0.0025) == b""
+    assert bus.take(0.003) == TOLD
