@@ -1,11 +1,13 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from twind.config.calibration_file import load_calibration
 from twind.config.counts import angle_of, tick_range
 from twind.config.robot_file import load_robot
+from twind.twin.muscles import body_of
 from twind.virtual.bench import servo
 from twind.virtual.specimen import SpecimenError, buses, save, specimen
 from twind_drivers.virtual.servos import ServoSpec
@@ -107,3 +109,17 @@ def test_servos_cannot_hang_on_a_can_bus() -> None:
     assert isinstance(spec, ServoSpec)
     with pytest.raises(SpecimenError, match="l_leg is a CAN bus: only a serial one takes servos"):
         buses(made, physics=False, extra={bus: [spec]})
+
+
+def test_a_leg_of_the_body_goes_where_it_is_commanded() -> None:
+    """Its model's own servos have ranges for their goals: those must not bound a torque."""
+    robot = load_robot("h24-mixed")
+    made = specimen(robot)
+    leg = body_of(robot, made.zeros).impedance(
+        [at for at, each in enumerate(robot.joints) if each.bus == "l_leg"]
+    )
+    one, goal = np.ones(6), leg.position.copy()
+    goal[3] += 0.3
+    leg.drive(one > 0, goal, 0.0 * one, 200.0 * one, 3.0 * one, 0.0 * one, 10.0 * one)
+    leg.advance(1.0)
+    assert np.abs(leg.position - goal).max() < 0.005

@@ -188,6 +188,7 @@ def _compile(spec: mujoco.MjSpec, motors: Sequence[Motor], *, pinned: bool) -> m
         actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
         actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
         actuator.forcelimited, actuator.forcerange = True, [-1.0, 1.0]
+        actuator.ctrllimited = False  # whatever the model's own servos inherit: N·m or rad/s are no angle
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
