@@ -223,6 +223,7 @@ def test_a_fault_alerts_and_is_read_by_its_name_and_cleared_by_prepare() -> None
 def test_watchdogs_are_read_twenty_times_a_second_and_voltage_five() -> None:
     rig = CanRig(("RS01",) * 6)
     here = rig.arm()
+    rig.ticks(10, here)
     worst = np.zeros(2)
     for _ in range(100):
         rig.tick(here)

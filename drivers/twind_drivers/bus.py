@@ -287,6 +287,10 @@ class Reader(Protocol):
     def deadline(self) -> float:
         """When the outstanding transaction ends at the latest, s."""
 
+    @property
+    def earliest(self) -> float:
+        """Before this (s) it cannot be complete: to look sooner only costs. -inf: unknown."""
+
     def request(self, now: float) -> None:
         """Begin the cyclic reading: pending goals and the read request leave in one write."""
 

@@ -329,9 +329,17 @@ class Hardware:
         return min(first, self.clock.now())
 
     def _await(self, readers: list[Reader]) -> None:
-        """Until one of them has bytes, or its time is over."""
-        deadline = min(reader.deadline for reader in readers)
-        self.clock.wait([reader.transport for reader in readers], deadline)
+        """Until one of them has bytes, or its time is over; nobody looks before anything can be complete.
+
+        On a CAN bus each frame would wake us, two dozen times a reading.
+        """
+        now = self.clock.now()
+        due = [reader.deadline if reader.earliest <= now else reader.earliest for reader in readers]
+        ripe = [reader.transport for reader in readers if reader.earliest <= now]
+        if ripe:
+            self.clock.wait(ripe, min(due))
+        else:
+            self.clock.sleep_until(min(due))
 
     def _lose(self, pair: tuple[Port, BusMap], error: PortError) -> None:
         port, _ = pair

@@ -85,7 +85,7 @@ class Commands:
         speed: Floats = np.asarray((ticks - before) * COUNT * self.reader.rate_hz, np.float64)
         speed[np.abs(speed) > self.fleet.ranges.velocity] = 0.0
         rows = ~self.cyclic.barred
-        frames = self.encode(ticks, speed, rows)
+        frames = self.encode(ticks, speed, rows if self.cyclic.barred.any() else None)
         self._given, self._given_in = ticks.copy(), self.cyclic.cycle
         self.line.goals = Goals(frames, rows, ticks.copy())
 
@@ -98,8 +98,8 @@ class Commands:
             bounds = float(self.lower[row]), float(self.upper[row])
             raise WireClamp(self.reader.name, self.reader.ids[row], float(ticks[row]), *bounds)
 
-    def encode(self, ticks: Ints, speed: Floats, rows: Bools, *, soft: bool = False) -> Frames:
-        """Frames that have passed the last check. Raises WireClamp."""
+    def encode(self, ticks: Ints, speed: Floats, rows: Bools | None, *, soft: bool = False) -> Frames:
+        """Frames to `rows` (m,), None: all, that have passed the last check. Raises WireClamp."""
         frames = self.fleet.command(self.values(ticks, speed, soft=soft), rows)
         self.check.judge(frames)
         return frames

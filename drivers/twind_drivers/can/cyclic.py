@@ -18,10 +18,10 @@ from twind_drivers.can.family import SILENCE
 from twind_drivers.can.fleet import Fleet, Heard, joined
 from twind_drivers.can.frame import NOTHING, Frames
 from twind_drivers.can.line import DEAD, Exchange, Line
-from twind_drivers.can.units import COUNT, EFFORT, counts
+from twind_drivers.can.units import COUNT, EFFORT
 
 SURE = 3  # requests in a row, each answered as it should be, after which a suspect is believed
-ALERT = 0x80  # of a sample's error byte: the actuator has a fault
+ALERT = np.uint8(0x80)  # of a sample's error byte: the actuator has a fault
 KNOCK = 1.0  # s of silence before whoever answers commands alone is knocked at: its own watchdog has run out
 
 
@@ -46,6 +46,9 @@ class Cyclic:
         self._heard_at = np.full(m, -np.inf)
         self._first = np.inf  # s, of the first request
         self.cycle = 0  # how many requests there were
+        self._sure = False  # nobody is suspected or parked
+        self._everyone: Bools = np.ones(m, np.bool_)
+        self._everyone.setflags(write=False)
         self._everybody = Exchange(*fleet.question())
         self._nobody = Exchange(NOTHING, np.zeros(m, np.int64))
 
@@ -76,30 +79,51 @@ class Cyclic:
     def sample(self, now: float) -> Sample:
         """What the answers to the last request say, once the line has ended it. Zero where not heard."""
         line, heard = self._line, self._line.heard
-        expect, asked = line.expect, self.attendance.asked
-        answered = (expect > 0) & (heard.count >= expect)
-        spoke = (heard.count > 0) & ((expect == 0) | ~self.fleet.replies)  # of itself
-        there = (answered | spoke) & ~np.isnan(heard.position) & ~np.isnan(heard.velocity)
-        self._prove(heard, expect, there)
-        believed: Bools = there & self.proven
-        self._take(heard, believed, now)
-        asked = self._attend(believed, expect > 0, now)
+        if line.exact and self._sure and not np.isnan(heard.velocity + heard.position).any():
+            believed, asked = self._everyone, self.attendance.asked
+            self._whole(heard, now)
+        else:
+            believed, asked = self._look(heard, now)
         foreign, line.foreign = line.foreign, 0
         efforts = believed & ~np.isnan(heard.effort)
+        known = bool(efforts.any())
         return Sample(
             sent=line.sent,
             received=line.received,
             position=_raw(heard.position, believed, COUNT),
             velocity=_raw(heard.velocity, believed, COUNT),
-            effort=_raw(heard.effort, efforts, EFFORT),
-            error=np.where(believed & alert(heard.fault), ALERT, 0).astype(np.uint8),
+            effort=_raw(heard.effort, efforts, EFFORT) if known else np.zeros(len(believed), np.int64),
+            error=(believed & alert(heard.fault)) * ALERT,
             heard=believed,
             asked=asked,
             discarded=line.strays,
             foreign=foreign,
-            effort_known=bool(efforts.any()),
+            effort_known=known,
             line=int(line.condition(now)),
         )
+
+    def _whole(self, heard: Heard, now: float) -> None:
+        """The healthy reading: one answer of each, and nobody was suspected or parked before."""
+        self.attendance.whole()
+        if self.energised.any():
+            self._bar(now)
+        self.place, self._heard_at[:] = heard.position, now
+        self._line.spoke.fill(False)
+
+    def _look(self, heard: Heard, now: float) -> tuple[Bools, Bools]:
+        """Who (m,) is believed, and whom the reading was waited for."""
+        expect = self._line.expect
+        answered = (expect > 0) & (heard.count >= expect)
+        spoke = (heard.count > 0) & ((expect == 0) | ~self.fleet.replies)  # of itself
+        there = (answered | spoke) & ~np.isnan(heard.position) & ~np.isnan(heard.velocity)
+        self._prove(heard, expect, there)
+        believed: Bools = there & self.proven
+        self._bar(now)
+        self.place = np.where(believed, heard.position, self.place)
+        self._heard_at[believed] = now
+        asked = self._attend(believed, expect > 0, now)
+        self._sure = bool(self.proven.all()) and not self.attendance.parked
+        return believed, asked
 
     def _prove(self, heard: Heard, expect: Ints, there: Bools) -> None:
         """Whose answer (m,) is to this request? Of who has missed one, only after `SURE` clean ones."""
@@ -109,10 +133,9 @@ class Cyclic:
         self._clean = np.where(missed | messy, 0, np.minimum(self._clean + exact, SURE))
         self.proven = self._clean >= SURE
 
-    def _take(self, heard: Heard, believed: Bools, now: float) -> None:
+    def _bar(self, now: float) -> None:
+        """Whoever was away for as long as his watchdog, as of before this reading."""
         self.barred |= self.energised & self.watched & (now - self._heard_at >= DEAD)
-        self.place[believed] = heard.position[believed]
-        self._heard_at[believed] = now
         if self._line.dead(now):
             self.barred |= self.energised
 
@@ -134,7 +157,7 @@ class Cyclic:
         """What a rare transaction brought beside its answer; who (m,) of those that are believed told it."""
         told: Bools = (heard.count > 0) & self.proven
         placed = told & ~np.isnan(heard.position)
-        self.place[placed] = heard.position[placed]
+        self.place = np.where(placed, heard.position, self.place)
         self._heard_at[placed] = now
         return told
 
@@ -151,4 +174,7 @@ def alert(fault: Ints) -> Bools:
 
 
 def _raw(values: Floats, told: Bools, unit: float) -> Ints:
-    return counts(np.where(told, values, 0.0), unit)
+    """Whole raw units (m,); 0 where it was not told."""
+    exact = np.rint(values * (1.0 / unit))
+    whole: Ints = (exact if told.all() else np.where(told, exact, 0.0)).astype(np.int64)
+    return whole

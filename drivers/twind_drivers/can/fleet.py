@@ -4,7 +4,7 @@ Rows are places on the bus, in the order of the ids; a family has its own rows a
 decodes is untrusted and sorted here: feedback, register answers, orders of another master, and strangers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from twind_drivers.bus import Bools, Floats, Ints
 from twind_drivers.can.actuator import Actuator, place_of
 from twind_drivers.can.family import Answered, Family, Feedback, Parameter, Ranges, Special
-from twind_drivers.can.frame import NOTHING, Frames
+from twind_drivers.can.frame import EXTENDED, FRAME, NOTHING, Frames
 
 T = TypeVar("T", bound=np.generic)
+_RAW = np.dtype((np.void, FRAME.itemsize))
 
 
 @dataclass(slots=True)
@@ -70,6 +71,10 @@ class Fleet:
         self._of: dict[int, tuple[Family, int]] = {
             row: (family, place) for family, rows in families for place, row in enumerate(rows)
         }
+        # All of one family, in its order: its arrays are the bus's.
+        self._alone = self.families[0][0] if len(self.families) == 1 else None
+        self.wide = any(self.special(row, Special.DISABLE)["id"][0] & EXTENDED for row in self._of)
+        self.ranges = self._ranges()
         self.replies = self._spread(lambda family: family.replies, np.bool_)
         self.answers = self._spread(lambda family: family.answers, np.int64)
 
@@ -90,9 +95,13 @@ class Fleet:
         """The row of an id. Raises KeyError that lists the ids of this bus."""
         return place_of(self.name, self.ids, id)
 
-    @property
-    def ranges(self) -> Ranges:
-        """What the fields of each span, (m,): as described, or as told since."""
+    def learn(self, row: int, values: Mapping[str, float]) -> None:
+        """What identification read of one: `ranges` (m,) are those told, where it tells them."""
+        family, place = self._of[row]
+        family.learn(place, values)
+        self.ranges = self._ranges()
+
+    def _ranges(self) -> Ranges:
         return Ranges(
             position=self._spread(lambda family: family.ranges.position, np.float64),
             velocity=self._spread(lambda family: family.ranges.velocity, np.float64),
@@ -121,7 +130,10 @@ class Fleet:
 
         Raises WireClamp for what a field cannot hold.
         """
-        made = joined([family.command(*values[:, own]) for family, own in self.families])
+        if self._alone is not None:
+            made = self._alone.command(*values)
+        else:
+            made = joined([family.command(*values[:, own]) for family, own in self.families])
         return made if rows is None else self._only(made, rows)
 
     def gains(self, kp: Floats, kd: Floats, rows: Bools | None = None) -> Frames:
@@ -153,6 +165,8 @@ class Fleet:
 
     def commands_to(self, frames: Frames) -> Ints:
         """Row (k,) that each frame commands, enables or writes; -1: none."""
+        if self._alone is not None:
+            return self._alone.commands_to(frames)
         to = np.full(len(frames), -1, np.int64)
         for family, own in self.families:
             place = family.commands_to(frames)
@@ -162,6 +176,8 @@ class Fleet:
 
     def commanded(self, frames: Frames) -> Floats:
         """Position (k,) in rad that each frame commands; NaN: it commands none."""
+        if self._alone is not None:
+            return self._alone.commanded(frames)
         place = np.full(len(frames), np.nan)
         for family, _ in self.families:
             own = family.commanded(frames)
@@ -172,9 +188,13 @@ class Fleet:
 
     def hear(self, frames: Frames) -> Heard:
         """What they say, the newest of each; nothing raises."""
-        heard = Heard.nothing(len(self.ids))
         if not len(frames):
-            return heard
+            return Heard.nothing(len(self.ids))
+        if self._alone is not None and len(frames) == len(self.ids):
+            usual = self._usual(self._alone, frames)
+            if usual is not None:
+                return usual
+        heard = Heard.nothing(len(self.ids))
         known = np.zeros(len(frames), np.bool_)
         for family, own in self.families:
             told, mine = family.feedback(frames)
@@ -188,11 +208,32 @@ class Fleet:
             heard.strangers = len(rest) - heard.masters
         return heard
 
+    def _usual(self, family: Family, frames: Frames) -> Heard | None:
+        """The healthy case: one frame of feedback of each, in whatever order; None: it is another."""
+        told, _ = family.feedback(frames)
+        m = len(self.ids)
+        if len(told.rows) != m or len(set(told.rows.tolist())) != m:
+            return None
+        order = told.rows.argsort()
+        return Heard(
+            np.ones(m, np.int64),
+            told.position[order],
+            told.velocity[order],
+            told.effort[order],
+            told.temperature[order],
+            told.voltage[order],
+            told.enabled[order],
+            told.fault[order],
+        )
+
 
 def joined(parts: Sequence[Frames]) -> Frames:
     """All of them, in this order."""
     full = [part for part in parts if len(part)]
-    return full[0] if len(full) == 1 else np.concatenate(full) if full else NOTHING
+    if len(full) > 1:  # as plain bytes: numpy takes its time over the fields of a record
+        whole: Frames = np.concatenate([part.view(_RAW) for part in full]).view(FRAME)
+        return whole
+    return full[0] if full else NOTHING
 
 
 def _keep(heard: Heard, told: Feedback, own: Ints) -> None:

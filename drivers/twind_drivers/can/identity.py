@@ -55,7 +55,7 @@ def _device(fleet: Fleet, id: int, values: Mapping[str, float]) -> Device:
     row = fleet.row(id)
     family, place = fleet.of(row)
     known = {name: value for name, value in values.items() if isfinite(value)}
-    family.learn(place, {name: value for name, value in known.items() if name not in TOLD or value > 0.0})
+    fleet.learn(row, {name: value for name, value in known.items() if name not in TOLD or value > 0.0})
     span = float(family.ranges.position[place])
     edge = int(counts(span)) if isfinite(span) else 0
     settings = {

@@ -12,11 +12,12 @@ import numpy as np
 from twind_drivers.bus import Bools, Ints, PortError, PortFull
 from twind_drivers.can import channel as wire
 from twind_drivers.can.fleet import Fleet, Heard, joined
-from twind_drivers.can.frame import BYTES, EXTENDED, NOTHING, Frames
+from twind_drivers.can.frame import BYTES, NOTHING, Frames
 
 LATE = 1.0  # s that an answer may be late and is still known as one
 DEAD = 0.1  # s without anybody: what the actuators' watchdogs are set to; whatever was given before is void
-STANDARD_BITS, EXTENDED_BITS = 135, 160  # of a frame of 8 bytes, stuffed as badly as can be
+STANDARD_BITS, EXTENDED_BITS = 135, 160  # of a frame of 8 bytes, stuffed as badly as can be ...
+AROUND, LEAST = 47, 95  # ... of a frame beside its payload, and of the shortest answer (6 bytes), not stuffed
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +48,6 @@ class Goals:
     kept: bool = False  # sent again with each request, until others come
 
 
-def bits(frames: Frames) -> int:
-    """Bits that frames take on the wire at most."""
-    wide = int(np.count_nonzero(frames["id"] & EXTENDED))
-    return wide * EXTENDED_BITS + (len(frames) - wide) * STANDARD_BITS
-
-
 class Line:
     """The wire of one bus.
 
@@ -68,28 +63,36 @@ class Line:
 
     def __init__(self, fleet: Fleet, channel: wire.Channel, *, bitrate: int, slack: float) -> None:
         self.fleet, self.channel, self.name = fleet, channel, fleet.name
-        self.bitrate, self.slack = bitrate, slack
+        self.slack = slack
+        self._bit = 1.0 / bitrate  # s
+        self._frame = (EXTENDED_BITS if fleet.wide else STANDARD_BITS) / bitrate  # s, at most
         self.urgent: Frames = NOTHING
         self.goals: Goals | None = None
         self._leaving: Frames = NOTHING  # urgent, sent, and not yet known to have left
-        self.sent = self.received = self.deadline = -inf  # s
+        self.sent = self.received = self.deadline = self.earliest = -inf  # s
         self.strays = 0  # bytes dropped in the present transaction
         self.foreign = 0  # frames; whoever reports it sets it back
         self.epoch = 0
-        self.left: dict[int, int] = {}  # row -> the last goal that went out
+        self.left: Ints = np.zeros(len(fleet), np.int64)  # the last goals that went out ...
+        self.told: Bools = np.zeros(len(fleet), np.bool_)  # ... to whom any did
         self.asked: Bools = np.ones(len(fleet), np.bool_)  # whose answers are waited for
         self.heard = Heard.nothing(len(fleet))  # in the present transaction
         self.expect: Ints = np.zeros(len(fleet), np.int64)  # of it, urgent orders and goals included
         self.aside: Heard | None = None  # what came after the last one had ended, if anything
         self.spoke: Bools = np.zeros(len(fleet), np.bool_)  # who said anything since the last sample
+        self.exact = False  # the transaction brought one frame of everybody, and nothing else
         self.exchange: Exchange | None = None
         self._leaves: Goals | None = None
         self._done = True
         self._busy = -inf  # s, until when our own frames are still going out
         self._frames: list[Frames] = []
-        self._count = self._wanted = self._sent_frames = 0
+        self._count = self._wanted = self._sent_frames = self._everything = 0
         self._looked = -1  # frames that `heard` was made of
         self._owed = np.full(len(fleet), -inf)  # s, until when an answer may still come late
+        self._none: Ints = np.zeros(len(fleet), np.int64)
+        self._nobody: Bools = np.zeros(len(fleet), np.bool_)
+        for each in (self._none, self._nobody):
+            each.setflags(write=False)
         self._silent_since = inf  # s, of the first question since anybody was heard
         self._purged = -inf
         self._errors = channel.condition.errors
@@ -108,13 +111,11 @@ class Line:
         """From here on no goal given before may leave."""
         self.goals, self.epoch = None, self.epoch + 1
 
-    def span(self, exchange: Exchange, lead: int = 0) -> float:
-        """Bus time (s) that it takes both ways, with `lead` bits before it."""
-        out = exchange.frames
-        wide = len(out) > 0 and bool(out["id"][0] & EXTENDED)
+    def span(self, exchange: Exchange, beside: int = 0) -> float:
+        """Bus time (s) that it takes both ways, with so many frames `beside` it."""
         back = int(exchange.expect.sum()) + len(exchange.registers)
-        back += int(np.count_nonzero(exchange.acks)) if exchange.acks is not None else 0
-        return (lead + bits(out) + back * (EXTENDED_BITS if wide else STANDARD_BITS)) / self.bitrate
+        back += 0 if exchange.acks is None else int(np.count_nonzero(exchange.acks))
+        return (len(exchange.frames) + back + beside) * self._frame
 
     # --------------------------------------------------------------------------- the transaction
 
@@ -123,7 +124,7 @@ class Line:
         goals = self.goals
         if goals is not None and (len(self.urgent) or self.dead(now) or now > goals.until):
             goals = self.goals = None
-        return goals.rows if goals is not None else np.zeros(len(self.fleet), np.bool_)
+        return goals.rows if goals is not None else self._nobody
 
     def send(self, exchange: Exchange, now: float, *, goals: bool = False, order: bool = False) -> None:
         """Begin a transaction: late frames of the last one are dropped, then everything leaves.
@@ -138,7 +139,7 @@ class Line:
         if self.dead(now):
             exchange = self._revive(exchange, now, order=order)
         lead, rows = self._lead(goals)
-        expect = exchange.expect + np.where(self.fleet.replies, rows, 0)
+        expect = exchange.expect if rows is self._none else exchange.expect + rows * self.fleet.replies
         try:
             if len(lead) or len(exchange.frames):
                 self.channel.send(joined([lead, exchange.frames]), now)
@@ -151,11 +152,13 @@ class Line:
         if len(self.urgent):
             self._leaving, self.urgent = self.urgent, NOTHING
         if self._leaves is not None:
-            own = self._leaves.rows
-            self.left |= dict(
-                zip(np.flatnonzero(own).tolist(), self._leaves.ticks[own].tolist(), strict=True)
-            )
+            self._keep(self._leaves)
         self._begin(exchange, lead, expect, now)
+
+    def _keep(self, goals: Goals) -> None:
+        """They went out."""
+        np.copyto(self.left, goals.ticks, where=goals.rows)
+        self.told |= goals.rows
 
     def _lead(self, goals: bool) -> tuple[Frames, Ints]:
         """What goes before: an urgent order, else the goals; and how many frames command each (m,)."""
@@ -166,10 +169,10 @@ class Line:
             return self.urgent, np.bincount(to[to >= 0], minlength=len(self.fleet))
         found = self.goals if goals else None
         if found is None:
-            return NOTHING, np.zeros(len(self.fleet), np.int64)
+            return NOTHING, self._none
         self.goals = found if found.kept else None
         self._leaves = found
-        return found.frames, found.rows.astype(np.int64)
+        return found.frames, found.rows.view(np.int8).astype(np.int64)
 
     def _revive(self, exchange: Exchange, now: float, *, order: bool) -> Exchange:
         """A dead line: nothing old waits in it, and ten times a second it is asked."""
@@ -179,7 +182,7 @@ class Line:
             self.channel.purge()
             self._thrown_away()
             return exchange
-        return Exchange(NOTHING, np.zeros(len(self.fleet), np.int64))
+        return Exchange(NOTHING, self._none)
 
     def _thrown_away(self) -> None:
         """What waited in the port is gone, an urgent order perhaps too."""
@@ -192,13 +195,23 @@ class Line:
         self.exchange, self.sent, self.received, self.expect = exchange, now, now, expect
         self._frames, self._count, self._looked = [], 0, -1
         self._sent_frames = len(lead) + len(exchange.frames)
-        self._wanted = int(expect[self.asked].sum()) + len(exchange.registers)
-        waits = exchange.waits or self._wanted > 0
+        self._everything = int(expect.sum())  # frames of feedback, of the parked too
+        whole = self.asked.all()
+        self._wanted = self._everything if whole else int(expect[self.asked].sum())
+        self._wanted += len(exchange.registers)
+        waits = self._wanted > 0 or exchange.waits
         self._done = not waits and not len(lead) and not len(exchange.frames)
-        begin, ahead = max(now, self._busy), bits(lead)
-        self._busy = begin + (ahead + bits(exchange.frames)) / self.bitrate
-        ahead += int((expect - exchange.expect).sum()) * (EXTENDED_BITS if len(lead) else 0)
-        self.deadline = begin + self.span(exchange, ahead) + (self.slack if waits else 0.0)
+        begin = max(now, self._busy)
+        self._busy = begin + self._sent_frames * self._frame
+        back = self._everything + len(exchange.registers)
+        back += 0 if exchange.acks is None else int(np.count_nonzero(exchange.acks))
+        self.deadline = self._busy + back * self._frame + (self.slack if waits else 0.0)
+        if self._wanted:
+            payload = 8 * (int(lead["size"].sum()) + int(exchange.frames["size"].sum()))
+            least = AROUND * self._sent_frames + payload + LEAST * self._wanted
+            self.earliest = begin + least * self._bit
+        else:
+            self.earliest = -inf
         if waits and self._silent_since == inf:
             self._silent_since = now
 
@@ -220,9 +233,9 @@ class Line:
 
         Else the transaction ends when they are: what follows would find the adapter busy.
         """
-        if len(self._decode().answers) + int(self.heard.count.sum()) >= self._sent_frames:
+        if self.exact or len(self._decode().answers) + int(self.heard.count.sum()) >= self._sent_frames:
             return True
-        self.deadline = min(self.deadline, self._busy + self._count * EXTENDED_BITS / self.bitrate)
+        self.deadline = min(self.deadline, self._busy + self._count * self._frame)
         return now >= self.deadline
 
     def end(self) -> Exchange | None:
@@ -230,12 +243,25 @@ class Line:
         exchange, self.exchange, self._done = self.exchange, None, True
         if exchange is not None:
             heard = self._decode()
+            if self._exact(exchange, heard):
+                self._silent_since, self._leaving = inf, NOTHING
+                return exchange
             self.spoke |= heard.count > 0
             self._judge(heard, self._surplus(exchange, heard), self.sent)
             self._owed[self._short(exchange, heard)] = self.sent + LATE
             if heard.count.any() or heard.answers:
                 self._silent_since, self._leaving = inf, NOTHING
         return exchange
+
+    def _exact(self, exchange: Exchange, heard: Heard) -> bool:
+        """Every frame was asked for, of everybody, and there was no other: the healthy reading."""
+        self.exact = (
+            self._count == self._everything == len(heard.count)
+            and exchange.acks is None
+            and not (heard.answers or heard.strangers or heard.masters)
+            and np.array_equal(heard.count, self.expect)
+        )
+        return self.exact
 
     def _decode(self) -> Heard:
         if self._looked != self._count:
@@ -244,6 +270,8 @@ class Line:
 
     def _complete(self, exchange: Exchange) -> bool:
         heard = self._decode()
+        if self._exact(exchange, heard) and exchange.states is None:
+            return True
         if (self.asked & (heard.count < self.expect)).any():
             return False
         if not exchange.registers <= _told(heard):

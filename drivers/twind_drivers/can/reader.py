@@ -26,11 +26,12 @@ from twind_drivers.bus import (
     Sample,
     Script,
     Wire,
+    upkeep_stride,
 )
 from twind_drivers.can.actuator import Actuator
 from twind_drivers.can.channel import Channel
 from twind_drivers.can.cyclic import ALERT, Cyclic, alert
-from twind_drivers.can.families import make, ranges_of
+from twind_drivers.can.families import apart, make, ranges_of
 from twind_drivers.can.family import Family, Parameter, Ranges
 from twind_drivers.can.fleet import Fleet
 from twind_drivers.can.identity import identify
@@ -52,6 +53,7 @@ from twind_drivers.can.slow import SlowRegisters
 SLACK = 0.002  # s that an answer may take beyond its wire time, at most half a period of the loop
 SLICE = 0.002  # s of bus time that one transaction of a script or of upkeep may take at most ...
 SHARE = 0.2  # ... and of a period
+ROUND = 0.04  # s in which every watchdog is read once
 TRIES = 3  # of a read that nobody answers
 FAULTS = "hardware_error_status"  # the name under which the loop asks what is wrong
 
@@ -89,7 +91,8 @@ class CanReader:
         self.registers: Registers = self.slow.registers
         # Registers that fit beside a cycle, asked and answered.
         self.at_once = max(1, int(min(SLICE, SHARE / rate_hz) * bitrate / (2 * EXTENDED_BITS)))
-        self.slow.schedule(self.at_once)
+        self.slow.schedule(self.at_once, turns=int(ROUND * rate_hz / upkeep_stride(rate_hz)))
+        self._asked: dict[Query, Exchange] = {}  # of upkeep: its slices come again and again
         self._query: Request | None = None
 
     @property
@@ -101,6 +104,11 @@ class CanReader:
     def deadline(self) -> float:
         """When the outstanding transaction ends at the latest, s."""
         return self.line.deadline
+
+    @property
+    def earliest(self) -> float:
+        """When our frames and all their answers can have left the wire: each of them wakes whoever waits."""
+        return self.line.earliest
 
     # --------------------------------------------------------------------------- the cyclic reading
 
@@ -133,7 +141,8 @@ class CanReader:
         if isinstance(query, Ping) or asks_state(query):
             rows = rows_of(self.fleet, query)
             return replace(self.cyclic.question(rows, now), states=rows & ~self.fleet.replies)
-        return asking(self.fleet, query)
+        found = self._asked.get(query)
+        return asking(self.fleet, query) if found is None else found
 
     def start(self, request: Request, exchange: Exchange, now: float) -> None:
         """Begin a transaction whose frames are made. Raises PortError."""
@@ -154,7 +163,7 @@ class CanReader:
         spoke = heard.count > 0
         spoke[[each.row for each in heard.answers]] = True
         alerted = alert(heard.fault)
-        error = {self.ids[row]: ALERT if alerted[row] else 0 for row in np.flatnonzero(spoke).tolist()}
+        error = {self.ids[row]: int(ALERT) if alerted[row] else 0 for row in np.flatnonzero(spoke).tolist()}
         return Reply(self._told(request, exchange), error, waited, self.line.strays)
 
     def _overhear(self, now: float) -> None:
@@ -193,7 +202,12 @@ class CanReader:
 
         Who is parked goes on being asked by the cyclic reading itself.
         """
-        return self.slow.next() or Read((), STATE, 3)
+        query = self.slow.next()
+        if query is None:
+            return Read((), STATE, 3)
+        if query not in self._asked:
+            self._asked[query] = asking(self.fleet, query)
+        return query
 
     def span(self, query: Request) -> float:
         """Bus time (s) that a transaction takes at most, its timeout excluded."""
@@ -260,7 +274,9 @@ def _families(name: str, actuators: Sequence[Actuator]) -> list[tuple[Family, li
     kinds: dict[str, list[int]] = {}
     for row, each in enumerate(actuators):
         kinds.setdefault(model(each.model).family, []).append(row)
-    return [(_family(name, kind, [actuators[row] for row in rows]), rows) for kind, rows in kinds.items()]
+    made = [(_family(name, kind, [actuators[row] for row in rows]), rows) for kind, rows in kinds.items()]
+    apart(name, [family for family, _ in made])
+    return made
 
 
 def _family(name: str, kind: str, own: Sequence[Actuator]) -> Family:

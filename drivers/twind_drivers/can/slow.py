@@ -6,11 +6,11 @@ has them, asked in turn: all watchdogs, slice by slice, then one slice of voltag
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import inf
+from math import ceil, inf
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Floats, Read, Registers
+from twind_drivers.bus import Bools, Read, Registers
 from twind_drivers.can.family import SILENCE, Family, Parameter
 from twind_drivers.can.fleet import Fleet, Heard
 from twind_drivers.can.orders import decode
@@ -51,7 +51,7 @@ class SlowRegisters:
         self._state_time, self._watch_time, self._heat_time, self._volt_time = np.full((4, m), -inf)
         self._watch = _watched(fleet, lambda family: family.watchdog)
         self._volts = _watched(fleet, lambda family: family.parameters.get(VOLTAGE))
-        self._tells_watch = _rows(self._watch, m)
+        self._watch_time[~_rows(self._watch, m)] = inf  # what is not told is never old
         self._tells_volts = _rows(self._volts, m)
         self._status: list[Read] = []
         self._health: list[Read] = []
@@ -59,9 +59,12 @@ class SlowRegisters:
 
     # --------------------------------------------------------------------------- whose turn it is
 
-    def schedule(self, size: int) -> None:
-        """From now on slices of at most `size` actuators come round robin."""
-        ids = self._fleet.ids
+    def schedule(self, most: int, *, turns: int) -> None:
+        """From now on slices of at most `most` actuators come round robin: as small as lets a round be over
+        in so many `turns`."""
+        ids, count = self._fleet.ids, sum(len(each.rows) for each in self._watch)
+        own = max(1, turns - bool(self._volts) - len(self._watch) + 1)  # each family ends with a part of one
+        size = min(most, max(1, ceil(count / own)))
         self._status = [read for each in self._watch for read in each.slices(ids, size)]
         self._health = [read for each in self._volts for read in each.slices(ids, size)]
         self._turn = self._slot = 0
@@ -82,17 +85,25 @@ class SlowRegisters:
         """Keep what feedback says of `rows` (m,). `barred` (m,): who gets no commands any more."""
         state = self.registers
         told = rows & (heard.enabled >= 0)
-        state.torque[told] = heard.enabled[told]
         faulty = rows & (heard.fault >= 0)
-        state.fault[faulty] = heard.fault[faulty]
-        self._lost[faulty] = (heard.fault[faulty] & SILENCE) != 0
-        self._state_time[(told | (rows & self._mute)) & faulty] = time
+        if told.all() and faulty.all():
+            state.torque[:], state.fault[:], self._state_time[:] = heard.enabled, heard.fault, time
+        else:
+            np.copyto(state.torque, heard.enabled, where=told, casting="unsafe")
+            np.copyto(state.fault, heard.fault, where=faulty, casting="unsafe")
+            self._state_time[(told | (rows & self._mute)) & faulty] = time
+        lost = heard.fault & SILENCE
+        if lost.any() or self._lost.any():
+            self._lost[faulty] = lost[faulty] != 0
         for source, store, when in (
             (heard.temperature, state.temperature, self._heat_time),
             (heard.voltage, state.voltage, self._volt_time),
         ):
-            says = rows & ~np.isnan(source)
-            store[says], when[says] = source[says], time
+            says = rows & (source == source)  # NaN: not told
+            if says.all():
+                store[:], when[:] = source, time
+            elif says.any():
+                store[says], when[says] = source[says], time
         self._settle(barred)
 
     def fold(self, heard: Heard, rows: Bools, barred: Bools, time: float) -> None:
@@ -124,20 +135,25 @@ class SlowRegisters:
         for store in (state.torque, state.fault, self._period):
             store[row] = -1
         state.voltage[row] = state.temperature[row] = np.nan
-        for when in (self._state_time, self._watch_time, self._heat_time, self._volt_time):
+        for when in (self._state_time, self._heat_time, self._volt_time):
             when[row] = -inf
+        if self._watch_time[row] < inf:
+            self._watch_time[row] = -inf
         self._lost[row] = False
         self._settle(np.zeros(len(self._lost), np.bool_))
 
     def _settle(self, barred: Bools) -> None:
         state = self.registers
-        state.watchdog[:] = np.where(self._lost | barred, TRIPPED, self._period)
-        watch = np.where(self._tells_watch, self._watch_time, inf)
-        state.status_time[:] = np.minimum(self._state_time, watch)
-        heat: Floats = np.where(np.isfinite(self._heat_time), self._heat_time, inf)
-        volts = np.where(self._tells_volts | np.isfinite(self._volt_time), self._volt_time, inf)
-        health = np.minimum(heat, volts)
-        state.health_time[:] = np.where(health < inf, health, -inf)
+        np.copyto(state.watchdog, self._period)
+        tripped = self._lost | barred
+        if tripped.any():
+            state.watchdog[tripped] = TRIPPED
+        np.minimum(self._state_time, self._watch_time, out=state.status_time)
+        heat = np.where(self._heat_time > -inf, self._heat_time, inf)
+        volts = np.where(self._tells_volts | (self._volt_time > -inf), self._volt_time, inf)
+        np.minimum(heat, volts, out=heat)
+        np.copyto(state.health_time, heat)
+        state.health_time[heat == inf] = -inf
 
 
 def _watched(fleet: Fleet, of: Callable[[Family], Parameter | None]) -> list[Watched]:

@@ -18,20 +18,29 @@ class WireCheck:
 
     def __init__(self, fleet: Fleet, lower: Ints, upper: Ints) -> None:
         self._fleet, self._lower, self._upper = fleet, lower, upper
+        self._widen()
 
     def judge(self, frames: Frames) -> None:
         """Raises WireClamp for the first frame that may not leave."""
         fleet = self._fleet
-        to = fleet.commands_to(frames)
+        to, place = fleet.commands_to(frames), fleet.commanded(frames)
+        if self._ranges is not fleet.ranges:
+            self._widen()
         if (to < 0).any():
             id = int(frames["id"][np.argmax(to < 0)])
             raise WireClamp(fleet.name, id, id, min(fleet.ids), max(fleet.ids), "order to a frame id")
-        place = fleet.commanded(frames) / COUNT
-        step = np.nan_to_num(2.0 * fleet.ranges.position / STEPS / COUNT, nan=0.0, posinf=0.0)
-        slack = np.maximum(1.0, step)[to]
-        outside = (place < self._lower[to] - slack) | (place > self._upper[to] + slack)
+        outside = (place < self._least.take(to)) | (
+            place > self._most.take(to)
+        )  # an order without one is NaN
         if outside.any():
             first = int(np.argmax(outside))
             row = int(to[first])
             bounds = float(self._lower[row]), float(self._upper[row])
-            raise WireClamp(fleet.name, fleet.ids[row], float(place[first]), *bounds, "goal")
+            raise WireClamp(fleet.name, fleet.ids[row], float(place[first]) / COUNT, *bounds, "goal")
+
+    def _widen(self) -> None:
+        """What the bytes may say, rad: an actuator has told its ranges."""
+        self._ranges = self._fleet.ranges
+        step = np.nan_to_num(2.0 * self._ranges.position / STEPS / COUNT, nan=0.0, posinf=0.0)
+        slack = np.maximum(1.0, step)
+        self._least, self._most = (self._lower - slack) * COUNT, (self._upper + slack) * COUNT

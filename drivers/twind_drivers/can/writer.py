@@ -138,11 +138,10 @@ class CanWriter:
     def aimed(self) -> Script[Ints]:
         """The goals (m,) that were sent last, in counts. Raises NoReply where none was."""
         yield from ()
-        left = self._own.line.left
-        missing = [id for row, id in enumerate(self._reader.ids) if row not in left]
-        if missing:
-            raise NoReply(self._name, missing, 0.0, "goal: none was sent")
-        return np.array([left[row] for row in range(len(self._reader.ids))], np.int64)
+        line = self._own.line
+        if not line.told.all():
+            raise NoReply(self._name, self._own.by_id(~line.told), 0.0, "goal: none was sent")
+        return line.left.copy()
 
     def torque(self, on: bool) -> Script[None]:
         """Torque of all, read back; off is ordered twice. Raises DeviceRefused, NoReply.

@@ -4,6 +4,7 @@ Runs in the loop's one thread. Accepts only queries: a mirror has no object that
 """
 
 from collections.abc import Mapping, Sequence
+from math import inf
 
 from twind_drivers.bus import (
     Device,
@@ -97,6 +98,11 @@ class DynamixelReader:
     def deadline(self) -> float:
         """When the outstanding transaction ends at the latest, s."""
         return self.line.deadline
+
+    @property
+    def earliest(self) -> float:
+        """Unknown: an adapter hands over a whole reply at once, so there is nothing to be saved."""
+        return -inf
 
     @property
     def fast(self) -> bool:
