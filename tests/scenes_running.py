@@ -1,6 +1,5 @@
 """Situations that lead to each code of what is judged in every tick."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ from stage import faults, leads_to, move
 from twind import link
 from twind.robot.finding import Code
 from twind.robot.trajectory import Trajectory
-from twind.safety.guard import FINE, Guard
+from twind.safety.guard import FINE
 from twind_drivers.virtual.muscles import FirstOrder
 
 
@@ -195,15 +194,9 @@ def the_adapter_is_stuck(made: Rig) -> None:
     made.ticks(10)
 
 
-@leads_to(Code.CAN_BUS_STATE, robot="h24-split")
-def everybody_on_a_can_bus_loses_its_power(made: Rig) -> None:
-    """Serial servos stand in for the actuators: their silence is the same."""
-    parts, upper = made.loop.parts, made.loop.joints.buses[0]
-    buses = [bus.name for bus in made.loop.joints.buses]
-    guard = Guard(parts.limits, buses=buses, can={upper.name: upper.joints.tolist()}, support="gantry")
-    made.loop.parts = replace(parts, guard=guard)
-    for id in upper.ids:
-        made.virtual[upper.name].faults.silence(id)
+@leads_to(Code.CAN_BUS_STATE, robot="h24-mixed")
+def everybody_on_a_leg_loses_its_power(made: Rig) -> None:
+    made.virtual["l_leg"].faults.power(False)
     made.ticks(13)
 
 

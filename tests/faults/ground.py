@@ -24,6 +24,7 @@ from faults.fault import Fault, Outcome
 from faults.machine import Machine
 from faults.threads import Keeper, Watcher
 from twind.client import CallError, Client, ClientError
+from twind.config.ports import virtual_port
 from twind.config.robot_file import load_robot
 
 TRIES = 6  # injections until one is not disturbed
@@ -50,6 +51,8 @@ class Ground:
         self.stack = ExitStack()
         self.folder = Path(self.stack.enter_context(tempfile.TemporaryDirectory(prefix="twind-faults-")))
         self.relay: Relayed | None = None
+        self.relay_bus = "main"  # that the relay is on
+        self.swing = SWING  # joint -> rad, what moves
         self.begun = 0.0
         self._lost = 0.0  # s, of the servos' clock before the motion
         self.machine = Machine()
@@ -66,9 +69,14 @@ class Ground:
 
     def relayed(self) -> Relayed:
         """The monitor between daemon and servos from now on."""
-        file, servos = load_robot("h24").path, self.folder / "ports" / "main"
+        file, servos = load_robot(self.virtual.robot).path, self.folder / "ports" / self.relay_bus
         made = relayed(
-            self.folder, servos, file, self.virtual.calibration, observe=self.folder / "run" / "observe.sock"
+            self.folder,
+            servos,
+            file,
+            self.virtual.calibration,
+            bus=self.relay_bus,
+            observe=self.folder / "run" / "observe.sock",
         )
         self.relay = self.stack.enter_context(made)
         self.machine.watch("relay", self.relay.process.pid, first=True)
@@ -79,8 +87,10 @@ class Ground:
         options = ["--mode", "live", "--robot", self.virtual.robot]
         options += ["--calibration", str(self.virtual.calibration)]
         for bus in self.virtual.ports:
-            port = self.relay.link if self.relay is not None else self.folder / "ports" / bus
-            options += ["--port", f"{bus}={port}"]
+            between = self.relay is not None and bus == self.relay_bus
+            port = self.relay.link if self.relay is not None and between else self.folder / "ports" / bus
+            kind = load_robot(self.virtual.robot).bus(bus).kind
+            options += ["--port", f"{bus}={virtual_port(kind, str(port))}"]
         self.running = Daemon(self.folder / "run", *options, **how)
         self.stack.callback(self._end, self.running)
         self.machine.watch("daemon", self.running.process.pid)
@@ -145,9 +155,9 @@ class Ground:
 
     def move(self, client: Client) -> None:
         """Some joints away and back for a minute."""
-        names = list(SWING)
+        names = list(self.swing)
         points = [
-            {"positions": [SWING[name] * (k % 2) for name in names], "time_from_start": 1.2 * k}
+            {"positions": [self.swing[name] * (k % 2) for name in names], "time_from_start": 1.2 * k}
             | {"velocities": [0.0] * len(names)}
             for k in range(1, 40)
         ]
@@ -173,8 +183,8 @@ class Ground:
 
     def swinging(self) -> int:
         """The id of a joint that moves."""
-        joints = {joint.name: joint.id for joint in load_robot("h24").joints}
-        return int(joints[str(self.random.choice(list(SWING)))])
+        joints = {joint.name: joint.id for joint in load_robot(self.virtual.robot).joints}
+        return int(joints[str(self.random.choice(list(self.swing)))])
 
     def claim(self, right: bool, what: str) -> None:
         if not right:

@@ -30,7 +30,6 @@ ROWS = {row.number: row for module in (port, line, servos, timing, outside) for 
     38: can_rows.ROW
 }
 NO_REAL = {
-    38: "real: not yet",
     4: "real: other servos behind the port are other files to read; the bytes are those of virtual time",
     23: "real: the collector is off in the process that ticks; tests/test_realtime.py holds it to that",
     30: "real: nobody may suspend this machine; a stopped process, row 25, is what it sees of it",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from faults.can_real import on_can
 from faults.real_processes import PROCESSES
 from twind.client import CallError
 
@@ -261,5 +262,6 @@ REAL: dict[int, Callable[[Ground], None]] = {
     18: stops(but_one=True, heal=("free", "clear"), after=130.0, fault="lock"),
     19: frozen,
     20: homing_lost,
+    38: on_can,
     **PROCESSES,
 }
