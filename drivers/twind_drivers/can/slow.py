@@ -6,7 +6,7 @@ has them, asked in turn: all watchdogs, slice by slice, then one slice of voltag
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import ceil, inf
+from math import inf
 
 import numpy as np
 
@@ -53,29 +53,32 @@ class SlowRegisters:
         self._volts = _watched(fleet, lambda family: family.parameters.get(VOLTAGE))
         self._watch_time[~_rows(self._watch, m)] = inf  # what is not told is never old
         self._tells_volts = _rows(self._volts, m)
-        self._status: list[Read] = []
-        self._health: list[Read] = []
-        self._turn = self._slot = 0
+        self.schedule(len(fleet), turns=1)
 
     # --------------------------------------------------------------------------- whose turn it is
 
-    def schedule(self, most: int, *, turns: int) -> None:
-        """From now on slices of at most `most` actuators come round robin: as small as lets a round be over
-        in so many `turns`."""
-        ids, count = self._fleet.ids, sum(len(each.rows) for each in self._watch)
-        own = max(1, turns - bool(self._volts) - len(self._watch) + 1)  # each family ends with a part of one
-        size = min(most, max(1, ceil(count / own)))
-        self._status = [read for each in self._watch for read in each.slices(ids, size)]
+    def schedule(self, size: int, *, turns: int) -> None:
+        """From now on slices of at most `size` actuators come round robin, a round in so many `turns`.
+
+        Slices are few and long, and turns are left out: what one costs hardly grows with its frames.
+        """
+        ids = self._fleet.ids
+        status: list[Read | None] = [read for each in self._watch for read in each.slices(ids, size)]
         self._health = [read for each in self._volts for read in each.slices(ids, size)]
+        wanted = [*status, None] if self._health else status
+        self._slots: list[Read | None] = [None] * max(turns, len(wanted))
+        for number, read in enumerate(status):
+            self._slots[number * len(self._slots) // len(wanted)] = read
+        self._healthy = len(status) * len(self._slots) // len(wanted) if self._health else -1
         self._turn = self._slot = 0
 
     def next(self) -> Read | None:
-        """The slice whose turn it is; None: all that can be told comes by itself."""
-        if not self._status and not self._health:
+        """The slice whose turn it is; None: nothing need be asked in this turn."""
+        if not self._slots:
             return None
-        slot, self._slot = self._slot, (self._slot + 1) % (len(self._status) + bool(self._health))
-        if slot < len(self._status):
-            return self._status[slot]
+        slot, self._slot = self._slot, (self._slot + 1) % len(self._slots)
+        if slot != self._healthy:
+            return self._slots[slot]
         turn, self._turn = self._turn, (self._turn + 1) % len(self._health)
         return self._health[turn]
 
