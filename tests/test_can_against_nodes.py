@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import pytest
 
-from tests.can_frames import GAINS, column
+from tests.can_codec_frames import GAINS, column
 from twind_drivers.can.families import make
 from twind_drivers.can.family import Family, Feedback, Ranges, Special
 from twind_drivers.can.frame import Frames

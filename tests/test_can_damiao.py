@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.can_frames import column, decode_all, frame, noise, ranges, wire
+from tests.can_codec_frames import column, decode_all, frame, noise, ranges, wire
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import family as bits
 from twind_drivers.can.damiao import IDENTITY, PARAMETERS, TIMEOUT, Damiao

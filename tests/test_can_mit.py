@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.can_frames import column, frame, ranges
+from tests.can_codec_frames import column, frame, ranges
 from twind_drivers.bus import Floats, WireClamp
 from twind_drivers.can.frame import Octets
 from twind_drivers.can.mit import BITS, NAMES, WIDE, Scale, commands, special, unpack

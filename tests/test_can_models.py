@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.can_frames import ranges
+from tests.can_codec_frames import ranges
 from twind_drivers.can.damiao import Damiao
 from twind_drivers.can.families import FAMILIES, apart, make, ranges_of
 from twind_drivers.can.family import Family, Special
