@@ -62,9 +62,12 @@ def patiently(call: Callable[[], T], seconds: float = PATIENCE) -> T:
 
 
 def _busy(findings: Any) -> bool:
-    """A busy machine is among the reasons. Of arming it is one, too, that a question to a servo was lost."""
+    """A busy machine is among the reasons. So it is where a question to a servo was lost at arming, and where
+    a joint that is there was heard a moment too long ago."""
     return any(
-        each["code"] in BUSY or (each["code"] == "ARM_FAILED" and "no reply" in each["message"])
+        each["code"] in BUSY
+        or (each["code"] == "ARM_FAILED" and "no reply" in each["message"])
+        or (each["code"] == "HW_DISCONNECTED" and "not heard lately" in each["message"])
         for each in findings
     )
 
