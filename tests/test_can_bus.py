@@ -365,3 +365,13 @@ def test_a_lost_port_is_opened_anew_and_nothing_of_before_leaves() -> None:
     assert rig.tick().heard.all()
     assert sent_to(rig, 0) == []
     assert abs(rig.places() - before).max() <= 3
+
+
+def test_one_whose_answers_come_late_is_not_taken_for_one_that_was_away() -> None:
+    rig = CanRig(MODELS)
+    here = rig.arm()
+    rig.ticks(5, here)
+    rig.faults.delay(0.0125, 2)
+    samples = rig.ticks(30, here)
+    assert not any(sample.heard[1] for sample in samples[:3])
+    assert (rig.registers.watchdog == 100).all()

@@ -120,7 +120,7 @@ class Cyclic:
         believed: Bools = there & self.proven
         self._bar(now)
         self.place = np.where(believed, heard.position, self.place)
-        self._heard_at[believed] = now
+        self._heard_at[self._line.spoke | believed] = now
         asked = self._attend(believed, expect > 0, now)
         self._sure = bool(self.proven.all()) and not self.attendance.parked
         return believed, asked
@@ -134,7 +134,8 @@ class Cyclic:
         self.proven = self._clean >= SURE
 
     def _bar(self, now: float) -> None:
-        """Whoever was away for as long as his watchdog, as of before this reading."""
+        """Whoever was away for as long as his watchdog, as of before this reading. A late answer is no
+        reading, but he who gives one was not away."""
         self.barred |= self.energised & self.watched & (now - self._heard_at >= DEAD)
         if self._line.dead(now):
             self.barred |= self.energised

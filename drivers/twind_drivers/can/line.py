@@ -61,9 +61,12 @@ class Line:
     answer of an actuator that missed one within the last second is not among them.
     """
 
-    def __init__(self, fleet: Fleet, channel: wire.Channel, *, bitrate: int, slack: float) -> None:
+    def __init__(
+        self, fleet: Fleet, channel: wire.Channel, *, bitrate: int, slack: float, rare_slack: float
+    ) -> None:
+        """`slack`, `rare_slack` (s): what an answer may take beyond its wire time."""
         self.fleet, self.channel, self.name = fleet, channel, fleet.name
-        self.slack = slack
+        self.slack, self.rare_slack = slack, rare_slack
         self._bit = 1.0 / bitrate  # s
         self._frame = (EXTENDED_BITS if fleet.wide else STANDARD_BITS) / bitrate  # s, at most
         self.urgent: Frames = NOTHING
@@ -153,7 +156,7 @@ class Line:
             self._leaving, self.urgent = self.urgent, NOTHING
         if self._leaves is not None:
             self._keep(self._leaves)
-        self._begin(exchange, lead, expect, now)
+        self._begin(exchange, lead, expect, now, cyclic=goals)
 
     def _keep(self, goals: Goals) -> None:
         """They went out."""
@@ -191,7 +194,7 @@ class Line:
             self.urgent = self._leaving
         self._busy = -inf
 
-    def _begin(self, exchange: Exchange, lead: Frames, expect: Ints, now: float) -> None:
+    def _begin(self, exchange: Exchange, lead: Frames, expect: Ints, now: float, *, cyclic: bool) -> None:
         self.exchange, self.sent, self.received, self.expect = exchange, now, now, expect
         self._frames, self._count, self._looked = [], 0, -1
         self._sent_frames = len(lead) + len(exchange.frames)
@@ -205,7 +208,8 @@ class Line:
         self._busy = begin + self._sent_frames * self._frame
         back = self._everything + len(exchange.registers)
         back += 0 if exchange.acks is None else int(np.count_nonzero(exchange.acks))
-        self.deadline = self._busy + back * self._frame + (self.slack if waits else 0.0)
+        slack = self.slack if cyclic else min(self.slack, self.rare_slack)
+        self.deadline = self._busy + back * self._frame + (slack if waits else 0.0)
         if self._wanted:
             payload = 8 * (int(lead["size"].sum()) + int(exchange.frames["size"].sum()))
             least = AROUND * self._sent_frames + payload + LEAST * self._wanted

@@ -50,9 +50,9 @@ from twind_drivers.can.orders import (
 )
 from twind_drivers.can.slow import SlowRegisters
 
-# s that an answer may take beyond its wire time, at most half a period of the loop: USB adapters hand frames on
-# in batches, and with 2 ms a machine at its limit loses one reading in ten (2026-11-22, 24 virtual actuators).
-SLACK = 0.0035
+# s that an answer may take beyond its wire time, at most half a period of the loop. USB adapters hand frames
+# on in batches; with 2 ms a machine at its limit lost one reading in ten (2026-11-22, 24 virtual actuators).
+SLACK, RARE_SLACK = 0.0035, 0.002  # a rare transaction ends the tick, so it waits for less
 SLICE = 0.002  # s of bus time that one transaction of a script or of upkeep may take at most ...
 SHARE = 0.2  # ... and of a period
 ROUND = 0.04  # s in which every watchdog is read once
@@ -87,7 +87,7 @@ class CanReader:
         self.channel, self.rate_hz, self.bitrate = channel, rate_hz, bitrate
         self.fleet = Fleet(name, actuators, _families(name, actuators))
         wait = min(SLACK, 0.5 / rate_hz) if slack is None else slack
-        self.line = Line(self.fleet, channel, bitrate=bitrate, slack=wait)
+        self.line = Line(self.fleet, channel, bitrate=bitrate, slack=wait, rare_slack=min(RARE_SLACK, wait))
         self.cyclic = Cyclic(self.fleet, self.line)
         self.slow = SlowRegisters(self.fleet)
         self.registers: Registers = self.slow.registers
