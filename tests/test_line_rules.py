@@ -110,6 +110,21 @@ def test_r24_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
     assert not watch.guard.bars
 
 
+def test_r24_a_bus_that_was_given_up_before_is_told_and_not_given_up_again() -> None:
+    watch = Watch()
+    for gone in (
+        Traffic(asked=True, answered=True, line=OFF, left_out=True),
+        Traffic(asked=True, left_out=True),
+    ):
+        found = watch.all([gone] * 30)
+        assert not any(one.gone or one.latches or one.reaction for one in found)
+    assert watch.told == [Code.CAN_BUS_STATE]
+    found = watch.all([Traffic(asked=True, left_out=True)] * 9 + [NOBODY] * 10)
+    assert [bool(one.gone) for one in found] == [False] * 18 + [True]
+    watch.see(Traffic(asked=True, line=OFF, left_out=True))
+    assert [one.code for one in watch.guard.bars if one.code is Code.CAN_BUS_STATE]
+
+
 def test_r24_passive_that_becomes_off_is_told_again() -> None:
     watch = Watch()
     watch.all([line(PASSIVE)] * 5 + [line(OFF)], **DISARMED)

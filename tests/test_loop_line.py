@@ -114,6 +114,19 @@ def test_a_robot_that_stands_freely_is_lowered_by_the_others_and_let_go() -> Non
     rig.close()
 
 
+@pytest.mark.parametrize("support", ["gantry", "free"])
+def test_a_bus_that_stays_silent_is_given_up_once(support: str) -> None:
+    """Given up again and again it would stop the way down of the others each time."""
+    rig = Can(support)
+    for id in rig.virtual["upper"].servos["id"]:
+        rig.virtual["upper"].faults.silence(int(id))
+    rig.seconds(11.0 if support == "free" else 2.0)
+    assert len(rig.events("PORT_LOST")) == 1
+    assert rig.port.reader is not None  # open again, and asked
+    assert any(rig.virtual["lower"].servos["torque_enable"]) is (support == "gantry")
+    rig.close()
+
+
 def test_silence_of_a_whole_bus_is_the_same_after_100_ms() -> None:
     rig = Can()
     for id in rig.virtual["upper"].servos["id"]:

@@ -246,7 +246,9 @@ class Hardware:
         """Forget what the last exchange brought."""
         self.discarded = 0
         self.readings.begin()
-        for traffic in self.traffic:
+        some_hold = any(port.holding for port in self.ports)
+        for traffic, port in zip(self.traffic, self.ports, strict=True):
+            traffic.left_out = some_hold and not port.holding
             traffic.asked = traffic.bad = traffic.answered = False
             traffic.foreign = traffic.full = 0
 

@@ -101,6 +101,7 @@ class Traffic:
     answered: bool = False  # somebody was heard
     foreign: int = 0  # packets that nobody asked for (R08)
     full: int = 0  # packets of ours that the port had no room for (R23)
+    left_out: bool = False  # others hold, and this one gets no goals: it was lost before
     line: int = 0  # of a CAN controller: 0 active, 1 error passive, 2 off or unacknowledged (R24)
 
 

@@ -42,7 +42,7 @@ class LineRules:
         begins anew.
         """
         missed = traffic.full > 0 or (traffic.asked and not traffic.answered)
-        self._unanswered[bus] = count = self._unanswered[bus] + 1 if missed and ours(facts) else 0
+        self._unanswered[bus] = count = self._unanswered[bus] + 1 if missed and _ours(facts, traffic) else 0
         silent = count * facts.period
         enough = count >= self._bounds.errors_least and silent >= self._bounds.line_silent - ROUNDING
         return silent if enough else None
@@ -63,7 +63,13 @@ class LineRules:
             "wiring; it is emptied and everybody on it asked anew; then disarm, reset, arm"
         )
         finding = Finding(Code.CAN_BUS_STATE, value=value, bound=bound, message=message)
-        if not ours(facts):
+        if not _ours(facts, facts.traffic[bus]):
             return Said(finding, bars=True, bus=bus)
         reaction = Reaction.SETTLE if self._free else hold(facts)
         return Said(finding, reaction, latches=True, bars=True, bus=bus, gone=True)
+
+
+def _ours(facts: Facts, traffic: Traffic) -> bool:
+    """Our torque holds somebody there, or is about to. One that was given up before is lost already: to give
+    it up again would stop the others on their way down."""
+    return ours(facts) and not traffic.left_out
