@@ -50,7 +50,7 @@ class Cyclic:
         self._everyone: Bools = np.ones(m, np.bool_)
         self._everyone.setflags(write=False)
         self._everybody = Exchange(*fleet.question())
-        self._nobody = Exchange(NOTHING, np.zeros(m, np.int64))
+        self.nothing = Exchange(NOTHING, np.zeros(m, np.int64))
 
     # --------------------------------------------------------------------------- out
 
@@ -59,13 +59,13 @@ class Cyclic:
         self._first, self.cycle = min(self._first, now), self.cycle + 1
         silent = ~(commanded & self.fleet.replies)
         if not silent.any():
-            return self._nobody
+            return self.nothing
         return self.question(silent, now)
 
     def question(self, silent: Bools, now: float) -> Exchange:
         """Asks at least the actuators `silent` (m,) where they are."""
         if not silent.any():
-            return self._nobody
+            return self.nothing
         asked = self._everybody if silent.all() else Exchange(*self.fleet.question(silent))
         frames, rows = self.knock
         knocked = rows & silent & ~self.energised

@@ -75,6 +75,7 @@ class Fleet:
         self._alone = self.families[0][0] if len(self.families) == 1 else None
         self.wide = any(self.special(row, Special.DISABLE)["id"][0] & EXTENDED for row in self._of)
         self.ranges = self._ranges()
+        self._silence = Heard.nothing(len(self.ids))
         self.replies = self._spread(lambda family: family.replies, np.bool_)
         self.answers = self._spread(lambda family: family.answers, np.int64)
 
@@ -189,7 +190,7 @@ class Fleet:
     def hear(self, frames: Frames) -> Heard:
         """What they say, the newest of each; nothing raises."""
         if not len(frames):
-            return Heard.nothing(len(self.ids))
+            return self._silence
         if self._alone is not None and len(frames) == len(self.ids):
             usual = self._usual(self._alone, frames)
             if usual is not None:

@@ -202,6 +202,8 @@ class Line:
         whole = self.asked.all()
         self._wanted = self._everything if whole else int(expect[self.asked].sum())
         self._wanted += len(exchange.registers)
+        if not self._sent_frames:
+            self.heard, self.exact = self.fleet.hear(NOTHING), False
         waits = self._wanted > 0 or exchange.waits
         self._done = not waits and not len(lead) and not len(exchange.frames)
         begin = max(now, self._busy)
@@ -245,7 +247,7 @@ class Line:
     def end(self) -> Exchange | None:
         """End the transaction; what was heard stands in `heard` until the next one. Never raises."""
         exchange, self.exchange, self._done = self.exchange, None, True
-        if exchange is not None:
+        if exchange is not None and not self.idle:
             heard = self._decode()
             if self._exact(exchange, heard):
                 self._silent_since, self._leaving = inf, NOTHING
@@ -256,6 +258,11 @@ class Line:
             if heard.count.any() or heard.answers:
                 self._silent_since, self._leaving = inf, NOTHING
         return exchange
+
+    @property
+    def idle(self) -> bool:
+        """Nothing was sent in this transaction, and nothing came."""
+        return self._sent_frames == self._count == 0
 
     def _exact(self, exchange: Exchange, heard: Heard) -> bool:
         """Every frame was asked for, of everybody, and there was no other: the healthy reading."""

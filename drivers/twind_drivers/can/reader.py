@@ -142,6 +142,8 @@ class CanReader:
     def _asking(self, query: Query, now: float) -> Exchange:
         if isinstance(query, Ping) or asks_state(query):
             rows = rows_of(self.fleet, query)
+            if not rows.any():
+                return self.cyclic.nothing
             return replace(self.cyclic.question(rows, now), states=rows & ~self.fleet.replies)
         found = self._asked.get(query)
         return asking(self.fleet, query) if found is None else found
@@ -157,11 +159,12 @@ class CanReader:
         """End it. What was told of the slow registers is kept, of those whose answers are believed."""
         exchange, request, self._query = self.line.end(), self._query, None
         waited = now - self.line.sent
-        if exchange is None:
+        if exchange is None or self.line.idle:
             return Reply({}, {}, waited, self.line.strays)
         heard = self.line.heard
         told = self.cyclic.note(heard, now)
-        self._keep(told)
+        if heard.answers or told.any():
+            self._keep(told)
         spoke = heard.count > 0
         spoke[[each.row for each in heard.answers]] = True
         alerted = alert(heard.fault)
