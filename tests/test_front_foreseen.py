@@ -78,6 +78,24 @@ def test_others_are_answered_while_a_long_path_is_swept(own: StandIn) -> None:
     assert sorted(waits)[len(waits) // 2] < 0.02
 
 
+def test_the_lease_of_a_path_that_waits_is_kept_and_that_of_a_check_is_not(own: StandIn) -> None:
+    def kept() -> list[int]:
+        return [each.client for each in own.commands if isinstance(each, link.RenewLease)]
+
+    own.await_lookahead()
+    with Raw(own) as one, Raw(own) as other:
+        one.send("Check", parameters={"trajectory": LONG})  # what is asked behind it waits
+        other.send("SubmitTrajectory", parameters={"trajectory": LONG})
+        one.receive()
+        other.receive()
+    assert len(kept()) >= 3
+    assert set(kept()) == {submits(own)[-1].client}
+    assert not submits(own)[-1].check_only
+    count = len(kept())
+    time.sleep(1.0)
+    assert len(kept()) == count  # nobody waits any more
+
+
 def test_a_client_that_goes_away_takes_its_path_with_it(own: StandIn) -> None:
     own.await_lookahead()
     with Raw(own) as client:

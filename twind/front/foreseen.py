@@ -16,7 +16,7 @@ import numpy as np
 
 from twind.front.calls import Call
 from twind.front.tickets import OUTSTANDING
-from twind.link import Tick
+from twind.link import RenewLease, Tick
 from twind.robot.arrays import Floats
 from twind.robot.finding import Code, Finding, Verdict
 from twind.robot.modes import Mode, Motion
@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from twind.twin.foresight import Foresight
 
 Forward = Callable[[Verdict, float], None]  # what was found, and when the state that it rests on was true
+KEPT = (
+    10.0  # s that a path which waits here keeps its client's lease: on a slow machine the model loads as long
+)
+NOBODY = 0  # the ticket of a command whose answer nobody waits for
 
 
 @dataclass(slots=True)
@@ -38,6 +42,7 @@ class Job:
     append_stop: bool
     moves: bool  # it will be followed if nothing is wrong; False: `Check`
     forward: Forward
+    asked: float  # s, when it was called for
     begun: Tick | None = None
 
 
@@ -89,8 +94,24 @@ class Foreseen:
             self._front.log.say("warning", "ONEWAY_FLOOD", self._front.now(), holder=holder)
             return
         self._jobs.append(job)
+        self.keep()
         if len(self._jobs) == 1:
             self._next()
+
+    def keep(self) -> None:
+        """A motion call renews the lease when it comes, and it does not lapse while we are not done with it.
+
+        Called with every heartbeat. The loop refuses it to whoever does not hold the lease.
+        """
+        since = self._front.now() - KEPT
+        waiting = {
+            job.call.caller.number: job.call.caller for job in self._jobs if job.moves and job.asked > since
+        }
+        for number, caller in waiting.items():
+            if number in self._front.sessions:
+                self._front.link.send(
+                    RenewLease(ticket=NOBODY, client=number, uid=caller.uid, holder=caller.holder)
+                )
 
     def stop(self) -> None:
         """Somebody stops the robot: a motion that is still being judged must not begin afterwards."""

@@ -170,7 +170,7 @@ def _trajectory(front: Front, call: Call, *, check_only: bool) -> None:
         with submit.Sealed(path) as fd:
             forward(front, call, link.Submit, fd, **asked, **judged)
 
-    front.foreseen.judge(Job(call, path, fields["append_stop"], not check_only, send))
+    front.foreseen.judge(Job(call, path, fields["append_stop"], not check_only, send, now))
 
 
 def _turned_down(front: Front, call: Call, wrong: list[Finding], *, check_only: bool) -> None:

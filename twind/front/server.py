@@ -217,6 +217,7 @@ class Front:
         now = self.now()
         self.loop.call_later(TEND, self._tend)
         self.link.heartbeat()
+        self.foreseen.keep()
         self._starved = not self._spares.refill()
         self._listeners, self._resting = [*self._listeners, *self._resting], []
         if self.world.known:
