@@ -117,7 +117,8 @@ def test_golden_commands_of_the_mit_frame(text: bytes, place: float, rate: float
 def test_a_command_of_nothing_is_limp_and_no_goal() -> None:
     assert act(mit(), b"t00187FFF7FF0000007FF").kind == "limp"
     assert act(mit(), b"t00187FFF7FF0010007FF").kind == "goal"
-    assert act(mit(), b"t00187FFF7FF000000900").kind == "goal"  # torque alone moves it too
+    assert act(mit(), b"t00187FFF7FF000000900").kind == "soft"  # torque alone moves it too, but not there
+    assert act(mit(), b"t00187FFF7FF0000107FF").kind == "soft"
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from busmon.can.monitor import CanMonitor
 from busmon.can.motors import CanLimits
 from evil import can_world
 from evil.can_every import EVILS
-from evil.can_good import Cutting, Good, Killed, Mirror, Reborn
-from evil.can_nodes import CUBEMARS
+from evil.can_good import Cutting, Good, Killed, Mirror, Reborn, packed
+from evil.can_nodes import CUBEMARS, DAMIAO, said
 from evil.can_registry import Evil
 
 RULES = {"W1", "W2", "W3", "W4", "W5", "W6", "W7", "W8", "W10", "W11"}
@@ -41,6 +41,14 @@ class Probing(Good):
         self.exchange(b"t7F080000000000000000\r")
 
 
+class Damping(Good):
+    """Soft for a moment: without stiffness the place in a command counts for nothing."""
+
+    def armed(self) -> None:
+        self.exchange(said(DAMIAO, packed(0x7FFF, kp=0)))
+        self.hold(2)
+
+
 class Pausing(Good):
     """Says nothing for 59 ms while it holds: short of a silence."""
 
@@ -62,7 +70,8 @@ class Holding(Good):
 
 
 @pytest.mark.parametrize(
-    "daemon", [Good, Cutting, Mirror, Killed, Reborn, Backwards, LowerCase, Probing, Pausing, Holding]
+    "daemon",
+    [Good, Cutting, Mirror, Killed, Reborn, Backwards, LowerCase, Probing, Damping, Pausing, Holding],
 )
 def test_a_daemon_that_does_everything_right_breaks_nothing(daemon: type[Good]) -> None:
     port = can_world.VirtualPort()

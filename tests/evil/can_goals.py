@@ -319,6 +319,15 @@ class GoalWhileConnected(Good):
 
 
 @breaks("W5")
+class DampsWhileConnected(Good):
+    """Without stiffness, but it is a command, and nobody has armed."""
+
+    def connected(self) -> None:
+        self.port.write(said(DAMIAO, packed(0x7FFF, kp=0)))
+        self.wait()
+
+
+@breaks("W5")
 class TorqueWhileConnected(Good):
     """Switches on one that has been given all that it needs, but nobody has asked it to arm."""
 

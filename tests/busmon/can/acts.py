@@ -8,7 +8,8 @@ from busmon.can.text import Malformed
 class Act(NamedTuple):
     """One frame to one motor.
 
-    `kind`: goal, limp (a command without stiffness), on, off, clear, read, ask, write (of the watchdog:
+    `kind`: goal, soft (a command without stiffness: its place counts for nothing),
+    limp (without damping and torque too), on, off, clear, read, ask, write (of the watchdog:
     `ticks` s), set (of something else that may be set), wrong (`why`: W2).
     """
 

@@ -46,7 +46,7 @@ class Mit:
         rate = field(data[2] << 4 | data[3] >> 4, 12, motor.velocity)
         if not kp and not kd and abs(push) <= motor.torque / 2000.0:
             return Act("limp", motor.id)
-        return Act("goal", motor.id, data[0] << 8 | data[1], rate, push)
+        return Act("goal" if kp else "soft", motor.id, data[0] << 8 | data[1], rate, push)
 
     def _special(self, motor: Motor, last: int) -> Act:
         if last == ZERO:

@@ -22,7 +22,7 @@ from busmon.words import Words
 
 LONGEST = 0.1  # s, the longest watchdog that counts as one
 PROBE = 0x7F0  # an id that nobody has: who acknowledges it is there
-WRITES = frozenset(("goal", "limp", "on", "off", "clear", "write", "set", "wrong"))
+WRITES = frozenset(("goal", "soft", "limp", "on", "off", "clear", "write", "set", "wrong"))
 ROUNDED = 1e-9
 
 
@@ -170,8 +170,10 @@ class CanMonitor:
             return
         if act.kind == "wrong":
             self._broken("W2", now, act.id, act.why)
-        elif act.kind == "goal":
-            self._goal(row, act, now)
+        elif act.kind in ("goal", "soft"):
+            self._fed_forward(row, act, now)
+            if act.kind == "goal":
+                self._goal(row, act, now)
         elif act.kind in ("on", "off"):
             self._aim(now)
             self._torque(row, act.kind == "on", now)
@@ -180,18 +182,22 @@ class CanMonitor:
         elif act.kind in ("clear", "set") and self.servos.on[row] and not self.servos.alert[row]:
             self._broken("W2", now, act.id, f"{act.kind} under torque")
 
-    def _goal(self, row: int, act: Act, now: float) -> None:
-        """W1, W2, W3, W4, W5 of one goal."""
-        servos, motor, id = self.servos, self.motors[row], act.id
-        self._goals[row] = act.word
+    def _fed_forward(self, row: int, act: Act, now: float) -> None:
+        """W2, W3, W5 of a command, whatever its place."""
+        motor, id = self.motors[row], act.id
         self.words.left(self._since)
         self.words.goal(now, id)
-        if not motor.lower <= act.word <= motor.upper:
-            self._broken("W1", now, id, f"goal {act.word} outside {motor.lower}..{motor.upper}")
         if not abs(act.rate) <= motor.rate * (1.0 + ROUNDED) + 2.0 * motor.velocity / 4095.0:
             self._broken("W3", now, id, f"{act.rate:.3f} rad/s fed forward, {motor.rate:.3f} allowed")
         if not abs(act.push) <= motor.push * (1.0 + ROUNDED) + 2.0 * motor.torque / 4095.0:
             self._broken("W2", now, id, f"{act.push:.3f} N·m fed forward, {motor.push:.3f} allowed")
+
+    def _goal(self, row: int, act: Act, now: float) -> None:
+        """W1, W3, W4 of the place of one goal."""
+        servos, motor, id = self.servos, self.motors[row], act.id
+        self._goals[row] = act.word
+        if not motor.lower <= act.word <= motor.upper:
+            self._broken("W1", now, id, f"goal {act.word} outside {motor.lower}..{motor.upper}")
         before = int(servos.goal[row])
         moved = abs(act.word - before)
         if servos.first[row]:

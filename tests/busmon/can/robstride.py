@@ -50,7 +50,7 @@ class RobStride:
         push = field(extra, 16, motor.torque)
         if not kp and not kd and abs(push) <= motor.torque / 32000.0:
             return Act("limp", motor.id)
-        return Act("goal", motor.id, place, field(rate, 16, motor.velocity), push)
+        return Act("goal" if kp else "soft", motor.id, place, field(rate, 16, motor.velocity), push)
 
     def _write(self, motor: Motor, data: bytes) -> Act:
         index, value = data[0] | data[1] << 8, int.from_bytes(data[4:], "little")
