@@ -97,6 +97,28 @@ def test_r09_the_bits_on_can_are_those_of_its_families() -> None:
     assert {bits: words(bits, can=True) for bits in named} == named
 
 
+@pytest.mark.parametrize(("torque", "joint", "support", "reaction"), [
+    (0, 0, "free", Reaction.DAMP), (1, 0, "free", Reaction.SETTLE), (-1, 0, "free", Reaction.SETTLE),
+    (0, 1, "free", Reaction.SETTLE), (0, 0, "gantry", Reaction.HOLD),
+])  # fmt: skip
+def test_r09_a_leg_that_shut_itself_down_damps_what_stands_on_it(
+    torque: int, joint: int, support: str, reaction: Reaction
+) -> None:
+    legs = replace(Ratings.unknown(N), leg=np.array([True, False, False]))
+    judge = Guard(LIMITS, support=support, ratings=legs)
+    judgement = judge.judge(facts(alerts=at(joint, 128), torque=at(joint, torque, 1, np.int8)))
+    assert [one.code for one in judgement.findings] == [Code.SERVO_ALERT]
+    assert judgement.reaction is reaction
+
+
+@pytest.mark.parametrize("torque", [0, 1])
+def test_r09_before_there_is_torque_no_leg_has_let_go(torque: int) -> None:
+    legs = replace(Ratings.unknown(N), leg=np.ones(N, np.bool_))
+    judge = Guard(LIMITS, support="free", ratings=legs)
+    row = at(0, torque, 0, np.int8)
+    assert judge.judge(facts(alerts=at(0, 128), torque=row, **ARMING)).reaction is Reaction.SETTLE
+
+
 def test_r09_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() -> None:
     judge = guard()
     over = {"alerts": at(0, 128), "state": State.FAULT}

@@ -143,6 +143,18 @@ def test_r15_who_lost_its_torque_and_sinks_does_not_make_the_others_soft() -> No
     assert watch.tick([1.2, 0.9, 0.0]).findings[0].joint == 1
 
 
+@pytest.mark.parametrize(
+    ("alert", "torque", "soft"),
+    [(128, 0, False), (0, 0, True), (1, 0, True), (128, 1, True), (128, -1, True)],
+)
+def test_r15_who_shut_itself_down_does_not_make_the_others_soft_on_the_way_down_either(
+    alert: int, torque: int, soft: bool
+) -> None:
+    alerts, limp = np.array([alert, 0, 0], np.uint8), np.array([torque, 1, 1], np.int8)
+    watch = Watch(torque_settled=False, state=State.FAULT, torque=limp, alerts=alerts)
+    assert (Code.FOLLOW_ERR in [one.code for one in watch.tick([1.2, 0.0, 0.0]).causes]) == soft
+
+
 def test_r15_who_takes_no_goals_since_its_watchdog_tripped_does_not_make_the_others_soft() -> None:
     watch = Watch(watchdog=np.array([255, 5, 5], np.int16))
     for _ in range(30):

@@ -88,7 +88,9 @@ class DeviceRules:
             value, bound = (float(bits), 0.0) if bits > 0 else (None, None)
             finding = Finding(Code.SERVO_ALERT, joint, value=value, bound=bound, message=message)
             if ours(facts):
-                yield Said(finding, self._rest(facts), latches=True, bars=True)
+                let_go = held(facts) and facts.torque[joint] == 0  # it shut itself down
+                reaction = self._limp(facts, joint) if let_go else self._rest(facts)
+                yield Said(finding, reaction, latches=True, bars=True)
             else:
                 yield Said(finding, bars=True)
 

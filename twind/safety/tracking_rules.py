@@ -13,7 +13,7 @@ from twind.robot.arrays import Bools, Floats, every
 from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
 from twind.robot.state import JointState
-from twind.safety.device_rules import TRIPPED
+from twind.safety.device_rules import ALERT, TRIPPED
 from twind.safety.facts import MOVING, Facts, Reaction, Said, Thresholds, held, hold, hold_here
 from twind.safety.goal_rules import ROUNDING
 
@@ -59,14 +59,17 @@ class TrackingRules:
     # ------------------------------------------------------------------------------------------- R15
 
     def _following(self, facts: Facts, measured: JointState, off: Floats) -> Iterator[Said]:
-        """Too far from its goal for too long; or further still. Who is limp (R10), or takes no goals because
-        its watchdog tripped (R12), follows nobody: the others are not made soft for it."""
+        """Too far from its goal for too long; or further still. Who is limp (R10), on the way down too where it
+        shut itself down (R09), or takes no goals because its watchdog tripped (R12), follows nobody: the
+        others are not made soft for it."""
         bounds = self._bounds
         if facts.goal is not None:
             off = off - bounds.lag * np.minimum(np.abs(facts.goal.velocity), self._velocity)
         bad = ~(off <= bounds.follow)
         if facts.torque_settled:
             bad &= (facts.torque != 0) & (facts.watchdog != TRIPPED)
+        else:
+            bad &= (facts.torque != 0) | (facts.alerts & ALERT == 0)
         far = bad & ~(off <= bounds.follow_damp)
         self._off_since = _since(self._off_since, bad, measured.heard, facts.now)
         long = facts.now - self._off_since >= bounds.follow_for - ROUNDING
