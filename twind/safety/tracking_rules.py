@@ -59,8 +59,8 @@ class TrackingRules:
     # ------------------------------------------------------------------------------------------- R15
 
     def _following(self, facts: Facts, measured: JointState, off: Floats) -> Iterator[Said]:
-        """Too far from its goal for too long; or further still. Who is limp (R10), on the way down too where it
-        shut itself down (R09), or takes no goals because its watchdog tripped (R12), follows nobody: the
+        """Too far from its goal for too long; or further still. Who is limp (R10), on the way down too where
+        it shut itself down (R09), or takes no goals because its watchdog tripped (R12), follows nobody: the
         others are not made soft for it."""
         bounds = self._bounds
         if facts.goal is not None:

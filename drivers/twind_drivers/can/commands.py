@@ -162,10 +162,14 @@ class Commands:
         place = np.where(np.isfinite(self.cyclic.place), self.cyclic.place, 0.0)
         return np.clip(counts(place), self.lower, self.upper)
 
-    def cut(self) -> None:
-        """Torque off for all, twice, in the next send; nobody's torque is ours from here on."""
+    def cut(self, rows: Bools | None = None) -> None:
+        """Torque off for all, or for `rows` (m,), twice, in the next send; nobody's is ours from here on."""
         self.line.goals = None
-        self.line.urgent = self._off
+        if rows is None:
+            self.line.urgent = self._off
+        else:  # a cut of everybody that waits stays
+            own = self._off[rows[self.fleet.commands_to(self._off)]]
+            self.line.urgent = joined([self.line.urgent, own])
         self.cyclic.energised = np.zeros(len(self.lower), np.bool_)
 
     def by_id(self, rows: Bools) -> list[int]:

@@ -8,8 +8,6 @@ What an actuator says of its torque comes with feedback. A CubeMars never says i
 it was ordered last and acknowledged.
 """
 
-from math import pi
-
 import numpy as np
 
 from twind_drivers.bus import Bools, Burst, DeviceRefused, Floats, NoReply, Read, Script, Write
@@ -20,7 +18,8 @@ from twind_drivers.can.units import COUNT
 
 TRIES = 3  # orders that must be acknowledged
 BEATS = 60  # looks at what is told unasked, ten times a second (ODrive's heartbeat)
-TURNED = pi / 2.0  # rad that a place may differ after enabling; a changed turn is four times that
+# rad that a place may differ after enabling. A turn of an encoder before the gear is a part of one here.
+MOVED = 0.05
 
 
 def energise(own: Commands) -> Script[None]:
@@ -39,7 +38,7 @@ def energise(own: Commands) -> Script[None]:
     try:
         yield from _told(own, True, before)
     except (DeviceRefused, NoReply):
-        own.cut()
+        own.cut(limp)  # who had torque before keeps it: he may carry a load
         yield Burst((own.special(Special.DISABLE, limp), own.special(Special.DISABLE, limp)))
         raise
     own.hold(own.aim)
@@ -59,7 +58,7 @@ def release(own: Commands) -> Script[None]:
 def _told(own: Commands, on: bool, before: Floats | None) -> Script[None]:
     """Until all say that their torque is `on`. `before` (m,): where they were, rad."""
     state, answering, mute = own.reader.registers, own.fleet.replies, own.fleet.answers == 0
-    spoke = own.line.heard.count > 0
+    spoke = _acknowledged(own)
     for look in range(BEATS):
         own.reader.slow.assume(spoke & mute, on)
         if before is not None:
@@ -75,8 +74,15 @@ def _told(own: Commands, on: bool, before: Floats | None) -> Script[None]:
             yield Read(tuple(own.by_id(wrong & ~answering)), STATE, 3)
         else:
             break
-        spoke = own.line.heard.count > 0
+        spoke = _acknowledged(own)
     _refuse(own, state.torque != on, on)
+
+
+def _acknowledged(own: Commands) -> Bools:
+    """Who (m,) answered each order of the last transaction: one late answer alone is none."""
+    line = own.line
+    answered: Bools = (line.expect > 0) & (line.heard.count >= line.expect) & own.cyclic.proven
+    return answered
 
 
 def _off(own: Commands, rows: Bools) -> tuple[Write, ...]:
@@ -96,7 +102,7 @@ def _refuse(own: Commands, wrong: Bools, on: bool) -> None:
 
 def _require_turn(own: Commands, before: Floats) -> None:
     moved = np.abs(own.cyclic.place - before)
-    if (moved > TURNED).any():
+    if (moved > MOVED).any():
         row = int(np.nanargmax(moved))
         reason = (
             f"said {before[row]:.3f} rad before torque and {own.cyclic.place[row]:.3f} rad with it: its turn "
