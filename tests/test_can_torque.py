@@ -1,0 +1,75 @@
+"""Torque over CAN, on and off: nobody runs after a place that changed, nobody who held is let go, no late
+answer counts."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from can_driver import CanRig
+
+from twind_drivers.bus import DeviceRefused, NoReply
+
+
+@pytest.mark.parametrize("models", [("DM4310",) * 4, ("RS01",) * 3])
+def test_who_held_before_keeps_its_torque_when_one_stays_silent(models: Sequence[str]) -> None:
+    rig = CanRig(models)
+    here = rig.arm()
+    rig.ticks(5, here)
+    rig.open()  # another daemon finds them holding
+    rig.heard()
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.aim(here))
+    rig.faults.silence(2)
+    with pytest.raises(NoReply):
+        rig.beside(rig.writer.torque(True))
+    assert rig.energised().all()
+    rig.ticks(5)
+    assert rig.energised()[[0, 2]].all()
+
+
+def test_who_was_limp_is_let_go_again_when_one_stays_silent() -> None:
+    rig = CanRig(("DM4310",) * 3)
+    here = rig.heard()
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.aim(here))
+    rig.faults.silence(2)
+    with pytest.raises(NoReply):
+        rig.beside(rig.writer.torque(True))
+    rig.ticks(3)
+    assert not rig.energised()[[0, 2]].any()
+
+
+@pytest.mark.parametrize("turns", [1.0, 0.15, -0.02])
+def test_a_place_that_changes_at_torque_on_by_a_part_of_a_turn_ends_it_before_anybody_is_stiff(
+    turns: float,
+) -> None:
+    """An encoder before a gear of 6 or 9 changes by a sixth or a ninth of a turn of the output."""
+    rig = CanRig(("DM4310",) * 3)
+    here = rig.heard()
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.aim(here))
+    rig.faults.wrap(2, turns)
+    before = rig.places()
+    with pytest.raises(DeviceRefused, match="turn changed"):
+        rig.beside(rig.writer.torque(True))
+    rig.ticks(5)
+    assert not rig.energised().any()
+    assert abs(rig.places() - before).max() <= 8
+
+
+def test_one_late_answer_is_no_acknowledgement_of_torque_off() -> None:
+    """A CubeMars does not say whether its torque is on: only both answers to both orders count."""
+    rig = CanRig(("AK70-10",) * 2)
+    rig.ticks(3, rig.arm())
+    script = rig.writer.torque(False)
+    rig.read()
+    order = next(script)
+    rig.faults.drop(1, 2)  # of two answers of node 2 one is missing
+    reply = rig.transact(order)
+    assert int(rig.reader.line.heard.count[1]) == 1
+    again = script.send(reply)
+    assert rig.registers.torque.tolist() == [0, -1]
+    with suppress(StopIteration):
+        script.send(rig.transact(again))
+    assert np.array_equal(rig.registers.torque, [0, 0])
