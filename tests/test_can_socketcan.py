@@ -356,3 +356,26 @@ def test_an_interface_goes_down_and_up_where_it_is_permitted() -> None:
     before, said, after, *rest = done.stdout.split(" ", 3)
     assert (before, said, after) == ("0", "''", "1")
     assert "No such device" in rest[0]
+
+
+@pytest.mark.parametrize("error", [RuntimeError("no device"), struct.error("short"), AttributeError("None")])
+def test_whatever_a_back_end_raises_is_a_lost_port_and_closing_is_quiet(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """python-can hands on what a vendor's library raises: that ends a bus, not the daemon."""
+
+    def fails(*_: object, **__: object) -> None:
+        raise error
+
+    channel = opened()
+    for name in ("send", "recv", "shutdown"):
+        monkeypatch.setattr(socketcan.SocketcanBus, name, fails)
+    with pytest.raises(PortError) as lost:
+        channel.send(cycle(4), 0.0)
+    assert lost.value.lost
+    assert channel.arrival() == -inf
+    with pytest.raises(PortError) as lost:
+        channel.receive(0.0)
+    assert lost.value.lost
+    channel.close()
+    assert channel.fileno() == -1
