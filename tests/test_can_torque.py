@@ -73,3 +73,20 @@ def test_one_late_answer_is_no_acknowledgement_of_torque_off() -> None:
     with suppress(StopIteration):
         script.send(rig.transact(again))
     assert np.array_equal(rig.registers.torque, [0, 0])
+
+
+def test_a_cubemars_left_holding_is_braked_when_it_is_knocked_at_and_never_pulled() -> None:
+    """It answers commands alone, so whoever wants to hear it takes its stiffness: damping stays."""
+    rig = CanRig(("AK70-10",) * 2)
+    rig.ticks(5, rig.arm())
+    rig.open()  # another daemon
+    rig.ticks(150)
+    knocks = [train for train in rig.channel.trains if len(train)]
+    assert knocks
+    for train in knocks:
+        data = train["data"].astype(int)
+        kp, kd = (data[:, 3] & 15) << 8 | data[:, 4], data[:, 5] << 4 | data[:, 6] >> 4
+        assert not kp.any()
+        assert (kd > 0).all()
+        assert (data[:, 2] << 4 | data[:, 3] >> 4 == 0x7FF).all(), "a speed"
+        assert ((data[:, 6] & 15) << 8 | data[:, 7] == 0x7FF).all(), "a torque"

@@ -59,11 +59,14 @@ class Commands:
                 raise ValueError(f"{self.reader.name}: id {id}: {name} {value} is outside 0..{bound}")
 
     def _knock(self) -> None:
-        """Who tells where he is in answer to a command alone gets one without stiffness, damping, torque."""
+        """Who tells where he is in answer to a command alone gets one without stiffness and torque.
+
+        It moves nobody. Damped, because one that was left holding a load lets it sink instead of fall.
+        """
         rows = (self.fleet.answers == 0) & self.fleet.replies
         if rows.any():
             values = np.zeros((5, len(rows)))
-            values[0] = np.clip(0, self.lower, self.upper) * COUNT
+            values[0], values[3] = np.clip(0, self.lower, self.upper) * COUNT, self.damping
             frames = self.fleet.command(values, rows)
             self.check.judge(frames)
             self.cyclic.knock = (frames, rows)

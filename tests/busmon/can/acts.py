@@ -9,8 +9,8 @@ class Act(NamedTuple):
     """One frame to one motor.
 
     `kind`: goal, soft (a command without stiffness: its place counts for nothing),
-    limp (without damping and torque too), on, off, clear, read, ask, write (of the watchdog:
-    `ticks` s), set (of something else that may be set), wrong (`why`: W2).
+    limp (without torque too, and damped towards no speed at most), on, off, clear, read, ask,
+    write (of the watchdog: `ticks` s), set (of something else that may be set), wrong (`why`: W2).
     """
 
     kind: str

@@ -44,7 +44,10 @@ class Mit:
         kp, kd = (data[3] & 15) << 8 | data[4], data[5] << 4 | data[6] >> 4
         push = field((data[6] & 15) << 8 | data[7], 12, motor.torque)
         rate = field(data[2] << 4 | data[3] >> 4, 12, motor.velocity)
-        if not kp and not kd and abs(push) <= motor.torque / 2000.0:
+        still = (
+            not kd or abs(rate) <= motor.velocity / 4000.0
+        )  # no field says 0: the nearest is half a step off
+        if not kp and still and abs(push) <= motor.torque / 2000.0:
             return Act("limp", motor.id)
         return Act("goal" if kp else "soft", motor.id, data[0] << 8 | data[1], rate, push)
 
