@@ -1,6 +1,7 @@
 """Robot files with CAN buses: what a type and its joints may say, and what is refused by name."""
 
 from dataclasses import replace
+from math import isnan
 from pathlib import Path
 
 import pytest
@@ -241,3 +242,21 @@ def test_what_is_asked_of_a_watchdog_and_a_supply_is_what_the_codec_can(name: st
     assert (family.watchdog is None) == (family.name in MUTE)
     reads = {parameter for parameter in family.parameters if parameter == "bus_voltage"}
     assert bool(reads) == (family.name in TELL_VOLTAGE)
+
+
+def test_an_odrive_tells_no_torque_so_its_effort_is_unknown_and_never_zero(tmp_path: Path) -> None:
+    robot = read(
+        tmp_path, LEG.replace("defaults: {type: dm", "defaults: {type: od").replace(", feedback_id: 0x22", "")
+    )
+    odrive = kind(robot)
+    assert odrive.family == "odrive"
+    assert isnan(odrive.effort_lsb_nm)
+    assert isnan(odrive.full_effort)
+    assert odrive.effort_limit_nm == odrive.torque_limit_nm
+
+
+def test_an_odrive_without_damping_is_refused_where_it_is_written(tmp_path: Path) -> None:
+    """Its stiffness works through its damping; else arming and damping would fail, not the file."""
+    line = "  od: {device: ODrive, gains: {kp: 50.0, kd: 1.0}"
+    with pytest.raises(ConfigError, match=r"types\.od\.gains\.kd: .*works through its damping"):
+        read(tmp_path, LEG.replace(line, line.replace("kd: 1.0", "kd: 0.0")))

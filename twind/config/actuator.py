@@ -24,6 +24,7 @@ OPERATING_MODES: Mapping[str, int] = {
 }
 MANY_TURNS = 1_048_575  # ticks: goals of the modes without position limits (e-manual, "Goal Position")
 IMPEDANCE = "impedance"  # torque = kp (goal - position) - kd velocity: how every CAN family here is driven
+NO_EFFORT = ("odrive",)  # families that tell a current and no torque
 TAKES_COMMANDS = 1  # what a CAN bus says as operating mode of an actuator that takes these commands
 
 
@@ -191,8 +192,8 @@ class CanType(TypeSpec):
 
     @property
     def effort_lsb_nm(self) -> float:
-        """Of the driver's raw effort."""
-        return EFFORT
+        """Of the driver's raw effort; NaN: its family tells a current, and no torque."""
+        return math.nan if self.family in NO_EFFORT else EFFORT
 
     @property
     def effort_limit_nm(self) -> float:
@@ -201,8 +202,8 @@ class CanType(TypeSpec):
 
     @property
     def full_effort(self) -> float:
-        """At `torque_limit_nm`."""
-        return self.torque_limit_nm / EFFORT
+        """At `torque_limit_nm`; NaN: it tells no effort."""
+        return self.torque_limit_nm / self.effort_lsb_nm
 
     @property
     def centre(self) -> int:

@@ -113,6 +113,8 @@ def _gains(section: Section, model: Model) -> Impedance:
     gains = Impedance(
         kp=section.number("kp", least=0.0, most=stiff), kd=section.number("kd", least=0.0, most=damped)
     )
+    if model.family == "odrive" and gains.kd == 0.0:
+        raise section.refuse("kd", "an ODrive's stiffness works through its damping: give more than 0")
     section.close()
     return gains
 
