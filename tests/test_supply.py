@@ -129,7 +129,7 @@ def test_ratings_stand_in_joint_order() -> None:
         (ratings.continuous, 0.35),
     ):
         assert bound.tolist() == [value] * 24
-    assert ratings.leg.all()
+    assert ratings.leg.tolist() == [False] * 12 + [True] * 12  # head, arms, waist; two legs
 
 
 def one(tmp_path: Path, more: str) -> Path:
