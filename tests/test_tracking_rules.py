@@ -144,14 +144,19 @@ def test_r15_who_lost_its_torque_and_sinks_does_not_make_the_others_soft() -> No
 
 
 @pytest.mark.parametrize(
-    ("alert", "torque", "soft"),
-    [(128, 0, False), (0, 0, True), (1, 0, True), (128, 1, True), (128, -1, True)],
-)
-def test_r15_who_shut_itself_down_does_not_make_the_others_soft_on_the_way_down_either(
-    alert: int, torque: int, soft: bool
+    ("alert", "watchdog", "torque", "soft"),
+    [
+        (128, 5, 0, False), (0, 0, 0, False), (128, 0, 0, False),  # it shut itself down, or began anew
+        (0, 5, 0, True), (1, 5, 0, True), (0, -1, 0, True), (0, 255, 0, True),  # it is being let go
+        (128, 5, 1, True), (128, 5, -1, True), (0, 0, 1, True), (0, 0, -1, True),
+    ],
+)  # fmt: skip
+def test_r15_who_let_go_by_itself_does_not_make_the_others_soft_on_the_way_down_either(
+    alert: int, watchdog: int, torque: int, soft: bool
 ) -> None:
     alerts, limp = np.array([alert, 0, 0], np.uint8), np.array([torque, 1, 1], np.int8)
-    watch = Watch(torque_settled=False, state=State.FAULT, torque=limp, alerts=alerts)
+    dogs = np.array([watchdog, 5, 5], np.int16)
+    watch = Watch(torque_settled=False, state=State.FAULT, torque=limp, alerts=alerts, watchdog=dogs)
     assert (Code.FOLLOW_ERR in [one.code for one in watch.tick([1.2, 0.0, 0.0]).causes]) == soft
 
 

@@ -59,9 +59,9 @@ class TrackingRules:
     # ------------------------------------------------------------------------------------------- R15
 
     def _following(self, facts: Facts, measured: JointState, off: Floats) -> Iterator[Said]:
-        """Too far from its goal for too long; or further still. Who is limp (R10), on the way down too where
-        it shut itself down (R09), or takes no goals because its watchdog tripped (R12), follows nobody: the
-        others are not made soft for it."""
+        """Too far from its goal for too long; or further still. Nobody is made soft for one that follows no
+        goal: limp (R10), on the way down too where it shut itself down (R09) or began anew (R11), or with a
+        tripped watchdog (R12)."""
         bounds = self._bounds
         if facts.goal is not None:
             off = off - bounds.lag * np.minimum(np.abs(facts.goal.velocity), self._velocity)
@@ -69,7 +69,7 @@ class TrackingRules:
         if facts.torque_settled:
             bad &= (facts.torque != 0) & (facts.watchdog != TRIPPED)
         else:
-            bad &= (facts.torque != 0) | (facts.alerts & ALERT == 0)
+            bad &= (facts.torque != 0) | ((facts.alerts & ALERT == 0) & (facts.watchdog != 0))
         far = bad & ~(off <= bounds.follow_damp)
         self._off_since = _since(self._off_since, bad, measured.heard, facts.now)
         long = facts.now - self._off_since >= bounds.follow_for - ROUNDING
