@@ -90,3 +90,14 @@ def test_a_cubemars_left_holding_is_braked_when_it_is_knocked_at_and_never_pulle
         assert (kd > 0).all()
         assert (data[:, 2] << 4 | data[:, 3] >> 4 == 0x7FF).all(), "a speed"
         assert ((data[:, 6] & 15) << 8 | data[:, 7] == 0x7FF).all(), "a torque"
+
+
+def test_a_loop_too_slow_for_the_watchdogs_is_told_so_before_torque_and_a_slow_one_holds() -> None:
+    slow = CanRig(("DM4310",) * 2, rate_hz=10.0)
+    here = slow.heard()
+    with pytest.raises(DeviceRefused, match=r"at 10 Hz a command comes every 0\.100 s: 20 Hz are needed"):
+        slow.beside(slow.writer.prepare(here))
+    enough = CanRig(("DM4310",) * 2, rate_hz=20.0)
+    enough.ticks(20, enough.arm())
+    assert enough.energised().all()
+    assert (enough.registers.watchdog == 100).all()

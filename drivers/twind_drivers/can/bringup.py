@@ -10,11 +10,12 @@ import numpy as np
 
 from twind_drivers.bus import Bools, Burst, DeviceRefused, Floats, Ints, NoReply, Read, Script, Write
 from twind_drivers.can.commands import Commands
-from twind_drivers.can.family import Family, Parameter
+from twind_drivers.can.family import Parameter
 from twind_drivers.can.fleet import Fleet
 from twind_drivers.can.orders import STATE, decode, encode
 
-WATCHDOG = 0.1  # s without a command, after which an actuator lets go by itself
+WATCHDOG = 0.1  # s without a command, after which an actuator lets go by itself ...
+BEATS = 2  # ... so this many commands must come in that time
 MODES = ("mode", "run_mode")  # registers that tell what an actuator takes
 LIMIT = "torque_limit"
 TRIES = 3
@@ -97,6 +98,7 @@ def _watch(own: Commands, required: Bools) -> Script[Bools]:
     watched = np.zeros(len(required), np.bool_)
     for family, rows in own.fleet.families:
         if family.watchdog is not None:
+            _require_rate(own, family.ids[0])
             ticks = encode(family.watchdog, round(WATCHDOG / family.watchdog.unit))
             yield from written(own, {own.reader.ids[row]: ticks for row in rows.tolist()}, family.watchdog)
             watched[rows] = True
@@ -111,6 +113,16 @@ def _watch(own: Commands, required: Bools) -> Script[Bools]:
     if not watched.all():
         _warn(own, UNWATCHED.format(own.by_id(~watched)))
     return watched
+
+
+def _require_rate(own: Commands, id: int) -> None:
+    rate = own.reader.rate_hz
+    if rate * WATCHDOG < BEATS:
+        reason = (
+            f"runs out after {WATCHDOG} s, and at {rate:g} Hz a command comes every {1.0 / rate:.3f} s: "
+            f"{BEATS / WATCHDOG:g} Hz are needed"
+        )
+        raise DeviceRefused(own.reader.name, id, "watchdog", reason)
 
 
 def _warn(own: Commands, text: str) -> None:
@@ -170,8 +182,3 @@ def written(own: Commands, data: Mapping[int, bytes], parameter: Parameter) -> S
     id = next(each for each in ids if each in left)
     reason = f"wrote {decode(parameter, left[id]):g}, reads {decode(parameter, found[id]):g}"
     raise DeviceRefused(own.reader.name, id, parameter.name, reason)
-
-
-def family_of(own: Commands, id: int) -> Family:
-    """The family of an id. Raises KeyError that lists the ids of this bus."""
-    return own.fleet.of(own.fleet.row(id))[0]

@@ -103,11 +103,11 @@ class Commands:
 
     def encode(self, ticks: Ints, speed: Floats, rows: Bools | None, *, soft: bool = False) -> Frames:
         """Frames to `rows` (m,), None: all, that have passed the last check. Raises WireClamp."""
-        frames = self.fleet.command(self.values(ticks, speed, soft=soft), rows)
+        frames = self.fleet.command(self._values(ticks, speed, soft=soft), rows)
         self.check.judge(frames)
         return frames
 
-    def values(self, ticks: Ints, speed: Floats | None = None, *, soft: bool = False) -> Floats:
+    def _values(self, ticks: Ints, speed: Floats | None = None, *, soft: bool = False) -> Floats:
         """Position, velocity, kp, kd, torque (5, m) of a command."""
         values = np.zeros((5, len(self.lower)))
         values[0], values[2], values[3] = ticks * COUNT, self.kp, self.kd
@@ -137,7 +137,7 @@ class Commands:
     def order(self, ticks: Ints, rows: Bools, *, soft: bool = False) -> Write:
         """The same command as an order to `rows` (m,). Raises WireClamp."""
         self._require(ticks)
-        values = self.values(ticks, soft=soft)
+        values = self._values(ticks, soft=soft)
         return Write({self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, COMMAND)
 
     def special(self, what: Special, rows: Bools) -> Write:
@@ -156,7 +156,7 @@ class Commands:
 
     def gains(self, *, soft: bool = False) -> Write:
         """Gains to all whose commands do not carry them."""
-        values = self.values(np.clip(0, self.lower, self.upper), soft=soft)[2:4]
+        values = self._values(np.clip(0, self.lower, self.upper), soft=soft)[2:4]
         every: Sequence[int] = range(len(self.lower))
         return Write({self.reader.ids[row]: whole_command(values[:, row]) for row in every}, GAINS)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twind_drivers.bus import Floats, Ints
+from twind_drivers.bus import Ints
 
 # Counts of one turn of the output. One count is 0.38 mrad, as one of the MIT frame over +-12.5 rad is: what
 # the arming allows a joint to have moved (2.5 counts) is there as little as it is with a serial servo.
@@ -25,9 +25,3 @@ def counts(value: Any, unit: float = COUNT) -> Ints:
         raise ValueError(f"{value} has no count")
     whole: Ints = exact.astype(np.int64)
     return whole
-
-
-def si(raw: Any, unit: float = COUNT) -> Floats:
-    """Raw units as SI."""
-    value: Floats = np.asarray(raw, np.float64) * unit
-    return value

@@ -109,8 +109,9 @@ class CanWriter:
     # --------------------------------------------------------------------------- scripts
 
     def prepare(self, ticks: Ints) -> Script[None]:
-        """Before torque: modes looked at; `ticks` (m,) commanded and faults cleared in one send; limits,
-        watchdogs and gains written and read back. Raises DeviceRefused, NoReply, WireClamp.
+        """Before torque: modes looked at; `ticks` (m,) commanded and faults cleared in one send; limits
+        and watchdogs written and read back; gains sent where commands do not carry them (ODrive, which tells
+        none). Raises DeviceRefused, NoReply, WireClamp; refused too: a loop too slow for the watchdogs.
 
         From here on a hold at `ticks` is repeated until goals come, half a second at most.
         """
