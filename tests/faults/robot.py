@@ -40,9 +40,9 @@ CLEAR = {
     **{"head_yaw": 0.8, "head_pitch": -0.5, "waist_yaw": 0.25, "waist_pitch": 0.25},
     **{"l_shoulder_pitch": -0.8, "l_shoulder_roll": 1.0, "l_shoulder_yaw": 0.5, "l_elbow": -0.8},
     **{"r_shoulder_pitch": -0.8, "r_shoulder_roll": -1.0, "r_shoulder_yaw": -0.5, "r_elbow": -0.8},
-    **{"l_hip_yaw": 0.25, "l_hip_roll": 0.4, "l_hip_pitch": -0.5, "l_knee": 0.6},
+    **{"l_hip_yaw": 0.1, "l_hip_roll": 0.4, "l_hip_pitch": -0.5, "l_knee": 0.6},
     **{"l_ankle_pitch": -0.4, "l_ankle_roll": 0.25},
-    **{"r_hip_yaw": -0.25, "r_hip_roll": -0.4, "r_hip_pitch": -0.5, "r_knee": 0.6},
+    **{"r_hip_yaw": -0.1, "r_hip_roll": -0.4, "r_hip_pitch": -0.5, "r_knee": 0.6},
     **{"r_ankle_pitch": -0.4, "r_ankle_roll": -0.25},
 }
 
