@@ -144,7 +144,7 @@ def test_several_faults_at_once_make_no_wrong_reading_fresh(mirror: tuple[Rig, J
 
 @pytest.mark.slow
 def test_thousands_of_faults_make_no_wrong_reading_fresh(mirror: tuple[Rig, Judge, Wire]) -> None:
-    run_mixes(mirror, range(1000, 3000), 4000)
+    run_mixes(mirror, range(1000, 2000), 2000)
 
 
 # --------------------------------------------------------------------------------------------- armed

@@ -38,8 +38,8 @@ def test_a_quarter_of_a_minute_without_a_fault_is_without_an_alarm() -> None:
 
 
 @pytest.mark.slow
-def test_a_quarter_of_an_hour_without_a_fault_is_without_an_alarm() -> None:
+def test_six_minutes_without_a_fault_are_without_an_alarm() -> None:
     """`make faults HOURS=1` makes it an hour."""
-    found = quiet(0.25, 1)
+    found = quiet(0.1, 1)
     assert not found["wrong"], found
-    assert found["motions"] > 50
+    assert found["motions"] > 20

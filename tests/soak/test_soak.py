@@ -13,8 +13,8 @@ def test_minutes_of_a_random_life_break_no_rule() -> None:
 
 
 @pytest.mark.slow
-def test_a_quarter_of_an_hour_of_a_random_life_breaks_no_rule_and_grows_nothing() -> None:
-    found = Life(2).live(0.4)
+def test_twelve_minutes_of_a_random_life_breaks_no_rule_and_grows_nothing() -> None:
+    found = Life(2).live(0.2)
     assert not found["wrong"], found
     assert sum(found["faults"].values()) > 10
 
