@@ -164,8 +164,8 @@ def stall(world: World) -> None:
     soft = int(rig.register("position_p_gain")[row]) < 1600
     world.claim(soft or gap < 40, f"the goal stays {gap:.0f} ticks from where the shaft is held")
     world.torque_stays()
-    if world.free:  # held for 30 s, then lowered; who is held fast does not come to its rest: damped, let go
-        world.sinks(HELD + LONGEST)
+    if world.free:  # held for 30 s, then lowered; who is held fast does not come to its rest: damped, unless
+        world.comes_down(HELD + LONGEST, but=[row])  # it shut itself down meanwhile and is no leg
     world.obey({"fault": "free", "id": world.id})
     world.stays_so()
     world.recover()

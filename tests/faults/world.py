@@ -148,6 +148,12 @@ class World(Robot):
         far = self._angles(place)[rows]
         self.claim(bool((far <= REST).all()), f"torque went off {far.max():.2f} rad from the rest pose")
 
+    def comes_down(self, within: float, but: Iterable[int] = ()) -> None:
+        """Without torque in the end: never away from the rest pose, unless damped before and said so."""
+        rows = self.rows(but)
+        self.until(lambda: not self.rig.register("torque_enable")[rows].any(), within)
+        (self.settles if self.told(("DAMP",)) is None else self.sinks)(0.1, but)
+
     def sinks(self, within: float = 10.0, but: Iterable[int] = ()) -> None:
         """Soft, said so, and then without torque: what stands by itself with a joint that carries nothing."""
         rows = self.rows(but)
