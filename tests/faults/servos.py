@@ -171,14 +171,20 @@ def stall(world: World) -> None:
     world.recover()
 
 
+FROZEN = 0.2  # s with the very same position, and the goal has moved meanwhile (docs/safety.md)
+
+
 def frozen(world: World) -> None:
     """The encoder repeats its value while its joint is driven."""
-    rig = world.moving()
+    rig = world.moving(far=0.5)
     row = world.row(world.joint)
-    # While a stroke still gathers speed: there the goal moves, and goes on to.
-    world.until(lambda: _gathers(world, row) > 4.0, 6.0)
+    # While a stroke still gathers speed: there the goal moves, and goes on to, the 0.1 rad of the rule.
+    quick = world.until(lambda: _gathers(world, row) > 2.5, 6.0)
+    world.claim(quick, "the joint never moved as the rule needs it")
     world.inject({"fault": "freeze", "id": world.id}, inside=False)
-    world.detected()
+    place = rig.loop.written[world.joint]
+    far = world.until(lambda: bool(abs(rig.loop.written[world.joint] - place) >= 0.1), 0.6)
+    world.detected(since=max(world.begun, world.now - FROZEN) if far else None)
     world.seconds(BRAKE)
     world.holds(world.now, but=())
     world.claim(rig.loop.executor.motion is not Motion.ACTIVE, "the motion goes on")
