@@ -118,8 +118,10 @@ def test_a_command_of_nothing_is_limp_and_no_goal() -> None:
     assert act(mit(), b"t00187FFF7FF0000007FF").kind == "limp"
     assert act(mit(), b"t00187FFF7FF0010007FF").kind == "goal"
     assert act(mit(), b"t00187FFF7FF000000900").kind == "soft"  # torque alone moves it too, but not there
-    assert act(mit(), b"t00187FFF7FF0000107FF").kind == "limp"  # damped: it brakes, and moves nobody
-    assert act(mit(), b"t00187FFF9000000107FF").kind == "soft"  # towards a speed
+    assert act(mit(), b"t00187FFF7FF0000107FF").kind == "soft"  # damped: its torque is not what it was
+    cubemars = mit("cubemars")  # but where there is no other way to ask
+    assert act(cubemars, b"t00187FFF7FF0000107FF").kind == "limp"
+    assert act(cubemars, b"t00187FFF9000000107FF").kind == "soft"  # towards a speed
 
 
 @pytest.mark.parametrize(

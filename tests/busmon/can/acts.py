@@ -9,7 +9,7 @@ class Act(NamedTuple):
     """One frame to one motor.
 
     `kind`: goal, soft (a command without stiffness: its place counts for nothing),
-    limp (without torque too, and damped towards no speed at most), on, off, clear, read, ask,
+    limp (without damping and torque too; of a CubeMars, damped towards no speed), on, off, clear, read, ask,
     write (of the watchdog: `ticks` s), set (of something else that may be set), wrong (`why`: W2).
     """
 
