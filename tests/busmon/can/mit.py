@@ -44,8 +44,8 @@ class Mit:
         kp, kd = (data[3] & 15) << 8 | data[4], data[5] << 4 | data[6] >> 4
         push = field((data[6] & 15) << 8 | data[7], 12, motor.torque)
         rate = field(data[2] << 4 | data[3] >> 4, 12, motor.velocity)
-        # A CubeMars answers commands alone, so it is asked by one that damps towards no speed; no field says 0,
-        # the nearest is half a step off.
+        # A CubeMars answers commands alone, so it is asked by one that damps towards no speed; no field says
+        # 0, the nearest is half a step off.
         asks = motor.family == "cubemars" and abs(rate) <= motor.velocity / 4000.0
         if not kp and (not kd or asks) and abs(push) <= motor.torque / 2000.0:
             return Act("limp", motor.id)
