@@ -88,9 +88,10 @@ def damaged(world: CanWorld) -> None:
     """A node reports a fault of its own and lets go."""
     world.moving()
     world.inject(world.on_bus("damage", id=world.id, bits=int(world.random.integers(8, 15))))
-    world.detected(0.05, codes=("SERVO_ALERT",))
+    told = ("SERVO_ALERT", "WATCHDOG_TRIPPED")  # the latter where its fault is that it lost its master
+    world.detected(0.05, codes=told)
     world.seconds(0.5)
-    world.latched("SERVO_ALERT")
+    world.latched(*told)
     world.stays_so()
     world.recover()
 
