@@ -14,7 +14,8 @@ FILES ?=
 SAMPLE ?=
 CHANGED ?=
 
-.PHONY: demo test test-fast test-slow check format lint types imports bench coverage oracle fuzz mutate clean faults soak kills model
+.PHONY: demo test test-fast test-slow check format lint types imports bench coverage oracle fuzz mutate clean faults soak kills model \
+	install uninstall deb
 
 demo: $(VENV)/.ready
 	$(BIN)/twindctl demo $(if $(SECONDS),--seconds $(SECONDS))
@@ -22,7 +23,8 @@ demo: $(VENV)/.ready
 # Whose claim is timing has the machine to itself; the others share it.
 test: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m 'not slow and not realtime'
-	$(BIN)/pytest -m 'realtime and not slow'
+	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone and not slow'
+	$(BIN)/pytest -m 'alone and not slow'
 
 test-fast: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m 'not slow and not realtime'
@@ -31,7 +33,11 @@ test-slow: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m 'slow and not realtime'
 	$(BIN)/pytest -m 'slow and realtime'
 
-check: format lint types imports test test-slow
+# All tests, fast and slow together, so that they are collected no more often than they must.
+check: format lint types imports
+	$(BIN)/pytest -n auto -m 'not realtime'
+	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone'
+	$(BIN)/pytest -m alone
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format --check .
@@ -77,6 +83,19 @@ kills: $(VENV)/.ready
 
 model: $(VENV)/.ready
 	$(BIN)/python tests/model $(N) $(if $(SEED),--seed $(SEED))
+
+# What a machine gets, and where; DESTDIR, WHEELS, PURGE and the rest stand in packaging/install.sh. An interpreter is
+# named to these only where it was named to make: `python3` may be one below /root, which the service does not see.
+NAMED := $(if $(filter file,$(origin PYTHON)),,PYTHON='$(PYTHON)')
+
+install:
+	$(NAMED) packaging/install.sh install
+
+uninstall:
+	$(NAMED) packaging/install.sh uninstall
+
+deb:
+	$(NAMED) packaging/deb.sh dist
 
 # The stamp makes a half-finished environment start over.
 $(VENV)/.ready: pyproject.toml

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,16 +100,30 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 @contextmanager
 def live(
-    folder: Path, *arguments: str, robot: str = "h24", command: Sequence[str] = ("-m", "twind.cli")
+    folder: Path,
+    *arguments: str,
+    robot: str = "h24",
+    command: Sequence[str] = ("-m", "twind.cli"),
+    apart: bool = False,
 ) -> Iterator[Daemon]:
-    """A daemon in mode live on the virtual servos of a process of its own, connected, not armed."""
-    adapters = {bus.name for bus in load_robot(robot).buses if bus.kind == CAN}
-    with VirtualChild(robot) as servos:
+    """A daemon in mode live on the virtual servos of a process of its own, connected, not armed.
+
+    `apart`: a process for each bus, whose joints then move each for itself.
+    """
+    buses = load_robot(robot).buses
+    adapters = {bus.name for bus in buses if bus.kind == CAN}
+    with ExitStack() as stack:
+        if apart:
+            alone = [("--muscles", "first-order", "--bus", bus.name) for bus in buses]
+            children = [stack.enter_context(VirtualChild(robot, *options)) for options in alone]
+        else:
+            children = [stack.enter_context(VirtualChild(robot))]
         ports = [
             f"--port={name}={'can:slcan:' if name in adapters and not is_can(path) else ''}{path}"
-            for name, path in servos.ports.items()
+            for child in children
+            for name, path in child.ports.items()
         ]
-        files = ("--robot", robot, "--calibration", str(servos.calibration))
+        files = ("--robot", robot, "--calibration", str(children[0].calibration))
         with twind(folder, "--mode", "live", *ports, *files, *arguments, command=command) as daemon:
             await_state(daemon, "connected")
             yield daemon

@@ -15,6 +15,7 @@ import numpy as np
 from twind import link, memfd
 from twind.config.robot_file import load_robot
 from twind.loop import assembly
+from twind.loop.described import Robot
 from twind.loop.link import Link
 from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
@@ -151,7 +152,7 @@ def indoors(*, physics: bool) -> Iterator[Indoors]:
     made = specimen(robot)
     virtual = buses(made, physics=physics, now=clock.now())
     measured = calibration(made)
-    one = assembly.Robot(robot, measured, bind(robot, measured))
+    one = Robot(robot, measured, bind(robot, measured))
     opened = Buses(robot, one.binding.joint_map, {}, robot.rate_hz)
     front = HandFront()
     loop = assembly.build(

@@ -114,9 +114,13 @@ def take_missed() -> Mapping[str, Figure]:
         return {"loop.missed_500hz": missed(folder, four_buses(folder / "h24-four.yaml"), 500, MISSED_SPAN)}
 
 
-def missed(folder: Path, robot: Path, rate_hz: int, span: float) -> Figure:
-    """Share (%) of ticks that did not begin in their own period, over `span` s, armed and moving."""
-    with live(folder, "--rate", str(rate_hz), robot=str(robot)) as daemon, kept_moving(daemon):
+def missed(folder: Path, robot: Path, rate_hz: int, span: float, *, apart: bool = False) -> Figure:
+    """Share (%) of ticks that did not begin in their own period, over `span` s, armed and moving.
+
+    `apart`: the actuators of each bus are a process of their own.
+    """
+    rate = ("--rate", str(rate_hz))
+    with live(folder, *rate, robot=str(robot), apart=apart) as daemon, kept_moving(daemon):
         await_state(daemon, "armed")
         with daemon.client() as client:
             first = client.call("GetStatus")["status"]
@@ -125,9 +129,8 @@ def missed(folder: Path, robot: Path, rate_hz: int, span: float) -> Figure:
     ticks, late = (last["loop"][key] - first["loop"][key] for key in ("ticks", "missed"))
     errors = sum(bus["errors"] for bus in last["buses"]) - sum(bus["errors"] for bus in first["buses"])
     note = f"{late} of {ticks + late} in {span:g} s, {errors} readings with a silent actuator, "
-    note += (
-        f"armed and moving; policy {last['loop']['realtime']['scheduler']}; actuators: one process for all"
-    )
+    actuators = "a process for each bus, each joint for itself" if apart else "one process for all"
+    note += f"armed and moving; policy {last['loop']['realtime']['scheduler']}; actuators: {actuators}"
     return Figure(100.0 * late / (ticks + late), note)
 
 

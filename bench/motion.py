@@ -1,28 +1,57 @@
 """A robot kept moving through the socket: lease, torque, one slow trajectory after the other."""
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from bench.daemon import Daemon
-from twind.client import Client, ClientError
+from twind.client import Client, ClientError, Refused
 
 SPAN = 50.0  # s of one trajectory
 STEPS = 50
 SIZE = 0.05  # rad, either side of where the robot stands
+PATIENCE = 30.0  # s that arming may be refused for what passes by itself
+PASSING = frozenset(
+    {
+        "LEASE_MISSING",  # it lapsed while the machine was away
+        "THERMAL_HEADROOM",  # not read yet, as is the next
+        "VOLTAGE_LOW",
+        "BUS_ERRORS",
+        "LOOP_LATE",
+        "STATE_STALE",
+        "LATENCY_BLOCK",
+        "TIME_GAP",
+        "HW_DISCONNECTED",
+    }
+)
 
 
 @contextmanager
 def armed(daemon: Daemon) -> Iterator[Client]:
     """A connection that holds the lease of an armed robot; disarmed at the end."""
     with daemon.client() as client:
-        client.call("AcquireLease")
-        client.call("Arm")
+        _arm(client)
         try:
             yield client
         finally:
             client.call("Disarm")
+
+
+def _arm(client: Client) -> None:
+    """The lease, then torque; asked again while a busy machine is the reason why not. Raises Refused."""
+    until = time.monotonic() + PATIENCE
+    while True:
+        try:
+            client.call("AcquireLease")
+            client.call("Arm")
+            return
+        except Refused as refusal:
+            codes = {each["code"] for each in refusal.findings}
+            if not codes <= PASSING or time.monotonic() > until:
+                raise
+        time.sleep(0.1)
 
 
 @contextmanager
@@ -47,6 +76,10 @@ def _follow(client: Client, path: dict[str, Any], ended: threading.Event) -> Non
         try:
             for _ in client.stream("SubmitTrajectory", trajectory=path):
                 pass
+        except Refused as refusal:  # of a busy machine: asked again, so that it goes on moving
+            if not ended.is_set() and not {each["code"] for each in refusal.findings} <= PASSING:
+                raise
+            time.sleep(0.1)
         except ClientError:
             if not ended.is_set():
                 raise

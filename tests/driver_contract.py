@@ -212,7 +212,7 @@ class DriverContract:
     def test_a_span_is_short_and_positive(self, rig: DriverRig) -> None:
         for _ in range(10):
             query = rig.reader.upkeep(rig.clock.now())
-            assert 0.0 <= rig.reader.span(query) < 0.005
+            assert query is None or 0.0 < rig.reader.span(query) < 0.005
             rig.tick()
 
     # ------------------------------------------------------------------------------- goals
@@ -328,6 +328,19 @@ class DriverContract:
         rig.faults.silence()
         with pytest.raises(BusError):
             rig.beside(both(rig, here))
+
+    def test_one_that_is_silent_keeps_nobody_else_from_being_prepared(self, rig: DriverRig) -> None:
+        here = rig.arm()
+        rig.ticks(40, here)
+        armed = rig.registers.watchdog[1:].copy()
+        rig.clock.sleep_until(rig.clock.now() + 0.5)  # who has a watchdog stops, and must be prepared anew
+        rig.ticks(5)
+        rig.faults.silence(rig.reader.ids[0])
+        with pytest.raises(NoReply) as told:
+            rig.beside(both(rig, here))
+        assert told.value.ids == rig.reader.ids[:1]
+        rig.ticks(40, here)
+        assert (rig.registers.watchdog[1:] == armed).all()
 
     def test_aim_refuses_what_may_not_be_sent(self, rig: DriverRig) -> None:
         rig.heard()

@@ -77,8 +77,10 @@ class DriverRig:
         """One cycle of the loop: the reading, then a turn of upkeep."""
         begin = self.clock.now()
         sample = self.read(goal)
+        query = self.reader.upkeep(self.clock.now())
         with suppress(PortFull):
-            self.transact(self.reader.upkeep(self.clock.now()))
+            if query is not None:
+                self.transact(query)
         self.clock.sleep_until(begin + 1.0 / self.rate_hz)
         return sample
 

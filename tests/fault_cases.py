@@ -82,6 +82,16 @@ def _supply() -> Sequence[Case]:
     ]
 
 
+def _sag() -> Sequence[Case]:
+    def mended(order: Order) -> Sequence[Order]:
+        return [order | {"volts": 0.0}]
+
+    return [
+        Case(lambda r: {"id": one(r), "volts": float(r.uniform(0.1, 0.5))}, (0.3, 0.5), heal=mended),
+        Case(lambda r: {"id": one(r), "volts": 3.0}, (0.3, 0.5), FAULT, ("SERVO_ALERT",), 0.15, mended),
+    ]
+
+
 def _heat() -> Sequence[Case]:
     def cool(order: Order) -> Sequence[Order]:
         return [{"fault": "heat", "id": order["id"], "celsius": 25.0}]
@@ -170,6 +180,7 @@ CASES: Mapping[str, Sequence[Case]] = {
         Case(_plain(on=False), (0.55, 0.6), FAULT, GONE, 0.3, _power),
     ],
     "supply": _supply(),
+    "sag": _sag(),
     "heat": _heat(),
     "spike": [Case(lambda r: {"id": one(r), "celsius": 120.0, "seconds": 0.15}, (0.3, 0.5))],
     # A held shaft and an encoder that repeats its value: the readings are what the registers say.

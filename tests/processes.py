@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
@@ -63,10 +63,11 @@ def patiently(call: Callable[[], T], seconds: float = PATIENCE) -> T:
 
 def _busy(findings: Any) -> bool:
     """A busy machine is among the reasons. So it is where a question to a servo was lost at arming, and where
-    a joint that is there was heard a moment too long ago."""
+    a joint was heard, or its temperature and supply read, a moment too long ago."""
     return any(
         each["code"] in BUSY
         or (each["code"] == "ARM_FAILED" and "no reply" in each["message"])
+        or any(each["message"].count(said) for said in ("not read lately", "not read yet"))
         or (each["code"] == "HW_DISCONNECTED" and "not heard lately" in each["message"])
         for each in findings
     )
@@ -213,14 +214,16 @@ def robot(name: str = "h24", *options: str) -> Iterator[tuple[Virtual, Path]]:
 
 
 @contextmanager
-def daemon(virtual: Virtual, folder: Path, *, mode: str = "live") -> Iterator[Daemon]:
-    """A daemon on that robot; killed at the end if the test did not end it."""
+def daemon(
+    virtual: Virtual, folder: Path, *, mode: str = "live", more: Sequence[str] = ()
+) -> Iterator[Daemon]:
+    """A daemon on that robot, with `more` options; killed at the end if the test did not end it."""
     options = ["--mode", mode, "--robot", virtual.robot, "--calibration", str(virtual.calibration)]
     kinds = {bus.name: bus.kind for bus in load_robot(virtual.robot).buses}
     for bus in virtual.ports:
         port = virtual_port(kinds[bus], str(virtual.folder / "ports" / bus))
         options += ["--port", f"{bus}={port}"]
-    running = Daemon(folder / "run", *options)
+    running = Daemon(folder / "run", *options, *more)
     try:
         yield running
     finally:

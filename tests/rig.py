@@ -16,6 +16,7 @@ from twind.config.actuator import CAN
 from twind.config.counts import ticks_of
 from twind.config.robot_file import load_robot
 from twind.loop import assembly
+from twind.loop.described import Robot
 from twind.loop.link import Link
 from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
@@ -44,8 +45,13 @@ class HandFront:
         self.socket, self.outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.socket.setblocking(False)
         self.outer.setblocking(False)
+        self.briefings: list[int] = []
 
     def alive(self, now: float) -> None: ...
+
+    def brief(self, briefing: int) -> None:
+        """Kept for the next front."""
+        self.briefings.append(briefing)
 
     def overdue(self, now: float) -> bool:
         return False
@@ -63,6 +69,9 @@ class HandFront:
         if self.socket is not None:
             self.socket.close()
             self.outer.close()
+            for briefing in self.briefings:
+                os.close(briefing)
+            self.briefings.clear()
         self.socket = None
 
 
@@ -91,7 +100,7 @@ class Rig:
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
         self.calibration = calibration(self.made)
-        self.one = assembly.Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
+        self.one = Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
         self.names = self.one.binding.joint_map.names
         self.front = self.new_front()
         self.loop = self.born(mode)
@@ -118,7 +127,12 @@ class Rig:
             notifier=Notifier({}),
             thresholds=Thresholds(),
             realtime={},
+            rewire=self._rewire,
         )
+
+    def _rewire(self, one: Robot) -> Any:
+        self.buses = replace(self.buses, robot=one.file, joints=one.binding.joint_map)
+        return self.buses.enable
 
     def close(self) -> None:
         self.loop.close()
@@ -185,6 +199,7 @@ class Rig:
     def submit(self, path: Trajectory, *, client: int = CLIENT, **parameters: Any) -> int:
         """Submit a trajectory; its ticket."""
         self._ticket += 1
+        parameters.setdefault("generation", self.loop.reloads.generation)
         command = link.Submit(
             ticket=self._ticket,
             client=client,
@@ -199,6 +214,19 @@ class Rig:
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)
         return self._ticket
+
+    def adopt(self, changes: Mapping[str, Any], *, announced: bool = True, **parameters: Any) -> link.Reply:
+        """Changes of the front's, with the next briefing; what the loop answers."""
+        if parameters.get("reread", True) and announced:
+            self.front.outer.send(link.encode(link.Rereading()))
+        self._ticket += 1
+        given = {"generation": self.loop.reloads.generation + 1} | parameters
+        command = link.Adopt(ticket=self._ticket, client=0, changes=dict(changes), **given)
+        fd = memfd.seal("briefing", b"for the next front")
+        socket.send_fds(self.front.outer, [link.encode(command)], [fd])
+        os.close(fd)
+        self.ticks(2)
+        return self.replies(self._ticket)[-1]
 
     def replies(self, ticket: int) -> list[link.Reply]:
         """Everything that answered a ticket so far."""

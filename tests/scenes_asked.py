@@ -128,6 +128,11 @@ def two_motions_shall_wait(made: Rig) -> None:
     made.ticks(3)
 
 
+@leads_to(Code.CONFIG_REFUSED, arm=False)
+def a_limit_shall_widen_while_the_daemon_runs(made: Rig) -> None:
+    made.adopt({"joints.head_yaw.limits_rad": [-20.0, 20.0]})
+
+
 # ------------------------------------------------------------------------------- ports, devices, arming
 
 

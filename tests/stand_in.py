@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 
 from twind import link, memfd
+from twind.briefing import Briefing, JointInfo
 from twind.config.robot_file import load_robot
 from twind.loop.sockets import BACKLOG
 from twind.robot.finding import Code, Finding
@@ -29,11 +30,9 @@ NAMES = [f"joint_{place}" for place in range(24)]
 Answer = Callable[[link.Command], list[link.Reply]]
 
 
-def briefing(count: int = 24) -> link.Briefing:
-    joints = [
-        link.JointInfo(name, "main", place + 1, True, -1.0, 1.0) for place, name in enumerate(NAMES[:count])
-    ]
-    return link.Briefing(
+def briefing(count: int = 24) -> Briefing:
+    joints = [JointInfo(name, "main", place + 1, True, -1.0, 1.0) for place, name in enumerate(NAMES[:count])]
+    return Briefing(
         version=__version__,
         robot="stand-in",
         joints=joints,
@@ -110,8 +109,10 @@ class StandIn:
         program: tuple[str, ...] = ("-m", "twind.front"),
         binding: bytes | None = None,
         goal: bytes | None = None,
+        told: Briefing | None = None,
     ) -> None:
-        """`binding`: handed over instead of h24's. `goal`: where the robot holds, float64 of 24 joints."""
+        """`binding`: handed over instead of h24's. `goal`: where the robot holds, float64 of 24 joints.
+        `told`: the whole briefing, instead of one of joints without a robot."""
         self.directory, self.rate, self.goal = directory, rate, goal
         self.commands: list[link.Inward] = []
         self.paths: list[bytes] = []
@@ -120,7 +121,8 @@ class StandIn:
         self.heartbeats = 0
         self.inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.inner.setblocking(False)
-        told = briefing() if binding is None else msgspec.structs.replace(briefing(), binding=binding)
+        told = briefing() if told is None else told
+        told = told if binding is None else msgspec.structs.replace(told, binding=binding)
         fd = memfd.seal("briefing", msgspec.msgpack.encode(told))
         listeners = {name: self._listen(name) for name in ("control", "observe")}
         handed = {"link": outer.fileno(), "briefing": fd}

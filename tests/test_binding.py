@@ -226,6 +226,17 @@ def test_files_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
     assert "limits -0.1..2.4 rad are outside the model's range -0.15..2.3" in refused(
         only(H24, "l_knee", upper=2.4)
     )
+    lines = H24.path.read_text().splitlines()
+    number = next(
+        place
+        for place, line in enumerate(lines, 1)
+        if line.lstrip().startswith("l_knee:") and "limits" in line
+    )
+    column = lines[number - 1].index("limits_rad: ") + len("limits_rad: ") + 1
+    at = f"{H24.path}:{number}:{column}: joints.l_knee.limits_rad: "
+    assert refused(only(H24, "l_knee", upper=2.4)).startswith(at)
+    edited = replace(only(H24, "l_knee", upper=2.4), text_sha256="0" * 64)  # since it was read
+    assert refused(edited).startswith(f"{H24.path}: joints.l_knee.limits_rad: ")
     pinned = model_of(tmp_path, '<freejoint name="base"/>', "")
     assert "support: free needs a free joint" in refused(replace(pinned, support="free"))
     bind(pinned, None)

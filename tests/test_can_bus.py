@@ -51,6 +51,21 @@ def test_power_that_returns_while_goals_flow_moves_nothing(models: Sequence[str]
     assert abs(rig.places() - before).max() <= 2
 
 
+def test_answers_to_what_an_adapter_kept_are_late_and_no_other_masters() -> None:
+    rig = CanRig(MODELS, adapter=CanAdapter(keeps=True))
+    here = rig.arm()
+    rig.ticks(20, here)
+    rig.faults.power(False)
+    rig.ticks(40, here)
+    rig.faults.power(True)
+    back = rig.ticks(100, here)
+    assert any(sample.discarded for sample in back), "nothing that it kept went out: this shows nothing"
+    assert not sum(sample.foreign for sample in back)
+    rig.ticks(100)
+    rig.faults.foreign(3)
+    assert sum(sample.foreign for sample in rig.ticks(5)) >= 3, "that excuse ends"
+
+
 def test_a_bus_cut_for_longer_than_a_watchdog_gets_no_goal_until_it_is_prepared() -> None:
     rig = CanRig(MODELS)
     here = rig.arm()

@@ -134,7 +134,7 @@ def test_register_traffic_never_passes_for_feedback(order: int, register: int) -
     answers, answered = damiao().answered(received)
     assert answered.all() == (order in (0x33, 0x55))
     if answered.all():
-        assert answers[0] == (1, register, bytes([1, 2, 3, 4]))
+        assert answers[0] == (1, register, bytes([1, 2, 3, 4]), order == 0x55)
 
 
 def test_the_traps_that_were_met_would_otherwise_be_places() -> None:

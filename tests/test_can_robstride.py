@@ -102,7 +102,10 @@ def test_answers_to_the_question_are_feedback_and_parameters() -> None:
     assert list(feedback.enabled) == list(feedback.fault) == [-1, -1]
     answers, found = motors().answered(both)
     assert found.all()
-    assert answers == [(1, 0x7019, struct.pack("<f", -1.5)), (0, 0x701B, struct.pack("<f", 2.5))]
+    assert [each[:3] for each in answers] == [
+        (1, 0x7019, struct.pack("<f", -1.5)),
+        (0, 0x701B, struct.pack("<f", 2.5)),
+    ]
 
 
 @pytest.mark.parametrize("raw", ["00 00 C0 7F", "01 00 80 7F", "00 00 80 FF", "FF FF 7F 7F", "20 BC BE 4C"])
@@ -159,7 +162,7 @@ def test_the_number_of_the_processor_comes_in_two_halves() -> None:
     made = frame(EXTENDED | 1 << 8 | 0xFE, "01 02 03 04 05 06 07 08")
     answers, found = motors().answered(made)
     assert found.all()
-    assert answers == [(1, 0, bytes([1, 2, 3, 4])), (1, 4, bytes([5, 6, 7, 8]))]
+    assert [each[:3] for each in answers] == [(1, 0, bytes([1, 2, 3, 4])), (1, 4, bytes([5, 6, 7, 8]))]
     assert not motors().feedback(made)[1].any()
 
 

@@ -4,22 +4,29 @@ import errno
 import os
 import socket
 import struct
+import subprocess
+import sys
 from collections.abc import Iterator
 from math import inf
 from pathlib import Path
 
+import can
 import pytest
 from can.interfaces.socketcan import socketcan
-from can_frames import cycle, heard, mixed
+from can_frames import cycle, mixed
 
-from twind_drivers.bus import PortError, PortFull
+from twind_calibration.doctor.host import Host
+from twind_drivers.bus import PortError, PortFull, PortTaken
 from twind_drivers.can import link, python_can
 from twind_drivers.can.channel import Line
 from twind_drivers.can.frame import REMOTE, payload
+from twind_drivers.can.owner import owners
 from twind_drivers.can.ports import open_channel
 from twind_drivers.can.python_can import PythonCanChannel
 
-NOWHERE = "can-none"  # an interface that no machine has: 8 characters, so the kernel looks for it
+# An interface that no machine has: 8 characters, so the kernel looks for it; of each process its own, as one
+# owns it.
+NOWHERE = f"none{os.getpid() % 10_000:04d}"
 
 
 # The kernel's own CAN is not to be had everywhere, so here its socket alone is another: the code path of
@@ -93,9 +100,11 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
         each.close()
 
 
-def opened() -> PythonCanChannel:
+def opened(*, drives: bool = True) -> PythonCanChannel:
     channel = open_channel(f"can:socketcan:{NOWHERE}", 1_000_000)
     assert isinstance(channel, PythonCanChannel)
+    if drives:
+        channel.drive(opened)  # which lives for ever
     return channel
 
 
@@ -127,7 +136,7 @@ def test_a_full_queue_is_congestion_for_a_second_then_the_bus_is_dead_and_emptie
     assert len(wire.sockets) == 2  # closed and opened again
     assert wire.sockets[0].ours.fileno() == -1
     assert "could not be taken down and up" in channel.warning  # nothing of that name: its queue is not ours
-    assert "ip link set can-none down" in channel.warning
+    assert f"ip link set {NOWHERE} down" in channel.warning
     channel.close()
 
 
@@ -157,6 +166,42 @@ def test_a_link_goes_down_and_up_only_where_frames_may_wait_and_once_a_second(
     channel.receive(5.01)  # somebody is there: it has left
     channel.close()
     assert downs == [NOWHERE] * 2
+
+
+class Owner:
+    """Somebody who can write."""
+
+
+def test_who_only_reads_takes_no_link_down_whatever_waits(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    downs: list[str] = []
+    monkeypatch.setattr(python_can, "restart", lambda name: downs.append(name) or "")
+    channel, owner = opened(drives=False), Owner()
+    for now in (0.2, 2.0):
+        channel.send(cycle(4), now)
+        channel.purge()
+    assert downs == []
+    channel.drive(owner)
+    channel.send(cycle(4), 4.0)
+    channel.purge()
+    assert downs == [NOWHERE]
+    del owner  # the mode is mirror again
+    channel.send(cycle(4), 6.0)
+    channel.purge()
+    channel.close()
+    assert downs == [NOWHERE]
+
+
+def test_what_was_said_of_the_bus_is_still_said_after_it_was_emptied(wire: Wire) -> None:
+    channel = opened()
+    channel.warning = "ids [3]: no watchdog"
+    for now in (0.2, 2.0):
+        channel.send(cycle(4), now)
+        channel.purge()
+        assert channel.warning.endswith("; ids [3]: no watchdog")
+        assert channel.warning.count("could not be taken down and up") == 1
+    channel.close()
 
 
 def test_a_queue_that_drains_in_time_is_never_lost(wire: Wire) -> None:
@@ -270,7 +315,9 @@ def test_a_controller_that_is_back_is_told(wire: Wire, id: int, place: int, bits
 
 def test_an_interface_that_is_not_there_is_said_with_the_remedy(wire: Wire) -> None:
     wire.gone = errno.ENODEV
-    with pytest.raises(PortError, match=r"no such CAN interface.*ip link set can-none up type can") as absent:
+    with pytest.raises(
+        PortError, match=rf"no such CAN interface.*ip link set {NOWHERE} up type can"
+    ) as absent:
         opened()
     assert not absent.value.lost
 
@@ -283,6 +330,50 @@ def test_a_bus_that_does_not_come_back_from_a_purge_is_lost(wire: Wire) -> None:
     assert lost.value.lost
     with pytest.raises(PortError, match="closed"):
         channel.send(cycle(1), 0.0)
+    channel.close()
+
+
+def test_an_interface_has_one_owner_until_it_lets_go(wire: Wire) -> None:
+    first = opened()
+    with pytest.raises(
+        PortTaken, match=rf"{NOWHERE}: in use by pid {os.getpid()} \(.+\); stop it first"
+    ) as taken:
+        opened()
+    assert not taken.value.lost
+    assert len(wire.sockets) == 1  # who may not have it does not listen to it either
+    first.purge()
+    with pytest.raises(PortTaken):
+        opened()
+    first.close()
+    first.close()
+    opened().close()
+
+
+def test_one_that_cannot_be_opened_is_owned_by_nobody(wire: Wire) -> None:
+    wire.gone = errno.ENODEV
+    with pytest.raises(PortError, match="no such CAN interface"):
+        opened()
+    assert list(owners(NOWHERE)) == []
+    wire.gone = 0
+    opened().close()
+
+
+@pytest.mark.realtime
+def test_an_owner_that_is_killed_owns_nothing_any_more(wire: Wire) -> None:
+    program = (
+        f"from twind_drivers.can.owner import Owner; sign = Owner({NOWHERE!r}); print(flush=True); input()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "\n"
+        assert list(owners(NOWHERE)) == [other.pid]
+        assert [each.pid for each in Host().owners(NOWHERE)] == [other.pid]
+        with pytest.raises(PortTaken, match=f"in use by pid {other.pid} "):
+            opened()
+        other.kill()
+    opened().close()
 
 
 def test_a_kernel_without_can_is_named() -> None:
@@ -303,11 +394,12 @@ def test_a_real_interface_passes_frames_between_two_sockets() -> None:
         pytest.skip(f"no AF_CAN here: {error.strerror}")
     if not link.present("vcan0"):
         pytest.skip("no vcan0 here")
-    one, other = (open_channel("can:socketcan:vcan0", 1_000_000) for _ in range(2))
-    one.send(mixed(), 0.0)
-    assert heard(other, 12).tobytes() == mixed().tobytes()
-    one.close()
-    other.close()
+    with can.Bus("vcan0", interface="socketcan") as other:
+        one = open_channel("can:socketcan:vcan0", 1_000_000)
+        one.send(mixed(), 0.0)
+        told = [other.recv(timeout=1.0) for _ in range(len(mixed()))]
+        assert [None if each is None else each.dlc for each in told] == mixed()["size"].tolist()
+        one.close()
 
 
 def test_an_interface_that_python_can_does_not_know_is_named() -> None:
@@ -338,7 +430,7 @@ from twind_drivers.can.link import restart
 import fcntl, socket
 from twind_drivers.can.link import FLAGS, REQUEST
 def up():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
         return REQUEST.unpack(fcntl.ioctl(asking, FLAGS, REQUEST.pack(b"lo", 0)))[1] & 1
 before = up(); said = restart("lo"); print(before, repr(said), up(), repr(restart("none")))
 """

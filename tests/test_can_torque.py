@@ -101,3 +101,28 @@ def test_a_loop_too_slow_for_the_watchdogs_is_told_so_before_torque_and_a_slow_o
     enough.ticks(20, enough.arm())
     assert enough.energised().all()
     assert (enough.registers.watchdog == 100).all()
+
+
+@pytest.mark.parametrize("models", [("DM4310",) * 3, ("RS01",) * 3])
+def test_who_is_silent_while_the_others_are_prepared_follows_nothing_until_he_is_too(
+    models: Sequence[str],
+) -> None:
+    """He is soft, or was away: stiffness towards a place that nobody knows would be a jerk."""
+    rig = CanRig(models)
+    here = rig.arm()
+    rig.ticks(5, here)
+    rig.beside(rig.writer.damp())
+    rig.faults.silence(2)
+    with pytest.raises(NoReply, match=r"\[2\]"):
+        rig.beside(rig.writer.prepare(here))
+    rig.faults.silence(2, False)
+    before = rig.places()
+    for step in range(30):
+        rig.tick(here + 10 * step)
+    moved = rig.places() - before
+    assert (moved[[0, 2]] > 100).all()
+    assert abs(moved[1]) < 20  # it coasts, damped
+    rig.beside(rig.writer.prepare(here))
+    rig.beside(rig.writer.torque(True))
+    rig.ticks(30, here + 100)
+    assert abs(rig.places() - here - 100).max() < 80

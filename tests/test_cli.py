@@ -1,6 +1,7 @@
 """The command line of `twind`: which port is whose, why live is denied, and what the exit code says."""
 
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -11,11 +12,13 @@ from typing import Any
 import pytest
 
 from twind import cli
-from twind.cli import FAILED, USAGE, UsageError, bus_ports, live_denied, refuse_wrong, wrong_groups
+from twind.cli import FAILED, USAGE, wrong_groups
+from twind.config.files import Sources, UsageError, bus_ports, describe, live_denied, refuse_wrong
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.settings import Settings, load_settings
 from twind.robot.finding import Code
+from twind.virtual.specimen import save, specimen
 
 TWO = ["legs", "arms"]
 
@@ -121,22 +124,29 @@ def test_a_port_of_the_other_kind_is_refused_with_what_is_right(bus: str, port: 
 # ------------------------------------------------------------------------------------- live
 
 
+USUAL = Path("/var/lib/twind/calibration/h24.yaml")
+
+
 def test_live_needs_a_port_for_every_bus() -> None:
-    denied = live_denied("h24", {"legs": "/dev/ttyUSB0", "arms": None}, calibrated=True)
+    ports = {"legs": "/dev/ttyUSB0", "arms": None}
+    denied = live_denied("h24", ports, USUAL, calibrated=True)
     assert denied is not None
     assert denied.code is Code.HW_DISCONNECTED
     assert "--port arms=PORT" in denied.message
 
 
 def test_live_needs_a_calibration() -> None:
-    denied = live_denied("h24", {"main": "/dev/ttyUSB0"}, calibrated=False)
+    denied = live_denied("h24", {"main": "/dev/ttyUSB0"}, USUAL, calibrated=False)
     assert denied is not None
     assert denied.code is Code.CALIB_MISSING
     assert "--calibration FILE" in denied.message
+    assert str(USUAL) in denied.message  # where to put it
+    (told,) = re.findall(r"how to make one: (\S+)$", denied.message)
+    assert Path(told).read_text().startswith("# Calibration")
 
 
 def test_with_both_nothing_stands_in_the_way() -> None:
-    assert live_denied("h24", {"main": "/dev/ttyUSB0"}, calibrated=True) is None
+    assert live_denied("h24", {"main": "/dev/ttyUSB0"}, USUAL, calibrated=True) is None
 
 
 # ------------------------------------------------------------------------------------- exit codes
@@ -149,7 +159,7 @@ def nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(key, str(tmp_path / key))
     own = os.geteuid() or 12345  # a folder of root's is as good as one of ours
     monkeypatch.setattr("os.geteuid", lambda: own)
-    monkeypatch.setattr("faulthandler.enable", lambda: None)  # the test run has its own
+    monkeypatch.setattr("faulthandler.enable", lambda fd: None)  # the test run has its own
 
 
 def ended(capfd: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
@@ -260,3 +270,33 @@ def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
         cli.main(["--version"])
     assert end.value.code == 0
     assert capsys.readouterr().out.startswith("twind ")
+
+
+# ------------------------------------------------------------------------------------- instances
+
+
+def test_an_instance_has_its_own_settings_robots_and_sockets_and_the_state_of_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `twind@arm.service` starts it: user, folders and environment of the plain service."""
+    etc, state = tmp_path / "etc" / "twind", tmp_path / "state"
+    (etc / "robots").mkdir(parents=True)
+    (state / "calibration").mkdir(parents=True)
+    source = load_robot("h24").path.parent
+    (etc / "robots" / "h24.xml").write_text((source / "h24.xml").read_text())
+    text = (source / "h24.yaml").read_text()
+    assert "name: h24\n" in text
+    (etc / "robots" / "arm.yaml").write_text(text.replace("name: h24\n", "name: arm\n"))
+    (etc / "arm.yaml").write_text("robot: arm\nindividual: arm-7\nmode: sim\n")
+    (etc / "twind.yaml").write_text("robot: nobody\n")  # of the plain service
+    save(specimen(load_robot("arm", (etc / "robots",))), state / "calibration" / "arm-7.yaml")
+    monkeypatch.setattr("os.geteuid", lambda: 4711)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "etc"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("STATE_DIRECTORY", str(state))
+    found = describe(Sources(config=str(etc / "arm.yaml"), socket=str(tmp_path / "run/twind/arm")))
+    assert found.robot.name == "arm"
+    assert found.robot.path == etc / "robots" / "arm.yaml"
+    assert found.calibration is not None
+    assert found.settings.socket_dir == tmp_path / "run" / "twind" / "arm"
+    assert Sources(config=str(etc / "arm.yaml")).settings().socket_dir == tmp_path / "run" / "twind"

@@ -67,8 +67,9 @@ def test_fake_time_never_goes_back_and_stops_at_the_first_thing_to_happen(
             clock.sleep_until(deadline)
             assert clock.now() == max(before, deadline)
         else:
-            clock.wait([Coming(at) for at in arrivals], deadline)
+            ready = clock.wait([Coming(at) for at in arrivals], deadline)
             assert clock.now() == max(before, min([deadline, *arrivals]))
+            assert list(ready) == [place for place, at in enumerate(arrivals) if at <= clock.now()]
 
 
 def test_fake_time_stands_while_nobody_waits() -> None:
@@ -105,13 +106,13 @@ def test_a_wait_without_bytes_ends_at_its_deadline(pipe: Pipe) -> None:
 def test_bytes_a_hang_up_or_a_past_deadline_end_a_wait_long_before_its_time(pipe: Pipe) -> None:
     clock, idle = MonotonicClock(), Pipe()
     begin = clock.now()
-    clock.wait([idle, pipe], begin - 1.0)
+    assert list(clock.wait([idle, pipe], begin - 1.0)) == []
     os.write(pipe.theirs, b"x")
-    clock.wait([idle, pipe], begin + 600.0)
+    assert list(clock.wait([idle, pipe], begin + 600.0)) == [1]
     os.read(pipe.ours, 1)
     os.close(pipe.theirs)
     pipe.theirs = -1
-    clock.wait([pipe, idle], begin + 600.0)
+    assert list(clock.wait([pipe, idle], begin + 600.0)) == [0]
     idle.close()
     assert clock.now() < begin + 60.0
 
@@ -161,9 +162,10 @@ def test_a_source_without_descriptor_is_asked_each_millisecond_and_no_more_often
 
 def test_beside_a_source_without_descriptor_bytes_and_what_is_there_already_end_a_wait(pipe: Pipe) -> None:
     clock, begin = MonotonicClock(), MonotonicClock().now()
-    clock.wait([pipe, Later(-inf)], begin + 600.0)
+    assert list(clock.wait([pipe, Later(-inf)], begin + 600.0)) == [1]
     os.write(pipe.theirs, b"x")
-    clock.wait([Later(inf), pipe], begin + 600.0)
+    assert list(clock.wait([Later(inf), pipe], begin + 600.0)) == [1]
+    assert sorted(clock.wait([Later(-inf), pipe], begin + 600.0)) == [0, 1]
     assert clock.now() < begin + 60.0
 
 

@@ -275,6 +275,13 @@ def test_no_daemon_exits_with_three_and_says_how_to_start_one(tmp_path: Path) ->
     assert (done.returncode, json.loads(done.stdout)["error"]) == (3, "NoDaemon")
 
 
+def test_an_instance_is_named_instead_of_its_folder() -> None:
+    command = [sys.executable, "-m", "twind.ctl.main", "-i", "nobody", "status"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20.0)
+    assert done.returncode == 3
+    assert "/run/twind/nobody" in done.stderr
+
+
 def test_help_lists_every_verb(loop: StandIn) -> None:
     done = ctl(loop, "--help")
     assert done.returncode == 0

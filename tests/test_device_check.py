@@ -123,13 +123,23 @@ def test_another_firmware_and_a_slow_return_delay_are_warned_of() -> None:
     verdict = with_knee(lambda device: replace(set_to(return_delay_time=250)(device), firmware=47))
     assert not verdict.refusals
     slow, firmware = verdict.warnings
-    assert "return delay is 500 us, the robot file says 10" in slow.message
+    assert "answers slowly: return delay is 500 us, the robot file says 10" in slow.message
+    assert "`twindctl register write main 16 return_delay_time 5`" in slow.message
     assert "firmware is 47, was 46" in firmware.message
 
 
 def test_another_model_of_the_same_size_is_refused_by_both_files() -> None:
     verdict = with_knee(lambda device: replace(device, model_number=1030, model_name="XM430-W210"))
     assert [each.code for each in verdict.refusals] == [Code.DEVICE_MISMATCH, Code.CALIB_MISMATCH]
+
+
+def test_what_was_not_read_is_refused_and_not_called_wrong() -> None:
+    verdict = with_knee(lambda device: replace(device, settings={}))
+    first, *others = [each.message for each in verdict.refusals]
+    assert "operating_mode, homing_offset, drive_mode not read" in first
+    assert others
+    assert all("was not read; it was" in each for each in others)
+    assert not any(word in each for each in (first, *others) for word in ("None", "write ", "must be"))
 
 
 def test_a_missing_servo_is_refused_by_name() -> None:
@@ -173,7 +183,7 @@ def test_a_servo_has_the_mode_that_its_joint_names(mode: str, number: int) -> No
     devices = {key: set_to(operating_mode=number, current_limit=1193)(each) for key, each in DEVICES.items()}
     assert not check_devices(robot, devices).refusals
     (missing,) = check_devices(robot, {**devices, KEY: without("operating_mode")(devices[KEY])}).refusals
-    assert "operating_mode (11) is None" in missing.message
+    assert "operating_mode not read" in missing.message
 
 
 def test_where_the_servos_limits_do_nothing_a_warning_says_so() -> None:

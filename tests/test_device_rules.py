@@ -327,11 +327,11 @@ def test_r10_what_is_forgotten_while_a_procedure_runs_is_nobody_s_restart() -> N
     judge = guard()
     off = {"torque": at(1, 0, 1, np.int8)}
     judge.judge(facts(status_time=np.full(N, 10.0), **off))
-    judge.judge(facts(status_time=np.full(N, 10.1), torque_settled=False, **off))
+    judge.judge(facts(now=10.11, status_time=np.full(N, 10.1), torque_settled=False, **off))
     stamps = np.full(N, 10.1)
     for time in (10.2, 10.3):
         stamps = np.where(np.arange(N) == 1, time, stamps)
-        last = judge.judge(facts(status_time=stamps, **off))
+        last = judge.judge(facts(now=time + 0.01, status_time=stamps, **off))
     assert [(one.code, one.joint) for one in last.findings] == [(Code.TORQUE_MISMATCH, 1)]
 
 

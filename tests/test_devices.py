@@ -66,6 +66,20 @@ def test_a_bus_that_is_not_open_is_answered_with_the_reason(live: Rig) -> None:
     assert "no such port" in reply.parameters["message"]
 
 
+def test_a_scan_tells_the_registers_that_identification_read(mirror: Rig) -> None:
+    mirror.connect()
+    told = [reply.parameters["settings"] for reply in scan(mirror, "main")]
+    assert len(told) == 24
+    wanted = {
+        "return_delay_time": 5,
+        "shutdown": 52,
+        "min_voltage_limit": 95,
+        "pwm_limit": 885,
+        "torque_enable": 0,
+    }
+    assert all(each | wanted == each for each in told)
+
+
 def test_in_sim_no_bus_is_open() -> None:
     rig = Rig(mode=Mode.SIM)
     reply = rig.call(link.Scan)

@@ -47,7 +47,13 @@ def test_every_path_of_this_repository_that_is_named_exists(page: Path) -> None:
 # ----------------------------------------------------------------------------------------------- commands
 
 PROGRAMS = ("twindctl", "twind", "twind-virtual")
-PLACEHOLDERS = {"ID": "1", "VERB": "status"}  # where a parser wants a number, or a name that exists
+PLACEHOLDERS = {
+    "ID": "1",
+    "VALUE": "5",
+    "COUNTS": "5",
+    "NUMBER": "5",
+    "VERB": "status",
+}  # where a parser wants a number, or a name that exists
 
 
 def commands(text: str) -> Iterator[list[str]]:
@@ -179,7 +185,7 @@ def readme_lines() -> list[str]:
 @pytest.mark.realtime
 def test_the_commands_of_the_readme_do_what_they_say_on_a_virtual_robot(tmp_path: Path) -> None:
     left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
-    apart = ("check", "scan")  # those that need no daemon
+    apart = ("check", "scan", "doctor", "wiggle")  # those that need no daemon, and the one that asks a person
     verbs = [line for line in left if line.startswith("twindctl ") and line.split()[1] not in apart]
     assert [line.split()[1] for line in verbs] == [
         "status",
@@ -208,8 +214,9 @@ def test_the_commands_of_the_readme_do_what_they_say_on_a_virtual_robot(tmp_path
 @pytest.mark.realtime
 def test_the_other_commands_of_the_readme_run_as_printed(tmp_path: Path) -> None:
     left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
-    scan, check, servos = [
-        line for line in left if line.split()[1] in ("check", "scan") or line.startswith("twind-virtual")
+    alone = ("check", "scan", "doctor")
+    scan, check, doctor, servos = [
+        line for line in left if line.split()[1] in alone or line.startswith("twind-virtual")
     ]
     robots = Path(str(resources.files("twind.robots")))
     shutil.copy(robots / "h24.yaml", tmp_path / "my_robot.yaml")
@@ -230,6 +237,18 @@ def test_the_other_commands_of_the_readme_run_as_printed(tmp_path: Path) -> None
     assert (tmp_path / "robot" / "main").exists() and (tmp_path / "robot-faults").is_socket()
     found = run(scan.replace("/dev/ttyUSB0", f"{tmp_path}/robot/main"), tmp_path, environment)
     assert found.count("XM430-W350") == 24 and "2000000" in found.replace(",", "").replace("_", "")
+    diagnosed = subprocess.run(
+        ["bash", "-c", doctor.replace("/dev/ttyUSB0", f"{tmp_path}/robot/main")],
+        cwd=tmp_path,
+        env=environment | {"XDG_STATE_HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+    assert diagnosed.returncode == 1, diagnosed.stderr  # this robot has no calibration yet
+    last = diagnosed.stdout.splitlines()[-1]
+    assert "CALIBRATION_MISSING" in diagnosed.stdout
+    assert "; looked at " in last and "servos" not in last, "nothing but what could not be seen is named"
     process.stdin.close()
     assert process.wait(10.0) == 0
     process.stdout.close()

@@ -8,7 +8,7 @@ from rig import Rig
 from twind import cli
 from twind.config import settings
 from twind.front import server
-from twind.loop import arming, damping, front_process, ports, release, submissions, tick
+from twind.loop import arming, damping, failsafe, front_process, ports, release, submissions, tick
 from twind.robot.finding import Code
 from twind.robot.modes import State
 from twind.safety import gate, guard, lease, senses, stream
@@ -77,9 +77,9 @@ def ms(seconds: float) -> str:
     return f"{seconds * 1e3:g} ms"
 
 
-def unit(key: str) -> str:
-    """A number of the service's unit."""
-    found = re.search(rf"^{key}=(\d+)$", (ROOT / "systemd" / "twind.service").read_text(), re.MULTILINE)
+def unit(key: str, name: str = "twind.service") -> str:
+    """A number of a unit."""
+    found = re.search(rf"^{key}=(\d+)$", (ROOT / "systemd" / name).read_text(), re.MULTILINE)
     assert found
     return f"{found[1]} s"
 
@@ -176,6 +176,14 @@ NUMBERS = {
     "missing devices asked again": f"every {ports.IDENTIFY_AGAIN:g} s",
     "front silent: killed, started anew": f"{front_process.HEARTBEAT:g} s",
     "service manager's watchdog": unit("WatchdogSec"),
+    "fail-safe: ports, devices and their torque waited for": f"{failsafe.WAIT:g} s",
+    "fail-safe: lowered at, wanted within, damped after": f"{failsafe.SPEED * 100:g} % of every limit, "
+    f"{failsafe.WAY:g} s, {failsafe.WITHIN:g} s",
+    "fail-safe: tried": f"{failsafe.TRIES} times, begun within {failsafe.AGAIN:g} s",
+    "service manager waits for the fail-safe": f"{unit('TimeoutStartSec', 'twind-failsafe@.service')}; "
+    f"from its first tick {failsafe.LONGEST:g} s ({failsafe.AGAIN:g} + {failsafe.WITHIN:g} + "
+    f"{release.LETTING_GO:g} s to torque off + {failsafe.WAIT:g} s), "
+    "and more where the limits make the way longer",
     "service manager waits for the lowering": f"{unit('TimeoutStopSec')}, {cli.LOWERING:g} s once the daemon "
     "has heard that it shall end",
 }

@@ -322,3 +322,15 @@ def test_one_device_alone_is_written_and_acknowledged() -> None:
     bench.cycle()
     assert bench.servos.get(5, 116, 4) == 2001
     assert bench.servos.get(5, 64, 1) == 1
+
+
+def test_everybody_else_is_prepared_before_a_silent_one_is_told() -> None:
+    bench = Bench()
+    bench.servos.put(1, 98, 255, 1)  # tripped: it takes no goal until its watchdog was cleared
+    bench.servos.silent.add(2)
+    with pytest.raises(NoReply) as error:
+        bench.run(bench.writer.prepare(HERE))
+    assert error.value.ids == (2,)
+    for id, goal in ((1, HERE[0]), (3, HERE[2])):
+        assert bench.servos.get(id, 98, 1) == 5
+        assert bench.servos.get(id, 116, 4) == goal

@@ -2,8 +2,11 @@
 
 import os
 import resource
+import shutil
 import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -71,6 +74,39 @@ def descriptors(pid: int) -> dict[int, str]:
         with suppress(FileNotFoundError):  # the one that lists
             found[int(fd)] = os.readlink(f"/proc/{pid}/fd/{fd}")
     return found
+
+
+RIGHTS = """
+import os, re, socket
+from pathlib import Path
+from twind import memfd
+from twind.loop.front_process import FrontProcess
+
+def rights(pid):
+    return re.search(r"CapEff:\\s*(\\w+)", Path(f"/proc/{pid}/status").read_text())[1]
+
+with socket.socket(socket.AF_UNIX) as control, socket.socket(socket.AF_UNIX) as observe:
+    front = FrontProcess(memfd.seal("briefing", b"none"), control, observe)
+    before = rights("self")
+    front.start(0.0)
+    # By that briefing it ends; what it was is told until it is buried. While it is executed it may have ours.
+    os.waitid(os.P_PID, front.pid, os.WEXITED | os.WNOWAIT)
+    print(before, rights("self"), rights(front.pid))
+    front.finish()
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0 or shutil.which("setpriv") is None, reason="needs root and setpriv")
+def test_rights_that_the_service_manager_gave_the_loop_are_not_the_fronts() -> None:
+    rights = "+net_admin,+dac_override"  # the second: the interpreter may stand in a folder of root's
+    given = ["--ambient-caps", rights, "--inh-caps", rights, "--reuid", "65534", "--clear-groups"]
+    command = ["setpriv", *given, sys.executable, "-c", RIGHTS]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=20.0)
+    if done.stderr.startswith("setpriv"):
+        pytest.skip(done.stderr.strip())
+    before, after, front = (int(each, 16) for each in done.stdout.split())
+    assert before == after == 1 << 12 | 1 << 1  # CAP_NET_ADMIN, CAP_DAC_OVERRIDE
+    assert front == 0
 
 
 def test_a_front_is_started_apart_from_the_bus_the_terminal_and_the_service_manager(tmp_path: Path) -> None:
@@ -181,6 +217,7 @@ def test_a_killed_front_is_noticed_and_the_next_one_waits_a_moment(tmp_path: Pat
         os.kill(first, signal.SIGKILL)
         until(world.front.reap, 10.0, "its end")
         assert not world.front.reap()  # told once
+        assert world.front.fate == f"({first}) ended with signal 9"
         world.front.end(100.0)
         assert not world.front.due(100.0 + AGAIN * 0.99)
         assert world.front.due(100.0 + AGAIN)
@@ -223,6 +260,24 @@ def test_a_front_that_hangs_is_not_waited_for_at_the_end(
         os.kill(pid, signal.SIGSTOP)
         world.front.finish()
         assert not Path(f"/proc/{pid}").exists()
+
+
+IDLE = """
+import os, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+from test_front_process import started
+os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+with started(Path(sys.argv[2])) as world:
+    print(os.sched_getscheduler(world.pid) == os.SCHED_IDLE)
+"""
+
+
+def test_a_daemon_that_is_not_real_time_asks_for_no_scheduler_that_it_may_not_have(tmp_path: Path) -> None:
+    """Leaving the idle class needs a right (RLIMIT_NICE): asked for, no front could ever be started."""
+    command = [sys.executable, "-c", IDLE, str(Path(__file__).parent), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout == "True\n", done.stderr
 
 
 def test_a_front_that_cannot_be_started_leaves_nothing_behind(tmp_path: Path) -> None:

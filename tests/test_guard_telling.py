@@ -1,11 +1,12 @@
 """What the guard says of what it sees: once while it lasts, and a latch until it is latched."""
 
+from dataclasses import replace
 from math import inf, nan
 
 import numpy as np
 import pytest
 from gate_world import at_rest
-from guard_world import FINE, LIMITS, PERIOD, N, codes, facts, joints, judge, reading
+from guard_world import FINE, LIMITS, PERIOD, STEP, N, codes, facts, joints, judge, reading
 
 from twind.robot.finding import Code
 from twind.robot.modes import Mode, State
@@ -157,3 +158,22 @@ def test_thresholds_can_be_other_ones() -> None:
     assert guard.judge(facts(missed_in_a_row=1)).reaction is Reaction.HOLD
     off = np.array([1, 0, 1], np.int8)
     assert guard.judge(facts(torque=off, status_time=np.full(N, 11.0))).latches
+
+
+# ------------------------------------------------------------------------------------------ new limits
+
+
+def test_limits_that_are_replaced_count_from_the_next_tick_and_what_was_told_is_remembered() -> None:
+    guard = Guard(LIMITS)
+    place = [0.0, 2.0, 0.0]
+    there = facts(measured=reading(place), goal=at_rest(place), previous=np.array(place))
+    assert guard.judge(there) == FINE
+    late = facts(lateness=0.01)
+    assert codes(guard.judge(late)) == [Code.LOOP_LATE]
+    upper, hard = LIMITS.upper - 0.5, LIMITS.hard_upper - 0.5
+    guard.limit(replace(LIMITS, upper=upper, hard_upper=hard, velocity=LIMITS.velocity / 2))
+    assert codes(guard.judge(late)) == [], "told already"
+    assert codes(guard.judge(there)) == [Code.OUT_OF_LIMIT]
+    step = facts(goal=at_rest([0.0, 0.75 * STEP, 0.0]))
+    assert Code.STEP_LIMIT in codes(guard.judge(step))
+    assert judge(goal=at_rest([0.0, 0.75 * STEP, 0.0])) == FINE, "by the limits of before"

@@ -121,6 +121,9 @@ def test_actuators_whose_watchdog_nobody_can_read_are_told_of_at_every_arming() 
         told = [event for event in rig.events(Code.DEVICE_MISMATCH) if "without a watchdog" in event.message]
         assert [[each.joint for each in event.findings] for event in told] == [[knee]] * count
         assert rig.call(link.Disarm, ticks=1200).error is None
+    rig.call(link.AcquireLease)
+    warnings = rig.call(link.Arm).parameters["warnings"]
+    assert [(each["code"], each["joint"]) for each in warnings] == [("DEVICE_MISMATCH", knee)]
     rig.close()
 
 

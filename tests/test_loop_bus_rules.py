@@ -88,12 +88,19 @@ def test_r08_a_stranger_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> Non
 def test_r08_nobody_arms_while_a_stranger_talks(live: Rig) -> None:
     live.connect()
     live.lease()
+
+    def told() -> list[str]:
+        return [str(each.code) for each in live.loop.publisher.overview(live.clock.now()).faults]
+
+    assert told() == []
     live.virtual["main"].faults.foreign(3)
     live.ticks(6)
     reply = live.call(link.Arm)
     assert [each["code"] for each in reply.parameters["findings"]] == ["FOREIGN_TRAFFIC"]
+    assert live.loop.latches == {} and told() == ["FOREIGN_TRAFFIC"], "the status says why, too"
     live.seconds(1.1)
     live.lease()
+    assert told() == []
     assert live.call(link.Arm).error is None
 
 

@@ -11,6 +11,8 @@ from twind.robot.modes import State
 from twind.safety.facts import Reaction
 from twind_drivers.dynamixel.damping import SHARE, SOFT
 
+pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
+
 BUG = Finding(Code.INTERNAL, message="ordered by the test")
 
 

@@ -14,6 +14,8 @@ from twind.robot.modes import State
 from twind.safety.guard import Guard
 from twind_drivers.bus import Sample
 
+pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
+
 ACTIVE, PASSIVE, OFF = 0, 1, 2
 
 

@@ -20,6 +20,7 @@ class Front:
         self.socket: socket.socket | None = None
         self.outer: socket.socket | None = None
         self.is_due, self.is_overdue, self.has_ended, self.cannot_start = False, False, False, False
+        self.fate = "(7) ended with signal 9"
         self.start(0.0)
         self.said.clear()
 
@@ -311,8 +312,28 @@ def test_a_front_that_ended_by_itself_is_noticed_and_started_anew_when_due(front
     assert not end.lost
 
 
+def test_how_a_front_ended_is_told_and_what_is_said_of_it_waits_for_the_next(
+    front: Front, end: Link, capfd: pytest.CaptureFixture[str]
+) -> None:
+    front.is_overdue = True
+    end.tend(1.0)
+    front.is_overdue = True
+    end.event(link.Event(time=0.0, sequence=1, level="error", code="A", message="the front was lost"))
+    end.tend(1.05)  # it may take a while to die
+    front.has_ended = True  # the one that was killed
+    end.tend(1.1)
+    assert capfd.readouterr().err.splitlines() == [
+        "twind: the front gives no sign of life, or takes nothing: it is killed",
+        "twind: the front (7) ended with signal 9; another one is started",
+    ]
+    front.is_due = True
+    end.tend(1.2)
+    end.flush()
+    assert [type(news) for news in front.news()] == [link.Event]
+
+
 def test_a_front_that_cannot_be_started_is_tried_again_later_and_the_loop_goes_on(
-    front: Front, end: Link
+    front: Front, end: Link, capfd: pytest.CaptureFixture[str]
 ) -> None:
     front.end(0.0)
     front.is_due = front.cannot_start = True
@@ -320,6 +341,15 @@ def test_a_front_that_cannot_be_started_is_tried_again_later_and_the_loop_goes_o
     end.tend(1.1)
     end.state(tick(1))
     assert front.said == ["end", "start", "postpone"]
+    assert end.no_front == "no process to be had"
+    front.is_due = True
+    end.tend(2.0)
+    assert capfd.readouterr().err == (  # once a reason: nobody else could tell it
+        "twind: no client can be served, the front cannot be started: no process to be had\n"
+    )
+    front.is_due, front.cannot_start = True, False
+    end.tend(3.0)
+    assert end.no_front == ""
 
 
 def test_at_the_end_a_front_gets_what_it_is_owed(front: Front, end: Link) -> None:

@@ -3,14 +3,18 @@
 import os
 import socket
 from collections.abc import Iterator
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Any
 
 import pytest
 from processes import Daemon, until
+from rig import Rig
 
+from twind.link import EStop, Reset
 from twind.loop.notify import STATUS, Notifier
+from twind.loop.release import LETTING_GO
 
 FAR = str(os.getpid() + 1)
 
@@ -158,6 +162,132 @@ def test_a_daemon_is_ready_once_it_answers_and_says_that_it_stops(tmp_path: Path
         assert daemon.end() == 0
         assert said("STOPPING=1")
         assert told.count("READY=1") == 1
+    finally:
+        if daemon.process.poll() is None:
+            daemon.process.kill()
+        daemon.process.wait(10)
+        manager.socket.close()
+
+
+# ------------------------------------------------------------------------------------- what a loop tells
+
+
+class Told:
+    """A daemon under a fake clock, and all that it told its manager: the kernel keeps but a few datagrams."""
+
+    def __init__(self, folder: Path) -> None:
+        self.manager, self.rig = Manager(str(folder / "notify")), Rig()
+        self.notifier = self.manager.notifier(WATCHDOG_USEC="400000")
+        self.messages: list[str] = []
+        self.listen()
+
+    def listen(self) -> None:
+        """From now on the rig's loop tells this manager."""
+        self.rig.loop.parts = replace(self.rig.loop.parts, notifier=self.notifier)
+
+    def seconds(self, seconds: float) -> list[str]:
+        """What was told in that time."""
+        before = len(self.messages)
+        for _ in range(round(seconds / 0.05)):
+            self.rig.seconds(0.05)
+            self.messages += self.manager.told()
+        return self.messages[before:]
+
+    def status(self) -> str:
+        """The last, a while later."""
+        self.seconds(1.5)
+        return [line for line in self.messages if line.startswith("STATUS=")][-1].removeprefix("STATUS=")
+
+
+@pytest.fixture
+def telling(tmp_path: Path) -> Iterator[Told]:
+    telling = Told(tmp_path)
+    yield telling
+    telling.rig.close()
+    telling.notifier.close()
+    telling.manager.socket.close()
+
+
+def test_a_tick_that_failed_feeds_no_watchdog_and_is_not_ready(telling: Told) -> None:
+    twin = telling.rig.loop.twin
+    healthy, twin.update = twin.update, lambda *_: 1 / 0
+    telling.rig.ticks(2)  # the third in a row would end the daemon
+    assert {"READY=1", "WATCHDOG=1"}.isdisjoint(telling.manager.told())
+    twin.update = healthy
+    telling.rig.ticks(1)
+    assert {"READY=1", "WATCHDOG=1"} <= set(telling.manager.told())
+    assert telling.seconds(1.0).count("WATCHDOG=1") == 10  # four times an interval
+
+
+def test_the_status_names_the_first_thing_that_is_wrong(telling: Told) -> None:
+    well = "live, connected, 24 of 24 joints heard, 100 Hz"
+    telling.rig.connect()
+    assert telling.status() == well
+    telling.rig.call(EStop, level="cut", reason="the test")
+    assert telling.status() == "live, estop, 24 of 24 joints heard, 100 Hz; ESTOP: the test"
+    telling.rig.call(Reset)
+    assert telling.status() == well
+    telling.rig.virtual["main"].faults.unplug()
+    said = telling.status()
+    assert said.startswith("live, disconnected, 0 of 24 joints heard, 100 Hz; ")
+    assert "no such port" in said
+
+
+def test_the_status_tells_of_torque_that_was_found_on_and_of_a_servo_that_is_missing(telling: Told) -> None:
+    rig = telling.rig
+    for row in range(24):
+        rig.virtual["main"].servos.torque(row, True)
+    rig.connect()
+    assert telling.status().endswith("100 Hz; torque was found on")
+    rig.virtual["main"].faults.unplug()
+    rig.virtual["main"].faults.silence(5)
+    telling.seconds(0.1)
+    rig.virtual["main"].faults.replug()
+    telling.seconds(1.0)
+    name = rig.robot.joints[4].name
+    assert f"DEVICE_MISSING {name}: nothing answers as id 5" in telling.status()
+
+
+def test_a_client_s_words_in_the_status_are_no_orders_to_the_manager(telling: Told) -> None:
+    telling.rig.connect()
+    telling.rig.call(EStop, level="cut", reason="one\nMAINPID=1")
+    assert telling.status().endswith("ESTOP: one MAINPID=1")
+    assert not [said for said in telling.messages if "\n" in said]
+
+
+def test_a_way_down_that_takes_long_asks_the_manager_for_its_time(telling: Told) -> None:
+    rig = telling.rig
+    rig.arm()
+    rig.submit(rig.path("head_yaw", [0.8], [3.0]), more=True)  # keeps the lease
+    telling.seconds(3.5)
+    slow = rig.loop.limits.velocity.copy()
+    slow[0] = 0.2  # rad/s
+    rig.loop.limits = replace(rig.loop.limits, velocity=slow)
+    rig.loop.stop_wanted = True
+    [asked] = [line for line in telling.seconds(1.0) if line.startswith("EXTEND_TIMEOUT_USEC=")]
+    lasts = 1.875 * 0.8 / (0.95 * 0.2)
+    assert int(asked.partition("=")[2]) / 1e6 == pytest.approx(lasts + LETTING_GO, abs=0.2)
+
+
+@pytest.mark.realtime
+def test_a_start_asks_for_time_before_it_is_ready_and_the_status_names_a_port_that_is_missing(
+    tmp_path: Path,
+) -> None:
+    manager = Manager("@twind-test-start")
+    told: list[str] = []
+
+    def said(what: str) -> bool:
+        told.extend(manager.told())
+        return any(what in line for line in told)
+
+    options = ("--mode", "mirror", "--port", f"main={tmp_path / 'ttyUSB9'}")
+    daemon = Daemon(tmp_path / "run", *options, environment={"NOTIFY_SOCKET": manager.address})
+    try:
+        until(lambda: said("ttyUSB9: no such port"), 20.0, "STATUS with the port")
+        starting = next(place for place, line in enumerate(told) if line.startswith("EXTEND_TIMEOUT_USEC="))
+        assert starting < told.index("READY=1")
+        assert sum("READY=1" in line for line in told) == 1
+        assert daemon.end() == 0
     finally:
         if daemon.process.poll() is None:
             daemon.process.kill()

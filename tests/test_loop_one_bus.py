@@ -8,6 +8,8 @@ from twind import link
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import State
 
+pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
+
 
 def one_bus_lost(support: str | None = None) -> Rig:
     """A robot whose upper bus went away while its knee moved, ten seconds ago."""

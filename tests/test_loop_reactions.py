@@ -21,6 +21,8 @@ from twind.twin.muscles import body_of
 from twind.virtual.specimen import specimen
 from twind_drivers.dynamixel.damping import SHARE, SOFT
 
+pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
+
 WHY = (Finding(Code.FOLLOW_ERR, 3, value=0.6, bound=0.5, message="rad: ordered by the test"),)
 P, PWM = 1600, 885  # of the h24
 

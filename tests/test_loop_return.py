@@ -203,8 +203,10 @@ def test_what_is_wrong_with_an_open_port_is_told_once_with_its_remedy() -> None:
     rig.loop.hardware.ports[0].opener = slow
     rig.connect()
     rig.seconds(1.0)
-    (event,) = rig.events("LATENCY_WARN")
+    (event,) = rig.events("PORT_WARNING")
     assert (event.level, event.message) == ("warning", "main: the adapter's latency timer is 16 ms")
+    overview = rig.loop.publisher.overview(rig.clock.now())
+    assert [bus.warning for bus in overview.buses] == ["the adapter's latency timer is 16 ms"]
     rig.close()
 
 
@@ -217,7 +219,7 @@ def test_an_id_that_answers_garbage_is_missing_with_the_likely_reason() -> None:
     rig.seconds(1.0)
     (finding,) = rig.loop.identity.troubles
     assert finding.message.startswith("nothing answers as id 5 on bus main; but bytes come")
-    assert "two devices with this id? `twindctl scan --port` tells" in finding.message
+    assert "two devices with this id? Stop the daemon: `twindctl scan --port PORT` tells" in finding.message
     assert not rig.loop.hardware.connected
     rig.close()
 

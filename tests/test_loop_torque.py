@@ -9,6 +9,8 @@ from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode, Motion, State
 from twind_drivers.virtual.muscles import FirstOrder
 
+pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
+
 
 class Hopper(FirstOrder):
     """Muscles that hop when torque comes on: a horn that slipped, a turn that was lost."""

@@ -1,5 +1,6 @@
 """Clients, faults and deaths in random order, under a fake clock: `make model N=100` has more of it."""
 
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import run_state_machine_as_test
 from model.machine import Daemon
@@ -13,5 +14,6 @@ SHORT = settings(
 )
 
 
+@pytest.mark.slow
 def test_whatever_happens_in_whatever_order_every_invariant_holds() -> None:
     run_state_machine_as_test(Daemon, settings=SHORT)

@@ -14,6 +14,7 @@ from twind.robot.finding import Code, Verdict
 from twind.robot.trajectory import Reference
 
 
+@pytest.mark.slow
 def test_the_gate_accepts_nothing_that_the_oracle_refuses() -> None:
     seen = work(4, 0, 250)
     assert seen.false_accepts == []

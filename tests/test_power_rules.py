@@ -443,3 +443,11 @@ def test_r19_a_joint_without_bounds_never_tells_its_supply_and_is_not_judged_by_
     for _ in range(2):
         last = watch.volts(12.0, 10.0, nan)
     assert (last.reaction, {finding.joint for finding in last.findings}) == (DAMP, {1})
+
+
+def test_r19_a_supply_that_has_only_an_upper_bound_is_judged_by_it() -> None:
+    watch = Supply()
+    watch.guard = Guard(LIMITS, support="gantry", ratings=replace(MUTE, high_warn=RATED.high_warn))
+    assert all(watch.volts(12.0, 12.0, 14.8) == FINE for _ in range(3))
+    (told,) = watch.volts(12.0, 12.0, 15.0).findings
+    assert (told.code, told.joint, told.value) == (Code.VOLTAGE, 2, 15.0)

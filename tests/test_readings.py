@@ -140,3 +140,15 @@ def test_what_a_silent_joint_draws_is_not_known_any_more() -> None:
         assert np.delete(loads, heard) == pytest.approx(np.full(5, others), nan_ok=True)
     assert np.isnan(readings.loads(1000.0)).all()
     assert np.isnan(readings.loads(np.nan)).all()
+
+
+def test_an_effort_that_was_not_told_is_unknown_and_so_is_the_load() -> None:
+    readings = Readings(JOINTS, PERIOD)
+    mine = JOINTS.buses[0].joints
+    for heard in ([True] * 3, [True, True, False]):
+        whole = sample(3, heard, 1.0)
+        readings.take(0, replace(whole, effort_told=np.array([True, False, False])))
+        assert np.isnan(readings.effort[mine]).tolist() == [False, True, True]
+        assert np.isnan(readings.load[mine])[1:].all()
+    readings.take(0, sample(3, [True] * 3, 1.01))
+    assert np.isfinite(readings.effort[mine]).all()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from twind.loop.realtime import PRIORITY
+from twind.loop.realtime import LIMIT, PRIORITY
 
 CODE = """
 import gc, json, os, resource, sys
@@ -110,7 +110,7 @@ def test_without_rights_it_runs_and_says_what_would_help() -> None:
     told = entered("none")
     assert not told["fifo"]
     assert told["locked"] == 0
-    assert f"LimitRTPRIO={PRIORITY}" in told["got"]["scheduler"]
+    assert f"LimitRTPRIO={LIMIT}" in told["got"]["scheduler"]
     assert told["got"]["scheduler"].startswith("no: ")
     assert "LimitMEMLOCK=infinity" in told["got"]["memory"]
     assert told["got"]["memory"].startswith("no: ")

@@ -227,6 +227,12 @@ def test_a_folder_that_cannot_be_is_refused_by_name(tmp_path: Path) -> None:
         listen(tmp_path / "file" / "run", "control")
 
 
+@pytest.mark.skipif(not Path("/sys").is_dir(), reason="no /sys, where nobody may make a folder")
+def test_a_folder_that_cannot_be_made_is_told_with_the_command_that_makes_it() -> None:
+    with pytest.raises(SocketError, match=r"`sudo install -d -o \S+ /sys/twind` makes its folder, or choose"):
+        listen(Path("/sys/twind"), "control")
+
+
 def test_a_path_too_long_for_a_socket_is_refused_and_nothing_stays_open(tmp_path: Path) -> None:
     before = len(os.listdir("/proc/self/fd"))
     with umask(0o022), pytest.raises(SocketError, match="too long; choose another folder"):
@@ -271,8 +277,16 @@ def child(code: str, *arguments: str, cwd: Path | None = None) -> str:
 
 def handed(folder: Path, made: list[str], **environment: str) -> dict[str, Any]:
     setting = json.dumps({"made": made, "environment": environment})
-    answer: dict[str, Any] = json.loads(child(HANDED, setting, cwd=folder))
-    return answer
+    done = subprocess.run(
+        [sys.executable, "-c", HANDED, setting],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        cwd=folder,
+        check=True,
+    )
+    answer: dict[str, Any] = json.loads(done.stdout)
+    return answer | {"said": done.stderr}
 
 
 def test_sockets_are_taken_by_name_and_not_by_place(tmp_path: Path) -> None:
@@ -280,16 +294,21 @@ def test_sockets_are_taken_by_name_and_not_by_place(tmp_path: Path) -> None:
     assert answer["found"] == {"observe": "o", "control": "c"}
     assert answer["inheritable"] == [False] * 3
     assert answer["left"] == []
+    assert answer["said"] == (
+        "twind: a socket named 'varlink' was handed over, and nobody serves it: "
+        "FileDescriptorName= of its unit must be control or observe\n"
+    )
 
 
 def test_sockets_without_names_are_not_ours_and_are_not_passed_on_either(tmp_path: Path) -> None:
-    answer = handed(tmp_path, ["a", "b"])
-    assert answer == {"found": {}, "inheritable": [False] * 2, "left": []}
+    answer = handed(tmp_path, ["a"], LISTEN_FDNAMES="")
+    assert answer.pop("said").startswith("twind: a socket named '' was handed over")
+    assert answer == {"found": {}, "inheritable": [False], "left": []}
 
 
 def test_sockets_meant_for_another_process_are_left_alone(tmp_path: Path) -> None:
     answer = handed(tmp_path, ["c"], LISTEN_FDNAMES="control", LISTEN_PID="1")
-    assert answer == {"found": {}, "inheritable": [True], "left": []}
+    assert answer == {"found": {}, "inheritable": [True], "left": [], "said": ""}
 
 
 @pytest.mark.parametrize("count", ["", "-1", "two", "0"])

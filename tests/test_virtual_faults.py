@@ -200,6 +200,18 @@ def test_supply_and_heat_are_what_the_registers_show() -> None:
     assert [host.read(id, 146, 1) for id in IDS] == [25, 25, 55, 25]
 
 
+def test_a_thin_cable_takes_voltage_from_one_servo_alone() -> None:
+    host = Host(IDS)
+    host.bus.faults.sag(3, 1.5)
+    host.wait(1.0)
+    assert [host.read(id, 144, 2) for id in IDS] == [120, 120, 105, 120]
+    host.bus.faults.sag(3, 0.0)
+    host.wait(1.0)
+    assert host.read(3, 144, 2) == 120
+    with pytest.raises(ValueError, match=r"outside 0\.\.60 V"):
+        host.bus.faults.sag(3, -1.0)
+
+
 def test_the_record_holds_every_value_that_a_position_register_showed() -> None:
     host = Host(IDS)
     assert host.servos.history is None, "nothing is kept unasked"

@@ -255,6 +255,12 @@ def test_the_watchdog_trips_within_120_ms_of_the_last_packet_by_the_servos_clock
             assert abs(after["position"] - before["position"]) <= 2
 
 
+def test_a_bus_alone_is_served_so_that_each_may_have_a_process_of_its_own(tmp_path: Path) -> None:
+    apart = ("--robot", "h24-mixed", "--muscles", "first-order", "--bus", "l_leg", "--bus", "upper")
+    with virtual(tmp_path, *apart) as robot:
+        assert sorted(line.split()[1] for line in robot.said) == ["l_leg", "upper"]
+
+
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_cleanly(tmp_path: Path, end: signal.Signals) -> None:
     with virtual(tmp_path) as robot:
@@ -270,6 +276,9 @@ def test_a_signal_ends_it_cleanly(tmp_path: Path, end: signal.Signals) -> None:
         (["--baud", "12345"], "9600"),
         (["--return-delay", "7"], "508"),
         (["--calibration", "x.txt"], "NAME.yaml"),
+        (["--robot", "h24-mixed", "--bus", "leg"], "upper, l_leg, r_leg"),
+        (["--robot", "h24-mixed", "--bus", "l_leg"], "first-order"),
+        (["--servo", "a:1:XM430-W350", "--bus", "a"], "--bus needs --robot"),
     ],
 )
 def test_what_it_cannot_start_as_asked_is_said_and_ends_with_2(

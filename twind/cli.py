@@ -8,32 +8,40 @@ import socket
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
-from pathlib import Path
+from dataclasses import replace
 from types import FrameType
 
-from twind.config.budget import require_rate
-from twind.config.calibration_file import load_calibration
-from twind.config.edited import fingerprints
+from twind.config.files import Described, Sources, UsageError, describe, packed
 from twind.config.located import ConfigError
-from twind.config.ports import virtual_port, wrong_port
-from twind.config.robot_file import RobotFile, load_robot
-from twind.config.settings import Settings, load_settings
+from twind.config.ports import virtual_port
+from twind.config.robot_file import load_robot
 from twind.loop import assembly, realtime
+from twind.loop.described import Robot
+from twind.loop.failsafe import Aloud, Failsafe
+from twind.loop.hangups import HangUps
+from twind.loop.link import Outside
 from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
 from twind.loop.sockets import GROUPS, NAMES, SocketError, group_of, handed_over, listen
 from twind.loop.tick import Loop
 from twind.loop.virtual_child import VirtualChild, VirtualError
-from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode
 from twind.safety.gate import Thresholds
+from twind.streams import lines, stand_in_for_closed
 from twind.twin.binding import BindingError, bind
 from twind.version import __version__
-from twind_drivers.bus import PortError
+from twind_drivers.bus import PortError, PortTaken
 from twind_drivers.clock import MonotonicClock
 
-FAILED, USAGE = 1, 2
+FAILED, USAGE, TAKEN = 1, 2, 3
 LOWERING = 30.0  # s the service manager is asked for: two ways to the rest pose, coming to rest, an e-stop
+STARTING = (
+    60.0  # s it is asked for before READY: a large model on a small machine, ports that are slow to open
+)
+LEFT = (
+    "the robot is left as it is: what had torque keeps it, where its servos' own watchdogs stopped it; "
+    "support it and switch its power off, or mend this, start twind and `twindctl disarm`"
+)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -62,99 +70,150 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--virtual", action="store_true", help="start virtual servos of the same robot and connect to them"
     )
+    result.add_argument(
+        "--failsafe",
+        action="store_true",
+        help="of a daemon that was given up: lower its robot, let it go, end (docs/safety.md)",
+    )
     return result
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the daemon until it is told to end. Exit code 0: ended as asked; 1: failed; 2: usage or files."""
-    faulthandler.enable()
+    """Run the daemon until it is told to end. Exit code 0: ended as asked; 1: failed; 2: usage or files.
+
+    With `--failsafe` 0: torque is off everywhere; 1: it is left on, or not known; 2: usage or files, nothing
+    was written; 3: another process has a port, nothing was written.
+    """
+    stand_in_for_closed()
+    faulthandler.enable(2)
     options = parser().parse_args(arguments)
     try:
         with ExitStack() as stack:
-            return _serve(options, stack)
+            return _lower(options, stack) if options.failsafe else _serve(options, stack)
     except (ConfigError, BindingError, UsageError) as error:
-        print(f"twind: {error}", file=sys.stderr)
-        return USAGE
+        code, why = USAGE, str(error)
     except (PortError, SocketError, VirtualError) as error:
-        print(f"twind: {error}", file=sys.stderr)
-        return FAILED
-
-
-class UsageError(Exception):
-    """The command line and the files do not go together."""
+        code, why = TAKEN if options.failsafe and isinstance(error, PortTaken) else FAILED, str(error)
+    left = f"\ntwind --failsafe: {LEFT}" if options.failsafe and code != TAKEN else ""
+    print(lines(2, "error", f"twind: {why}{left}"), file=sys.stderr)
+    return code
 
 
 def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
+    hang_ups = HangUps()  # before all that takes time
     inherited = handed_over()  # before any child: LISTEN_* is not for it
     for listener in inherited.values():
         stack.callback(listener.close)
-    settings = _settings(options)
-    robot = load_robot(settings.robot, settings.robot_folders)
-    ports = bus_ports(
-        settings, [bus.name for bus in robot.buses], {bus.name: bus.port for bus in robot.buses}
-    )
-    refuse_wrong(robot, ports)
-    calibration_path = settings.calibration_path(robot.name)
-    if options.virtual and (options.port or options.calibration):
-        raise UsageError("--virtual brings its own port and calibration: leave out --port and --calibration")
+    sources = _sources(options)
     if options.virtual:
-        child = stack.enter_context(VirtualChild(settings.robot))
-        ports = {name: virtual_port(robot.bus(name).kind, path) for name, path in child.ports.items()}
-        calibration_path = child.calibration
-    mode = Mode(settings.mode)
-    files = fingerprints([calibration_path] if calibration_path is not None else [])  # before it is read
-    calibration = load_calibration(calibration_path, robot) if calibration_path is not None else None
-    denied = live_denied(robot.name, ports, calibration is not None)
-    if mode is Mode.LIVE and denied is not None:
-        raise UsageError(denied.message)
-    rate_hz = settings.rate_hz or robot.rate_hz
-    if mode is not Mode.SIM:
-        require_rate(robot, rate_hz)
-    one = assembly.Robot(robot, calibration, bind(robot, calibration))
+        sources = _with_virtual(sources, stack)
+    described = describe(sources)
+    settings, robot, mode = described.settings, described.robot, Mode(described.settings.mode)
+    notifier = Notifier()
+    stack.callback(notifier.close)
+    notifier.send(STATUS=f"starting: the model of {robot.name} is compiled")
+    notifier.extend(STARTING)
+    one, buses = _made(described)
     sockets = {name: inherited.get(name) or listen(settings.socket_dir, name) for name in NAMES}
     for listener in sockets.values():
         stack.callback(listener.close)
-    buses = Buses(robot, one.binding.joint_map, ports, rate_hz)
     if mode is not Mode.SIM:
         buses.refuse_taken()
-    files |= fingerprints([robot.path, robot.mjcf_path])
-    briefing = assembly.brief(one, rate_hz, settings.parameters(), settings.log_level, files)
+    briefing = assembly.brief(
+        one,
+        described.rate_hz,
+        settings.parameters(),
+        settings.log_level,
+        described.files,
+        packed(sources, described),
+    )
+    link = assembly.front(briefing, sockets["control"], sockets["observe"])
+    return run(_loop(described, one, buses, link, notifier), notifier, sockets, hang_ups)
+
+
+def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
+    """`--failsafe`: the same loop without sockets and front, until the robot is let go, or left as it is."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    if options.virtual:
+        raise UsageError("--failsafe is for a robot that is there: leave out --virtual")
+    described = describe(_sources(options))
+    mode, ports = described.settings.mode, described.ports
+    if mode == "sim" or not any(ports.values()):
+        print(f"twind --failsafe: mode {mode} without a port: there is no robot to lower", file=sys.stderr)
+        return 0
+    one, buses = _made(described)
+    buses.refuse_taken()
     notifier = Notifier()
     stack.callback(notifier.close)
-    loop = assembly.build(
+    loop = _loop(described, one, buses, Aloud(2), notifier)
+    failsafe = Failsafe(loop)
+
+    def stop(number: int, frame: FrameType | None) -> None:  # on the way down nothing ends earlier by it
+        loop.stop_wanted = True
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, stop)
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    loop.say.event("info", "START", f"twind {__version__} --failsafe, {_what(loop)}")
+    failsafe.begin()
+    try:
+        loop.run()
+    finally:
+        loop.close()
+    if failsafe.left:
+        print(lines(2, "error", f"twind --failsafe: {LEFT}"), file=sys.stderr)
+    return FAILED if failsafe.left else 0
+
+
+def _made(described: Described) -> tuple[Robot, Buses]:
+    """The robot of these files, and its buses; nothing is opened. Raises BindingError."""
+    robot = described.robot
+    one = Robot(robot, described.calibration, bind(robot, described.calibration))
+    return one, Buses(robot, one.binding.joint_map, described.ports, described.rate_hz)
+
+
+def _loop(described: Described, one: Robot, buses: Buses, link: Outside, notifier: Notifier) -> Loop:
+    settings = described.settings
+    return assembly.build(
         one,
-        mode=mode,
-        rate_hz=rate_hz,
+        mode=Mode(settings.mode),
+        rate_hz=described.rate_hz,
         clock=MonotonicClock(),
-        where=ports,
+        where=described.ports,
         opener=buses.open,
         enabler=buses.enable,
-        link=assembly.front(briefing, sockets["control"], sockets["observe"]),
+        link=link,
         notifier=notifier,
         thresholds=Thresholds(
             latency_warn=settings.latency_warn_ms / 1e3, latency_block=settings.latency_block_ms / 1e3
         ),
         realtime=realtime.enter(cpu=settings.cpu),
-        live_denied=denied,
+        live_denied=described.live_denied,
+        rewire=lambda robot: replace(buses, robot=robot.file, joints=robot.binding.joint_map).enable,
     )
-    return run(loop, notifier, sockets)
 
 
-def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket]) -> int:
+def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket], hang_ups: HangUps) -> int:
     """Tick until told to end. A second signal does not cut the settling short."""
 
-    def stop(number: int, frame: FrameType | None) -> None:
+    def end() -> None:
         notifier.send(STOPPING="1", EXTEND_TIMEOUT_USEC=f"{LOWERING * 1e6:.0f}")
         loop.stop_wanted = True
 
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+    def stop(number: int, frame: FrameType | None) -> None:
+        end()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    where = ", ".join(f"{port.name} on {port.where or 'no port'}" for port in loop.hardware.ports)
+    hang_ups.tell(reread=loop.reloads.want, end=end)
     groups = {name: group_of(listener) for name, listener in sockets.items()}
-    said = f"twind {__version__}, mode {loop.mode.value}, {1 / loop.period:g} Hz, {where}; "
+    said = f"twind {__version__}, {_what(loop)}; "
     said += ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
     loop.say.event("info", "START", said)
+    for what, got in loop.parts.realtime.items():
+        if got.startswith("no: "):
+            loop.say.event("warning", "START", f"not as real time wants it: {what} {got}")
     if os.geteuid() == 0:
         for warning in wrong_groups(groups):
             loop.say.event("warning", "START", warning)
@@ -163,6 +222,11 @@ def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket]) ->
     finally:
         loop.close()
     return 0
+
+
+def _what(loop: Loop) -> str:
+    where = ", ".join(f"{port.name} on {port.where or 'no port'}" for port in loop.hardware.ports)
+    return f"mode {loop.mode.value}, {1 / loop.period:g} Hz, {where}"
 
 
 def wrong_groups(groups: Mapping[str, str]) -> list[str]:
@@ -175,53 +239,27 @@ def wrong_groups(groups: Mapping[str, str]) -> list[str]:
     ]
 
 
-def _settings(options: argparse.Namespace) -> Settings:
-    settings = load_settings(Path(options.config) if options.config else None)
-    return settings.override(
+def _sources(options: argparse.Namespace) -> Sources:
+    if options.virtual and (options.port or options.calibration):
+        raise UsageError("--virtual brings its own port and calibration: leave out --port and --calibration")
+    return Sources(
+        config=options.config,
         mode=options.mode,
         robot=options.robot,
         calibration=options.calibration,
         socket=options.socket,
         rate_hz=options.rate,
-        ports=options.port,
+        ports=tuple(options.port),
     )
 
 
-def bus_ports(
-    settings: Settings, buses: list[str], described: Mapping[str, str | None]
-) -> dict[str, str | None]:
-    """The port of each bus: the command line over the settings over the robot file. Raises UsageError."""
-    ports = dict(described) | {name: port for name, port in settings.ports.items() if name}
-    unknown = set(ports) - set(buses)
-    if unknown:
-        raise UsageError(f"no bus {sorted(unknown)[0]!r}; the buses of this robot: {', '.join(buses)}")
-    bare = settings.ports.get("")
-    if bare is not None:
-        if len(buses) != 1:
-            named = " ".join(f"--port {bus}=PORT" for bus in buses)
-            raise UsageError(f"--port {bare}: this robot has {len(buses)} buses, say which: {named}")
-        ports[buses[0]] = bare
-    return ports
-
-
-def refuse_wrong(robot: RobotFile, ports: Mapping[str, str | None]) -> None:
-    """Raises UsageError for a serial port of a CAN bus, or the other way round."""
-    for name, port in ports.items():
-        wrong = None if port is None else wrong_port(robot.bus(name).kind, port)
-        if wrong is not None:
-            raise UsageError(f"port of bus {name}: {wrong}")
-
-
-def live_denied(robot: str, ports: Mapping[str, str | None], calibrated: bool) -> Finding | None:
-    """Why this daemon may not write to this robot; None: it may."""
-    missing = [bus for bus, port in ports.items() if port is None]
-    if missing:
-        message = f"mode live needs a port for bus {missing[0]!r}: --port {missing[0]}=PORT"
-        return Finding(Code.HW_DISCONNECTED, message=message)
-    if not calibrated:
-        message = f"mode live needs a calibration of {robot}: start the daemon with --calibration FILE"
-        return Finding(Code.CALIB_MISSING, message=message)
-    return None
+def _with_virtual(sources: Sources, stack: ExitStack) -> Sources:
+    """Virtual servos of the same robot are started; their ports and calibration over all others."""
+    settings = sources.settings()
+    robot = load_robot(settings.robot, settings.robot_folders)
+    child = stack.enter_context(VirtualChild(settings.robot))
+    ports = [f"{name}={virtual_port(robot.bus(name).kind, path)}" for name, path in child.ports.items()]
+    return replace(sources, calibration=str(child.calibration), ports=tuple(ports))
 
 
 if __name__ == "__main__":

@@ -102,6 +102,7 @@ class Submit(Command, frozen=True, kw_only=True):
     check_only: bool = False
     more: bool = False
     front_checked: float = 0.0  # s, when the state was true that the front judged its share from
+    generation: int = 0  # of the limits that the front judged by
     refused: Sequence[Finding] = ()  # what the front found: clearance, torque, balance (S23–S26)
     warned: Sequence[Finding] = ()
 
@@ -150,6 +151,28 @@ class Scan(Command, frozen=True, kw_only=True):
     bus: str | None = None
 
 
+class Adopt(Command, frozen=True, kw_only=True):
+    """Changes that both sides make at one moment (`config/hot.py`); the next front's briefing in the memfd.
+
+    Reply: {applied: [key], needs_restart: [key]}.
+    """
+
+    generation: int  # of that briefing: one more than the one in force
+    changes: dict[str, Any]
+    needs_restart: Sequence[str] = ()
+    reread: bool = True  # by files read again; False: by a client's word
+
+
+class Rereading(Base, frozen=True, kw_only=True):
+    """The front begins to read the files again."""
+
+
+class RereadFailed(Base, frozen=True, kw_only=True):
+    """What was wrong with the files; nothing changes."""
+
+    message: str
+
+
 class Gone(Base, frozen=True, kw_only=True):
     """A connection closed: its lease lapses, its unanswered tickets are void."""
 
@@ -176,6 +199,9 @@ Inward = (
     | WriteRegister
     | Reboot
     | Scan
+    | Adopt
+    | Rereading
+    | RereadFailed
     | Gone
     | Heartbeat
 )
@@ -215,6 +241,7 @@ class BusInfo(msgspec.Struct, frozen=True):
     utilisation: float
     exchanges: int
     errors: int
+    warning: str | None = None  # what is wrong with the port though it works, and the remedy
 
 
 class LoopInfo(msgspec.Struct, frozen=True):
@@ -305,34 +332,11 @@ class Moment(Base, frozen=True, kw_only=True):
     verdict: dict[str, Any]
 
 
-Outward = Tick | Overview | Reply | Event | Moment
+class Reread(Base, frozen=True, kw_only=True):
+    """The loop was told to have the files read again (SIGHUP)."""
 
 
-class JointInfo(msgspec.Struct, frozen=True):
-    """Where a joint stands, for naming."""
-
-    name: str
-    bus: str
-    id: int
-    calibrated: bool
-    lower: float
-    upper: float
-
-
-class Briefing(msgspec.Struct, frozen=True, kw_only=True):
-    """All a front must know of the robot, handed over in a sealed memfd: both judge the same one."""
-
-    version: str
-    robot: str
-    joints: Sequence[JointInfo]
-    description: dict[str, Any]  # the robot file as checked
-    calibration: dict[str, Any] | None
-    mjcf: str
-    binding: bytes = b""  # the bound robot for the look-ahead (`twin/handover.py`); empty: there is none
-    rate_hz: float
-    parameters: dict[str, Any]
-    log_level: str = "info"
-    files: dict[str, str] = {}  # robot file, model, calibration: path -> sha256 of what was read
+Outward = Tick | Overview | Reply | Event | Moment | Reread
 
 
 # ------------------------------------------------------------------------------------- how they travel

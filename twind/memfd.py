@@ -21,6 +21,18 @@ def seal(name: str, data: bytes) -> int:
     return fd
 
 
+def sealed(fd: int) -> int:
+    """`fd`, whose contents nobody can change any more. Where somebody can: closed, and ValueError."""
+    try:
+        seals = fcntl.fcntl(fd, fcntl.F_GET_SEALS)
+    except OSError:  # no memfd at all
+        seals = 0
+    if seals & SEALS != SEALS:
+        os.close(fd)
+        raise ValueError(f"memfd {fd} is not sealed: its contents could change after they were checked")
+    return fd
+
+
 def unseal(fd: int, most: int | None = None) -> bytes:
     """What `seal` put there. Raises ValueError: changeable, or over `most` bytes. Does not close `fd`."""
     if fcntl.fcntl(fd, fcntl.F_GET_SEALS) & SEALS != SEALS:

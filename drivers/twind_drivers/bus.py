@@ -48,6 +48,10 @@ class PortError(BusError):
         self.port, self.reason, self.lost = port, reason, lost
 
 
+class PortTaken(PortError):
+    """Another process has the port."""
+
+
 class PortFull(PortError):
     """More than the last packet still waited in the port's output: thrown away, nothing was sent (R23)."""
 
@@ -109,10 +113,8 @@ class Sample:
     # Whole sound packets since the last sample that nobody asked for (R08): of ids that are not ours, second
     # statuses of one device, another master's instructions, statuses while nothing was outstanding.
     foreign: int
-    effort_known: bool = True  # False: nobody told an effort in this exchange; the numbers are meaningless
-    line: int = (
-        0  # of the controller (CAN): 0 active, 1 error passive, 2 off the wire or unacknowledged (R24)
-    )
+    effort_told: Bools | None = None  # who told an effort; None: everybody who was heard
+    line: int = 0  # of the controller (CAN): 0 active, 1 error passive, 2 off the wire or alone (R24)
 
 
 @dataclass(slots=True)
@@ -277,7 +279,10 @@ class Reader(Protocol):
 
     name: str
     ids: tuple[int, ...]
-    registers: Registers
+
+    @property
+    def registers(self) -> Registers:
+        """The slowly read state of each device, as of now."""
 
     @property
     def transport(self) -> Wire:
@@ -306,14 +311,25 @@ class Reader(Protocol):
     def answer(self, now: float) -> Reply:
         """End it. Never raises for a silent device. Status registers seen are kept in `registers`."""
 
-    def upkeep(self, now: float) -> Query:
-        """What to ask beside the cyclic reading: the slow registers in turn; once a second, who is parked."""
+    def upkeep(self, now: float) -> Query | None:
+        """What to ask beside the cyclic reading: the slow registers in turn; once a second, who is parked.
+
+        None: nothing in this turn.
+        """
 
     def span(self, query: Request) -> float:
         """Upper bound of the bus time (s) that a transaction takes, its timeout excluded."""
 
-    def identify(self) -> Script[tuple[Device, ...]]:
-        """Ping every id and read its settings; devices that answer, in order of `ids`."""
+    @property
+    def lags(self) -> bool:
+        """As the devices are set, the cyclic reading takes longer than a cycle has."""
+
+    def identify(self, *, patient: bool = False) -> Script[tuple[Device, ...]]:
+        """Ping every id and read its settings; devices that answer, in order of `ids`.
+
+        `patient`: each answer may come as late as a device can be set to send it. The cyclic reading must
+        rest until it has ended.
+        """
 
     def read(self, id: int, name: str) -> Script[Register]:
         """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""

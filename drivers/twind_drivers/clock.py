@@ -7,7 +7,7 @@ minutes of test. Both wait for bytes through one method, `wait`, so the loop has
 import select
 import time
 from collections.abc import Sequence
-from math import ceil, inf
+from math import ceil
 from typing import Protocol
 
 ASK_MS = 1  # how often a source without descriptor is asked
@@ -35,15 +35,19 @@ class Clock(Protocol):
     def sleep_until(self, deadline: float) -> None:
         """Return at `deadline` (s) or later; at once if it has passed."""
 
-    def wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
-        """Return when a source has bytes (or has failed), at `deadline` at the latest, +1 ms of rounding."""
+    def wait(self, sources: Sequence[Arrivals], deadline: float) -> Sequence[int]:
+        """Return when a source has bytes (or has failed), at `deadline` at the latest, +1 ms of rounding.
+
+        Places of the sources that have; none where it was the deadline.
+        """
 
 
 class MonotonicClock:
     """CLOCK_MONOTONIC. `time.sleep` is clock_nanosleep on an absolute deadline since CPython 3.11."""
 
     def __init__(self) -> None:
-        self._polls: dict[tuple[int, ...], select.poll] = {}
+        # By descriptors: their poll, and the place of each.
+        self._polls: dict[tuple[int, ...], tuple[select.poll, dict[int, int]]] = {}
 
     def now(self) -> float:
         """Monotonic time, s."""
@@ -59,33 +63,37 @@ class MonotonicClock:
         if remaining > 0.0:
             time.sleep(remaining)
 
-    def wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
+    def wait(self, sources: Sequence[Arrivals], deadline: float) -> Sequence[int]:
         """One `poll` over all descriptors. Errors and hang-ups wake it too: the read then says what it is.
 
         A source without one cannot wake anybody, so it is asked every millisecond what has arrived.
         """
         key = tuple([source.fileno() for source in sources])
         if -1 in key:
-            self._ask_and_wait(sources, deadline)
-            return
-        poll = self._polls.get(key)
-        if poll is None:
+            return self._ask_and_wait(sources, deadline)
+        found = self._polls.get(key)
+        if found is None:
             if len(self._polls) > 64:  # descriptors of replugged ports: do not grow for ever
                 self._polls.clear()
-            poll = self._polls[key] = select.poll()
+            found = self._polls[key] = select.poll(), {fd: place for place, fd in enumerate(key)}
             for fd in key:
-                poll.register(fd, select.POLLIN)
-        poll.poll(max(0, ceil((deadline - time.monotonic()) * 1e3)))
+                found[0].register(fd, select.POLLIN)
+        poll, places = found
+        return [places[fd] for fd, _ in poll.poll(max(0, ceil((deadline - time.monotonic()) * 1e3)))]
 
-    def _ask_and_wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
+    def _ask_and_wait(self, sources: Sequence[Arrivals], deadline: float) -> Sequence[int]:
         poll = select.poll()
-        mute = [source for source in sources if source.fileno() < 0]
-        for source in sources:
-            if source.fileno() >= 0:
-                poll.register(source.fileno(), select.POLLIN)
-        while all(source.arrival() > (now := time.monotonic()) for source in mute):
-            if now >= deadline or poll.poll(min(ASK_MS, ceil((deadline - now) * 1e3))):
-                return
+        places = {source.fileno(): place for place, source in enumerate(sources)}
+        mute = [place for place, source in enumerate(sources) if source.fileno() < 0]
+        for fd in places.keys() - {-1}:
+            poll.register(fd, select.POLLIN)
+        while True:
+            now = time.monotonic()
+            ready = [place for place in mute if sources[place].arrival() <= now]
+            left = 0 if ready or now >= deadline else min(ASK_MS, ceil((deadline - now) * 1e3))
+            ready += [places[fd] for fd, _ in poll.poll(left)]
+            if ready or now >= deadline:
+                return ready
 
 
 class FakeClock:
@@ -107,7 +115,8 @@ class FakeClock:
         """Jump to `deadline`, never back."""
         self.time = max(self.time, deadline)
 
-    def wait(self, sources: Sequence[Arrivals], deadline: float) -> None:
-        """Jump to the next arrival or to `deadline`, whichever is first, never back."""
-        first = min((source.arrival() for source in sources), default=inf)
-        self.time = max(self.time, min(first, deadline))
+    def wait(self, sources: Sequence[Arrivals], deadline: float) -> Sequence[int]:
+        """Jump to the next arrival or to `deadline`, whichever is first, never back; who has arrived."""
+        arrivals = [source.arrival() for source in sources]
+        self.time = max(self.time, min(*arrivals, deadline)) if arrivals else max(self.time, deadline)
+        return [place for place, arrival in enumerate(arrivals) if arrival <= self.time]

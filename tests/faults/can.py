@@ -150,12 +150,19 @@ class CanWorld(World):
         self.claim(not off.any(), "an actuator that hears nothing keeps its torque past its watchdog")
         delays = [node["trip_delay"] for node in rig.virtual[self.bus].truth(self.now) if node["tripped"]]
         self.claim(all(delay <= TRIP for delay in delays), f"a watchdog was late: {delays}")
+        self.limp(mine)
         if self.free:
             self.settles(11.0, but=mine)
             self.sinks(but=mine)
         else:
             self.holds(self.now, 1.0, but=mine)
         return mine
+
+    def limp(self, mine: list[int]) -> None:
+        """A leg without torque does not follow when the rest is lowered: soon it is too far off, and what
+        comes down with it is damped (R15). Nobody else may end so."""
+        if not self.rig.register("torque_enable")[mine].any():
+            self.also.add("DAMP")
 
     def latches(self, bound: float, codes: tuple[str, ...]) -> None:
         """Like `detected`, but that it is a fault by then; that many errors are told before is no matter."""

@@ -178,6 +178,7 @@ def stopped(world: CanWorld) -> None:
     legs = world.of_bus("l_leg") + world.of_bus("r_leg")
     torque = world.trace.torque(world.now - 0.1)[:, legs]
     world.claim(not torque.any(), "an actuator whose watchdog ran out has torque again")
+    world.limp(legs)
     world.stays_so()
     world.recover()
 

@@ -181,10 +181,12 @@ class Ground:
         for each in orders:
             self.virtual.order(**each)
 
-    def swinging(self) -> int:
-        """The id of a joint that moves."""
+    def swinging(self, far: float = 0.0) -> int:
+        """The id of a joint that moves, by `far` rad at least."""
         joints = {joint.name: joint.id for joint in load_robot(self.virtual.robot).joints}
-        return int(joints[str(self.random.choice(list(self.swing)))])
+        return int(
+            joints[str(self.random.choice([name for name, to in self.swing.items() if abs(to) >= far]))]
+        )
 
     def claim(self, right: bool, what: str) -> None:
         if not right:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from faults.ground import Ground
 
 
+TICK = 2.0 * np.pi / 4096  # rad
 SEEN = 0.05  # s that it took to be looked at
 
 
@@ -70,7 +71,7 @@ def stops(
 
     def run(ground: Ground) -> None:
         ground.moving(watched=True)
-        id = ground.swinging()
+        id = ground.swinging(far=3.0 * after * TICK)  # wherever in its stroke it is held, the goal gets away
         ground.inject(dict(fault) | ({"id": id} if but_one else {}))
         if after:  # the goal must go on before anybody can know
             seen = ground.until(lambda: ground.behind(id) > after, 4.0)

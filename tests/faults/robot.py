@@ -225,11 +225,11 @@ class Robot:
         """Do it when the loop next waits for answers, and let that tick end."""
         wait, clock = self.rig.clock.wait, self.rig.clock
 
-        def once(*given: Any) -> None:
+        def once(*given: Any) -> Any:
             del clock.wait  # type: ignore[attr-defined]
             self.begun = self.now
             act()
-            wait(*given)
+            return wait(*given)
 
         clock.wait = once  # type: ignore[method-assign]
         self.ticks(1)

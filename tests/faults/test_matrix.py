@@ -6,7 +6,7 @@ from faults.matrix import MATRIX
 from faults.quiet import quiet
 from faults.world import once
 
-QUICK = (2, 5, 9, 10, 14, 21, 26, 34, 39)  # one of each kind; the others where time allows
+QUICK = (10, 26)  # a servo's and a client's; all others where time allows
 WALK = [number for number in sorted(MATRIX) if MATRIX[number].virtual is not None]
 
 
@@ -27,9 +27,8 @@ def test_a_fault_is_told_in_time_and_answered_rightly(number: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("number", WALK)
 def test_every_fault_is_told_in_time_and_answered_rightly(number: int) -> None:
-    for seed in (1, 2):
-        found = once(MATRIX[number], seed)
-        assert not found.wrong, "\n".join([f"make faults ROW={number} SEED={seed}", *found.wrong])
+    found = once(MATRIX[number], 1)
+    assert not found.wrong, "\n".join([f"make faults ROW={number} SEED=1", *found.wrong])
 
 
 def test_a_quarter_of_a_minute_without_a_fault_is_without_an_alarm() -> None:
@@ -38,8 +37,8 @@ def test_a_quarter_of_a_minute_without_a_fault_is_without_an_alarm() -> None:
 
 
 @pytest.mark.slow
-def test_six_minutes_without_a_fault_are_without_an_alarm() -> None:
+def test_three_minutes_without_a_fault_are_without_an_alarm() -> None:
     """`make faults HOURS=1` makes it an hour."""
-    found = quiet(0.1, 1)
+    found = quiet(0.05, 1)
     assert not found["wrong"], found
-    assert found["motions"] > 20
+    assert found["motions"] > 10

@@ -45,7 +45,7 @@ ROOMS = (
         "guard facts goal_rules reading_rules bus_rules device_rules senses"
         " heat_rules line_rules outlook_rules power_rules stall_rules tracking_rules",
         "guard guard_telling goal_rules bus_rules device_rules senses"
-        " heat_rules line_rules outlook_rules power_rules stall_rules tracking_rules",
+        " heat_rules line_rules outlook_rules power_rules stall_rules tracking_rules support_rules",
     ),
 )
 

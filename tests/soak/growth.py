@@ -12,7 +12,7 @@ import numpy as np
 PAGE = os.sysconf("SC_PAGE_SIZE")
 WARM = 0.25  # of the run: caches fill, tables are made
 MOST_MEMORY = 3.0  # MB from the second quarter of a run to its last
-MOST_FILES = 0  # descriptors, between the least of each
+MOST_FILES = 0  # descriptors, between the middles: a port that is away or a new front is no growth
 
 
 def memory(pid: int | str = "self") -> float:
@@ -57,8 +57,8 @@ class Growth:
             "mb_early": round(float(np.median(early)), 2),
             "mb_late": round(float(np.median(late)), 2),
             "mb_per_hour": round(slope, 3),
-            "files_early": float(first.min()),
-            "files_late": float(last.min()),
+            "files_early": float(np.median(first)),
+            "files_late": float(np.median(last)),
         }
 
     def wrong(self) -> list[str]:

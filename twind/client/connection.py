@@ -55,7 +55,8 @@ class Client:
             sock.settimeout(self.timeout)
         except OSError as error:
             sock.close()
-            raise NoDaemon(f"{self.path}: {_why(error)}") from None
+            absent = isinstance(error, FileNotFoundError | ConnectionRefusedError)
+            raise NoDaemon(f"{self.path}: {_why(error)}", absent=absent) from None
         self._socket = sock
 
     def close(self) -> None:

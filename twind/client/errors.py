@@ -19,7 +19,15 @@ class ClientError(Exception):
 
 
 class NoDaemon(ClientError):
-    """No daemon can be reached. The text says which sockets were tried and how to start one."""
+    """No daemon can be reached. The text says which sockets were tried and how to start one.
+
+    `absent`: there is none, as far as a socket tells: no such socket, or nobody listens on it. Else nobody
+    knows: this user may not connect, or the queue is full.
+    """
+
+    def __init__(self, message: str, *, absent: bool = False) -> None:
+        super().__init__(message)
+        self.absent = absent
 
 
 class Disconnected(ClientError):

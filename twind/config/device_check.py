@@ -1,6 +1,6 @@
 """Are the actuators on the wire those of the files? Pure: devices as identified in, a verdict out (S09).
 
-Registers are compared and named, never written. What is not known counts as different.
+Registers are compared and named, never written. What is not known refuses, but is not called wrong.
 """
 
 from collections.abc import Iterator, Mapping
@@ -84,6 +84,8 @@ def _doubts(joint: JointSpec, device: Device) -> Iterator[Doubt]:
 def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> Iterator[Finding]:
     def differs(register: str, value: int | None, recorded: int) -> Finding:
         text = f"{register} is {value}, was {recorded} when calibrated: restore it, or calibrate anew"
+        if value is None:
+            text = f"{register} was not read; it was {recorded} when calibrated"
         number = None if value is None else float(value)
         return Finding(Code.CALIB_MISMATCH, place, value=number, bound=float(recorded), message=text)
 

@@ -4,9 +4,10 @@ Strict on purpose: no anchors, aliases, tags, merges or duplicate keys; no word 
 as something else than a person does. Knows no schema: `section.py` asks for types and bounds.
 """
 
+import hashlib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,24 @@ class Table:
 
 
 Node = Leaf | Row | Table
+
+
+def place(path: Path, sha256: str, keys: Sequence[str]) -> str:
+    """`file:line:column: a.b.c` of a value that was read before, for who refuses it later. Without its line
+    where the file is no longer the one of that `sha256`, or has no such value."""
+    plain = f"{path}: {'.'.join(keys)}"
+    try:
+        text = read_text(path)
+        node: Node = parse(text, str(path))
+    except ConfigError:
+        return plain
+    if hashlib.sha256(text.encode()).hexdigest() != sha256:
+        return plain
+    for key in keys:
+        if not isinstance(node, Table) or key not in node.items:
+            return plain
+        node = node.items[key]
+    return f"{path}:{node.mark.line}:{node.mark.column}: {'.'.join(keys)}"
 
 
 def read_text(path: Path) -> str:

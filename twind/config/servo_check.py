@@ -1,6 +1,6 @@
 """Is a serial servo one that a joint can have? Registers as identified in, texts out. Pure.
 
-Registers are compared and named, never written. What is not known counts as different.
+Registers are compared and named, never written. What is not known refuses, but is not called wrong.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,6 +11,7 @@ from twind.config.robot_spec import JointSpec
 from twind_drivers.bus import Device
 
 MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset beyond it (e-manual, address 20)
+NEEDED = ("operating_mode", "homing_offset", "drive_mode")  # every model has them
 SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
 MAX_ID = 252  # above it the second id is off (e-manual, address 12)
 TORQUE_AT_BOOT = 0b0001  # startup configuration (60), bit 0
@@ -33,33 +34,38 @@ def unfit(joint: JointSpec, device: Device) -> Iterator[str]:
         yield f"is {found} (model number {device.model_number}), the robot file says {joint.type.device}"
     yield from _wrong_mode(joint, settings)
     yield from _shadowing(settings)
-    offset = settings.get("homing_offset")
-    if offset is None or (abs(offset) > MAX_OFFSET and joint.mode == "position"):
+    unread = [register for register in NEEDED if register not in settings]
+    if unread:
+        yield (
+            f"{', '.join(unread)} not read, so nothing is known of them: its answers were lost, or its "
+            "status_return_level (68) is 0 (answers pings only)"
+        )
+    offset, drive = settings.get("homing_offset", 0), settings.get("drive_mode", 0)
+    if abs(offset) > MAX_OFFSET and joint.mode == "position":
         yield f"homing_offset (20) is {offset}; beyond ±{MAX_OFFSET} position mode ignores it: write 0"
-    drive = settings.get("drive_mode")
-    if drive is None or drive & TORQUE_BY_GOAL:
+    if drive & TORQUE_BY_GOAL:
         yield f"drive_mode (10) is {drive}: bit 3, torque on by goal update, must be 0"
     startup = settings.get("startup_configuration", 0)  # older firmware has no such register
     if startup & TORQUE_AT_BOOT:
         yield f"startup_configuration (60) is {startup}: bit 0, torque on at boot, must be 0"
     for register, wanted in joint.registers.items():
         found_value = settings.get(register)
-        if found_value is None:
+        if found_value is None and not unread:
             yield f"{register} must be {wanted}, but is not read from servos: remove it from the robot file"
-        elif found_value != wanted:
+        elif found_value is not None and found_value != wanted:
             yield f"{register} is {found_value}, the robot file says {wanted}"
 
 
 def _wrong_mode(joint: JointSpec, settings: Mapping[str, int]) -> Iterator[str]:
     """Another operating mode than the robot file names, or a cap that the servo does not take."""
     mode, wanted = settings.get("operating_mode"), joint.operating_mode
-    if mode != wanted:
+    if mode is not None and mode != wanted:
         yield (
             f"operating_mode (11) is {mode}, {joint.mode} mode is {wanted}: "
             f"with torque off write {wanted} to register 11, then calibrate anew; or correct the robot file"
         )
     limit, cap = settings.get("current_limit"), joint.current_cap
-    if cap is not None and (limit is None or limit < cap):
+    if cap is not None and mode is not None and (limit is None or limit < cap):
         yield (
             f"current_limit (38) is {limit}, current_limit_a of the robot file asks for {cap}: "
             "lower current_limit_a, or raise register 38"
@@ -69,7 +75,7 @@ def _wrong_mode(joint: JointSpec, settings: Mapping[str, int]) -> Iterator[str]:
 def _shadowing(settings: Mapping[str, int]) -> Iterator[str]:
     """A second id that the servo obeys as well, without an answer (e-manual, "Secondary(Shadow) ID (12)").
 
-    It is read in one block with the operating mode: where it was not read, that refuses.
+    It is read in one block with the operating mode: where it was not read, neither was that, which refuses.
     """
     for register in SECONDARY:
         value = settings.get(register, 255)
@@ -90,7 +96,11 @@ def doubts(joint: JointSpec, kind: ServoType, device: Device) -> Iterator[Doubt]
     register = device.settings.get("return_delay_time")
     described = kind.return_delay_us
     if register is not None and 2 * register > described:
-        text = f"return delay is {2 * register} us, the robot file says {described}: rate at risk"
+        remedy = f"`twindctl register write {joint.bus} {joint.id} return_delay_time {described // 2}`"
+        text = (
+            f"answers slowly: return delay is {2 * register} us, the robot file says {described}: "
+            f"rate at risk; with torque off {remedy}"
+        )
         yield Doubt(text, 2.0 * register, float(described))
     if not kind.fenced(joint.mode):  # goals of many turns (e-manual, registers 48, 52: mode 3 only)
         text = (

@@ -8,10 +8,11 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from twind.config.located import parse, read_text
 from twind.config.ports import wrong_port
-from twind.config.section import Plain, Section, file_error
+from twind.config.section import Section, file_error
 from twind.protocol.places import own_folder
 
 MODES = ("sim", "mirror", "live")
@@ -50,6 +51,8 @@ class Settings:
     log_level: str
     cpu: int | None = None  # the core that the loop stays on, as the kernel counts them; None: any
     source: str = field(default="defaults")  # the file they came from
+    # Key of the file -> where its value comes from: the file, or the command line; not named: the default.
+    origins: Mapping[str, str] = field(default_factory=dict)
 
     def override(
         self,
@@ -66,8 +69,12 @@ class Settings:
             raise file_error(COMMAND_LINE, f"--mode {mode} is none of {', '.join(MODES)}")
         if rate_hz is not None and not 10.0 <= rate_hz <= 1000.0:
             raise file_error(COMMAND_LINE, f"--rate {rate_hz:g} is outside 10 to 1000 Hz")
+        given: dict[str, Any] = {"mode": mode, "robot": robot, "calibration": calibration, "sockets": socket}
+        given |= {"rate_hz": rate_hz, "ports": ports or None}
+        origins = {key: COMMAND_LINE for key, value in given.items() if value is not None}
         return replace(
             self,
+            origins={**self.origins, **origins},
             mode=mode or self.mode,
             robot=robot or self.robot,
             calibration=Path(calibration) if calibration else self.calibration,
@@ -80,11 +87,15 @@ class Settings:
         """The file to load; None where none was named and the individual has none yet."""
         if self.calibration is not None:
             return self.calibration
-        path = self.state_dir / "calibration" / f"{self.individual or robot_name}.yaml"
+        path = self.usual_calibration(robot_name)
         return path if _is_there(path, "--calibration FILE") else None
 
-    def parameters(self) -> dict[str, Plain]:
-        """What `GetParameters` shows."""
+    def usual_calibration(self, robot_name: str) -> Path:
+        """Where the calibration of this individual is looked for when no file is named."""
+        return self.state_dir / "calibration" / f"{self.individual or robot_name}.yaml"
+
+    def parameters(self) -> dict[str, Any]:
+        """What `GetParameters` shows; `origins` says of each key that is no default where it comes from."""
         return {
             "mode": self.mode,
             "robot": self.robot,
@@ -95,6 +106,7 @@ class Settings:
             "log_level": self.log_level,
             "cpu": self.cpu,
             "source": self.source,
+            "origins": dict(self.origins),
         }
 
 
@@ -184,6 +196,7 @@ def _read(text: str, file: str, where: Places) -> Settings:
         log_level=top.text("log_level", usual.log_level, LEVELS),
         cpu=top.integer("cpu", least=0, most=1023) if top.has("cpu") else None,
         source=file,
+        origins=dict.fromkeys([*(key for key in top if key != "thresholds"), *thresholds], file),
     )
     top.close()
     return settings

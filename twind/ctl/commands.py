@@ -2,6 +2,7 @@
 
 import argparse
 
+from twind.client.errors import finding_lines
 from twind.ctl.verb import DONE, Plain, connected, lease, observer, operator, show
 
 
@@ -31,7 +32,9 @@ def _arm_arguments(parser: argparse.ArgumentParser) -> None:
 def _arm(options: argparse.Namespace) -> int:
     with operator(options) as client, lease(client, take=options.take):
         answer = client.call("Arm")
-    show(options, answer, f"armed: {len(answer['joints'])} joints hold where they are")
+    lines = [f"armed: {len(answer['joints'])} joints hold where they are"]
+    lines += finding_lines(answer.get("warnings") or (), "warning")
+    show(options, answer, "\n".join(lines))
     return DONE
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from twind.client import ClientError, Disconnected, NoDaemon
 from twind.ctl.verb import DONE, NO_DAEMON, REFUSED, USAGE, Rejected, UsageError, Verb, complain
+from twind.protocol.places import SYSTEM
 
 # name -> (where it is, what it does)
 BUILT_IN = {
@@ -26,6 +27,8 @@ BUILT_IN = {
     "stop": ("twind.ctl.commands:STOP", "decelerate and hold"),
     "move": ("twind.ctl.motion:MOVE", "move joints: JOINT=RAD ..."),
     "play": ("twind.ctl.motion:PLAY", "play a trajectory file, or a motion of the robot by name"),
+    "reload": ("twind.ctl.reload:RELOAD", "have the daemon read its files again; what may change does"),
+    "parameters": ("twind.ctl.reload:PARAMETERS", "show what is in force; KEY=VALUE sets it for this run"),
     "check": ("twind.ctl.check", "check a robot file, or a trajectory against the gate"),
     "register": ("twind.ctl.devices:REGISTER", "read or write a register of one device"),
     "reboot": ("twind.ctl.devices:REBOOT", "restart one device"),
@@ -67,12 +70,12 @@ def _run(verb: Verb, options: argparse.Namespace) -> int:
 
 
 def _verb_name(given: Sequence[str]) -> str | None:
-    """The first word that is neither an option nor the value of `--socket`."""
+    """The first word that is neither an option nor the value of `--socket` or `-i`."""
     skip = False
     for word in given:
         if skip:
             skip = False
-        elif word == "--socket":
+        elif word in ("--socket", "-i"):
             skip = True
         elif not word.startswith("-"):
             return word
@@ -94,6 +97,14 @@ def _parser(name: str | None) -> argparse.ArgumentParser:
 
 def _common(parser: argparse.ArgumentParser, default: Any) -> None:
     parser.add_argument("--socket", metavar="DIR", default=default, help="folder of the daemon's sockets")
+    parser.add_argument(
+        "-i",
+        dest="socket",
+        metavar="NAME",
+        type=lambda name: os.path.join(SYSTEM, name),
+        default=default,
+        help=f"the daemon of twind@NAME: --socket {SYSTEM}/NAME",
+    )
     json_default = False if default is None else default
     parser.add_argument("--json", action="store_true", default=json_default, help="print JSON, one line each")
 

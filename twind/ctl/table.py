@@ -39,6 +39,8 @@ def status_lines(status: Answer) -> list[str]:
             f"bus      {bus['name']} on {bus['port'] or 'no port'}: {state}, {_ms(bus['latency_ms'])}, "
             f"{bus['utilisation']:.0%} of the tick, {bus['errors']} errors in {bus['exchanges']} exchanges"
         )
+        if bus.get("warning"):
+            lines.append(f"warning  {bus['name']}: {bus['warning']}")
     if status.get("skew_ms") is not None:
         lines.append(f"skew     {_ms(status['skew_ms'])} between the buses, max {_ms(status['skew_max_ms'])}")
     return [*lines, *finding_lines(status["faults"], "fault")]

@@ -13,10 +13,12 @@ import sys
 
 import msgspec
 
-from twind.front.log import Log, Writer, at_journal
+from twind.briefing import Briefing
+from twind.front.journal import SOCKET
+from twind.front.log import Log, Writer
 from twind.front.server import Front
-from twind.link import Briefing
 from twind.memfd import unseal
+from twind.streams import at_journal
 
 
 def main() -> int:
@@ -35,7 +37,8 @@ def main() -> int:
     briefing = msgspec.msgpack.decode(unseal(arguments.briefing), type=Briefing)
     os.close(arguments.briefing)
     stderr = sys.stderr.fileno()
-    log = Log(Writer(stderr), briefing.log_level, journal=at_journal(stderr))
+    journal = at_journal(stderr)
+    log = Log(Writer(stderr, SOCKET if journal else None), briefing.log_level, journal=journal)
     listeners = {"operator": arguments.control, "observer": arguments.observe}
     try:
         asyncio.run(_serve(socket.socket(fileno=arguments.link), briefing, log, listeners))
@@ -51,6 +54,8 @@ async def _serve(link: socket.socket, briefing: Briefing, log: Log, listeners: d
         if fd is not None:
             front.serve(socket.socket(fileno=fd), role)
     await front.ended.wait()
+    front.shut()  # at once: threads that load a model are waited for
+    front.reloads.close()
 
 
 if __name__ == "__main__":

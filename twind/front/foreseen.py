@@ -62,20 +62,30 @@ class Foreseen:
     def load(self) -> None:
         """Begin to load the model. Answers of the front do not wait for it."""
         loading = self._front.loop.run_in_executor(None, self._load)
-        loading.add_done_callback(lambda _: self._ready())
+        loading.add_done_callback(lambda done: self._ready(done.result()))
 
-    def _load(self) -> None:
+    def replace(self, foresight: Foresight) -> None:
+        """From now on paths are judged by other limits; those begun, or waiting, must be sent again."""
+        self._foresight, self._loaded, self._steps = foresight, True, None
+        for job in self._jobs:
+            reason = "the limits were changed while this was judged: send it again"
+            self._front.refuse(job.call, [Finding(Code.CMD_EXPIRED, message=reason)])
+        self._jobs.clear()
+
+    def _load(self) -> Foresight | None:
         """In a thread: MuJoCo takes a quarter of a second to import."""
         try:
             from twind.twin.handover import foresight  # noqa: PLC0415  status is served before MuJoCo is there
 
             briefing = self._front.world.briefing
-            self._foresight = foresight(briefing.binding, 1.0 / briefing.rate_hz)
+            return foresight(briefing.binding, 1.0 / briefing.rate_hz)
         except Exception as error:  # noqa: BLE001  whatever it is: no look-ahead, and every path is refused
             self._why = f"{type(error).__name__}: {error}"
+            return None
 
-    def _ready(self) -> None:
-        self._loaded = True
+    def _ready(self, foresight: Foresight | None) -> None:
+        if not self._loaded:  # else the limits were changed meanwhile
+            self._foresight, self._loaded = foresight, True
         now = self._front.now()
         if self._foresight is None:
             self._front.log.say("error", "LOOKAHEAD", now, message=f"none, nothing may move: {self._why}")

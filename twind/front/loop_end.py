@@ -1,6 +1,7 @@
 """The front's end of the link to the loop: commands out, news in, never blocking. Front process."""
 
 import asyncio
+import select
 import socket
 from collections import deque
 from collections.abc import Callable
@@ -31,8 +32,15 @@ class LoopEnd:
         self._sock, self._loop, self._news, self._ended = sock, loop, news, ended
         self._owed: deque[bytes] = deque()
         self._buffer = bytearray(DATAGRAM)
+        self._hung_up = select.poll()
+        self._hung_up.register(sock, 0)  # nothing but its end is told, whatever is still to be read (poll(2))
         sock.setblocking(False)
         loop.add_reader(sock, self._readable)
+
+    @property
+    def gone(self) -> bool:
+        """The loop has closed its end, or is dead; what it said last may still be unread."""
+        return bool(self._hung_up.poll(0))
 
     def send(self, command: Inward, fd: int | None = None) -> bool:
         """One command, with a memfd beside it; False: the pipe is full and nothing was sent.

@@ -13,6 +13,7 @@ from twind.front.calls import STOPS, Call
 from twind.front.foreseen import Job
 from twind.front.log import printable
 from twind.front.loop_end import TooLarge
+from twind.front.reload import PARAMETERS
 from twind.front.telemetry import TOPICS
 from twind.front.tickets import ESTOPS
 from twind.front.world import encode
@@ -167,6 +168,7 @@ def _trajectory(front: Front, call: Call, *, check_only: bool) -> None:
     def send(found: Verdict, as_of: float) -> None:
         asked = fields | {"policy": policy, "check_only": check_only, "more": call.more}
         judged = {"refused": found.refusals, "warned": found.warnings, "front_checked": as_of}
+        judged["generation"] = front.world.briefing.generation
         with submit.Sealed(path) as fd:
             forward(front, call, link.Submit, fd, **asked, **judged)
 
@@ -216,6 +218,29 @@ def _streamed(
     return wrong
 
 
+def _reload(front: Front, call: Call) -> None:
+    front.reloads.ask(call)
+
+
+def _set_parameters(front: Front, call: Call) -> None:
+    """Not persistent; a client may only tighten what the owner of the file allows."""
+    given, now = call.parameters["parameters"], front.world.briefing.parameters
+    if not given:
+        call.invalid("parameters", f"name at least one of {', '.join(PARAMETERS)}")
+        return
+    for name, value in given.items():
+        if name not in PARAMETERS:
+            reason = f"changes by its file alone, or not at all; here change {', '.join(PARAMETERS)}"
+            call.invalid(f"parameters.{printable(name[:40])}", reason)
+            return
+        number = not isinstance(value, bool) and isinstance(value, int | float)
+        if name.endswith("_ms") and not (number and value <= now[name]):
+            reason = f"at most {now[name]:g}, as in force: a client may only tighten it"
+            call.invalid(f"parameters.{name}", reason)
+            return
+    front.reloads.ask(call, {PARAMETERS[name]: value for name, value in given.items()})
+
+
 def _not_served(_front: Front, call: Call) -> None:
     call.error("MethodNotImplemented", {"method": f"{CONTROL}.{call.method}"}, SERVICE)
 
@@ -237,12 +262,12 @@ METHODS: dict[str, Method] = {
     "SubmitTrajectory": _submit,
     "Cancel": _as_it_stands(link.Cancel),
     "Setpoint": _setpoint,
-    "SetParameters": _not_served,  # no setting can be changed at run time
+    "SetParameters": _set_parameters,
     "Scan": _scan,
     "ReadRegister": _as_it_stands(link.ReadRegister),
     "WriteRegister": _as_it_stands(link.WriteRegister),
     "Reboot": _as_it_stands(link.Reboot),
-    "Reload": _not_served,
+    "Reload": _reload,
     "DumpRecorder": _not_served,
 }
 

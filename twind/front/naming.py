@@ -68,7 +68,7 @@ class Names:
     def reply(self, parameters: Mapping[str, Any]) -> Plain:
         """The parameters of a loop's reply with every joint named."""
         named = dict(parameters)
-        for key in ("findings", "changes"):
+        for key in ("findings", "changes", "warnings"):
             if isinstance(named.get(key), list):
                 named[key] = self.findings(named[key])
         if isinstance(named.get("verdict"), dict):

@@ -1,5 +1,6 @@
 """What of the loop's news reaches the log: every event, a report each five seconds. Front process."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from twind.front.log import Log
@@ -16,15 +17,18 @@ class Report:
         self._log = log
         self._last: Overview | None = None  # of the last report
 
-    def event(self, event: Event, names: Names) -> None:
-        """One line per event. Of its findings the first is told in words: joint, value, bound, reason."""
+    def event(self, event: Event, names: Names, buses: Sequence[str] = (), state: str | None = None) -> None:
+        """One line per event. Of its findings the first is told in words: joint, value, bound, reason.
+
+        `buses`: the bus of each joint; `state`: of the robot.
+        """
         found = names.findings(event.findings)
         spoken = found[0]["message"] if found and event.findings[0].message == event.message else None
         first = found[0]["message"] if found and spoken is None else None
         more = len(found) - 1 if len(found) > 1 else None
         fields = {"message": spoken or event.message, "finding": first, "more": more}
         said = {key: value for key, value in fields.items() if value is not None}
-        self._log.say(event.level, event.code, event.time, **said)
+        self._log.say(event.level, event.code, event.time, _details(event, names, buses, state), **said)
 
     def overview(self, news: Overview, tick: Tick | None) -> None:
         """Every five seconds: mode, state, rate, lateness, latency per hop."""
@@ -50,3 +54,19 @@ class Report:
             summary[f"{hop.hop}_ms"] = None if hop.now_ms is None else round(hop.now_ms, 3)
             summary[f"{hop.hop}_p99_ms"] = None if hop.p99_ms is None else round(hop.p99_ms, 3)
         return {key: value for key, value in summary.items() if value is not None}
+
+
+def _details(event: Event, names: Names, buses: Sequence[str], state: str | None) -> dict[str, Any]:
+    """What a machine looks for: state, and of the first finding its code, joint, bus, value and bound."""
+    if not event.findings:
+        return {"state": state}
+    first = event.findings[0]
+    joint = first.joint
+    return {
+        "state": state,
+        "finding_code": first.code.value if first.code.value != event.code else None,
+        "joint": names.name(joint),
+        "bus": buses[joint] if joint is not None and 0 <= joint < len(buses) else None,
+        "value": first.value,
+        "bound": first.bound,
+    }

@@ -1,26 +1,33 @@
 """Accepts clients on both sockets, carries calls to the loop and its news to them. Front process."""
 
+from __future__ import annotations
+
 import asyncio
 import socket
 import struct
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from twind.briefing import Briefing
 from twind.front.calls import Call, Caller
 from twind.front.door import Spares
 from twind.front.foreseen import Foreseen
 from twind.front.log import Log
 from twind.front.loop_end import LoopEnd
+from twind.front.reload import Reloads
 from twind.front.report import Report
 from twind.front.session import Session
 from twind.front.stream import Stream
 from twind.front.telemetry import Telemetry
 from twind.front.tickets import Tickets
 from twind.front.world import World
-from twind.link import Briefing, Event, Gone, Moment, Outward, Overview, Reply, Tick
+from twind.link import Event, Gone, Moment, Outward, Overview, Reply, Reread, Tick
 from twind.protocol import CONTROL, SERVICE, load
 from twind.robot.finding import Code, Finding
+
+if TYPE_CHECKING:
+    from twind.twin.foresight import Foresight
 
 PLACES = {"operator": 4, "observer": 16}
 LIMITS = {"operator": 4 << 20, "observer": 64 << 10}  # bytes of one message
@@ -46,7 +53,9 @@ class Front:
         self.tickets = Tickets(self.world.names, self._number)
         self.sessions: dict[int, Session] = {}
         self.foreseen = Foreseen(self)
-        self._listeners: list[tuple[socket.socket, str]] = []
+        self.reloads = Reloads(self)
+        self._doors: list[socket.socket] = []
+        self._listeners: list[tuple[socket.socket, str]] = []  # of these, those that nobody watches yet
         self._resting: list[tuple[socket.socket, str]] = []  # nothing to take a client with, for a moment
         self._spares, self._starved = Spares(RESERVED), False
         self._submits: dict[tuple[int, int], list[float]] = {}
@@ -66,9 +75,17 @@ class Front:
     def serve(self, listener: socket.socket, role: str) -> None:
         """Take clients from a listening socket, once there is something to tell them."""
         listener.setblocking(False)
+        self._doors.append(listener)
         self._listeners.append((listener, role))
         if self.world.known:
             self._listen()
+
+    def shut(self) -> None:
+        """Take no more clients: who comes now waits in the socket for the next front, which has a loop."""
+        for door in self._doors:
+            self.loop.remove_reader(door)
+            door.close()
+        self._doors, self._listeners, self._resting = [], [], []
 
     def _listen(self) -> None:
         for listener, role in self._listeners:
@@ -76,6 +93,9 @@ class Front:
         self._listeners.clear()
 
     def _accept(self, listener: socket.socket, role: str) -> None:
+        if self.link.gone:  # its end may not be read yet
+            self.shut()
+            return
         reserved = False
         try:
             sock, _ = listener.accept()
@@ -185,15 +205,30 @@ class Front:
 
     # ----------------------------------------------------------------------------- the loop
 
+    def adopt(self, briefing: Briefing, foresight: Foresight | None) -> None:
+        """The loop has put these values in force: from now on this side goes by them too.
+
+        `foresight`: what judges paths by them; None: limits and gains are the same.
+        """
+        self.world.brief(briefing)
+        self.log.level(briefing.log_level)
+        if foresight is not None:
+            self.foreseen.replace(foresight)
+
     def news(self, news: Outward) -> None:
         """Something the loop says."""
         if isinstance(news, Tick | Overview):
             self._state(news)
         elif isinstance(news, Reply):
-            self.tickets.answer(news, self.now())
+            if not self.reloads.answer(news):
+                self.tickets.answer(news, self.now())
         elif isinstance(news, Event):
             self.telemetry.event(news)
-            self._report.event(news, self.world.names)
+            state = None if self.world.tick is None else self.world.tick.state
+            buses = [joint.bus for joint in self.world.briefing.joints]
+            self._report.event(news, self.world.names, buses, state)
+        elif isinstance(news, Reread):
+            self.reloads.ask(None)
         else:
             self.telemetry.verdict(news)
 
@@ -218,6 +253,7 @@ class Front:
         self.loop.call_later(TEND, self._tend)
         self.link.heartbeat()
         self.foreseen.keep()
+        self.reloads.tend(now)
         self._starved = not self._spares.refill()
         self._listeners, self._resting = [*self._listeners, *self._resting], []
         if self.world.known:
@@ -230,7 +266,7 @@ class Front:
             del self._submits[peer]
 
 
-def _place(error: BaseException) -> dict[str, str | None]:
+def _place(error: BaseException) -> dict[str, Any]:
     """What broke, and where."""
     place = error.__traceback__
     while place is not None and place.tb_next is not None:

@@ -29,6 +29,11 @@ class Tickets:
         self._waiting: dict[int, _Waiting] = {}
         self._heard: set[int] = set()  # connections of which the loop knows
 
+    def number(self) -> int:
+        """A fresh ticket that is none of a call's."""
+        self._next += 1
+        return self._next
+
     def open(self, call: Call, now: float) -> int:
         """A fresh ticket for a call."""
         self._next += 1

@@ -7,8 +7,9 @@ from typing import Any
 
 import msgspec
 
+from twind.briefing import Briefing
 from twind.front.naming import Names
-from twind.link import Briefing, Event, Moment, Overview, Tick
+from twind.link import Event, Moment, Overview, Tick
 
 # Bits of a servo's hardware error register (Protocol 2.0, address 70), and of what the CAN drivers make of a
 # fault (`twind_drivers.can.family`); bit 8: its last answer's alert.
@@ -64,6 +65,11 @@ class World:
         self._cache: dict[str, bytes] = {}
         self._slow: dict[str, msgspec.Raw] = {}
         self._columns: tuple[list[float], list[float], list[bool | None], list[list[str]]] | None = None
+
+    def brief(self, briefing: Briefing) -> None:
+        """The same robot, with other limits, gains or settings."""
+        self.briefing = briefing
+        self._cache.clear()
 
     @property
     def known(self) -> bool:

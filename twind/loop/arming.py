@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from math import isnan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -65,13 +65,12 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
     take(loop, held)
     loop.twin.place(held)
     loop.change(Event.ARMED, loop.clock.now())
-    loop.say.reply(command, joints=list(range(len(loop.joints))))
-    if unwatched := loop.joints.unwatched:
-        message = (
-            "armed without a watchdog of its own that can be read back: if the daemon dies, nobody stops it"
-        )
-        findings = tuple(Finding(Code.DEVICE_MISMATCH, joint, message=message) for joint in unwatched)
-        loop.say.event("warning", Code.DEVICE_MISMATCH, f"{len(unwatched)} joints {message}", findings)
+    message = "armed without a watchdog of its own that can be read back: if the daemon dies, nobody stops it"
+    findings = tuple(Finding(Code.DEVICE_MISMATCH, joint, message=message) for joint in loop.joints.unwatched)
+    beside: dict[str, Any] = {"warnings": list(findings)} if findings else {}
+    loop.say.reply(command, joints=list(range(len(loop.joints))), **beside)
+    if findings:
+        loop.say.event("warning", Code.DEVICE_MISMATCH, f"{len(findings)} joints {message}", findings)
 
 
 def _asked(loop: Loop, command: link.Arm, now: float) -> Generator[None, float, tuple[Finding, ...]]:
@@ -102,7 +101,7 @@ def _say_ended(loop: Loop, command: link.Arm) -> None:
 
 def _edited(command: link.Arm) -> list[Finding]:
     """S09: what is judged by must be what the files say. The front looks at them: a tick reads no file."""
-    message = "{} is not what this daemon has read: restart it, or restore the file"
+    message = "{} is not what this daemon goes by: `twindctl reload`, restart it, or restore the file"
     return [Finding(Code.CALIB_MISMATCH, message=message.format(path)) for path in command.edited]
 
 

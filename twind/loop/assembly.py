@@ -1,26 +1,25 @@
 """Puts a loop together: robot, calibration, ports and sockets into `Parts`, and what the front must know."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from twind.config.calibration_file import Calibration
-from twind.config.device_check import compare
+from twind.briefing import Briefing, JointInfo
 from twind.config.robot_file import RobotFile
-from twind.link import Briefing, JointInfo
+from twind.loop.described import Robot
 from twind.loop.front_process import FrontProcess
 from twind.loop.hardware import Hardware
-from twind.loop.link import Link
+from twind.loop.link import Link, Outside
 from twind.loop.notify import Notifier
 from twind.loop.outlook import NEAR, Lookahead
 from twind.loop.ports import Enabler, Opener, Port
 from twind.loop.tick import Loop, Parts
 from twind.memfd import seal
 from twind.motion.executor import Executor
-from twind.robot.finding import Finding, Verdict
+from twind.robot.finding import Finding
 from twind.robot.modes import Mode
 from twind.safety.gate import Thresholds
 from twind.safety.guard import Guard
@@ -32,21 +31,7 @@ from twind.twin.collision import Bodies
 from twind.twin.handover import packed
 from twind.twin.twin import Twin
 from twind.version import __version__
-from twind_drivers.bus import Device
 from twind_drivers.clock import Clock
-
-
-@dataclass(frozen=True, slots=True)
-class Robot:
-    """A robot as the loop needs it: described, calibrated or not, bound to its model."""
-
-    file: RobotFile
-    calibration: Calibration | None
-    binding: Binding
-
-    def judge(self, devices: Mapping[tuple[str, int], Device]) -> Verdict:
-        """S09: do the devices hold what the calibration was made with?"""
-        return compare(self.file, self.calibration, devices)
 
 
 def build(
@@ -58,13 +43,14 @@ def build(
     where: Mapping[str, str | None],
     opener: Opener,
     enabler: Enabler,
-    link: Link,
+    link: Outside,
     notifier: Notifier,
     thresholds: Thresholds,
     realtime: dict[str, str],
     live_denied: Finding | None = None,
+    rewire: Callable[[Robot], Enabler] | None = None,
 ) -> Loop:
-    """A loop ready to run."""
+    """A loop ready to run. `rewire`: makes the `enabler` for the same robot with other limits or gains."""
     binding, period = robot.binding, 1.0 / rate_hz
     ports = [Port(bus.name, where.get(bus.name), opener, enabler) for bus in binding.joint_map.buses]
     parts = Parts(
@@ -94,6 +80,8 @@ def build(
         realtime=realtime,
         judge=robot.judge,
         live_denied=live_denied,
+        one=robot,
+        rewire=rewire,
         outlook=_outlook(binding, period),
     )
     return Loop(parts, mode)
@@ -123,10 +111,11 @@ def brief(
     parameters: dict[str, Any],
     log_level: str,
     files: Mapping[str, str] | None = None,
+    described: bytes = b"",
 ) -> int:
     """A sealed memfd with everything the front must know: both judge the same robot.
 
-    `files`: path -> sha256 of what it is described by, as it was read.
+    `files`: path -> sha256 of what it is described by, as it was read. `described`: what the files said.
     """
     binding = robot.binding
     limits, joint_map = binding.limits, binding.joint_map
@@ -156,6 +145,7 @@ def brief(
         parameters=parameters,
         log_level=log_level,
         files=dict(files or {}),
+        described=described,
     )
     return seal("twind-briefing", msgspec.msgpack.encode(briefing))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from twind import link
@@ -40,17 +40,22 @@ def _port(loop: Loop, command: link.Command, name: str | None, id: int | None = 
     return None
 
 
-def _writable(loop: Loop, command: link.Command, port: Port, what: str) -> bool:
-    """Only in live, only while nobody has torque."""
+def _writable(loop: Loop, command: link.Command, port: Port, what: str, *, unknown: bool = False) -> bool:
+    """Only in live, only while nobody has torque. `unknown`: somebody's torque need not be known."""
     if loop.mode is not Mode.LIVE or port.writer is None:
         loop.say.error(
             command, "WrongState", state=f"mode {loop.mode.value}", allowed=[f"mode live, to {what}"]
         )
         return False
-    if loop.energised:
-        loop.say.error(command, "WrongState", state=f"{loop.state.value}, torque on", allowed=["disarmed"])
+    on = loop.torque_on or bool((loop.hardware.slow.torque[loop.hardware.open] == 1).any())
+    if on or (loop.energised and not unknown):
+        _refuse(loop, command, "torque on" if on else "torque not read yet")
         return False
     return True
+
+
+def _refuse(loop: Loop, command: link.Command, torque: str) -> None:
+    loop.say.error(command, "WrongState", state=f"{loop.state.value}, {torque}", allowed=["disarmed"])
 
 
 def _answer(
@@ -97,21 +102,45 @@ def read(loop: Loop, command: link.ReadRegister, now: float) -> None:
 
 
 def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
-    """Write one register and read it back."""
+    """Write one register and read it back.
+
+    On a bus that is not identified, whose torque nobody may know yet, that of this device is read first: what
+    keeps a bus from being identified can be a register (a long return delay).
+    """
     port = _port(loop, command, command.bus, command.id)
-    if port is None or not _writable(loop, command, port, "write a register") or port.writer is None:
+    if port is None or not _writable(loop, command, port, "write a register", unknown=True):
         return
-    task = port.run(port.writer.write(command.id, command.name, command.value))
-    loop.procedures.beside(_written(loop, command, port, task))
+    loop.procedures.beside(_written(loop, command, port))
 
 
-def _written(loop: Loop, command: link.WriteRegister, port: Port, task: Task[Register]) -> Procedure:
+def _written(loop: Loop, command: link.WriteRegister, port: Port) -> Procedure:
+    if loop.energised and not (yield from _limp(port, command.id)):
+        _refuse(loop, command, f"torque of id {command.id} on or not read")
+        return
+    if loop.procedures.rank is not None:
+        loop.say.error(command, "Busy", what=f"bus {port.name}")
+        return
+    if not _writable(loop, command, port, "write a register", unknown=True) or port.writer is None:
+        return
+    task: Task[Register] = port.run(port.writer.write(command.id, command.name, command.value))
     yield from _answer(loop, command, port, task, _register, command.name)
     done = "was refused" if task.error is not None else "is written"
     said = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
     loop.say.event("info", "REGISTER", said)
     if task.result is not None and task.result.eeprom:
         port.identify()  # the description may fit no longer, and that is told at once
+
+
+def _limp(port: Port, id: int) -> Generator[None, float, bool]:
+    """Does its torque read off now?"""
+    if port.reader is None:
+        return False
+    task = port.run(port.reader.read(id, "torque_enable"))
+    try:
+        yield from all_of([task])
+    except (BusError, KeyError, ValueError):
+        return False
+    return task.result is not None and task.result.value == 0
 
 
 def reboot(loop: Loop, command: link.Reboot, now: float) -> None:
@@ -166,4 +195,5 @@ def _scan(loop: Loop, command: link.Scan, port: Port) -> Procedure:
             model=device.model_number,
             model_name=device.model_name,
             firmware=device.firmware,
+            settings=dict(device.settings),
         )

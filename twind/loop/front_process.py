@@ -5,12 +5,14 @@ only) and without any bus descriptor (all of ours are close-on-exec).
 """
 
 import contextlib
+import ctypes
 import fcntl
 import os
 import select
 import signal
 import socket
 import sys
+from typing import Any
 
 HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started anew (design 2)
 GRACE = 10.0  # s a new front may take to its first sign of life
@@ -19,6 +21,7 @@ LAST_WORDS = 1.0  # s that a front has to end by itself
 AGAIN = 0.2  # s between a front's end and the next start; doubled for each that lived less than GRACE
 AGAIN_MOST = 5.0  # s between two starts of fronts that die young
 _LINK, _BRIEFING, _CONTROL, _OBSERVE = 3, 4, 5, 6  # descriptors in the child
+_PR_CAP_AMBIENT, _CLEAR_ALL = 47, 4  # <linux/prctl.h>
 
 
 class FrontProcess:
@@ -30,10 +33,16 @@ class FrontProcess:
         self.socket: socket.socket | None = None
         self.pid: int | None = None
         self.starts = 0
+        self.fate = ""  # how the last one ended
         self._alive_until = 0.0
         self._start_at = 0.0
         self._pause = 0.0
         self._born: float | None = None  # None: the pause after it is settled
+
+    def brief(self, briefing: int) -> None:
+        """What fronts started from now on are told: a sealed memfd, which is ours to close."""
+        os.close(self._handed[0])
+        self._handed = (briefing, *self._handed[1:])
 
     def start(self, now: float) -> None:
         """Start a front. The old one must be gone. Raises OSError; then nothing of it is left."""
@@ -65,6 +74,7 @@ class FrontProcess:
                 actions.append((os.POSIX_SPAWN_DUP2, high, _LINK + place))
             copies.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
             os.sched_setaffinity(0, self._cpus)  # a child begins where its parent may run
+            _keep_rights()
             return os.posix_spawn(
                 sys.executable,
                 arguments,
@@ -72,7 +82,7 @@ class FrontProcess:
                 file_actions=actions,
                 setsid=True,
                 setsigdef=[signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
-                scheduler=(os.SCHED_OTHER, os.sched_param(0)),
+                **_ordinary(),
             )
 
     def alive(self, now: float) -> None:
@@ -120,16 +130,31 @@ class FrontProcess:
         if self.pid is None:
             return False
         try:
-            ended, _ = os.waitpid(self.pid, os.WNOHANG)
+            ended, status = os.waitpid(self.pid, os.WNOHANG)
         except ChildProcessError:
-            ended = self.pid
+            ended, status = self.pid, 0
         if ended:
+            code = os.waitstatus_to_exitcode(status)
+            self.fate = f"({ended}) ended with {f'signal {-code}' if code < 0 else f'code {code}'}"
             self.pid = None
         return bool(ended)
 
     def due(self, now: float) -> bool:
         """No front, and it is time for one."""
         return self.pid is None and now >= self._start_at
+
+
+def _keep_rights() -> None:
+    """Rights that the service manager gave this process (AmbientCapabilities=) stay its own: no child that is
+    started from now on has them (capabilities(7)). A kernel without ambient ones gives none."""
+    ctypes.CDLL(None).prctl(_PR_CAP_AMBIENT, _CLEAR_ALL, 0, 0, 0)
+
+
+def _ordinary() -> dict[str, Any]:
+    """Normal scheduling for the child of a real-time process. Any other keeps its own: leaving the idle class
+    needs a right that a user may not have."""
+    real_time = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
+    return {"scheduler": (os.SCHED_OTHER, os.sched_param(0))} if real_time else {}
 
 
 def child_environment() -> dict[str, str]:

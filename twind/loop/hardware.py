@@ -4,7 +4,7 @@
 bus at most one further transaction in the time that is left. One silent servo is `heard = False`.
 """
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from dataclasses import dataclass
 from math import inf, nan
 from typing import TypeVar
@@ -23,6 +23,7 @@ from twind_drivers.clock import Clock
 
 T = TypeVar("T")
 SPARE = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it ...
+TOGETHER = 0.00015  # s: answers of two buses that end so close are taken in one look
 SPARE_SHARE = 0.25  # ... at most this share of the period
 
 
@@ -211,7 +212,8 @@ class Hardware:
     def _read(self, now: float, end: float) -> JointState:
         self._begin()
         quiet = now < self.quiet_until
-        asked = [] if quiet else [pair for pair in self.pairs if self._try(pair, "request")]
+        awake = [] if quiet else [pair for pair in self.pairs if not pair[0].resting]
+        asked = [pair for pair in awake if self._try(pair, "request")]
         sent = self.clock.now()
         first = self._collect(asked)
         received, heard = sent, np.zeros(len(self.joints), np.bool_)
@@ -231,7 +233,7 @@ class Hardware:
         self.hops = (first - sent, received - first) if some(heard) else (nan, nan)
         self._keep_skew(latest - earliest)
         if not quiet:
-            self._rare(end)
+            self._rare(end, now + self.period)
         time, trip = (received, received - sent) if some(heard) else (self.clock.now(), nan)
         return self.readings.state(heard, time, trip)
 
@@ -268,25 +270,31 @@ class Hardware:
             if port.reader is not None and not port.full:
                 port.run(port.reader.read(bus.ids[row], "hardware_error_status"), urgent=True)
 
-    def _rare(self, end: float) -> None:
-        """One further transaction per bus, all at once, in what is left of the tick."""
+    def _rare(self, end: float, last: float) -> None:
+        """One further transaction per bus, all at once, in what is left of the tick, which ends at `last`."""
         self._turn += 1  # the buses take turns where not every tick is needed
-        asked = [pair for pair in self.pairs if self._try(pair, "rare", end)]
+        asked = [pair for pair in self.pairs if self._try(pair, "rare", end, last)]
         self._collect(asked, look=not all(port.querying for port, _ in asked))
         for port, _ in asked:
             port.end_rare(self.clock.now())
-            if port.reader is not None:
-                self.readings.keep(self._place[port.name], port.reader.registers)
+        ended = {port.name for port, _ in asked}
+        for number, port in enumerate(self.ports):  # some are told by the cyclic reading alone
+            if port.reader is not None and (port.name in ended or self._is_turn_of(number)):
+                self.readings.keep(number, port.reader.registers)
 
-    def _try(self, pair: tuple[Port, BusMap], what: str, end: float = inf) -> bool:
+    def _is_turn_of(self, number: int) -> bool:
+        """That bus has its upkeep in this tick."""
+        return (self._turn + number) % self._stride == 0
+
+    def _try(self, pair: tuple[Port, BusMap], what: str, end: float = inf, last: float = inf) -> bool:
         """Begin a transaction on an open port; False where there is none, or the port was lost."""
         port, _ = pair
         if port.reader is None:
             return False
         try:
             if what == "rare":
-                mine = (self._turn + self._place[port.name]) % self._stride == 0
-                return port.begin_rare(self.clock.now(), end, upkeep=mine)
+                mine = self._is_turn_of(self._place[port.name])
+                return port.begin_rare(self.clock.now(), end, last, upkeep=mine)
             port.reader.request(self.clock.now())
         except PortError as error:
             if error.lost:
@@ -304,44 +312,46 @@ class Hardware:
         `look`: before the first wait. An answer is not there while the question still leaves (half-duplex),
         and a look costs a system call; what is never answered is done at once, and must not be waited for.
         """
-        waiting = list(asked)
+        waiting = [(pair[0].reader, pair) for pair in asked if pair[0].reader is not None]
         first = inf
-        if waiting and not look:
-            self._await([port.reader for port, _ in waiting if port.reader is not None])
-            first = self.clock.now()
         while waiting:
-            now = self.clock.now()
+            if look:
+                ready: Collection[int] = range(len(waiting))
+            else:
+                ready = self._await([reader for reader, _ in waiting])
+            look, now = False, self.clock.now()
+            first = min(first, now)
             still = []
-            for pair in waiting:
-                reader = pair[0].reader
-                if reader is None:
-                    continue
+            for place, (reader, pair) in enumerate(waiting):
                 try:
-                    done = reader.feed(now)
+                    done = (place in ready or now >= reader.deadline) and reader.feed(now)
                 except PortError as error:
                     self._lose(pair, error)
                     asked.remove(pair)
                     continue
                 if not done and now < reader.deadline:
                     still.append((reader, pair))
-            waiting = [pair for _, pair in still]
-            if still:
-                self._await([reader for reader, _ in still])
-                first = min(first, self.clock.now())
+            waiting = still
         return min(first, self.clock.now())
 
-    def _await(self, readers: list[Reader]) -> None:
-        """Until one of them has bytes, or its time is over; nobody looks before anything can be complete.
+    def _await(self, readers: list[Reader]) -> Collection[int]:
+        """Until one of them has bytes, or its time is over; places of those that are worth a look.
 
-        On a CAN bus each frame would wake us, two dozen times a reading.
+        Nobody looks before anything can be complete: on a CAN bus each frame would wake us, two dozen times a
+        reading. Readings that end close together are taken together.
         """
         now = self.clock.now()
-        due = [reader.deadline if reader.earliest <= now else reader.earliest for reader in readers]
-        ripe = [reader.transport for reader in readers if reader.earliest <= now]
-        if ripe:
-            self.clock.wait(ripe, min(due))
-        else:
-            self.clock.sleep_until(min(due))
+        earliest = [reader.earliest for reader in readers]
+        ripe = [place for place, at in enumerate(earliest) if at <= now]
+        begins = min([at for at in earliest if at > now], default=inf)
+        if ripe and begins - now > TOGETHER:
+            until = min(begins, min([readers[place].deadline for place in ripe]))
+            found = self.clock.wait([readers[place].transport for place in ripe], until)
+            return [ripe[place] for place in found]
+        last = begins if ripe else begins + TOGETHER
+        self.clock.sleep_until(max([at for at in earliest if at <= last]))
+        now = self.clock.now()
+        return [place for place, at in enumerate(earliest) if at <= now]
 
     def _lose(self, pair: tuple[Port, BusMap], error: PortError) -> None:
         port, _ = pair

@@ -30,7 +30,7 @@ SILENT = 2.0  # s without an answer from anybody: the bus counts as disconnected
 GONE = 0.1  # s without an answer from anybody: their power may have gone (docs/safety.md, a stale state)
 UNREAD = 1.0  # s without a sound reading of a device that answers when it is asked who it is
 READINGS = 5  # that must have been tried before that is said
-DOUBLE = "two devices with this id? `twindctl scan --port` tells; disconnect one, change its id"
+DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT` tells; disconnect one"
 SPOKE = 0.05  # s: somebody of a mute bus was heard just now, so its power is back
 
 # (bus name, id) -> device, for every device that answered -> what S09 says of them, joints as indices
@@ -41,10 +41,11 @@ class Identity:
     """What is known of the devices, bus by bus."""
 
     def __init__(self, loop: Loop, judge: Judge) -> None:
-        self._loop, self._judge = loop, judge
+        self._loop, self.judge = loop, judge
         self._devices: dict[tuple[str, int], Device] = {}
         self._again: dict[str, float] = {}
         self._gone: dict[str, float] = {}  # bus -> s that nobody on it has answered
+        self._waited: dict[str, frozenset[tuple[int, bool]]] = {}  # bus -> whom patience has found
         self._mute: set[str] = set()  # buses on which the last identification found nobody at all
         self._said: dict[str, str] = {}  # bus -> the trouble, or the warning of an open port, last told
         self._told = False  # that torque was found on
@@ -121,7 +122,7 @@ class Identity:
         if self._said.get(port.name, "") != warning:
             self._said[port.name] = warning
             if warning:
-                loop.say.event("warning", Code.LATENCY_WARN, f"{port.name}: {warning}")
+                loop.say.event("warning", "PORT_WARNING", f"{port.name}: {warning}")
         if port.link is Link.CONNECTED:
             self._listen(port, loop.hardware.silence(bus, now))
         if port.link is Link.IDENTIFYING:
@@ -153,7 +154,8 @@ class Identity:
         if not task.done:
             return
         port.devices = task.result or ()
-        unread = tuple(self._unread(port, bus))
+        slow = port.reader is not None and port.reader.lags
+        unread = () if slow else tuple(self._unread(port, bus))
         if unread and port.readings < READINGS:
             return
         port.identification = None
@@ -161,6 +163,10 @@ class Identity:
         self._devices = {key: device for key, device in self._devices.items() if key[0] != port.name}
         self._devices |= {(port.name, device.id): device for device in port.devices}
         findings = (*self._unfit(port, bus), *unread)
+        if findings or slow:
+            if self._again_patiently(port):
+                return
+            findings += tuple(self._slow(bus)) if slow else ()
         if findings != self.missing.get(port.name, ()):
             self._tell("error", findings)
         self.missing[port.name] = findings
@@ -173,12 +179,30 @@ class Identity:
     def _unfit(self, port: Port, bus: BusMap) -> Iterator[Finding]:
         """Everybody of this bus who did not answer, or is not what the robot file says."""
         mine = set(bus.joints.tolist())
-        for finding in self._judge(self._devices).refusals:
+        for finding in self.judge(self._devices).refusals:
             if finding.joint in mine and finding.code == Code.DEVICE_MISMATCH:
                 yield finding
             elif finding.joint in mine and finding.code == Code.DEVICE_MISSING:
                 hint = f"; but bytes come that are no answer: {DOUBLE}" if port.strays else ""
                 yield replace(finding, message=finding.message + hint)
+
+    def _again_patiently(self, port: Port) -> bool:
+        """Somebody is missing or was not read: everybody is asked again at once, as slow as a servo can be
+        set (return delay 508 us). Whom even that finds no better is not waited for again."""
+        who = frozenset((device.id, bool(device.settings)) for device in port.devices)
+        if port.patient or self._waited.get(port.name) == who:
+            if port.patient:
+                self._waited[port.name] = who
+            return False
+        port.identify(patient=True)
+        return True
+
+    def _slow(self, bus: BusMap) -> Iterator[Finding]:
+        """Whose return delay is longer than described, where that makes the reading longer than a tick."""
+        mine = set(bus.joints.tolist())
+        for finding in self.judge(self._devices).warnings:
+            if finding.joint in mine and finding.code == Code.DEVICE_MISMATCH:
+                yield finding
 
     def _unread(self, port: Port, bus: BusMap) -> Iterator[Finding]:
         """Who says who it is, but gives no sound reading: two of one model say the same, and show different
@@ -195,7 +219,7 @@ class Identity:
         loop = self._loop
         if not loop.hardware.connected:
             return
-        verdict = self._judge(self._devices)
+        verdict = self.judge(self._devices)
         self.mismatches = verdict.refusals
         self._tell("warning", (*verdict.refusals, *verdict.warnings, *self._astray()))
         if loop.mode is Mode.MIRROR and np.isfinite(loop.measured.position).all() and loop.untouched:

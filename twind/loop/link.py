@@ -10,23 +10,27 @@ import socket
 from collections import deque
 from dataclasses import dataclass
 from math import inf
+from typing import Protocol
 
 import msgspec
 
 from twind.link import (
     DATAGRAM,
+    Adopt,
     Event,
     Heartbeat,
     Inward,
     Moment,
     Overview,
     Reply,
+    Reread,
     Tick,
     decode_command,
     encode,
 )
 from twind.loop.front_process import FrontProcess
-from twind.memfd import unseal
+from twind.memfd import sealed, unseal
+from twind.streams import tell
 
 BEHIND = 1.0  # s that a front may leave more than QUEUE unread
 QUEUE = 512  # replies and events owed; a front that far behind is not coming back
@@ -36,14 +40,53 @@ PER_TICK = 64  # commands taken in one tick: a flood waits in the pipe, not in t
 
 @dataclass(frozen=True, slots=True)
 class Incoming:
-    """A command, and the bytes of the memfd that came beside it."""
+    """A command, and the bytes of the memfd that came beside it; of a briefing the memfd itself."""
 
     command: Inward
     data: bytes = b""
+    fd: int | None = None  # sealed, and now the receiver's to close
+
+
+class Outside(Protocol):
+    """Whoever commands the loop and hears of it, as the loop calls them: clients by a front, or nobody."""
+
+    dropped: int  # ticks in a row that nobody took
+    lost: bool  # whoever was there went since the last look; the loop clears it
+    no_front: str  # why nobody can be served, for people; "": somebody can
+
+    def tend(self, now: float) -> None:
+        """Once per tick: start, watch and bury who serves."""
+
+    def brief(self, briefing: int) -> None:
+        """What who serves next is told: a sealed memfd, which is theirs to close."""
+
+    def ask_reread(self) -> None:
+        """The files shall be read again."""
+
+    def commands(self, now: float) -> list[Incoming]:
+        """What came since the last tick, oldest first."""
+
+    def reply(self, reply: Reply) -> None:
+        """Owed to a client."""
+
+    def event(self, event: Event | Moment) -> None:
+        """Owed to the log and to whoever watches."""
+
+    def sequence(self) -> int:
+        """A number for the next event or verdict."""
+
+    def state(self, news: Tick | Overview) -> None:
+        """For who looks now, or lost."""
+
+    def flush(self) -> None:
+        """Send what is owed, as far as it goes at once."""
+
+    def close(self) -> None:
+        """The loop ends."""
 
 
 class Link:
-    """Commands in, news out."""
+    """Commands in, news out: the `Outside` that is a front."""
 
     def __init__(self, front: FrontProcess) -> None:
         self.front = front
@@ -53,6 +96,7 @@ class Link:
         self._last_words: list[Incoming] = []  # of a front that died, not yet handed on
         self._behind_since = inf  # s, since when more is owed than a living front leaves
         self.lost = False  # the front went since the last look
+        self.no_front = ""  # why none could be started; "": there is one, or it was not tried yet
 
     # ----------------------------------------------------------------------------- the front's life
 
@@ -61,16 +105,31 @@ class Link:
         if len(self._queue) > QUEUE:
             self.flush()
         self._behind_since = min(self._behind_since, now) if len(self._queue) > QUEUE else inf
-        if self.front.overdue(now) or now - self._behind_since > BEHIND:
+        behind = now - self._behind_since > BEHIND
+        if self.front.overdue(now) or behind:
+            if self.front.socket is not None:
+                tell(2, "warning", "twind: the front gives no sign of life, or takes nothing: it is killed")
             self._bury(now)
+            if behind:  # nobody takes it, and no front may be to be had
+                self._queue.clear()
         if self.front.reap():
             self._last_words = self.commands(now)  # an e-stop that it still passed on is not lost with it
             self._bury(now)
+            tell(2, "warning", f"twind: the front {self.front.fate}; another one is started")
         if self.front.due(now):
-            try:
-                self.front.start(now)
-            except OSError:  # no process or descriptor to be had: the loop goes on, and tries again
-                self.front.postpone(now)
+            self._start(now)
+
+    def _start(self, now: float) -> None:
+        """A front, or the reason why there is none, said here, once a reason: only fronts write the log."""
+        try:
+            self.front.start(now)
+        except OSError as error:  # no process or descriptor to be had: the loop goes on, and tries again
+            self.front.postpone(now)
+            if self.no_front != str(error):
+                self.no_front = str(error)
+                tell(2, "error", f"twind: no client can be served, the front cannot be started: {error}")
+        else:
+            self.no_front = ""
 
     def close(self) -> None:
         """Let the front read what it is owed, then end it."""
@@ -78,9 +137,11 @@ class Link:
         self.front.finish()
 
     def _bury(self, now: float) -> None:
-        self.lost = self.lost or self.front.socket is not None
+        """What was owed to its clients is gone with them; what is said from now on is the next one's."""
+        if self.front.socket is not None:
+            self.lost = True
+            self._queue.clear()
         self.front.end(now)
-        self._queue.clear()
 
     # ----------------------------------------------------------------------------- in
 
@@ -114,7 +175,10 @@ class Link:
         try:
             if not data:
                 return None
-            return Incoming(decode_command(data), unseal(fds[0], LARGEST) if fds else b"")
+            command = decode_command(data)
+            if isinstance(command, Adopt):
+                return Incoming(command, fd=sealed(os.dup(fds[0])) if fds else None)
+            return Incoming(command, unseal(fds[0], LARGEST) if fds else b"")
         except (msgspec.MsgspecError, ValueError):
             return None  # a front that cannot spell is as good as dead
         finally:
@@ -130,6 +194,14 @@ class Link:
     def event(self, event: Event | Moment) -> None:
         """Owed to the log and to whoever watches."""
         self._queue.append(encode(event))
+
+    def brief(self, briefing: int) -> None:
+        """What the next front is told: a sealed memfd, which is ours to close."""
+        self.front.brief(briefing)
+
+    def ask_reread(self) -> None:
+        """The front shall read the files again."""
+        self._queue.append(encode(Reread()))
 
     def sequence(self) -> int:
         """A number for the next event or verdict."""

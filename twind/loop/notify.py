@@ -40,6 +40,10 @@ class Notifier:
         with contextlib.suppress(OSError):  # the manager is busy or gone; its own timeout speaks then
             self._socket.sendto(lines.encode(), self._address)
 
+    def extend(self, seconds: float) -> None:
+        """The start, or the end, that is under way may take so much longer (EXTEND_TIMEOUT_USEC)."""
+        self.send(EXTEND_TIMEOUT_USEC=f"{seconds * 1e6:.0f}")
+
     def close(self) -> None:
         """Say no more."""
         if self._socket is not None:
@@ -60,7 +64,10 @@ class Notifier:
                 self.send(WATCHDOG="1")
 
     def status(self, text: str, now: float) -> None:
-        """STATUS= for people, one line; sent when it changed, at most once a second."""
+        """STATUS= for people; sent when it changed, at most once a second.
+
+        Made one line: a client's words may be in it, and a further line would be an order to the manager.
+        """
         if text != self._status and now >= self._status_next:
             self._status, self._status_next = text, now + STATUS
-            self.send(STATUS=text)
+            self.send(STATUS=" ".join(text.split()))

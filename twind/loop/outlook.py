@@ -47,6 +47,10 @@ class Lookahead:
         self._way: tuple[object, ...] | None = None
         self._near: deque[tuple[int, Floats]] = deque()  # tick when it is reached, distances
 
+    def within(self, limits: Limits) -> Lookahead:
+        """The same bodies, for a robot at rest that from now on has these limits."""
+        return Lookahead(self._bodies, limits, self._period)
+
     def look(self, executor: Executor) -> Outlook | None:
         """The tightest place just ahead of all that comes nearer; None while nothing moves.
 

@@ -16,6 +16,7 @@ from twind_drivers.bus import (
     Order,
     Ping,
     PortError,
+    Query,
     Read,
     Reader,
     Reply,
@@ -33,7 +34,10 @@ Enabler = Callable[[Reader], Writer]  # the write half, made in live only
 REOPEN_FIRST, REOPEN_MOST = 0.1, 0.5  # s, between tries to open (design 6.4)
 IDENTIFY_AGAIN = 1.0  # s, between identifications while devices are missing
 QUEUE = 16  # scripts that may wait on one bus
-PATIENCE = 10  # ticks without room that a script waits
+# Ticks without room that a script or a slice of upkeep waits, each: then it may use what is kept free at the
+# end of a tick; then it begins though the tick will end late. Readings can come late for ever (an adapter
+# that holds them back, a machine at its limit), and what tells of lost torque must not be blind.
+SOON, PATIENCE = 2, 8
 
 
 class Link(Enum):
@@ -99,13 +103,19 @@ class Port:
     counts: Counts = field(default_factory=Counts)
     tasks: list[Task[Any]] = field(default_factory=list)
     identification: Task[tuple[Device, ...]] | None = None
+    patient: bool = False  # it waits for the slowest return delay
+    _holed: bool = False  # in the last cyclic reading somebody was silent
     _begun: tuple[int, int] = (0, 0)  # exchanges and discarded bytes when identification began
     _retry: float = -inf
     _wait: float = REOPEN_FIRST
     _asked: Task[Any] | None = None
     querying: bool = False  # the rare transaction asks something: it is answered, and not at once
-    _upkeep: bool = False
-    _waited: int = 0
+    _upkeep: bool = False  # it goes before the scripts this time
+    _due: Query | None = None  # a slice of upkeep whose turn has come, and that has not begun
+    _waited: int = 0  # ticks that it has found no room ...
+    _queued: int = 0  # ... and that the first script has not
+    _span: float = 0.0  # s of bus time of the rare transaction ...
+    _late: float = 0.0  # ... and what the last one that was answered took beyond it
 
     # ------------------------------------------------------------------------------- open and lost
 
@@ -130,15 +140,26 @@ class Port:
         elif self.reader is not None and self.writer is None:
             self.writer = self.enabler(self.reader)
 
-    def identify(self) -> None:
+    def identify(self, *, patient: bool = False) -> None:
         """Ask everybody who they are; `identification` is done some ticks later. One under way begins anew:
-        what it heard so far may be of servos that have restarted since."""
+        what it heard so far may be of servos that have restarted since. `patient`: wait for the slowest."""
         if self.reader is not None:
             if self.identification is not None:
                 self.identification.cancel(BusError(f"{self.name}: everybody is asked anew"))
             self.link = Link.IDENTIFYING
             self._begun = (self.counts.exchanges, self.counts.discarded)
-            self.identification = self.run(self.reader.identify())
+            self.patient = patient
+            self.identification = self.run(self.reader.identify(patient=patient))
+
+    @property
+    def resting(self) -> bool:
+        """No cyclic reading: its answers would take longer than a tick, into the next question. Only on a bus
+        that is not identified, and gets no goals."""
+        if self.link is not Link.IDENTIFYING or self.holding or self.reader is None:
+            return False
+        asked = self.identification
+        unheard = self.patient or (self._holed and not self.devices)
+        return self.reader.lags or (unheard and asked is not None and not asked.done)
 
     @property
     def readings(self) -> int:
@@ -167,9 +188,10 @@ class Port:
         if self.reader is not None:
             self.reader.transport.close()
         self.reader = self.writer = None
-        self.holding = False
+        self.holding = self._holed = False
         self.link, self.devices = Link.CLOSED, ()
-        self._asked = self.identification = None
+        self._asked = self.identification = self._due = None
+        self._waited = self._queued = 0
         for task in self.tasks:
             task.cancel(error)
         self.tasks.clear()
@@ -185,6 +207,11 @@ class Port:
         return task
 
     @property
+    def busy(self) -> bool:
+        """A script waits or is under way that somebody asked for; to identify everybody is none."""
+        return any(not task.done and task is not self.identification for task in self.tasks)
+
+    @property
     def full(self) -> bool:
         """So many scripts wait that another one is refused."""
         return len(self.tasks) >= QUEUE
@@ -195,36 +222,54 @@ class Port:
             task.cancel(BusError(f"{self.name}: {reason}"))
             self.tasks.remove(task)
 
-    def begin_rare(self, now: float, until: float, *, upkeep: bool = True) -> bool:
-        """Begin one more transaction if it ends before `until`: the next script's, else upkeep if it is this
-        bus's turn."""
+    def begin_rare(self, now: float, until: float, last: float = inf, *, upkeep: bool = True) -> bool:
+        """Begin one more transaction if it ends before `until`: the next script's, or a slice of upkeep.
+
+        `upkeep`: a new slice may come up in this tick. `last`: when the tick ends. Neither waits longer than
+        `PATIENCE` ticks for room, and a slice that waits stays the next one.
+        """
         reader = self.reader
         if reader is None:
             return False
         self.tasks[:] = [task for task in self.tasks if not task.done]
-        task = self._turn(upkeep)
-        if task is None and not upkeep:
-            return False
-        request: Request = reader.upkeep(now) if task is None or task.request is None else task.request
-        room = now + reader.span(request) <= until
-        if not room and (task is None or (not task.urgent and self._waited < PATIENCE)):
-            self._waited += 1  # a roomier tick may come; no script waits for ever
-            return False
-        self._waited, self._asked = 0, task
-        self.querying = isinstance(request, Ping | Read)
-        if isinstance(request, Ping | Read):
-            reader.begin(request, now)
-        elif task is not None:
-            return self._order(request, task, now)
-        return True
-
-    def _turn(self, upkeep: bool) -> Task[Any] | None:
-        """Whose turn it is: an urgent script's, else scripts and upkeep one after the other."""
         task = self.tasks[0] if self.tasks else None
-        if task is None or task.urgent or not upkeep or (self.link is Link.IDENTIFYING and not self.holding):
-            return task
-        self._upkeep = not self._upkeep  # what tells of lost torque is never starved by those who ask
-        return None if self._upkeep else task
+        alone = task is not None and (task.urgent or (self.link is Link.IDENTIFYING and not self.holding))
+        if upkeep and not alone and self._due is None:
+            self._upkeep = task is None or not self._upkeep  # what tells of lost torque is never starved
+            if self._upkeep:
+                self._due = reader.upkeep(now)
+        due = None if alone else self._due
+        if (
+            due is not None
+            and (self._upkeep or task is None)
+            and self._fits(due, now, until, last, self._waited)
+        ):
+            self._due, self._waited, self._asked = None, 0, None
+            return self._ask(due, now)
+        self._waited += due is not None
+        if task is None or task.request is None:
+            return False
+        if not self._fits(task.request, now, until, last, self._queued) and not task.urgent:
+            self._queued, self._upkeep = self._queued + 1, due is not None
+            return False
+        self._queued, self._asked, self._upkeep = 0, task, due is not None
+        if isinstance(task.request, Ping | Read):
+            return self._ask(task.request, now)
+        self.querying = False
+        return self._order(task.request, task, now)
+
+    def _fits(self, request: Request, now: float, until: float, last: float, waited: int) -> bool:
+        """It ends in time, or has `waited` so many ticks that it begins all the same."""
+        self._span = 0.0 if self.reader is None else self.reader.span(request)
+        if waited >= PATIENCE or now + self._span <= until:
+            return True
+        return waited >= SOON and now + self._span + self._late <= last
+
+    def _ask(self, query: Query, now: float) -> bool:
+        self.querying = True
+        if self.reader is not None:
+            self.reader.begin(query, now)
+        return True
 
     def _order(self, order: Order, task: Task[Any], now: float) -> bool:
         """Begin what a script wants written; one that may not leave ends its script, not the tick."""
@@ -245,8 +290,10 @@ class Port:
             return
         reply, task = self.reader.answer(now), self._asked
         self._asked = None
-        self.counts.busy += reply.waited
+        self.counts.busy = reply.waited + (0.0 if self.resting else self.counts.busy)
         self.counts.discarded += reply.strays
+        if reply.data:
+            self._late = max(0.0, reply.waited - self._span)
         if task is not None and not task.done:
             task.advance(reply)
 
@@ -258,7 +305,8 @@ class Port:
             return None
         sample = self.reader.finish(now)
         self.counts.exchanges += 1
-        self.counts.errors += int(not every(sample.heard))
+        self._holed = not every(sample.heard)
+        self.counts.errors += int(self._holed)
         self.counts.discarded += sample.discarded
         self.counts.busy = now - sample.sent
         return sample

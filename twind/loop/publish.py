@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from twind import link
 from twind.loop.ports import Link
+from twind.robot.finding import Finding
 from twind.robot.modes import Mode
 from twind.safety.health import Window
 
@@ -65,12 +66,26 @@ class Publisher:
         )
 
     def status(self) -> str:
-        """One line for the service manager."""
+        """One line for the service manager: how it is, and the first thing that is wrong."""
         loop = self._loop
         heard, rate = int(loop.measured.heard.sum()), 1.0 / loop.period
-        return (
+        said = (
             f"{loop.mode.value}, {loop.state.value}, {heard} of {len(loop.joints)} joints heard, {rate:g} Hz"
         )
+        return "; ".join(part for part in (said, self._wrong(), loop.reloads.told) if part)
+
+    def _wrong(self) -> str:
+        """What keeps clients away, is latched, keeps from arming, or was found on; "": nothing."""
+        loop = self._loop
+        if loop.link.no_front:
+            return f"no client can be served: {loop.link.no_front}"
+        for finding in (*loop.latches.values(), *loop.identity.troubles):
+            joint = "" if finding.joint is None else f" {loop.joints.names[finding.joint]}"
+            return f"{finding.code}{joint}: {finding.message}"
+        for port in loop.hardware.ports:
+            if port.trouble:
+                return port.trouble
+        return "torque was found on" if loop.inherited else ""
 
     def overview(self, now: float) -> link.Overview:
         """What changes slowly."""
@@ -88,7 +103,7 @@ class Publisher:
             sim_connected=True,
             lease=self.lease(now),
             lease_client=loop.lease.holder_client(now),
-            faults=[*loop.latches.values(), *loop.identity.troubles],
+            faults=self._faulty(),
             buses=[self._bus(place) for place in range(len(loop.hardware.ports))],
             loop=loop.figures.info(),
             latencies=[_latency(hop, window) for hop, window in self._windows()],
@@ -97,6 +112,12 @@ class Publisher:
             torque=loop.torque_known.tobytes(),
             fault_bits=self._faults().tobytes(),
         )
+
+    def _faulty(self) -> list[Finding]:
+        """What is latched, and why else nobody may arm now, each once."""
+        loop = self._loop
+        found = (*loop.latches.values(), *loop.identity.troubles, *loop.parts.guard.bars)
+        return list({(each.code, each.joint, each.message): each for each in found}.values())
 
     def _faults(self) -> NDArray[np.int16]:
         """Hardware error bits (n,), -1 unknown; bit 8: the last answer carried the alert, whatever it is."""
@@ -128,6 +149,7 @@ class Publisher:
             utilisation=min(1.0, port.counts.busy / self._loop.period) if port.reader else 0.0,
             exchanges=port.counts.exchanges,
             errors=port.counts.errors,
+            warning=(port.reader.transport.warning or None) if port.reader is not None else None,
         )
 
 

@@ -43,6 +43,12 @@ def where(bus: BusMap) -> slice | Ints:
     return slice(first, first + count) if side_by_side else bus.joints
 
 
+def _told(sample: Sample) -> Floats:
+    """Efforts (m,), raw; NaN of those who did not tell it."""
+    told = sample.heard if sample.effort_told is None else sample.effort_told
+    return np.where(told, sample.effort, nan)
+
+
 class Slow:
     """The slowly read registers in joint order; arrays (n,)."""
 
@@ -106,16 +112,18 @@ class Readings:
         if every(heard) and senses.usual(sample.position, sample.sent, sample.received):
             self.position[places] = radians(bus, sample.position)
             self.velocity[places] = sample.velocity * bus.velocity_scale
-            self.effort[places] = sample.effort * bus.effort_scale
-            self.load[places] = np.abs(sample.effort) * self._loads[number]
+            effort = sample.effort if sample.effort_told is None else _told(sample)
+            self.effort[places] = effort * bus.effort_scale
+            self.load[places] = np.abs(effort) * self._loads[number]
             self.heard_at[places] = sample.received
             return heard
         heard = self._believe(number, sample)
         rows = bus.joints[heard]
         self.position[rows] = radians(bus, sample.position)[heard]
         self.velocity[rows] = (sample.velocity * bus.velocity_scale)[heard]
-        self.effort[rows] = (sample.effort * bus.effort_scale)[heard]
-        self.load[rows] = (np.abs(sample.effort) * self._loads[number])[heard]
+        effort = _told(sample)
+        self.effort[rows] = (effort * bus.effort_scale)[heard]
+        self.load[rows] = (np.abs(effort) * self._loads[number])[heard]
         self.heard_at[rows] = sample.received
         return heard
 

@@ -8,6 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 PRIORITY = 40  # SCHED_FIFO: above the usual desktop services, below the kernel's own interrupt threads
+LIMIT = 60  # LimitRTPRIO= of the units, and what a user who starts it by hand is told to ask for
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # <sys/mman.h>
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # <malloc.h>
 _PR_SET_TIMERSLACK = 29  # <sys/prctl.h>
@@ -48,7 +49,8 @@ def fifo(priority: int) -> str:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
-        return f"no: {error.strerror} (LimitRTPRIO={priority} in the unit, or CAP_SYS_NICE)"
+        remedy = f"LimitRTPRIO={LIMIT} or CPUSchedulingPolicy=fifo in the unit, or CAP_SYS_NICE"
+        return f"no: {error.strerror} ({remedy})"
     return f"fifo {priority}"
 
 

@@ -8,6 +8,7 @@ What a procedure says of torque it has read back. What could not be read back is
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +16,9 @@ import numpy as np
 from twind import link
 from twind.loop import damping
 from twind.loop.procedures import Procedure, Rank, all_of, ticks
-from twind.loop.torque import loosen, take
-from twind.motion.settle import settle
+from twind.loop.torque import loosen, named, past, take
+from twind.motion.settle import SPEED, settle
+from twind.robot.arrays import some
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode, Motion
 from twind.safety.states import Event
@@ -24,18 +26,32 @@ from twind_drivers.bus import BusError, NoReply
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
-    from twind.robot.arrays import Floats
+    from twind.robot.arrays import Bools, Floats
 
 SETTLE = 4.0  # s from the first packet to torque off (W6); a robot that stands freely is damped then
 WAY = 3.2  # s for the way to the rest pose, more where the limits need it (docs/safety.md)
 LATE = 1.0  # s beyond a planned way that takes longer than that, before it is given up
 WAYS = 2  # ways that are tried: a fault on the first one ends it where it stands
 OBEYED = 6  # ticks that a goal read back may be behind the one being written
+LETTING_GO = 10.0  # s from the end of a way to the end of damping and to torque read back off
 AWAITED = 1.5  # s that an ending daemon waits for a bus that went away with torque of ours
 ARRIVED = 0.02  # rad from the rest pose, of the goals
 NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is let go only there ...
 SLOW, SLOW_FOR = 0.05, 0.5  # rad/s ... and when it has been at rest for so many s
 RANKS = {"settle": Rank.ESTOP, "cut": Rank.CUT}
+
+
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """How a robot is lowered."""
+
+    speed: float = SPEED  # share of every limit on the way, when there is time for it
+    way: float = WAY  # s for the way, more where the limits need it
+    within: float = SETTLE  # s from the take-over to torque off; a robot that stands freely is damped then
+    whole: bool = False  # who cannot be taken over whole keeps its torque, instead of losing it where it is
+
+
+USUAL = Manner()
 
 
 def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
@@ -125,22 +141,26 @@ def estop(loop: Loop, level: str, now: float) -> Procedure:
 # ----------------------------------------------------------------------------------------------- the parts
 
 
-def release(loop: Loop, why: Finding) -> Procedure:
+def release(loop: Loop, why: Finding, manner: Manner = USUAL) -> Procedure:
     """Down to the rest pose if the robot can be held, then torque off and read back. Raises BusError.
 
     What was under way ends as aborted, for the reason `why`. What does not come to rest there is damped.
+    With `manner.whole` torque stays on where not every device took the goals over; BusError says who.
     """
     loop.executor.stop("aborted", (why,))
     loop.hardware.clear()  # what this takes over may have begun to give servos their strength back
     try:
-        if not loop.inhibited and (yield from _held(loop)) and not (yield from _settled(loop)):
+        held = not loop.inhibited and (yield from _held(loop, manner))
+        if held and not (yield from _settled(loop, manner)):
             yield from damping.damp(loop)
     except BusError as error:
+        if manner.whole and not loop.armed:
+            raise
         loop.say.event("error", Code.BUS_ERRORS, f"the way to the rest pose was cut short: {error}")
     yield from loosen(loop)
 
 
-def _held(loop: Loop) -> Generator[None, float, bool]:
+def _held(loop: Loop, manner: Manner) -> Generator[None, float, bool]:
     """We hold the robot, or took over what was found on or tripped. False: it is limp, or was just about to
     be energised: then there is nothing to lower."""
     held, tripped = loop.hardware.held, loop.hardware.slow.watchdog == 255
@@ -151,17 +171,33 @@ def _held(loop: Loop) -> Generator[None, float, bool]:
         return True
     if loop.energising or not loop.torque_on:
         return False
-    here = _where_it_is(loop)
+    here, stepped = _where_it_is(loop), past(loop)
     if loop.armed and loop.written is not None:  # who holds well goes on so: its goal would dip by its sag
-        here = np.where(held & ~tripped, loop.written, here)
+        here, stepped = np.where(held & ~tripped, loop.written, here), stepped & ~(held & ~tripped)
+    if some(stepped):
+        _leave(loop, stepped, manner)
+        return False
     loop.executor.idle()
     loop.hardware.clear()
     try:
         yield from all_of(loop.hardware.prepare(here))  # clears watchdogs with goal := present
     except NoReply as error:  # the others took it: to lower what listens is better than to drop it
+        if manner.whole:
+            raise
         loop.say.event("error", Code.DEVICE_MISSING, f"lowered without everybody's answer: {error}")
     take(loop, here)
     return True
+
+
+def _leave(loop: Loop, stepped: Bools, manner: Manner) -> None:
+    """Nobody is taken over with joints (n,) past their hard limits. Raises BusError where all is to stay."""
+    message = f"to hold {named(loop, stepped)} inside the hard limits would be a step"
+    if manner.whole and not loop.armed:
+        raise BusError(message)
+    joint = int(np.flatnonzero(stepped)[0])
+    found = Finding(Code.OUT_OF_LIMIT, joint, value=float(loop.measured.position[joint]), message=message)
+    said = f"{message}: torque goes off where the robot stands; support it"
+    loop.say.event("error", Code.OUT_OF_LIMIT, said, (found,))
 
 
 def _rejoined(loop: Loop) -> Procedure:
@@ -170,6 +206,11 @@ def _rejoined(loop: Loop) -> Procedure:
         return
     while loop.executor.reference is not None and loop.executor.reference.velocity.any():
         yield  # those that we hold brake
+    back_with = ~loop.hardware.held & loop.hardware.open & past(loop)
+    if some(back_with):
+        why = f"to hold {named(loop, back_with)} inside the hard limits would be a step"
+        loop.say.event("error", Code.OUT_OF_LIMIT, f"not taken over, let go where it stands: {why}")
+        return
     here = _where_it_is(loop)
     back = loop.hardware.prepare_back(here)
     try:
@@ -192,22 +233,23 @@ def _where_it_is(loop: Loop) -> Floats:
     return loop.hardware.reachable(np.where(np.isfinite(position), position, loop.rest))
 
 
-def _settled(loop: Loop) -> Generator[None, float, bool]:
+def _settled(loop: Loop, manner: Manner) -> Generator[None, float, bool]:
     """The robot rests where it may be let go. False: the way there is refused, interrupted or too long, or
     nothing but damping is wanted any more."""
-    until, free = loop.clock.now() + SETTLE, loop.support not in ("fixed", "gantry")
+    until, free = loop.clock.now() + manner.within, loop.support not in ("fixed", "gantry")
     for _ in range(WAYS):
         reference, now = loop.executor.reference, loop.clock.now()
         if reference is None or loop.soft_since is not None or now >= until:
             break
-        way = settle(reference, loop.rest, loop.limits, WAY)
+        way = settle(reference, loop.rest, loop.limits, manner.way, manner.speed)
         refused = loop.executor.submit("settle", way)
         if refused is not None:
             loop.say.event("error", refused.code, f"no way to the rest pose: {refused.message}", (refused,))
             return False
         lasts = float(way.time[-1])
-        if lasts > SETTLE:
+        if lasts > manner.within:
             loop.say.event("warning", "SETTLE", f"the way to the rest pose takes {lasts:.1f} s")
+            loop.parts.notifier.extend(lasts + LETTING_GO)  # a service manager that waits for our end
             until = until if free else now + lasts + LATE
         yield from _goes(loop, until)
         reference = loop.executor.reference

@@ -33,6 +33,7 @@ def serve(loop: Loop, now: float) -> None:
                 loop.say.error(each.command, "Busy", what=f"failed inside: {error!r}")
     if loop.link.lost:
         front_lost(loop)
+    loop.reloads.serve(now)
     if loop.stop_wanted and loop.procedures.own(Rank.SHUTDOWN, lambda: release.shutdown(loop, now)):
         loop.say.event("info", "STOPPING", "told to end" + (": lowering the robot" if loop.armed else ""))
 
@@ -44,6 +45,12 @@ def begin(loop: Loop, incoming: Incoming, now: float) -> None:
         loop.submissions.begin(command, incoming.data, now)
     elif isinstance(command, link.Gone):
         _gone(loop, command.client)
+    elif isinstance(command, link.Adopt):
+        loop.reloads.adopt(command, incoming.fd, now)
+    elif isinstance(command, link.Rereading):
+        loop.reloads.begin(now)
+    elif isinstance(command, link.RereadFailed):
+        loop.reloads.failed(command.message)
     elif not isinstance(command, link.Heartbeat):
         _ANSWERS[type(command)](loop, command, now)
 
@@ -67,6 +74,7 @@ def front_lost(loop: Loop) -> None:
     elif loop.procedures.rank is None and loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING):
         loop.executor.stop("aborted", (Finding(Code.LEASE_LOST, message="the front was lost"),))
     loop.say.event("error", Code.LEASE_LOST, "the front was lost; a new one is started")
+    loop.reloads.front_lost()
 
 
 # ------------------------------------------------------------------------------------------- mode, lease

@@ -11,6 +11,8 @@ import socket
 import stat
 from pathlib import Path
 
+from twind.streams import tell
+
 NAMES = ("control", "observe")
 GROUPS = {"control": "twind-operator", "observe": "twind-observe"}
 BACKLOG = 128  # connections that may wait to be taken: a crowd must not turn away who wants to stop
@@ -22,7 +24,10 @@ class SocketError(Exception):
 
 
 def handed_over() -> dict[str, socket.socket]:
-    """Sockets that the service manager listens on for us, by FileDescriptorName=; clears LISTEN_*."""
+    """Sockets that the service manager listens on for us, by FileDescriptorName=; clears LISTEN_*.
+
+    One by another name is told, and left to the manager: we neither serve nor close it.
+    """
     count, mine = os.environ.get("LISTEN_FDS", ""), os.environ.get("LISTEN_PID", "")
     names = os.environ.get("LISTEN_FDNAMES", "").split(":")
     for key in ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES"):
@@ -36,6 +41,10 @@ def handed_over() -> dict[str, socket.socket]:
     for fd, name in zip(handed, names, strict=False):
         if name in NAMES:
             found[name] = socket.socket(fileno=fd)
+        else:
+            known = " or ".join(NAMES)
+            said = f"a socket named {name!r} was handed over, and nobody serves it"
+            tell(2, "warning", f"twind: {said}: FileDescriptorName= of its unit must be {known}")
     return found
 
 
@@ -52,6 +61,8 @@ def listen(directory: Path, name: str) -> socket.socket:
         listener = _bind(path)
     except OSError as error:
         remedy = "choose another folder with --socket DIR"
+        if isinstance(error, PermissionError) and not os.path.lexists(directory):
+            remedy = f"`sudo install -d -o {_user()} {directory}` makes its folder, or {remedy}"
         raise SocketError(f"{path}: {error.strerror or error}; {remedy}") from None
     with contextlib.suppress(KeyError, PermissionError):
         os.chown(path, -1, grp.getgrnam(GROUPS[name]).gr_gid)
@@ -100,6 +111,13 @@ def _check_owner(path: Path, found: os.stat_result) -> None:
         owner = f"{pwd.getpwuid(found.st_uid).pw_name} ({owner})"
     remedy = "run twind as that user, `chown` it, or choose another folder with --socket DIR"
     raise SocketError(f"{path}: belongs to {owner}, not to us (uid {os.geteuid()}) or root; {remedy}")
+
+
+def _user() -> str:
+    try:
+        return pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return str(os.geteuid())
 
 
 def _bind(path: Path) -> socket.socket:

@@ -60,6 +60,10 @@ class Submissions:
         except ValueError as error:
             loop.say.refuse(command, (Finding(Code.BAD_SHAPE, message=str(error)),))
             return
+        if command.generation < loop.reloads.judged_since:
+            message = "the limits were changed while this was judged: send it again"
+            loop.say.refuse(command, (Finding(Code.CMD_EXPIRED, message=message),))
+            return
         waiting = command.start_in > 0.0 and loop.executor.waiting > 0
         if self.busy or (waiting and not command.check_only):
             message = "another trajectory is being judged" if self.busy else "one already waits for its start"

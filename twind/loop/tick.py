@@ -5,6 +5,7 @@ No asyncio, no files, no logging: news leave by the link. Time is an argument be
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import floor, nan
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from twind.loop.identity import Identity, Judge
 from twind.loop.procedures import Procedures, Rank
 from twind.loop.publish import Publisher
 from twind.loop.reactions import react
+from twind.loop.reload import Reloads
 from twind.loop.stops import Stops
 from twind.loop.voice import Voice
 from twind.loop.watch import facts
@@ -32,10 +34,12 @@ from twind.safety.headroom import Condition
 from twind.safety.states import LATCHED, TABLE, Event, Latch
 
 if TYPE_CHECKING:
+    from twind.loop.described import Robot
     from twind.loop.hardware import Hardware
-    from twind.loop.link import Link
+    from twind.loop.link import Outside
     from twind.loop.notify import Notifier
     from twind.loop.outlook import Lookahead
+    from twind.loop.ports import Enabler
     from twind.motion.executor import Executor
     from twind.robot.joints import JointMap
     from twind.robot.limits import Limits
@@ -68,11 +72,13 @@ class Parts:
     lease: Lease
     health: Health
     thresholds: gate.Thresholds
-    link: Link
+    link: Outside
     notifier: Notifier
     realtime: dict[str, str]
     judge: Judge  # devices -> findings of S09
     live_denied: Finding | None  # why this daemon cannot go live; None: it can
+    one: Robot  # what joints, limits and ratings come from
+    rewire: Callable[[Robot], Enabler] | None = None  # how write halves are made for a robot that was changed
     outlook: Lookahead | None = None  # None: no two bodies of the model can collide
 
 
@@ -95,6 +101,7 @@ class Loop:
         self.procedures = Procedures()
         self.stops = Stops(self)
         self.submissions = requests.Submissions(self)
+        self.reloads = Reloads(self)
         self.figures = Figures(parts.period, parts.realtime)
         self.publisher = Publisher(self)
         self.mode = mode

@@ -1,4 +1,4 @@
-"""The torque itself: ours from now on, or off and read back off. What every procedure ends with.
+"""The torque itself: who may be taken over, ours from now on, or off and read back off.
 
 Torque off that somebody did not confirm is not forgotten: it is ordered again when they answer.
 """
@@ -8,15 +8,32 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from twind.loop.procedures import Procedure, all_of
 from twind.robot.finding import Code
+from twind.safety.guard import Thresholds
 from twind_drivers.bus import BusError
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
-    from twind.robot.arrays import Floats
+    from twind.robot.arrays import Bools, Floats
 
 INSIST = 1.0  # s that torque off is repeated to those who do not confirm it
+EDGE = Thresholds().beyond_hard  # rad beyond a hard limit that are the encoder's, not the joint's (R14)
+
+
+def past(loop: Loop) -> Bools:
+    """Joints (n,) measured beyond a hard limit: no goal may be where they are, and one inside is a step."""
+    position, limits = loop.measured.position, loop.limits
+    return (position < limits.hard_lower - EDGE) | (position > limits.hard_upper + EDGE)
+
+
+def named(loop: Loop, which: Bools) -> str:
+    """Joints of the mask (n,) by name; of many the first ones."""
+    names = [loop.joints.names[joint] for joint in np.flatnonzero(which).tolist()]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more
 
 
 def take(loop: Loop, held: Floats) -> None:

@@ -22,14 +22,15 @@ class VirtualError(Exception):
 class VirtualChild:
     """Context manager: started and ready inside, ended outside. `ports` by bus name."""
 
-    def __init__(self, robot: str) -> None:
+    def __init__(self, robot: str, *options: str) -> None:
+        """`options`: of `twind-virtual`, beside its robot and its files."""
         self._folder = tempfile.TemporaryDirectory(prefix="twind-virtual-")
         self.calibration = Path(self._folder.name) / "calibration.yaml"
         self.faults = Path(self._folder.name) / "faults.sock"
         self.ports: dict[str, str] = {}
         # -P: no module of the folder that the daemon happened to be started in.
         command = [sys.executable, "-P", "-m", "twind.virtual", "--robot", robot]
-        command += ["--calibration", str(self.calibration), "--faults", str(self.faults)]
+        command += ["--calibration", str(self.calibration), "--faults", str(self.faults), *options]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from twind import link
-from twind.loop.link import Link
+from twind.loop.link import Outside
 from twind.robot.finding import Finding
 from twind_drivers.clock import Clock
 
@@ -12,7 +12,7 @@ from twind_drivers.clock import Clock
 class Voice:
     """Answers and events."""
 
-    def __init__(self, out: Link, clock: Clock) -> None:
+    def __init__(self, out: Outside, clock: Clock) -> None:
         self._link, self._clock = out, clock
 
     def reply(self, command: link.Command, *, continues: bool = False, **parameters: Any) -> None:

@@ -33,7 +33,7 @@ class Executor:
     """
 
     def __init__(self, limits: Limits, period: float) -> None:
-        self._limits, self._period = limits, period
+        self.limits, self._period = limits, period  # limits: replaced at rest only
         self._tick = 0
         self._pace = 1.0
         self._reference: Reference | None = None
@@ -123,7 +123,7 @@ class Executor:
         layers = self._layers
         for goal in self._pending:
             if goal.start < until:
-                new = begun(goal, self._predict(layers, goal.start), self._limits, self._period)
+                new = begun(goal, self._predict(layers, goal.start), self.limits, self._period)
                 layers = [*without(layers, new.joints), new]
         return self._predict(layers, until)
 
@@ -203,7 +203,7 @@ class Executor:
         new[joints] = True
         old = self._stream
         if old is None or (new & ~self._streamed).any():
-            self._stream = Follower(self._reference, self._limits, self._period)
+            self._stream = Follower(self._reference, self.limits, self._period)
             if old is not None:
                 self._stream.aim(
                     np.where(self._streamed, old.target, self._stream.target),
@@ -223,7 +223,7 @@ class Executor:
         moving = bool(self._layers) or self._stream is not None or isinstance(self._floor, Follower)
         self._end_all(phase, findings)
         if moving and self._reference is not None:
-            self._floor = Ramp(self._reference, self._limits, self._period)
+            self._floor = Ramp(self._reference, self.limits, self._period)
 
     def give_in(self, joints: Sequence[int], place: Floats, findings: Sequence[Finding] = ()) -> None:
         """Brake, and hold `joints` where they are, `place` (n,), the others as commanded (R14, R15).
@@ -240,7 +240,7 @@ class Executor:
             under_way.aim_at(named & ~under_way.joints, place)
             return
         self._end_all("aborted", findings)
-        self._floor = floor = GivingWay(self._reference, self._limits, self._period)
+        self._floor = floor = GivingWay(self._reference, self.limits, self._period)
         floor.aim_at(named, place)
 
     def yield_to(self, place: Floats, speed: float) -> None:
@@ -249,7 +249,7 @@ class Executor:
             return
         if self._yielding is None or self._floor is not self._yielding:
             self._end_all("aborted", ())
-            self._yielding = GivingWay(self._reference, self._limits, self._period, speed=speed)
+            self._yielding = GivingWay(self._reference, self.limits, self._period, speed=speed)
             self._floor = self._yielding
         self._yielding.aim_at(np.isfinite(place), place)
 
@@ -268,7 +268,7 @@ class Executor:
         reference = self._next(self._floor)
         if not isfinite(float(reference.position @ reference.position)):
             self._end_all("aborted", (Finding(Code.INTERNAL, message="the reference is not finite"),))
-            self._floor = Ramp(self._reference, self._limits, self._period)
+            self._floor = Ramp(self._reference, self.limits, self._period)
             reference = self._floor.step()
         self._reference = reference
         self._settle_down(reference)
@@ -313,8 +313,8 @@ class Executor:
             self._end(goal, "aborted", (strayed,))
             return
         if self._stream is not None:  # a stream has no old path: joints it leaves behind brake
-            self._stream, self._floor = None, Ramp(reference, self._limits, self._period)
-        layer = begun(goal, reference, self._limits, self._period)
+            self._stream, self._floor = None, Ramp(reference, self.limits, self._period)
+        layer = begun(goal, reference, self.limits, self._period)
         self._layers = [*without(self._layers, layer.joints), layer]
         if self._running is not None:
             self._end(self._running.goal, "replaced", fraction=self._running.fraction(self._tick))
@@ -329,7 +329,7 @@ class Executor:
             if at >= layer.curve.duration:
                 layer.pace.step(1.0)
             else:
-                args = (layer.pace, self._pace, self._limits, self._period)
+                args = (layer.pace, self._pace, self.limits, self._period)
                 layer.pace.step(next_pace(layer.curve, layer.joints, at, *args))
 
     def _next(self, floor: Ramp | Follower) -> Reference:
@@ -350,13 +350,13 @@ class Executor:
             self._running = None
         if self._layers and self._running is None and all(layer.over(self._tick) for layer in self._layers):
             self._layers = []
-            self._floor = Ramp(reference, self._limits, self._period)
+            self._floor = Ramp(reference, self.limits, self._period)
         if isinstance(self._floor, Follower) and self._floor.resting:
             self._rest(still(reference.position))
 
     def _rest(self, reference: Reference) -> None:
         self._reference = reference
-        self._floor = Ramp(reference, self._limits, self._period)
+        self._floor = Ramp(reference, self.limits, self._period)
 
     def _age(self, now: float) -> None:
         """Hold when the last setpoint is too old (R04). It is as old as the first tick that could use it."""
@@ -376,8 +376,8 @@ class Executor:
         """Abort: brake, and hold those that were held back where they are (R15), the others as commanded."""
         assert self._reference is not None  # `observe` has asked
         self._end_all("aborted", off(code, out, error, bound, layer.elapsed(self._tick)))
-        follower = Follower(self._reference, self._limits, self._period)
-        there = np.clip(state.position, self._limits.hard_lower, self._limits.hard_upper)
+        follower = Follower(self._reference, self.limits, self._period)
+        there = np.clip(state.position, self.limits.hard_lower, self.limits.hard_upper)
         follower.aim(np.where(out & np.isfinite(there), there, follower.target), np.zeros(len(there)))
         self._floor = follower
 

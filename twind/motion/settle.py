@@ -8,7 +8,7 @@ from twind.robot.arrays import Floats
 from twind.robot.limits import Limits
 from twind.robot.trajectory import Reference, Trajectory
 
-SPEED = 0.5  # of the velocity and acceleration limits, when there is time for it
+SPEED = 0.5  # of the velocity and acceleration limits, when there is time for it and nobody asks for another
 MOST = 0.95  # of them, when the time is short
 BRAKE = 0.98  # of the acceleration limit while a moving reference brakes: rounding stays below the limit
 LARGE, LEAST, SHORT = 0.1, 1.0, 0.25  # a move beyond LARGE rad takes LEAST s or more, a smaller one SHORT s
@@ -20,20 +20,23 @@ POINTS = 20  # of the way after braking, where cubics stand for the quintic
 EDGE, MARGIN = 0.05, 0.2  # rad/s, of the brake rule (S21): speed <= max(EDGE, sqrt(2 a d) - MARGIN)
 
 
-def settle(reference: Reference, rest_position: Floats, limits: Limits, seconds: float = 4.0) -> Trajectory:
-    """From `reference` to rest at `rest_position` (n,), at half of every limit, faster when `seconds` ask it.
+def settle(
+    reference: Reference, rest_position: Floats, limits: Limits, seconds: float = 4.0, speed: float = SPEED
+) -> Trajectory:
+    """From `reference` to rest at `rest_position` (n,), at the share `speed` of every limit, faster when
+    `seconds` ask it.
 
     Longer than `seconds` only where the limits need it. A reference that moves brakes first.
     """
     velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)  # unknown: as if standing
     if (np.abs(velocity) <= MOVING).all():
-        lasts = _lasts(reference.position, rest_position, limits, seconds)
+        lasts = _lasts(reference.position, rest_position, limits, seconds, speed)
         zero = np.zeros((1, len(rest_position)))
         return Trajectory(np.array([lasts]), rest_position[None, :].copy(), zero[0] == 0.0, zero, zero)
-    return _braking_first(reference.position, velocity, rest_position, limits, seconds)
+    return _braking_first(reference.position, velocity, rest_position, limits, seconds, speed)
 
 
-def _lasts(start: Floats, end: Floats, limits: Limits, seconds: float) -> float:
+def _lasts(start: Floats, end: Floats, limits: Limits, seconds: float, speed: float) -> float:
     """Time (s) of a quintic from standstill to standstill, whose peaks are 1.875 d / T and 5.774 d / T²."""
     distance = np.abs(end - start)
 
@@ -42,8 +45,8 @@ def _lasts(start: Floats, end: Floats, limits: Limits, seconds: float) -> float:
         by_force = float((5.7736 * distance / (share * limits.acceleration)).max(initial=0.0))
         return max(by_speed, sqrt(by_force))
 
-    shortest = LEAST if float(distance.max(initial=0.0)) > LARGE else SHORT
-    lasts = max(least(MOST), min(max(shortest, least(SPEED)), seconds))
+    shortest = (LEAST if float(distance.max(initial=0.0)) > LARGE else SHORT) * SPEED / speed
+    lasts = max(least(MOST), min(max(shortest, least(speed)), seconds))
     for _ in range(TRIES):
         if _brakes_in_time(start, end, lasts, limits):
             break
@@ -68,7 +71,7 @@ def _brakes_in_time(start: Floats, end: Floats, lasts: float, limits: Limits) ->
 
 
 def _braking_first(
-    place: Floats, velocity: Floats, end: Floats, limits: Limits, seconds: float
+    place: Floats, velocity: Floats, end: Floats, limits: Limits, seconds: float, speed: float
 ) -> Trajectory:
     """Each joint brakes evenly until an instant of the grid (exact as cubics between those), then the way."""
     stops = np.ceil(np.abs(velocity) / (BRAKE * limits.acceleration) / GRID - 1e-9) * GRID
@@ -77,12 +80,12 @@ def _braking_first(
     share = s / np.maximum(stops, GRID)
     position = place + velocity * s * (1.0 - 0.5 * share)
     start, braked = position[-1], float(instants[-1])
-    lasts = _lasts(start, end, limits, seconds - braked)
+    lasts = _lasts(start, end, limits, seconds - braked, speed)
     u = np.linspace(0.0, 1.0, POINTS + 1)[1:]
-    way, speed = _way(start, end, u)
+    way, rate = _way(start, end, u)
     return Trajectory(
         np.concatenate([instants, braked + u * lasts]),
         np.vstack([position, way[:-1], end]),
         np.ones(len(end), np.bool_),
-        np.vstack([velocity * (1.0 - share), speed / lasts]),
+        np.vstack([velocity * (1.0 - share), rate / lasts]),
     )

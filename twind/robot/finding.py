@@ -83,6 +83,7 @@ class Code(StrEnum):
     DEVICE_MISMATCH = "DEVICE_MISMATCH"
     ARM_FAILED = "ARM_FAILED"
     TORQUE_INHERITED = "TORQUE_INHERITED"
+    CONFIG_REFUSED = "CONFIG_REFUSED"  # files, or changes of them, that are not taken: the old stay in force
     PATH_TOLERANCE = "PATH_TOLERANCE"
     GOAL_TOLERANCE = "GOAL_TOLERANCE"
 

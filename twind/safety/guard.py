@@ -69,9 +69,17 @@ class Guard:
         self._devices = DeviceRules(rated.leg, free, bounds, on_can)
         self._tracking, self._heat = TrackingRules(limits, bounds), HeatRules(rated, bounds)
         self._currents, self._volts = CurrentRules(rated, bounds), VoltageRules(rated, bounds)
+        self._free = free
         self._present: set[Key] = set()  # said of the last tick, and told then or before
         self._told: dict[Key, float] = {}  # s, when each was last told
         self.bars: tuple[Finding, ...] = ()  # of the last tick: why nobody may arm now
+
+    def limit(self, limits: Limits) -> None:
+        """From now on these limits count, of a robot that is at rest. What was said, and what motors and
+        buses have been through, is remembered."""
+        self._goals = GoalRules(limits, self._bounds)
+        self._readings = ReadingRules(limits, self._bounds, self._free)
+        self._tracking = TrackingRules(limits, self._bounds)
 
     def judge(self, facts: Facts) -> Judgement:
         """The reaction to this tick's facts, and what to tell. Never raises for bad numbers."""

@@ -8,6 +8,8 @@ from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Code, Finding
 from twind.robot.ratings import Ratings
 
+UNREAD = "not read yet; ask again in half a second"
+
 
 @dataclass(frozen=True, slots=True)
 class Condition:
@@ -35,18 +37,13 @@ def headroom(condition: Condition, chosen: Bools, oldest: float) -> list[Finding
         (Code.VOLTAGE_LOW, weak, low, ratings.low_settle, "V: too low to begin; charge it, check the supply"),
     ):
         for joint in np.flatnonzero(chosen & wrong):
-            told = (
-                reason
-                if read[joint] and np.isfinite(value[joint])
-                else _unread(value[joint], condition.age[joint])
-            )
-            found.append(
-                Finding(code, int(joint), value=float(value[joint]), bound=float(bound[joint]), message=told)
-            )
+            last, most, age = float(value[joint]), float(bound[joint]), float(condition.age[joint])
+            if not (np.isfinite(last) and np.isfinite(age)):
+                found.append(Finding(code, int(joint), value=last, bound=most, message=UNREAD))
+            elif read[joint]:
+                found.append(Finding(code, int(joint), value=last, bound=most, message=reason))
+            else:  # that number may be a good one, and is not the reason
+                unit = reason.partition(":")[0]
+                told = f"not read lately: {last:.3g} {unit} was {age:.2g} s ago; ask again in half a second"
+                found.append(Finding(code, int(joint), message=told))
     return found
-
-
-def _unread(value: float, age: float) -> str:
-    if np.isfinite(value) and np.isfinite(age):
-        return f"last read {age:.2g} s ago: not lately"
-    return "not read yet; ask again in half a second"

@@ -5,7 +5,7 @@ The one place where names of joints meet the model's addresses. What it returns 
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -13,6 +13,7 @@ import numpy as np
 
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import angle_of, centre_of, rad_per_tick, tick_range
+from twind.config.located import place
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.joints import BusMap, JointMap
@@ -54,23 +55,11 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
     known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
     joints = [_model_joint(model, joint, robot) for joint in robot.joints]
     _require_all_mapped(robot, model, set(joints))
-    zeros = [known[j.name].zero_ticks if j.name in known else centre_of(j.type) for j in robot.joints]
-    reach = [
-        _reach(
-            joint, zero, known.get(joint.name), model.jnt_range[number] if model.jnt_limited[number] else None
-        )
-        for joint, zero, number in zip(robot.joints, zeros, joints, strict=True)
-    ]
+    zeros, reach = _reaches(robot, known, model, joints)
     return Binding(
         robot=robot,
         model=model,
-        joint_map=JointMap(
-            names=robot.names,
-            buses=tuple(_bus_map(robot, bus.name, zeros, reach) for bus in robot.buses),
-            calibrated=tuple(joint.name in known for joint in robot.joints),
-            turn=frozen([joint.type.woken_turn / joint.ratio for joint in robot.joints]),
-            unwatched=tuple(place for place, joint in enumerate(robot.joints) if not joint.type.watched),
-        ),
+        joint_map=_joint_map(robot, known, zeros, reach),
         limits=_limits(robot, reach),
         ratings=_ratings(robot),
         qpos=model.jnt_qposadr[joints].astype(np.int64),
@@ -84,6 +73,23 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
         rest=frozen([robot.poses["rest"][name] for name in robot.names]),
         floating=robot.support == "free",
         mjcf=spec.to_xml(),
+    )
+
+
+def rebound(binding: Binding, robot: RobotFile, calibration: Calibration | None) -> Binding:
+    """The same model with a robot file that differs in limits and gains alone: nothing is compiled.
+
+    `calibration`: the one that it was bound with. Raises BindingError.
+    """
+    known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
+    joints = [_model_joint(binding.model, joint, robot) for joint in robot.joints]
+    zeros, reach = _reaches(robot, known, binding.model, joints)
+    return replace(
+        binding,
+        robot=robot,
+        joint_map=_joint_map(robot, known, zeros, reach),
+        limits=_limits(robot, reach),
+        ratings=_ratings(robot),
     )
 
 
@@ -128,7 +134,8 @@ def _model_joint(model: Any, joint: JointSpec, robot: RobotFile) -> int:
         low, high = model.jnt_range[number]
         if joint.lower < low - TOLERANCE or joint.upper > high + TOLERANCE:
             limits = f"limits {joint.lower:g}..{joint.upper:g} rad"
-            raise BindingError(f"{where}: {limits} are outside the model's range {low:g}..{high:g}")
+            at = place(robot.path, robot.text_sha256, ("joints", joint.name, "limits_rad"))
+            raise BindingError(f"{at}: {limits} are outside the model's range {low:g}..{high:g}")
     return int(number)
 
 
@@ -217,6 +224,31 @@ def _reach(joint: JointSpec, zero: int, entry: JointCalibration | None, model_ra
         hard_upper=hard_upper,
         first=first,
         last=last,
+    )
+
+
+def _reaches(
+    robot: RobotFile, known: Mapping[str, JointCalibration], model: Any, joints: list[int]
+) -> tuple[list[int], list[_Reach]]:
+    """The zero (ticks) of each joint, and how far it may go; `joints`: their numbers in the model."""
+    zeros = [known[j.name].zero_ticks if j.name in known else centre_of(j.type) for j in robot.joints]
+    ranges = [model.jnt_range[number] if model.jnt_limited[number] else None for number in joints]
+    reach = [
+        _reach(joint, zero, known.get(joint.name), own)
+        for joint, zero, own in zip(robot.joints, zeros, ranges, strict=True)
+    ]
+    return zeros, reach
+
+
+def _joint_map(
+    robot: RobotFile, known: Mapping[str, JointCalibration], zeros: list[int], reach: list[_Reach]
+) -> JointMap:
+    return JointMap(
+        names=robot.names,
+        buses=tuple(_bus_map(robot, bus.name, zeros, reach) for bus in robot.buses),
+        calibrated=tuple(joint.name in known for joint in robot.joints),
+        turn=frozen([joint.type.woken_turn / joint.ratio for joint in robot.joints]),
+        unwatched=tuple(place for place, joint in enumerate(robot.joints) if not joint.type.watched),
     )
 
 

@@ -43,6 +43,13 @@ def parser() -> argparse.ArgumentParser:
         metavar="BUS:ID:MODEL[:FIRMWARE]",
         help="a servo beside the robot's, or without --robot one (or a CAN actuator) alone; may be repeated",
     )
+    parser.add_argument(
+        "--bus",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="serve this bus of the robot alone, the others are another process's; may be repeated",
+    )
     parser.add_argument("--link", type=Path, metavar="DIR", help="keep symbolic links DIR/BUS to the ports")
     parser.add_argument("--baud", type=int, metavar="N", help="of every servo, instead of the robot file's")
     parser.add_argument("--return-delay", type=int, metavar="US", help="of every servo, us")
@@ -83,6 +90,8 @@ def _check(options: argparse.Namespace) -> None:
         raise SpecimenError(f"--latency-timer {options.latency_timer}: it is 0..255 ms")
     if not 0 <= options.firmware <= 255:
         raise SpecimenError(f"--firmware {options.firmware}: it is 0..255")
+    if options.bus and options.robot is None and options.servo:
+        raise SpecimenError("--bus needs --robot: servos alone have the buses that they name")
     if options.seed < 0:
         raise SpecimenError(f"--seed {options.seed}: it is 0 or more")
     if options.servo and options.robot is None and options.calibration is not None:
@@ -109,7 +118,17 @@ def _buses(options: argparse.Namespace, now: float) -> dict[str, Served]:
     virtual = buses(one, physics=options.muscles == "mujoco", now=now, line=line, extra=extra)
     if options.calibration is not None:
         save(one, options.calibration)
-    return virtual
+    return _served(virtual, options)
+
+
+def _served(virtual: dict[str, Served], options: argparse.Namespace) -> dict[str, Served]:
+    """The buses that are asked for; all, where none is. Raises SpecimenError."""
+    unknown = [name for name in options.bus if name not in virtual]
+    if unknown:
+        raise SpecimenError(f"--bus {unknown[0]}: there are {', '.join(virtual)}")
+    if options.bus and options.muscles == "mujoco" and set(options.bus) != set(virtual):
+        raise SpecimenError("--bus: one body has one process; give --muscles first-order")
+    return {name: bus for name, bus in virtual.items() if not options.bus or name in options.bus}
 
 
 def _servo(spec: ServoSpec | NodeSpec) -> ServoSpec:

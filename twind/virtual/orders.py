@@ -43,6 +43,7 @@ FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
     "power": {"on": bool},
     "supply": {"volts": REAL},
     "heat": {"id": int, "celsius": REAL},
+    "sag": {"id": int, "volts": REAL},
     "spike": {"id": int, "celsius": REAL, "seconds": REAL},
     "lock": {"id": int},
     "free": {"id": int},

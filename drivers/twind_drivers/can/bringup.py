@@ -11,7 +11,6 @@ import numpy as np
 from twind_drivers.bus import Bools, Burst, DeviceRefused, Floats, Ints, NoReply, Read, Script, Write
 from twind_drivers.can.commands import Commands
 from twind_drivers.can.family import Parameter
-from twind_drivers.can.fleet import Fleet
 from twind_drivers.can.orders import STATE, decode, encode
 
 WATCHDOG = 0.1  # s without a command, after which an actuator lets go by itself ...
@@ -29,29 +28,52 @@ def prepare(own: Commands, ticks: Ints, required: Bools, limits: Floats) -> Scri
     """Modes looked at; held where it is and faults cleared in one send; limits, watchdogs, gains.
 
     `required` (m,): who must have a watchdog. `limits` (m,), N·m, NaN none.
+
+    NoReply comes when everybody else is prepared: a robot can be lowered without the silent ones. Who is
+    silent stays as it was: soft if it was soft, without commands if it was barred.
     """
-    own.order(ticks, np.ones(len(ticks), np.bool_))  # judged before anything is sent
-    own.soft, own.aim = False, ticks.copy()
-    yield from _require_modes(own.reader.fleet, own)
-    own.cyclic.barred = np.zeros(len(ticks), np.bool_)
-    yield from _clear_faults(own, ticks)
-    yield from _limit(own, limits)
+    there = np.ones(len(ticks), np.bool_)
+    own.order(ticks, there)  # judged before anything is sent
+    own.aim = ticks.copy()
+    soft, barred, silent = own.soft.copy(), own.cyclic.barred.copy(), None
+    while True:
+        try:
+            yield from _prepared(own, ticks, required, limits, there)
+            break
+        except NoReply as error:
+            silent = silent or error
+            there = there & ~own.rows(dict.fromkeys(error.ids))
+            own.soft |= soft & ~there
+            own.cyclic.barred = own.cyclic.barred | (barred & ~there)
+            if not there.any():
+                break
+    if silent is not None:
+        raise silent.with_traceback(None)
+
+
+def _prepared(own: Commands, ticks: Ints, required: Bools, limits: Floats, there: Bools) -> Script[None]:
+    """All of that, of those `there` (m,) alone."""
+    yield from _require_modes(own, there)
+    own.soft &= ~there
+    own.cyclic.barred = own.cyclic.barred & ~there
+    yield from _clear_faults(own, ticks, there)
+    yield from _limit(own, np.where(there, limits, np.nan))
     own.hold(ticks)  # from here on it is fed
-    own.cyclic.watched = yield from _watch(own, required)
-    gains = own.gains()
+    watched = yield from _watch(own, required, there)
+    own.cyclic.watched = np.where(there, watched, own.cyclic.watched)
     if any(len(family.gains(own.kp[rows], own.kd[rows])) for family, rows in own.fleet.families):
-        yield Burst((gains,))
+        yield Burst((own.gains(there),))
     own.hold(ticks)
 
 
 def damp(own: Commands, ticks: Ints) -> Script[tuple[int, ...]]:
     """No stiffness, more damping, from the next command on; ids of those that did not acknowledge it."""
-    own.soft, everybody = True, np.ones(len(ticks), np.bool_)
-    own.line.goals = None
+    everybody = np.ones(len(ticks), np.bool_)
+    own.soft, own.line.goals = everybody.copy(), None
     soft = own.order(ticks, everybody)
     missing = set(own.reader.ids)
     for _ in range(TRIES):
-        reply = yield Burst((own.gains(), soft))
+        reply = yield Burst((own.gains(everybody), soft))
         missing -= {id for id in reply.data if own.fleet.replies[own.fleet.row(id)]}
         if not missing:
             break
@@ -61,48 +83,55 @@ def damp(own: Commands, ticks: Ints) -> Script[tuple[int, ...]]:
 # --------------------------------------------------------------------------------------------- steps
 
 
-def _require_modes(fleet: Fleet, own: Commands) -> Script[None]:
-    for family, rows in fleet.families:
+def _require_modes(own: Commands, there: Bools) -> Script[None]:
+    for family, rows in own.fleet.families:
         for name in MODES:
             if name not in family.identity:
                 continue
             parameter = family.parameters[name]
-            found = yield from collect(own, [fleet.ids[row] for row in rows], parameter)
-            for place, row in enumerate(rows.tolist()):
-                mode = family.operating_mode({name: decode(parameter, found[fleet.ids[row]])})
+            asked = [own.fleet.ids[row] for row in rows if there[row]]
+            found = yield from collect(own, asked, parameter)
+            for id in asked:
+                mode = family.operating_mode({name: decode(parameter, found[id])})
                 if mode != 1:
                     reason = (
                         f"is {mode}, needs 1: it takes no commands of this bus; set it in the vendor's tool"
                     )
-                    raise DeviceRefused(own.reader.name, family.ids[place], name, reason)
+                    raise DeviceRefused(own.reader.name, id, name, reason)
 
 
-def _clear_faults(own: Commands, ticks: Ints) -> Script[None]:
+def _clear_faults(own: Commands, ticks: Ints, there: Bools) -> Script[None]:
     state = own.reader.registers
-    faulty = state.fault > 0
-    everybody = np.ones(len(ticks), np.bool_)
-    yield Burst((own.order(ticks, everybody, soft=False), *own.clear_faults(faulty)))
+    faulty = there & (state.fault > 0)
+    yield Burst((own.order(ticks, there, soft=False), *own.clear_faults(faulty)))
+    told, waited = np.zeros(len(there), np.bool_), 0.0
     for _ in range(TRIES):
         if not (state.fault[faulty] > 0).any():
             return
-        yield Read(tuple(own.by_id(faulty)), STATE, 3)
-    row = int(np.argmax(state.fault > 0))
+        reply = yield Read(tuple(own.by_id(faulty)), STATE, 3)
+        told, waited = told | own.rows(reply.data), waited + reply.waited
+    left = faulty & (state.fault > 0)
+    if (left & ~told).any():
+        raise NoReply(own.reader.name, own.by_id(left & ~told), waited, "read of its faults")
+    row = int(np.argmax(left))
     reason = (
         f"fault bits {int(state.fault[row]):#x} stay though cleared: find the cause, switch it off and on"
     )
     raise DeviceRefused(own.reader.name, own.reader.ids[row], "fault", reason)
 
 
-def _watch(own: Commands, required: Bools) -> Script[Bools]:
-    """Watchdogs armed and read back; who (m,) has one now. Raises DeviceRefused where one is required."""
+def _watch(own: Commands, required: Bools, there: Bools) -> Script[Bools]:
+    """Watchdogs of those `there` (m,) armed and read back; who (m,) has one now. Raises NoReply, and
+    DeviceRefused where one is required."""
     watched = np.zeros(len(required), np.bool_)
     for family, rows in own.fleet.families:
         if family.watchdog is not None:
             _require_rate(own, family.ids[0])
             ticks = encode(family.watchdog, round(WATCHDOG / family.watchdog.unit))
-            yield from written(own, {own.reader.ids[row]: ticks for row in rows.tolist()}, family.watchdog)
-            watched[rows] = True
-    without = np.flatnonzero(required & ~watched)
+            own_there = [row for row in rows.tolist() if there[row]]
+            yield from written(own, {own.reader.ids[row]: ticks for row in own_there}, family.watchdog)
+            watched[own_there] = True
+    without = np.flatnonzero(there & required & ~watched)
     if len(without):
         row = int(without[0])
         family, _ = own.fleet.of(row)
@@ -110,8 +139,8 @@ def _watch(own: Commands, required: Bools) -> Script[Bools]:
             f"{family.name} has none that could be read back: allow it in the robot file, or do not drive it"
         )
         raise DeviceRefused(own.reader.name, own.reader.ids[row], "watchdog", reason)
-    if not watched.all():
-        _warn(own, UNWATCHED.format(own.by_id(~watched)))
+    if (there & ~watched).any():
+        _warn(own, UNWATCHED.format(own.by_id(there & ~watched)))
     return watched
 
 

@@ -47,6 +47,12 @@ class Channel(Arrivals, Protocol):
     def receive(self, now: float) -> Frames:
         """All that has arrived, error frames not among them. Raises PortError(lost=True)."""
 
+    def drive(self, owner: object) -> None:
+        """As long as `owner` lives somebody drives motors over it: a link may go down and up to be emptied.
+
+        Who only reads never does that: there is nothing of his that could move anybody.
+        """
+
     def purge(self) -> None:
         """Throw away what has not left yet, in every queue that we can reach. Raises PortError(lost=True)."""
 

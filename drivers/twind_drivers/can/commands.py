@@ -4,7 +4,7 @@ Stiffness and damping travel with each command, so whoever gives a goal also giv
 ordered, therefore lasts until strength is given back.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Commands:
             raise ValueError(f"{reader.name}: id {reader.ids[row]}: bounds {lower[row]}..{upper[row]}")
         self._require_gains()
         self.check = WireCheck(self.fleet, self.lower, self.upper)
-        self.soft = False  # no stiffness, until prepared anew
+        self.soft: Bools = np.zeros(m, np.bool_)  # who has no stiffness, until prepared anew
         self.aim: Ints | None = None  # (m,) where to hold, as last told
         self._given: Ints | None = None  # the goals given last ...
         self._given_in = -1  # ... in which cycle, and those of the cycle before
@@ -113,8 +113,10 @@ class Commands:
         values[0], values[2], values[3] = ticks * COUNT, self.kp, self.kd
         if speed is not None:
             values[1] = speed
-        if soft or self.soft:
+        if soft:
             values[1], values[2], values[3] = 0.0, 0.0, self.damping
+        elif self.soft.any():
+            values[1:3, self.soft], values[3, self.soft] = 0.0, self.damping[self.soft]
         return values
 
     @property
@@ -154,11 +156,10 @@ class Commands:
                 able[row] = False
         return (self.special(Special.CLEAR, able),) if able.any() else ()
 
-    def gains(self, *, soft: bool = False) -> Write:
-        """Gains to all whose commands do not carry them."""
-        values = self._values(np.clip(0, self.lower, self.upper), soft=soft)[2:4]
-        every: Sequence[int] = range(len(self.lower))
-        return Write({self.reader.ids[row]: whole_command(values[:, row]) for row in every}, GAINS)
+    def gains(self, rows: Bools) -> Write:
+        """Gains to all of `rows` (m,) whose commands do not carry them."""
+        values = self._values(np.clip(0, self.lower, self.upper))[2:4]
+        return Write({self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, GAINS)
 
     def here(self) -> Ints:
         """Where (m,) each said that it is, as a goal: the nearest place that one may have."""

@@ -135,6 +135,4 @@ class CubeMars:
         """Position of each MIT command on an id of ours, rad. NaN: another frame, or a special one."""
         rows = self.commands_to(frames)
         motion = (rows >= 0) & ~special(frames)
-        position = np.full(len(frames), np.nan)
-        position[motion] = self._scale.position(frames["data"][motion], rows[motion])
-        return position
+        return self._scale.commanded(frames, rows, motion)

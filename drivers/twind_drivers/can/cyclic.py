@@ -30,14 +30,16 @@ class Cyclic:
 
     `energised` (m,): whose torque is ours. `watched` (m,): who has a watchdog that was read back armed. One
     of these that was not heard for 0.1 s has stopped by itself and may be anywhere, so it is `barred`: no
-    command goes to it until it is prepared anew. A dead line bars everybody.
+    command goes to it until it is prepared anew. A dead line bars everybody. `limp` (m,): who never tells his
+    torque (CubeMars), and was away so long that he may have begun anew without it.
     """
 
     def __init__(self, fleet: Fleet, line: Line) -> None:
         m = len(fleet)
         self.fleet, self._line = fleet, line
         self.attendance = Attendance(m)
-        self.energised, self.watched, self.barred = (np.zeros(m, np.bool_) for _ in range(3))
+        self.energised, self.watched, self.barred, self.limp = (np.zeros(m, np.bool_) for _ in range(4))
+        self._mute: Bools = fleet.replies & (fleet.answers == 0)
         self.place: Floats = np.full(m, np.nan)  # rad, where each said that it is, last
         # Sent to those who answer commands alone while nobody commands them; made by the writer.
         self.knock: tuple[Frames, Bools] = (NOTHING, np.zeros(m, np.bool_))
@@ -85,20 +87,21 @@ class Cyclic:
         else:
             believed, asked = self._look(heard, now)
         foreign, line.foreign = line.foreign, 0
-        efforts = believed & ~np.isnan(heard.effort)
+        efforts = believed & (heard.effort == heard.effort)  # NaN: not told
         known = bool(efforts.any())
+        faulty = heard.fault.any()
         return Sample(
             sent=line.sent,
             received=line.received,
             position=_raw(heard.position, believed, COUNT),
             velocity=_raw(heard.velocity, believed, COUNT),
             effort=_raw(heard.effort, efforts, EFFORT) if known else np.zeros(len(believed), np.int64),
-            error=(believed & alert(heard.fault)) * ALERT,
+            error=(believed & alert(heard.fault)) * ALERT if faulty else np.zeros(len(believed), np.uint8),
             heard=believed,
             asked=asked,
             discarded=line.strays,
             foreign=foreign,
-            effort_known=known,
+            effort_told=None if efforts.all() else efforts,
             line=int(line.condition(now)),
         )
 
@@ -136,7 +139,10 @@ class Cyclic:
     def _bar(self, now: float) -> None:
         """Whoever was away for as long as his watchdog, as of before this reading. A late answer is no
         reading, but he who gives one was not away."""
-        self.barred |= self.energised & self.watched & (now - self._heard_at >= DEAD)
+        if now - self._heard_at.min() >= DEAD:
+            away = self.energised & (now - self._heard_at >= DEAD)
+            self.barred |= away & self.watched
+            self.limp |= away & self._mute
         if self._line.dead(now):
             self.barred |= self.energised
 
@@ -164,7 +170,7 @@ class Cyclic:
 
     def energise(self, rows: Bools, now: float) -> None:
         """From now on the torque of `rows` (m,) is ours, and their silence is counted from here."""
-        self.energised = rows.copy()
+        self.energised, self.limp = rows.copy(), self.limp & ~rows
         self._heard_at[rows] = np.maximum(self._heard_at[rows], now)
 
 

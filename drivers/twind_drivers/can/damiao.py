@@ -200,10 +200,11 @@ class Damiao:
         rows, found, data = self._of(frames)
         found &= ((data[:, 2] == READ) | (data[:, 2] == WRITE)) & _REGISTER.take(data[:, 3])
         found &= (data[:, 0] == self._ids.take(rows)) & (data[:, 1] == 0)  # ids end at FF
-        return [
-            Answered(int(rows[place]), int(data[place, 3]), data[place, 4:].tobytes())
-            for place in np.flatnonzero(found)
-        ], found
+        answers = []
+        for place in np.flatnonzero(found):
+            content = data[place].tobytes()
+            answers.append(Answered(int(rows[place]), content[3], content[4:], content[2] == WRITE))
+        return answers, found
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:
         """Registers 21 to 23 become the ranges of this actuator. Raises ValueError for no positive number."""
@@ -235,6 +236,4 @@ class Damiao:
         """Position of each MIT command on an id of ours, rad. NaN: another frame, or a special one."""
         rows = row_of(self._hears, frames["id"])
         motion = (rows >= 0) & (frames["id"] == self._ids.take(rows)) & ~special(frames)
-        position = np.full(len(frames), np.nan)
-        position[motion] = self._scale.position(frames["data"][motion], rows[motion])
-        return position
+        return self._scale.commanded(frames, rows, motion)

@@ -80,6 +80,7 @@ class Answered(NamedTuple):
     row: int
     address: int
     data: bytes  # 4, little-endian; of an acknowledgement what was written, or empty
+    written: bool = False  # it acknowledges a write: no word of what the register holds
 
 
 class Family(Protocol):

@@ -76,6 +76,8 @@ class Fleet:
         self.wide = any(self.special(row, Special.DISABLE)["id"][0] & EXTENDED for row in self._of)
         self.ranges = self._ranges()
         self._silence = Heard.nothing(len(self.ids))
+        self._rows, self._once = list(range(len(self.ids))), np.ones(len(self.ids), np.int64)
+        self._once.setflags(write=False)
         self.replies = self._spread(lambda family: family.replies, np.bool_)
         self.answers = self._spread(lambda family: family.answers, np.int64)
 
@@ -212,20 +214,36 @@ class Fleet:
     def _usual(self, family: Family, frames: Frames) -> Heard | None:
         """The healthy case: one frame of feedback of each, in whatever order; None: it is another."""
         told, _ = family.feedback(frames)
-        m = len(self.ids)
-        if len(told.rows) != m or len(set(told.rows.tolist())) != m:
-            return None
-        order = told.rows.argsort()
+        rows = told.rows.tolist()
+        if rows != self._rows:  # not in the order in which they were asked
+            if len(rows) != len(self.ids) or len(set(rows)) != len(rows):
+                return None
+            told = _ordered(told)
         return Heard(
-            np.ones(m, np.int64),
-            told.position[order],
-            told.velocity[order],
-            told.effort[order],
-            told.temperature[order],
-            told.voltage[order],
-            told.enabled[order],
-            told.fault[order],
+            self._once,
+            told.position,
+            told.velocity,
+            told.effort,
+            told.temperature,
+            told.voltage,
+            told.enabled,
+            told.fault,
         )
+
+
+def _ordered(told: Feedback) -> Feedback:
+    """The same in order of the rows."""
+    order = told.rows.argsort()
+    return Feedback(
+        told.rows[order],
+        told.position[order],
+        told.velocity[order],
+        told.effort[order],
+        told.enabled[order],
+        told.fault[order],
+        told.temperature[order],
+        told.voltage[order],
+    )
 
 
 def joined(parts: Sequence[Frames]) -> Frames:

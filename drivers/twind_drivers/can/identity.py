@@ -69,4 +69,5 @@ def _device(fleet: Fleet, id: int, values: Mapping[str, float]) -> Device:
     whole = {name: int(value) for name, value in known.items() if value == int(value) and name not in TOLD}
     described = model(fleet.actuators[row].model)
     firmware = int(known.get("firmware", 0)) & 0xFF
-    return Device(id, described.number, None, firmware, {**whole, **settings})
+    # Which model it is no actuator tells: number and name are those that it is described as.
+    return Device(id, described.number, described.name, firmware, {**whole, **settings})

@@ -17,6 +17,10 @@ from twind_drivers.can.frame import BYTES, NOTHING, Frames
 LATE = 1.0  # s that an answer may be late and is still known as one
 DEAD = 0.1  # s without anybody: what the actuators' watchdogs are set to; whatever was given before is void
 STANDARD_BITS, EXTENDED_BITS = 135, 160  # of a frame of 8 bytes, stuffed as badly as can be ...
+NAP = 0.00015  # s at least between two looks at answers that are coming
+# s by which the first look at an answer is moved where it came too soon, or not; and at most. So two looks of
+# three find the answer whole: adapters, their USB frames, stuffed bits take a time that no table knows.
+LATER, SOONER, LATEST = 0.00006, 0.00003, 0.001
 AROUND, LEAST = 47, 95  # ... of a frame beside its payload, and of the shortest answer (6 bytes), not stuffed
 
 
@@ -91,6 +95,8 @@ class Line:
         self._frames: list[Frames] = []
         self._count = self._wanted = self._sent_frames = self._everything = 0
         self._looked = -1  # frames that `heard` was made of
+        self._cyclic = self._first_look = False
+        self._late = {True: 0.0, False: 0.0}  # s, of the cyclic reading and of the others: see `_learn`
         self._owed = np.full(len(fleet), -inf)  # s, until when an answer may still come late
         self._none: Ints = np.zeros(len(fleet), np.int64)
         self._nobody: Bools = np.zeros(len(fleet), np.bool_)
@@ -148,6 +154,7 @@ class Line:
                 self.channel.send(joined([lead, exchange.frames]), now)
         except PortFull:
             self._thrown_away()
+            self._excuse(now)
             raise
         except PortError:
             self.void()
@@ -180,12 +187,17 @@ class Line:
     def _revive(self, exchange: Exchange, now: float, *, order: bool) -> Exchange:
         """A dead line: nothing old waits in it, and ten times a second it is asked."""
         self.void()
+        self._excuse(now)
         if order or len(self.urgent) or now - self._purged >= DEAD:
             self._purged = now
             self.channel.purge()
             self._thrown_away()
             return exchange
         return Exchange(NOTHING, self._none)
+
+    def _excuse(self, now: float) -> None:
+        """Everybody may answer late: an adapter may have kept what nobody took, and send it all the same."""
+        np.maximum(self._owed, now + LATE, out=self._owed)
 
     def _thrown_away(self) -> None:
         """What waited in the port is gone, an urgent order perhaps too."""
@@ -196,26 +208,27 @@ class Line:
 
     def _begin(self, exchange: Exchange, lead: Frames, expect: Ints, now: float, *, cyclic: bool) -> None:
         self.exchange, self.sent, self.received, self.expect = exchange, now, now, expect
-        self._frames, self._count, self._looked = [], 0, -1
+        self._frames, self._count, self._looked, self.exact = [], 0, -1, False
         self._sent_frames = len(lead) + len(exchange.frames)
         self._everything = int(expect.sum())  # frames of feedback, of the parked too
         whole = self.asked.all()
         self._wanted = self._everything if whole else int(expect[self.asked].sum())
         self._wanted += len(exchange.registers)
         if not self._sent_frames:
-            self.heard, self.exact = self.fleet.hear(NOTHING), False
+            self.heard = self.fleet.hear(NOTHING)
         waits = self._wanted > 0 or exchange.waits
         self._done = not waits and not len(lead) and not len(exchange.frames)
         begin = max(now, self._busy)
         self._busy = begin + self._sent_frames * self._frame
         back = self._everything + len(exchange.registers)
         back += 0 if exchange.acks is None else int(np.count_nonzero(exchange.acks))
+        self._cyclic, self._first_look = cyclic, True
         slack = self.slack if cyclic else min(self.slack, self.rare_slack)
         self.deadline = self._busy + back * self._frame + (slack if waits else 0.0)
         if self._wanted:
             payload = 8 * (int(lead["size"].sum()) + int(exchange.frames["size"].sum()))
             least = AROUND * self._sent_frames + payload + LEAST * self._wanted
-            self.earliest = begin + least * self._bit
+            self.earliest = min(begin + least * self._bit + self._late[cyclic], self.deadline)
         else:
             self.earliest = -inf
         if waits and self._silent_since == inf:
@@ -232,7 +245,23 @@ class Line:
             self._count += len(got)
         if self._count >= self._wanted and (len(got) or now >= self.deadline):
             self._done = self._complete(self.exchange) and self._left(now)
+        if len(got) and self._wanted:
+            self._learn(now)
         return self._done
+
+    def _learn(self, now: float) -> None:
+        """When to look next, and how much later than the wire alone says the next answers may be looked for.
+
+        What is coming is looked at again when all of it can be there, not frame by frame.
+        """
+        late = self._late[self._cyclic]
+        if self._first_look:
+            step = -SOONER if self._done else LATER
+            self._late[self._cyclic] = min(max(late + step, 0.0), LATEST)
+        self._first_look = False
+        if not self._done and self._count < self._wanted:
+            rest = max(NAP, (self._wanted - self._count) * LEAST * self._bit)
+            self.earliest = min(now + rest, self.deadline)
 
     def _left(self, now: float) -> bool:
         """Our own frames are out: each answered, or there was time for them and for what was heard.
@@ -249,7 +278,7 @@ class Line:
         exchange, self.exchange, self._done = self.exchange, None, True
         if exchange is not None and not self.idle:
             heard = self._decode()
-            if self._exact(exchange, heard):
+            if self.exact or self._exact(exchange, heard):
                 self._silent_since, self._leaving = inf, NOTHING
                 return exchange
             self.spoke |= heard.count > 0
@@ -276,7 +305,7 @@ class Line:
 
     def _decode(self) -> Heard:
         if self._looked != self._count:
-            self.heard, self._looked = self.fleet.hear(joined(self._frames)), self._count
+            self.heard, self._looked, self.exact = self.fleet.hear(joined(self._frames)), self._count, False
         return self.heard
 
     def _complete(self, exchange: Exchange) -> bool:
@@ -344,4 +373,5 @@ class Line:
 
 
 def _told(heard: Heard) -> set[tuple[int, int]]:
-    return {(each.row, each.address) for each in heard.answers}
+    """Row and address of what was read; the acknowledgement of a write, late perhaps, is no reading."""
+    return {(each.row, each.address) for each in heard.answers if not each.written}

@@ -44,7 +44,7 @@ def restart(interface: str) -> str:
     """Down and up: its queue is empty, and a controller that left the wire is back. Why not, or empty."""
     name = interface.encode()[:15]
     try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
             answer = fcntl.ioctl(asking, FLAGS, REQUEST.pack(name, 0))
             flags = REQUEST.unpack(answer)[1]
             fcntl.ioctl(asking, SET_FLAGS, REQUEST.pack(name, flags & ~UP))

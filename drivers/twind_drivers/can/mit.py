@@ -65,8 +65,8 @@ def commands(scale: "Scale", fields: Words) -> Octets:
 
 def special(frames: Frames) -> Bools:
     """Which of these on a motor's id are no motion command: seven FF and F0 or above, or not 8 bytes."""
-    data = frames["data"]
-    orders: Bools = (data[:, :7] == 0xFF).all(axis=1) & (data[:, 7] >= 0xF0) | (frames["size"] != BYTES)
+    words = np.ascontiguousarray(frames["data"]).view(">u8")[:, 0]
+    orders: Bools = (words >= _SPECIAL) | (frames["size"] != BYTES)
     return orders
 
 
@@ -97,7 +97,7 @@ def bounds(ranges: Ranges) -> tuple[Floats, Floats]:
 class Scale:
     """SI to whole fields and back, for k actuators at once, by the ranges as they were when it was made."""
 
-    __slots__ = ("_base", "_lower", "_most", "_span", "_step", "_upper", "ids", "port")
+    __slots__ = ("_base", "_least", "_lower", "_most", "_place", "_span", "_step", "_upper", "ids", "port")
 
     def __init__(
         self, port: str, ids: Sequence[int], ranges: Ranges, bits: tuple[int, ...], told: tuple[int, ...]
@@ -110,6 +110,7 @@ class Scale:
         place = [0, 1, 4]
         self._base = self._lower[place]
         self._step = self._span[place] / np.array([2.0**width - 1.0 for width in told])[:, None]
+        self._least, self._place = self._lower[0], self._span[0] / self._most[0]  # of a commanded position
 
     def fields(self, position: Floats, velocity: Floats, kp: Floats, kd: Floats, torque: Floats) -> Words:
         """Whole fields (5, k) of values (k,) each. Raises WireClamp for what a field cannot hold."""
@@ -126,8 +127,16 @@ class Scale:
         values += self._base.take(rows, axis=1)
         return values
 
+    def commanded(self, frames: Frames, rows: Ints, motion: Bools) -> Floats:
+        """Position (j,) in rad that frames (j,) to `rows` command; NaN where it is no `motion` command."""
+        if motion.all():
+            return self.position(frames["data"], rows)
+        position = np.full(len(frames), np.nan)
+        position[motion] = self.position(frames["data"][motion], rows[motion])
+        return position
+
     def position(self, data: Octets, rows: Ints) -> Floats:
         """Position (j,) in rad that commands (j, 8) to `rows` ask for: 16 bits in D0 and D1."""
         field = data[:, 0] * 256.0 + data[:, 1]
-        position: Floats = self._base[0][rows] + field * (self._span[0] / self._most[0])[rows]
+        position: Floats = self._least.take(rows) + field * self._place.take(rows)
         return position

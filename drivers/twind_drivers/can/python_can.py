@@ -11,6 +11,8 @@ import errno
 import logging
 import os
 import struct
+import weakref
+from collections.abc import Callable
 from contextlib import suppress
 from math import inf
 
@@ -30,6 +32,7 @@ from twind_drivers.can.frame import (
     Frames,
 )
 from twind_drivers.can.link import interfaces, long_queue, restart
+from twind_drivers.can.owner import Owner
 from twind_drivers.can.stall import DEAD, DEAF, QueueFull, Standing, dead
 
 RECORD = struct.Struct("<IB3x8s")  # one of FRAME
@@ -47,10 +50,14 @@ FAILURES = Exception
 
 
 class PythonCanChannel:
-    """One `can.Bus`. `bitrate` in bit/s; a socketcan interface has its own, set by `ip link`."""
+    """One `can.Bus`. `bitrate` in bit/s; a socketcan interface has its own, set by `ip link`.
+
+    A socketcan interface has one owner (`owner.py`). Whether another adapter can be opened twice is the
+    matter of its library.
+    """
 
     def __init__(self, interface: str, channel: str, bitrate: int) -> None:
-        """Opens the bus. Raises PortError that says what is wrong and what to do."""
+        """Opens the bus. Raises PortError that says what is wrong and what to do; PortTaken."""
         self.interface, self.channel, self.bitrate = interface, channel, bitrate
         self.name = channel
         self.condition = Condition()
@@ -58,11 +65,20 @@ class PythonCanChannel:
         self._early: can.Message | None = None  # taken to learn whether there is one
         self._heard = self._now = self._restarted = -inf  # s; of the last call, and of the link
         self._doubtful = False  # frames of ours may still wait: nobody was heard before the last was sent
+        self._owner: Callable[[], object | None] = lambda: None  # who drives, while he lives
+        self._said = ""  # our own part of `warning`
         quiet = logging.getLogger("can")  # what it would say there is in our errors
         if not quiet.handlers:
             quiet.addHandler(logging.NullHandler())
-        self._bus: can.BusABC | None = self._opened()
-        self.warning = long_queue(channel) if interface == "socketcan" else ""
+        self._sign = Owner(channel) if interface == "socketcan" else None
+        try:
+            self._bus: can.BusABC | None = self._opened()
+        except PortError:
+            self._disown()
+            raise
+        self.warning = ""
+        if interface == "socketcan":
+            self._warn(long_queue(channel))
 
     def fileno(self) -> int:
         """Descriptor to poll; -1 where the bus has none, or once closed."""
@@ -120,11 +136,15 @@ class PythonCanChannel:
         self._standing.settle()
         return np.frombuffer(b"".join(records), FRAME) if records else NOTHING
 
+    def drive(self, owner: object) -> None:
+        """See `Channel.drive`."""
+        self._owner = weakref.ref(owner)
+
     def purge(self) -> None:
         """Closes the bus and opens it again; a kernel interface where frames may wait goes down and up.
 
-        That at most once a second: it takes long. Where it is not permitted, `warning` says so.
-        Raises PortError(lost=True).
+        That while somebody drives, at most once a second: it takes long. Where it is not permitted,
+        `warning` says so. Raises PortError(lost=True).
         """
         self._shut(empties=self._now - self._restarted >= DEAD)
         self._standing.stall.emptied()
@@ -137,6 +157,7 @@ class PythonCanChannel:
         """Purge and let go. May be called twice; never raises."""
         if self._bus is not None:
             self._shut(empties=True)
+        self._disown()
 
     # ------------------------------------------------------------------------------- inside
 
@@ -152,15 +173,24 @@ class PythonCanChannel:
         except FAILURES as error:
             raise PortError(self.name, _why(self.interface, self.channel, error)) from error
 
+    def _disown(self) -> None:
+        if self._sign is not None:
+            self._sign.close()
+
     def _shut(self, *, empties: bool) -> None:
         bus, self._bus, self._early = self._bus, None, None
         if bus is not None:
             with suppress(FAILURES):  # an unplugged adapter raises here too
                 bus.shutdown()
         waits = self.interface == "socketcan" and (self._doubtful or self._standing.stall.waiting)
-        if waits and empties:
-            self.warning = restart(self.channel) or long_queue(self.channel)
+        if waits and empties and self._owner() is not None:
+            self._warn(restart(self.channel) or long_queue(self.channel))
             self._restarted, self._doubtful = self._now, False
+
+    def _warn(self, text: str) -> None:
+        """Our own part of the warning; what others said of the bus stays."""
+        others = self.warning.removeprefix(self._said).removeprefix("; ")
+        self._said, self.warning = text, "; ".join(part for part in (text, others) if part)
 
     def _require(self) -> can.BusABC:
         if self._bus is None:

@@ -90,7 +90,6 @@ class CanReader:
         self.line = Line(self.fleet, channel, bitrate=bitrate, slack=wait, rare_slack=min(RARE_SLACK, wait))
         self.cyclic = Cyclic(self.fleet, self.line)
         self.slow = SlowRegisters(self.fleet)
-        self.registers: Registers = self.slow.registers
         # Registers that fit beside a cycle, asked and answered.
         self.at_once = max(1, int(min(SLICE, SHARE / rate_hz) * bitrate / (2 * EXTENDED_BITS)))
         self.slow.schedule(self.at_once, turns=int(ROUND * rate_hz / upkeep_stride(rate_hz)))
@@ -101,6 +100,11 @@ class CanReader:
     def transport(self) -> Wire:
         """The channel under it."""
         return self.channel
+
+    @property
+    def registers(self) -> Registers:
+        """The slowly read state, in the order of `ids`."""
+        return self.slow.registers
 
     @property
     def deadline(self) -> float:
@@ -129,6 +133,8 @@ class CanReader:
             raise RuntimeError(f"{self.name}: finish without request")
         sample = self.cyclic.sample(now)
         self._keep(sample.heard)
+        if self.cyclic.limp.any():
+            self.slow.doubt(self.cyclic.limp & self.cyclic.energised)
         return sample
 
     # --------------------------------------------------------------------------- the rare path
@@ -196,21 +202,19 @@ class CanReader:
             return {
                 self.ids[each.row]: each.data
                 for each in heard.answers
-                if (each.row, each.address) in exchange.registers
+                if (each.row, each.address) in exchange.registers and not each.written
             }
         spoke = (heard.count > 0) & (heard.count >= exchange.expect)
         spoke[[each.row for each in heard.answers]] = True
         return {self.ids[row]: b"" for row in np.flatnonzero(spoke).tolist()}
 
-    def upkeep(self, now: float) -> Query:
-        """The next slice of the slow registers, round robin; of nobody, where nothing must be asked.
+    def upkeep(self, now: float) -> Query | None:
+        """The next slice of the slow registers, round robin; None where nothing must be asked.
 
         Who is parked goes on being asked by the cyclic reading itself.
         """
         query = self.slow.next()
-        if query is None:
-            return Read((), STATE, 3)
-        if query not in self._asked:
+        if query is not None and query not in self._asked:
             self._asked[query] = asking(self.fleet, query)
         return query
 
@@ -225,7 +229,12 @@ class CanReader:
 
     # --------------------------------------------------------------------------- scripts
 
-    def identify(self) -> Script[tuple[Device, ...]]:
+    @property
+    def lags(self) -> bool:
+        """Never: no setting of these devices delays their answers."""
+        return False
+
+    def identify(self, *, patient: bool = False) -> Script[tuple[Device, ...]]:
         """Ask everybody where he is and read his registers; devices that answer, in order of `ids`."""
         return identify(self.fleet, self.at_once)
 

@@ -113,6 +113,9 @@ class SlcanChannel:
             self._converse(now)
         return found
 
+    def drive(self, owner: object) -> None:
+        """Nothing: an adapter of our own is emptied in any case."""
+
     def purge(self) -> None:
         """Empties the port's output, and the adapter's queue by closing and opening its channel.
 

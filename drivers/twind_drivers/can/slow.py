@@ -38,12 +38,14 @@ class SlowRegisters:
     `watchdog` is in ms, 1 to 254 (longer ones too), 0 off, 255 where the actuator says that it lost its
     master, or is `barred`: it has not been heard for as long. -1: its family cannot tell. `tick` is never
     known. `status_time`: of the older of feedback and, where there is one, the watchdog's register.
-    `health_time`: of temperature and voltage, of those that the actuator tells at all.
+    `health_time`: of temperature and voltage, of those that the actuator tells at all; of its feedback where
+    it tells neither: nobody waits for what never comes.
     """
 
     def __init__(self, fleet: Fleet) -> None:
         m = len(fleet)
-        self.registers: Registers = Registers.unknown(m)
+        self._state: Registers = Registers.unknown(m)
+        self._barred: Bools | None = np.zeros(m, np.bool_)  # None: what follows from them is settled
         self._fleet = fleet
         self._period = np.full(m, -1, np.int16)  # of the watchdog's register
         self._lost = np.zeros(m, np.bool_)  # says that it lost its master
@@ -54,6 +56,14 @@ class SlowRegisters:
         self._watch_time[~_rows(self._watch, m)] = inf  # what is not told is never old
         self._tells_volts = _rows(self._volts, m)
         self.schedule(len(fleet), turns=1)
+
+    @property
+    def registers(self) -> Registers:
+        """All of it, as of what was told last; the same object every time."""
+        if self._barred is not None:
+            self._settle(self._barred)
+            self._barred = None
+        return self._state
 
     # --------------------------------------------------------------------------- whose turn it is
 
@@ -86,55 +96,57 @@ class SlowRegisters:
 
     def hear(self, heard: Heard, rows: Bools, barred: Bools, time: float) -> None:
         """Keep what feedback says of `rows` (m,). `barred` (m,): who gets no commands any more."""
-        state = self.registers
-        told = rows & (heard.enabled >= 0)
-        faulty = rows & (heard.fault >= 0)
-        if told.all() and faulty.all():
+        state, everybody = self._state, bool(rows.all())
+        told, faulty = heard.enabled >= 0, heard.fault >= 0
+        if everybody and told.all() and faulty.all():
             state.torque[:], state.fault[:], self._state_time[:] = heard.enabled, heard.fault, time
         else:
+            told, faulty = rows & told, rows & faulty
             np.copyto(state.torque, heard.enabled, where=told, casting="unsafe")
             np.copyto(state.fault, heard.fault, where=faulty, casting="unsafe")
             self._state_time[(told | (rows & self._mute)) & faulty] = time
-        lost = heard.fault & SILENCE
-        if lost.any() or self._lost.any():
-            self._lost[faulty] = lost[faulty] != 0
+        if heard.fault.any() or self._lost.any():
+            self._lost[faulty] = heard.fault[faulty] & SILENCE != 0
         for source, store, when in (
             (heard.temperature, state.temperature, self._heat_time),
             (heard.voltage, state.voltage, self._volt_time),
         ):
-            says = rows & (source == source)  # NaN: not told
-            if says.all():
+            says = source == source  # NaN: not told
+            if not says.any():
+                continue
+            if everybody and says.all():
                 store[:], when[:] = source, time
-            elif says.any():
+            else:
+                says &= rows
                 store[says], when[says] = source[says], time
-        self._settle(barred)
+        self._barred = barred
 
     def fold(self, heard: Heard, rows: Bools, barred: Bools, time: float) -> None:
         """Keep what register answers of `rows` (m,) say."""
-        for row, address, data in heard.answers:
+        for row, address, data, written in heard.answers:
             family, _ = self._fleet.of(row)
-            if not rows[row]:
+            if written or not rows[row]:
                 continue
             if family.watchdog is not None and address == family.watchdog.address:
                 self._period[row] = _milliseconds(decode(family.watchdog, data) * family.watchdog.unit)
                 self._watch_time[row] = time
             volts = family.parameters.get(VOLTAGE)
             if volts is not None and address == volts.address:
-                self.registers.voltage[row], self._volt_time[row] = decode(volts, data) * volts.unit, time
-        self._settle(barred)
+                self._state.voltage[row], self._volt_time[row] = decode(volts, data) * volts.unit, time
+        self._barred = barred
 
     def doubt(self, rows: Bools) -> None:
         """What was read of the torque of `rows` (m,) says nothing of it any more."""
-        self.registers.torque[rows] = -1
+        self._state.torque[rows] = -1
 
     def assume(self, rows: Bools, on: bool) -> None:
         """`rows` (m,) acknowledged an order of torque, and do not tell what it is (CubeMars)."""
         self._mute |= rows
-        self.registers.torque[rows] = on
+        self._state.torque[rows] = on
 
     def forget(self, row: int) -> None:
         """An actuator that restarted: what was read of it no longer holds."""
-        state = self.registers
+        state = self._state
         for store in (state.torque, state.fault, self._period):
             store[row] = -1
         state.voltage[row] = state.temperature[row] = np.nan
@@ -143,10 +155,10 @@ class SlowRegisters:
         if self._watch_time[row] < inf:
             self._watch_time[row] = -inf
         self._lost[row] = False
-        self._settle(np.zeros(len(self._lost), np.bool_))
+        self._barred = np.zeros(len(self._lost), np.bool_)
 
     def _settle(self, barred: Bools) -> None:
-        state = self.registers
+        state = self._state
         np.copyto(state.watchdog, self._period)
         tripped = self._lost | barred
         if tripped.any():
@@ -156,7 +168,9 @@ class SlowRegisters:
         volts = np.where(self._tells_volts | (self._volt_time > -inf), self._volt_time, inf)
         np.minimum(heat, volts, out=heat)
         np.copyto(state.health_time, heat)
-        state.health_time[heat == inf] = -inf
+        tells = heat < inf
+        if not tells.all():
+            np.copyto(state.health_time, self._state_time, where=~tells)
 
 
 def _watched(fleet: Fleet, of: Callable[[Family], Parameter | None]) -> list[Watched]:

@@ -77,6 +77,7 @@ class CanWriter:
                 f"{self._name}: {limits.shape} limits, {required.shape} policies for {m} actuators"
             )
         self._limits, self._required = limits, required
+        reader.channel.drive(self)
 
     # --------------------------------------------------------------------------- every tick
 
@@ -111,7 +112,8 @@ class CanWriter:
     def prepare(self, ticks: Ints) -> Script[None]:
         """Before torque: modes looked at; `ticks` (m,) commanded and faults cleared in one send; limits
         and watchdogs written and read back; gains sent where commands do not carry them (ODrive, which tells
-        none). Raises DeviceRefused, NoReply, WireClamp; refused too: a loop too slow for the watchdogs.
+        none). Raises DeviceRefused, WireClamp; NoReply when everybody else is prepared. Refused too: a loop
+        too slow for the watchdogs.
 
         From here on a hold at `ticks` is repeated until goals come, half a second at most.
         """

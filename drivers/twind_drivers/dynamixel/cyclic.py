@@ -56,6 +56,7 @@ class Cyclic:
     def __init__(self, ids: tuple[int, ...], layouts: Sequence[Layout], *, fast: bool) -> None:
         self.ids, self.fast = ids, fast
         self.attendance = Attendance(len(ids))
+        self.hasty = False  # a plain reading of everybody does not fit a cycle
         self.trouble = False  # there was a hole, and not yet enough whole readings since
         self._layouts = tuple(layouts)
         most = CAPACITY // len(ids) - STATUS_OVERHEAD  # bytes of each that a reply has room for
@@ -80,6 +81,18 @@ class Cyclic:
         """Address and size of what is read of one device."""
         return self._layouts[place].cyclic.address, ROW.itemsize
 
+    def hasten(self, on: bool) -> None:
+        """From now on fast in trouble as well: plain answers take longer than a cycle."""
+        if on is not self.hasty:
+            self.hasty = on
+            self.rebuild()
+
+    def begin_anew(self) -> None:
+        """Nothing was asked for a while, and no answer is under way: everybody is asked as at first."""
+        self.attendance = Attendance(len(self.ids))
+        self.trouble, self._calm = False, 0
+        self.rebuild()
+
     def rebuild(self) -> None:
         """Somebody was parked or came back: from now on those are asked who are."""
         self._places = np.flatnonzero(self.attendance.asked)
@@ -100,14 +113,14 @@ class Cyclic:
     def _troubled(self) -> Question:
         count = len(self._wider)
         if not count:
-            return self._steady
+            return self._quick if self.hasty else self._steady
         self._turn += 1
         turn, place = divmod(self._turn, count)
         steps = [step for step in range(1, count) if gcd(step, count) == 1] or [1]
         which = place * steps[turn % len(steps)] % count
         self._before, self._used_at[which] = self._used_at.get(which, 0), self._cycle
         if which not in self._ring:
-            self._ring[which] = self._question(*self._wider[which])
+            self._ring[which] = self._question(*self._wider[which], fast=self.hasty)
         return self._ring[which]
 
     def sample(self, line: Line, now: float) -> Sample:

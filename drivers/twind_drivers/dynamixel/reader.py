@@ -25,7 +25,7 @@ from twind_drivers.bus import (
     upkeep_stride,
 )
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.budget import upkeep, wire
+from twind_drivers.dynamixel.budget import CYCLIC, plain_reply, sync_request, upkeep, wire
 from twind_drivers.dynamixel.cyclic import Cyclic
 from twind_drivers.dynamixel.identity import identify
 from twind_drivers.dynamixel.layout import Layout, layout_of
@@ -34,6 +34,7 @@ from twind_drivers.dynamixel.replies import Expected, FastReply, PlainReply
 from twind_drivers.dynamixel.slow import SlowRegisters
 from twind_drivers.dynamixel.tables import Table, table
 
+LONGEST = 0.000508  # s, return delay: 254 steps of 2 us (e-manual, "Return Delay Time (9)"; factory: 250)
 SLACK = 0.002  # s that a reply may take beyond its wire time, at most half a period of the loop
 SLICE = 0.002  # s of bus time that one transaction of a script may take, at most half a period
 
@@ -86,6 +87,7 @@ class DynamixelReader:
             one_write=one_write,
         )
         layouts = tuple(self.layouts.values())
+        self._described, self._period = self.line.return_delay_s, 1.0 / rate_hz
         self._choose_fast, self._upkeep_hz = fast is None, rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
         self.cyclic = Cyclic(self.ids, layouts, fast=bool(fast))
@@ -108,6 +110,18 @@ class DynamixelReader:
     def fast(self) -> bool:
         """Every device knows the fast reads, and they are used."""
         return self.cyclic.fast
+
+    @property
+    def lags(self) -> bool:
+        """As the devices are set, the cyclic reading takes longer than a cycle has."""
+        return not self.fast and self._too_long
+
+    @property
+    def _too_long(self) -> bool:
+        """A plain reading of everybody, each with its return delay, does not fit a cycle."""
+        delays = len(self.ids) * self.line.return_delay_s
+        size = sync_request(len(self.ids)) + plain_reply(len(self.ids), CYCLIC)
+        return wire(size, self.line.baud) + delays > self._period
 
     # --------------------------------------------------------------------------- the cyclic reading
 
@@ -223,17 +237,31 @@ class DynamixelReader:
 
     # --------------------------------------------------------------------------- scripts
 
-    def identify(self) -> Script[tuple[Device, ...]]:
+    def identify(self, *, patient: bool = False) -> Script[tuple[Device, ...]]:
         """Ping every id and read its settings; devices that answer, in order of `ids`.
 
-        From here on names mean the registers of the models that are really there, and the fast read is used
-        if every device's firmware has it.
+        From here on names mean the registers of the models that are really there, the fast read is used
+        if every device's firmware has it, and answers are waited for as long as these devices' return delays
+        ask. `patient`: as `Reader.identify`; afterwards the cyclic reading begins as at first.
         """
-        devices, tables, fast = yield from identify(self)
+        before = self.line.return_delay_s
+        self.line.return_delay_s = LONGEST if patient else before
+        try:
+            devices, tables, fast = yield from identify(self)
+        finally:
+            self.line.return_delay_s = before
         self.tables.update(tables)
+        found = [
+            each.settings["return_delay_time"] for each in devices if "return_delay_time" in each.settings
+        ]
+        if found:
+            self.line.return_delay_s = max(self._described, 2e-6 * max(found))
         if self._choose_fast:
             self.cyclic.fast = fast and len(devices) == len(self.ids)
-            self._schedule()
+        self.cyclic.hasten(self.fast and self._too_long)
+        if patient:
+            self.cyclic.begin_anew()
+        self._schedule()
         return devices
 
     def collect(self, ids: Sequence[int], address: int, size: int) -> Script[Mapping[int, bytes]]:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import serial
 
-from twind_drivers.bus import PortError, PortFull
+from twind_drivers.bus import PortError, PortFull, PortTaken
 from twind_drivers.dynamixel.holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
@@ -201,13 +201,18 @@ def _open(path: str, baud: int) -> serial.Serial:
     except (ValueError, OverflowError, termios.error) as error:
         raise PortError(path, f"baud rate {baud} is not supported: {error}") from error
     except OSError as error:  # serial.SerialException is one
+        if error.errno in (errno.EBUSY, errno.EAGAIN):
+            raise PortTaken(path, f"in use by {holder(path)}; stop it first") from error
         raise PortError(path, _reason(path, node, baud, error)) from error
 
 
 def _reason(path: str, node: os.stat_result, baud: int, error: OSError) -> str:
-    if error.errno in (errno.EBUSY, errno.EAGAIN):
-        return f"in use by {holder(path)}; stop it first"
-    if error.errno in (errno.EACCES, errno.EPERM):
+    if error.errno == errno.EPERM:  # never the file's mode (open(2)): a device list, of a unit or a container
+        return (
+            "the service or container that this runs in leaves out this device: `systemctl edit` its unit, "
+            f"[Service] DeviceAllow={path} rw (and that of its fail-safe, `twind-failsafe@`)"
+        )
+    if error.errno == errno.EACCES:
         try:
             group = grp.getgrgid(node.st_gid).gr_name
         except KeyError:

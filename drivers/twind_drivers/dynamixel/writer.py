@@ -12,6 +12,7 @@ from twind_drivers.bus import (
     Burst,
     DeviceRefused,
     Ints,
+    NoReply,
     Order,
     Reboot,
     Register,
@@ -153,27 +154,47 @@ class DynamixelWriter:
         currents, watchdogs armed, in one system call: a tripped servo whose torque is still on must not
         resume its old goal. Caps, gains; profile 0 for positions (the executor shapes the motion). The cap of
         the output comes last: what was damped gets its strength back only at rest on its goal.
+
+        NoReply comes when everybody else is prepared: a robot can be lowered without the silent ones.
         """
-        yield from self._require_modes()
         whole = ticks.shape == self._resting.shape  # else refused as it stands, not stretched
         goal = self._goal_rows(np.where(self._resting, 0, ticks) if whole else ticks)
-        caps = rows(self._in(CURRENT_BASED), lambda servo: (servo.at("goal_current"), _short(servo.cap or 0)))
+        there, silent = self._servos, None
+        while True:
+            try:
+                yield from self._prepared(there, goal)
+                break
+            except NoReply as error:
+                silent = silent or error
+                there = tuple(servo for servo in there if servo.id not in error.ids)
+                if not there:
+                    break
+        if silent is not None:
+            raise silent.with_traceback(None)
+
+    def _prepared(self, servos: tuple[Servo, ...], goals: Rows) -> Script[None]:
+        """All of that, of these alone."""
+        ids = {servo.id for servo in servos}
+        goal = [row for row in goals if row[0] in ids]
+        yield from self._require_modes(servos)
+        capped = _in(CURRENT_BASED, servos)
+        caps = rows(capped, lambda servo: (servo.at("goal_current"), _short(servo.cap or 0)))
         off, on = (
-            rows(self._servos, lambda servo, data=data: (servo.layout.watchdog, data))  # type: ignore[misc]
+            rows(servos, lambda servo, data=data: (servo.layout.watchdog, data))  # type: ignore[misc]
             for data in (b"\0", self._watchdog)
         )
         yield Burst((*writes(off), *writes(caps), *writes(goal), *writes(on)))
         yield from self._same("bus watchdog", on)
-        yield from self._settle(goal)
+        yield from self._settle(servos, goal)
         yield from self._same("goal current, the cap of mode 5", caps)
-        yield from self._restore_output()
+        yield from self._restore_output(servos)
 
-    def _settle(self, goal: Rows) -> Script[None]:
+    def _settle(self, servos: tuple[Servo, ...], goal: Rows) -> Script[None]:
         """Gains and profiles; what stands beside the goals of each mode is read back with them."""
-        moving = [servo for servo in self._servos if not servo.mode.rests_at_zero]
+        moving = [servo for servo in servos if not servo.mode.rests_at_zero]
         gains = rows(moving, lambda servo: (servo.layout.gains, servo.gains))
         profile = rows(moving, lambda servo: (servo.layout.profile, bytes(8)))
-        shaped = [servo for servo in self._servos if servo.acceleration is not None]
+        shaped = [servo for servo in servos if servo.acceleration is not None]
         ramps = rows(
             shaped,
             lambda servo: (servo.at("profile_acceleration"), (servo.acceleration or 0).to_bytes(4, "little")),
@@ -188,22 +209,22 @@ class DynamixelWriter:
         moved = {servo.id for servo in moving}
         yield from self._goals_are([row for row in goal if row[0] not in moved])
 
-    def _restore_output(self) -> Script[None]:
+    def _restore_output(self, servos: tuple[Servo, ...]) -> Script[None]:
         """Goal PWM of modes 3 and 4 at its limit: it caps the force, and damping lowers it."""
-        free = [servo for servo in self._servos if servo.cap is None and not servo.mode.rests_at_zero]
+        free = [servo for servo in servos if servo.cap is None and not servo.mode.rests_at_zero]
         self._pwm |= yield from self._words(free, lambda servo: servo.at("pwm_limit"))
         pwm = rows(free, lambda servo: (servo.at("goal_pwm"), _short(self._pwm[servo.id])))
         if pwm:
             yield Burst(writes(pwm))
         yield from self._same("goal PWM", pwm)
 
-    def _require_modes(self) -> Script[None]:
+    def _require_modes(self, servos: tuple[Servo, ...]) -> Script[None]:
         """The modes are those of this writer; from now on limit registers bound speeds and currents."""
-        modes = rows(self._servos, lambda servo: (servo.at("operating_mode"), bytes((servo.mode.number,))))
+        modes = rows(servos, lambda servo: (servo.at("operating_mode"), bytes((servo.mode.number,))))
         yield from self._same("operating mode", modes, "needs")
-        bounded = [servo for servo in self._servos if servo.mode.limit is not None]
+        bounded = [servo for servo in servos if servo.mode.limit is not None]
         self._fence((yield from self._words(bounded, lambda servo: servo.at(servo.mode.limit or ""))))
-        capped = self._in(CURRENT_BASED)
+        capped = _in(CURRENT_BASED, servos)
         most = yield from self._words(capped, lambda servo: servo.at("pwm_limit"))
         pwm = rows(capped, lambda servo: (servo.at("goal_pwm"), _short(most[servo.id])))
         yield from self._same("goal PWM, at its limit", pwm, "needs")  # else it caps the force too, unseen
@@ -275,9 +296,6 @@ class DynamixelWriter:
 
     # --------------------------------------------------------------------------- parts
 
-    def _in(self, mode: int) -> list[Servo]:
-        return [servo for servo in self._servos if servo.mode.number == mode]
-
     def _words(self, servos: Iterable[Servo], where: Callable[[Servo], Block]) -> Script[dict[int, int]]:
         """One signed word of each, by id."""
         found: dict[int, int] = {}
@@ -309,6 +327,10 @@ class DynamixelWriter:
                     why = yield from explain(self._reader, servo, where, data)
                     reason = f"{verb} {data.hex(' ')}, reads {found[id].hex(' ')}{why}"
                     raise DeviceRefused(self._name, id, f"{what} ({where.address})", reason)
+
+
+def _in(mode: int, servos: Iterable[Servo]) -> list[Servo]:
+    return [servo for servo in servos if servo.mode.number == mode]
 
 
 def _short(value: int) -> bytes:

@@ -61,6 +61,7 @@ class Protection:
         self._hottest, self._highest = np.full(len(tables), np.inf), np.full(len(tables), np.inf)
         self._lowest = self._least = BROWN_OUT * self.nominal
         self._fed = np.where(self.own, self.nominal, self.source)  # V at the connectors, but for the sag
+        self._lost = np.zeros(len(tables))  # V, in each one's own cable
         self._sense()
 
     def watch(self, hottest: Floats, lowest: Floats, highest: Floats) -> None:
@@ -74,6 +75,13 @@ class Protection:
         self.source = float(volts)
         self.own[:] = False
         self._fed = np.full(len(self.own), self.source)
+        self._sense()
+
+    def drop(self, row: int, volts: float) -> None:
+        """So much of the supply is lost in the cable to one servo. Raises ValueError outside 0..60 V."""
+        if not 0.0 <= volts <= 60.0:
+            raise ValueError(f"sag: {volts} V is outside 0..60 V")
+        self._lost[row] = volts
         self._sense()
 
     def heat(self, row: int, celsius: float) -> None:
@@ -123,7 +131,7 @@ class Protection:
     def _sense(self) -> None:
         """What the sensors inside show, (m,): °C, and V that sag by what all servos draw together."""
         self.celsius = self.surroundings + self._warm[0] + self._warm[1]
-        self.volts = self._fed - SAG * self._drawn
+        self.volts = self._fed - SAG * self._drawn - self._lost
 
     def _tire(self, amperes: Floats, span: float) -> None:
         effort = (amperes / self._bearable * BEARABLE) ** 2 - BEARABLE**2

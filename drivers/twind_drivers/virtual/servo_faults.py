@@ -42,6 +42,14 @@ class ServoFaults:
         """What feeds the bus, V, sag by load aside: too little, too much, or none. Raises ValueError."""
         self._servos.supply(volts)
 
+    def sag(self, id: int, volts: float) -> None:
+        """A thin cable or a bad connector: so much of the supply (V) does not reach one servo, until 0.
+
+        Raises KeyError, ValueError.
+        """
+        for row in self.rows(id):
+            self._servos.protection.drop(row, volts)
+
     def heat(self, id: int, celsius: float) -> None:
         """One servo and its surroundings are that warm from now on. Raises KeyError, ValueError."""
         for row in self.rows(id):

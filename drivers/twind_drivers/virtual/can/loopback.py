@@ -32,8 +32,11 @@ class CanLoopback:
         return -1
 
     def arrival(self) -> float:
-        """No frame comes before this, s; an unplugged adapter wakes its reader at once."""
-        return self._line.due() if self._open and self._line.plugged else self._clock.now()
+        """No frame comes before this, s; an unplugged adapter wakes its reader at once.
+
+        Of the line itself: it is text alone that an adapter hands over in batches.
+        """
+        return CanLine.due(self._line) if self._open and self._line.plugged else self._clock.now()
 
     def send(self, frames: Frames, now: float) -> None:
         """See `Channel.send`."""
@@ -57,6 +60,9 @@ class CanLoopback:
         if good.size and self._deaf:
             self._deaf, self.condition.line = False, Line.ACTIVE
         return good
+
+    def drive(self, owner: object) -> None:
+        """See `Channel.drive`: nothing here."""
 
     def purge(self) -> None:
         """See `Channel.purge`."""

@@ -1,0 +1,25 @@
+"""make a new serial servo the missing one of the robot file
+
+For servos as delivered (id 1 at 57,600 baud, most of them), connected to the robot's bus. The port is
+opened here, alone: the daemon must be stopped. The servo gets its id, the bus's rate and the registers that
+the robot file and the daemon ask for, each read back; torque stays off. Cut short, the same command ends it.
+"""
+
+import argparse
+
+from twind_calibration.described import add_arguments as add_files
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the verb."""
+    parser.add_argument("joint", nargs="?", metavar="JOINT", help="default: the only one without a servo")
+    parser.add_argument("--yes", action="store_true", help="do not ask before writing")
+    parser.add_argument("--dry-run", action="store_true", help="say what would be written, write nothing")
+    add_files(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0: it answers at its place and holds what it must (or would, with --dry-run)."""
+    from twind_calibration.adoption.verb import adopt  # 0.5 s of imports that the list of verbs need not pay
+
+    return adopt(options)

@@ -1,0 +1,99 @@
+"""what is wrong with this machine, its files, the daemon, the buses and the servos, and what mends it
+
+With a running daemon it is asked; without one the free ports are opened, asked and read. Nothing moves, no
+torque changes, and without `--fix` nothing is written to a servo, a file or a setting of this machine; but
+a serial port that is opened is asked for low latency, which stays with the adapter until it is unplugged.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from twind.ctl.verb import DONE, REFUSED, UsageError, show
+
+if TYPE_CHECKING:
+    from twind_calibration.doctor.runner import Outcome
+
+NICE = 10
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the verb; those that `twind` has too mean the same."""
+    parser.add_argument("--fix", action="store_true", help="mend what can be mended safely, and look again")
+    parser.add_argument("--yes", action="store_true", help="with --fix: without asking first")
+    parser.add_argument(
+        "--only", metavar="CODE", nargs="+", default=[], help="look for these complaints alone"
+    )
+    parser.add_argument("--verbose", action="store_true", help="say all that was looked at")
+    parser.add_argument("--config", metavar="FILE", help="settings, as for `twind`")
+    parser.add_argument("--robot", metavar="NAME|FILE", help="robot, as for `twind`")
+    parser.add_argument("--calibration", metavar="FILE", help="calibration, as for `twind`")
+    parser.add_argument("--port", metavar="PORT|BUS=PORT", action="append", default=[], help="as for `twind`")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0: nothing wrong (notes alone do not count), 1: something found. Raises UsageError."""
+    # MuJoCo, numpy, YAML: seconds that `twindctl --help` need not pay.
+    from twind_calibration.again import again
+    from twind_calibration.doctor import report, runner, table
+    from twind_calibration.doctor.examined import Examined
+    from twind_calibration.doctor.gather import examine
+    from twind_calibration.doctor.host import Host
+    from twind_calibration.doctor.told import told
+    from twind_drivers.clock import MonotonicClock
+
+    def look() -> Examined:
+        return examine(options, Host(), MonotonicClock())
+
+    known, checks = table.complaints(), table.checks()
+    asks = options.fix and not options.yes
+    if asks and (options.json or not sys.stdin.isatty()):
+        raise UsageError("--fix asks before it changes anything; where nobody can answer, say --fix --yes")
+    if unknown := sorted(set(options.only) - set(known)):
+        raise UsageError(f"--only: no complaint {unknown[0]!r}; known: {', '.join(known)}")
+    examined = look()
+    try:
+        with _gently(examined.daemon is not None):
+            outcome = runner.run(examined, runner.chosen(checks, options.only), known)
+        if options.only:
+            outcome.found = [each for each in outcome.found if each.code in {*options.only, "CHECK_BROKEN"}]
+            outcome.because = {}
+        here = again(options, examined.sockets or None)
+        outcome.found, outcome.fix = told(
+            outcome.found, known, here, options.only, daemon=examined.daemon is not None
+        )
+    finally:
+        examined.close()
+    mended = None
+    if options.fix and _agreed(outcome, asks):
+        with _gently(examined.daemon is not None):
+            mended = runner.mend(outcome, look, checks, known)
+    text = report.text(outcome, known, mended, verbose=options.verbose)
+    show(options, report.data(outcome, known, mended), text)
+    return REFUSED if report.wrong(outcome, known, mended) else DONE
+
+
+@contextmanager
+def _gently(beside: bool) -> Iterator[None]:
+    """Beside a daemon: after everybody else, for who examines a loop must not make it late."""
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    if beside:
+        os.setpriority(os.PRIO_PROCESS, 0, max(before, NICE))
+    try:
+        yield
+    finally:
+        with suppress(PermissionError):  # who is not root stays so, and is about to end
+            os.setpriority(os.PRIO_PROCESS, 0, before)
+
+
+def _agreed(outcome: "Outcome", asks: bool) -> bool:
+    """Shows what would be done, and waits for a yes; nothing to do and nobody to ask are a yes."""
+    todo = [f"{found.thing}: {found.fix.text}" for found in outcome.found if found.fix is not None]
+    if not todo or not asks:
+        return True
+    print("\n".join(["--fix would do:", *(f"    {each}" for each in todo)]))
+    print("do all of this? [y/N] ", end="", flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")  # the end of the input is no yes

@@ -1,0 +1,105 @@
+"""The buses as surveyed, once for all checks, and findings that many servos share told once."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from typing import TypeVar
+
+from twind.config.actuator import CAN
+from twind.config.robot_spec import BusSpec
+from twind_calibration.doctor import daemon_look
+from twind_calibration.doctor.can_look import survey_can_line
+from twind_calibration.doctor.complaint import CannotLook, Fix, Found, NothingThere
+from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.port_look import survey_port
+from twind_calibration.doctor.survey import CanSurvey, SerialSurvey, Servo
+
+T = TypeVar("T")
+MANY = 3  # things of one bus with the same complaint; more of them share one finding
+
+
+def serial(examined: Examined) -> Iterator[SerialSurvey]:
+    """Every serial bus that can be looked at. NothingThere: there is none; CannotLook after the others."""
+    yield from _surveys(examined, lambda spec: spec.kind != CAN, _serial, SerialSurvey)
+
+
+def can(examined: Examined) -> Iterator[CanSurvey]:
+    """Every CAN bus that can be looked at. Raises as above."""
+    yield from _surveys(examined, lambda spec: spec.kind == CAN, _can, CanSurvey)
+
+
+def servos(examined: Examined) -> Iterator[tuple[SerialSurvey, Servo]]:
+    """Every servo that is a joint's and of the joint's model, with its bus. Raises as above."""
+    for survey in serial(examined):
+        yield from ((survey, servo) for servo in survey.known if servo.fits)
+
+
+def together(found: Iterable[Found]) -> Iterator[Found]:
+    """The same complaint about more than a few servos of one bus is told once, and mended at once."""
+    groups: dict[tuple[str, str, str, str, bool], list[Found]] = {}
+    for each in found:
+        bus = each.thing.partition(" id ")[0]
+        key = (each.code, bus, each.measured, each.expected, each.fix is None)
+        groups.setdefault(key, []).append(each)
+    for (_, bus, *_), same in groups.items():
+        yield from same if len(same) <= MANY else [_joined(bus, same)]
+
+
+def _joined(bus: str, same: list[Found]) -> Found:
+    thing = f"{bus} ids {', '.join(each.thing.partition(' id ')[2] for each in same)}"
+    fixes = [each.fix for each in same if each.fix is not None]
+    commands = "\n".join(each.command for each in same if each.command)
+    fix = None
+    if fixes:  # each says "THING: what it does", the same for all
+        what = fixes[0].text.partition(": ")[2]
+        fix = Fix(f"{thing}: {what}", lambda: _all(fixes))
+    return replace(same[0], thing=thing, command=commands, fix=fix)
+
+
+def _all(fixes: Iterable[Fix]) -> None:
+    for each in fixes:
+        each.do()
+
+
+def _surveys(
+    examined: Examined,
+    wanted: Callable[[BusSpec], bool],
+    look: Callable[[Examined, BusSpec], T],
+    kind: type[T],
+) -> Iterator[T]:
+    if examined.sim:
+        raise NothingThere("mode sim opens no bus")
+    specs = [spec for spec in examined.need_robot().buses if wanted(spec)]
+    if not specs:
+        raise NothingThere
+    reasons = []
+    for spec in specs:
+        if spec.name not in examined.surveys:
+            try:
+                examined.surveys[spec.name] = look(examined, spec)
+            except CannotLook as error:
+                examined.surveys[spec.name] = error
+        seen = examined.surveys[spec.name]
+        if isinstance(seen, kind):
+            yield seen
+        else:
+            reasons.append(str(seen))
+    if reasons:
+        raise CannotLook("; ".join(dict.fromkeys(reasons)))
+
+
+def _serial(examined: Examined, spec: BusSpec) -> SerialSurvey:
+    if examined.daemon is not None:
+        return daemon_look.survey_serial(examined.daemon, spec, examined.need_robot())
+    return survey_port(_line(examined.lines, spec), spec, examined.need_robot())
+
+
+def _can(examined: Examined, spec: BusSpec) -> CanSurvey:
+    if examined.daemon is not None:
+        return daemon_look.survey_can(examined.daemon, spec, examined.need_robot())
+    return survey_can_line(_line(examined.can_lines, spec))
+
+
+def _line(lines: Mapping[str, T], spec: BusSpec) -> T:
+    if spec.name not in lines:
+        raise CannotLook(f"bus {spec.name} has no port: name it with --port")
+    return lines[spec.name]

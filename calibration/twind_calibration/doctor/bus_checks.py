@@ -1,0 +1,227 @@
+"""Checks of serial buses and of who is on them. Each looks at the surveys alone."""
+
+from collections.abc import Iterator
+from statistics import median
+
+from twind.config.actuator import ServoType
+from twind_calibration.doctor import mend
+from twind_calibration.doctor.bench import serial, servos, together
+from twind_calibration.doctor.complaint import Found
+from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.survey import SerialSurvey, Servo
+from twind_calibration.instances import stop
+from twind_drivers.bus import upkeep_stride
+from twind_drivers.dynamixel.budget import budget
+from twind_drivers.dynamixel.identity import supports_fast
+from twind_drivers.dynamixel.layout import layout_of
+from twind_drivers.dynamixel.scan import ECHO, FOREIGN, NOISE, OLD, TALK
+from twind_drivers.dynamixel.tables import Table, number_of, table
+
+FACTORY_BAUD, FACTORY_ID = 57_600, 1  # as delivered (e-manual)
+LOST = 0.01  # of the answers of those who are there: more is no accident
+LEAST = 3  # lost or garbled answers below which nothing is said
+LATE = 0.001  # s that a servo's quickest answer may be later than the others'
+SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
+POWER = "is the power on, is the data line plugged in, is it the right port? "
+CABLE = "look at its cable and power, and at its id: "
+LAST_ID = 252  # above it the second id is off
+
+
+def line(examined: Examined) -> Iterator[Found]:
+    """BUS_SILENT, BUS_TALK, BUS_ECHO, PROTOCOL_OLD, BUS_NOISE."""
+    for survey in serial(examined):
+        thing = _bus(survey)
+        if not survey.servos and not survey.elsewhere and survey.missing:
+            measured = "no answer at any baud rate" if examined.daemon is None else "no answer"
+            yield Found("BUS_SILENT", thing, measured, advice=POWER + _scan(examined, survey))
+        if TALK in survey.troubles:
+            yield Found("BUS_TALK", thing, "bytes on a line where nobody was asked", "silence")
+        if ECHO in survey.troubles:
+            yield Found("BUS_ECHO", thing, "every packet comes back before its answer", "the answer alone")
+        old = OLD.partition("{}")[0]
+        for trouble in survey.troubles:
+            if trouble.startswith(old):
+                ids = trouble[len(old) :].partition(")")[0]
+                yield Found("PROTOCOL_OLD", thing, f"protocol 1.0 answers of ids {ids}", "protocol 2.0")
+        yield from _noise(survey)
+
+
+def _noise(survey: SerialSurvey) -> Iterator[Found]:
+    bad = survey.garbled + survey.lost
+    told = NOISE in survey.troubles or FOREIGN in survey.troubles
+    if told or (bad >= LEAST and bad > LOST * survey.asked):
+        measured = f"{survey.garbled} garbled and {survey.lost} lost of {survey.asked} answers"
+        if not bad:
+            measured = "bytes came that were no sound answer"
+        yield Found("BUS_NOISE", _bus(survey), measured, "none")
+
+
+def who(examined: Examined) -> Iterator[Found]:
+    """BAUD_WRONG, SERVO_FRESH, SERVO_MISSING, ID_TWICE, SERVO_FOREIGN."""
+    for survey in serial(examined):
+        yield from _elsewhere(survey)
+        if survey.servos or survey.elsewhere:  # else the bus is silent, and that is told
+            advice = CABLE + _scan(examined, survey)
+            yield from together(
+                Found(
+                    "SERVO_MISSING", f"bus {each.bus} id {each.id} ({each.name})", "no answer", advice=advice
+                )
+                for each in survey.missing
+            )
+        for servo in survey.servos:
+            if servo.trouble:
+                yield Found("ID_TWICE", servo.thing, servo.trouble.partition(":")[0])
+            elif servo.joint is None:
+                yield Found("SERVO_FOREIGN", servo.thing, f"a {_model(servo)} answers", "nobody")
+
+
+def _elsewhere(survey: SerialSurvey) -> Iterator[Found]:
+    """Those who answer at other rates: as from the factory, or all of one rate told at once."""
+    missing = {joint.id for joint in survey.missing}
+    delivered = [each for each in survey.elsewhere if each.baud == FACTORY_BAUD]
+    fresh = delivered if [each.id for each in delivered] == [FACTORY_ID] else []  # else the bus has that rate
+    for each in fresh:
+        names = ", ".join(f"id {joint.id} ({joint.name})" for joint in survey.missing)
+        yield Found(
+            "SERVO_FRESH",
+            f"{_bus(survey)} id {FACTORY_ID} at {FACTORY_BAUD} baud",
+            f"a {each.model_name or 'servo'} with the factory's id and rate",
+            f"{names} at {survey.spec.baud} baud",
+            command=f"twindctl adopt {survey.missing[0].name if len(survey.missing) == 1 else 'JOINT'}",
+        )
+    rates = dict.fromkeys(each.baud for each in survey.elsewhere if each not in fresh)
+    for baud in rates:
+        ids = sorted(each.id for each in survey.elsewhere if each.baud == baud)
+        whose = "of this robot" if missing.issuperset(ids) else "some of them not of this robot"
+        yield Found(
+            "BAUD_WRONG",
+            _bus(survey),
+            f"ids {', '.join(map(str, ids))} ({whose}) answer at {baud} baud",
+            f"{survey.spec.baud} baud",
+        )
+
+
+def model(examined: Examined) -> Iterator[Found]:
+    """SERVO_MODEL, WATCHDOG_UNKNOWN, FIRMWARE_SLOW, SECOND_ID."""
+    for servo in (servo for survey in serial(examined) for servo in survey.known):
+        if servo.joint is not None and not servo.fits:
+            yield Found("SERVO_MODEL", servo.thing, f"a {_model(servo)}", f"a {servo.joint.type.device}")
+        yield from _second(servo)
+    yield from together(_firmware(examined))
+
+
+def _firmware(examined: Examined) -> Iterator[Found]:
+    for _, servo in servos(examined):
+        known = _table(servo)
+        if known is None or servo.firmware is None:
+            continue
+        least = known.facts.watchdog_from
+        if least is not None and servo.firmware < least:
+            yield Found("WATCHDOG_UNKNOWN", servo.thing, f"firmware {servo.firmware}", f"{least} or newer")
+        least = known.facts.fast_from
+        if least is not None and servo.firmware < least:
+            yield Found("FIRMWARE_SLOW", servo.thing, f"firmware {servo.firmware}", f"{least} or newer")
+
+
+def _second(servo: Servo) -> Iterator[Found]:
+    for name in SECONDARY:
+        value = servo.values.get(name, LAST_ID + 1)
+        if value <= LAST_ID:
+            how = mend.command(servo, name, 255)
+            yield Found("SECOND_ID", servo.thing, f"{name} (12) is {value}", "255, off", how)
+
+
+def speed(examined: Examined) -> Iterator[Found]:
+    """BUS_BUDGET, RETURN_DELAY, SERVO_SLOW."""
+    yield from together(_delays(examined))
+    for survey in serial(examined):
+        yield from _late(survey)
+        yield from _budget(examined, survey)
+
+
+def _delays(examined: Examined) -> Iterator[Found]:
+    for _, servo in servos(examined):
+        assert servo.joint is not None
+        assert isinstance(servo.joint.type, ServoType)
+        described, counts = servo.joint.type.return_delay_us, servo.values.get("return_delay_time")
+        if counts is not None and 2 * counts > described:
+            wanted = described // 2
+            yield Found(
+                "RETURN_DELAY",
+                servo.thing,
+                f"return delay (9) is {2 * counts} us",
+                f"{described} us",
+                mend.command(servo, "return_delay_time", wanted),
+                mend.register(examined, servo, "return_delay_time", wanted),
+            )
+
+
+def _late(survey: SerialSurvey) -> Iterator[Found]:
+    """Each one's quickest answer without its own return delay, against the others'."""
+    beyond = {
+        servo: servo.delay - 2e-6 * servo.values.get("return_delay_time", 0)
+        for servo in survey.servos
+        if servo.delay is not None
+    }
+    usual = median(beyond.values()) if beyond else 0.0
+    for servo, took in beyond.items():
+        if len(beyond) > 2 and took > usual + LATE:
+            measured = f"its quickest answer takes {1e3 * took:.1f} ms beside the wire's time"
+            yield Found("SERVO_SLOW", servo.thing, measured, f"{1e3 * usual:.1f} ms, as the others")
+
+
+def _budget(examined: Examined, survey: SerialSurvey) -> Iterator[Found]:
+    """The cycle with the return delays and firmwares that are really there."""
+    robot, known = examined.need_robot(), survey.known
+    rate = examined.settings.rate_hz if examined.settings and examined.settings.rate_hz else robot.rate_hz
+    joints = [joint for joint in robot.joints if joint.bus == survey.spec.name]
+    tables = [table(number_of(joint.type.device)) for joint in joints]
+    fast = len(known) == len(joints) and all(_fast(servo) for servo in known)
+    delays = [2 * servo.values["return_delay_time"] for servo in known if "return_delay_time" in servo.values]
+    layouts = [layout_of(each) for each in tables]
+    cycle = budget(
+        len(joints),
+        survey.spec.baud,
+        fast=fast,
+        return_delay_us=max(delays, default=0),
+        upkeep_hz=rate / upkeep_stride(rate),
+        usb_s=survey.spec.latency_timer_ms * 1e-3,
+        groups=[layouts.count(each) for each in dict.fromkeys(layouts)],
+    )
+    refusal = cycle.refusal(rate)
+    if known and refusal is not None:
+        yield Found(
+            "BUS_BUDGET", _bus(survey), f"up to {cycle.reachable_hz:.0f} Hz: {refusal}", f"{rate:g} Hz"
+        )
+
+
+def _fast(servo: Servo) -> bool:
+    known = _table(servo)
+    return known is not None and servo.firmware is not None and supports_fast(known.stem, servo.firmware)
+
+
+def _table(servo: Servo) -> Table | None:
+    try:
+        return None if servo.model is None else table(servo.model, servo.firmware or 0)
+    except KeyError:
+        return None
+
+
+def _model(servo: Servo) -> str:
+    return servo.model_name or f"servo of model number {servo.model}"
+
+
+def _bus(survey: SerialSurvey) -> str:
+    return f"bus {survey.spec.name} ({survey.port})"
+
+
+def _scan(examined: Examined, survey: SerialSurvey) -> str:
+    """How to see who is there: while a daemon has the port nobody else can open it."""
+    alone = f"`twindctl scan --port {survey.port}`"
+    if examined.daemon is None:
+        return f"{alone} looks for every id at every rate"
+    end = f"`{stop(examined.daemon.path)}`, or Ctrl-C where it runs"
+    return (
+        f"`twindctl scan {survey.spec.name}` asks these ids again; for every id at every rate stop the "
+        f"daemon, which lowers the robot ({end}), then {alone}"
+    )

@@ -1,0 +1,85 @@
+"""All that a check may look at, gathered once and passed in. A check fetches nothing by itself."""
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from twind.client import NoDaemon
+from twind.config.calibration_file import Calibration
+from twind.config.located import ConfigError
+from twind.config.robot_file import RobotFile
+from twind.config.robot_spec import BusSpec
+from twind.config.settings import Settings
+from twind_calibration.doctor.can_line import CanLine
+from twind_calibration.doctor.complaint import CannotLook, NothingThere
+from twind_calibration.doctor.daemon import Daemon
+from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.line import Line
+
+
+@dataclass
+class Examined:
+    """One machine, its files, its daemon or the free ports of its buses."""
+
+    host: Host
+    unit: str  # twind.service, twind@NAME.service: the service of these settings
+    sockets: str = ""  # the folder where a daemon was looked for; "": the usual ones
+    no_daemon: NoDaemon | None = None  # why none can be reached; None: one answers
+    daemon: Daemon | None = None  # None: none can be reached
+    settings: Settings | None = None
+    robot: RobotFile | None = None  # the daemon's, if one runs and its file can be read
+    calibration: Calibration | None = None
+    wrong_files: tuple[ConfigError, ...] = ()  # what settings, robot, calibration, model say of themselves
+    ports: Mapping[str, str | None] = field(
+        default_factory=dict
+    )  # by bus, as the daemon has or would have them
+    lines: Mapping[str, Line] = field(
+        default_factory=dict
+    )  # by bus: serial ports that nobody holds; no daemon
+    can_lines: Mapping[str, CanLine] = field(default_factory=dict)  # by bus: CAN channels; no daemon
+    surveys: dict[str, Any] = field(default_factory=dict)  # what was looked up once, for every check
+
+    def need_robot(self) -> RobotFile:
+        """The robot. Raises CannotLook where its file is refused."""
+        if self.robot is None:
+            raise CannotLook("the robot file cannot be read")
+        return self.robot
+
+    def need_daemon(self) -> Daemon:
+        """The daemon. Raises NothingThere where none can be reached."""
+        if self.daemon is None:
+            raise NothingThere("no daemon runs")
+        return self.daemon
+
+    @property
+    def sim(self) -> bool:
+        """Is it in mode sim, which opens no port and needs no calibration? As it runs, else as it is set."""
+        if self.daemon is not None:
+            return bool(self.daemon.status["mode"] == "sim")
+        return self.settings is not None and self.settings.mode == "sim"
+
+    def about(self) -> dict[str, Any]:
+        """Whom this is about: robot, unit, ports and ids by bus; daemon (socket, version, …) or None."""
+        daemon = None
+        if self.daemon is not None:
+            daemon = {"socket": self.daemon.path}
+            with suppress(CannotLook):
+                daemon |= {key: self.daemon.status[key] for key in ("version", "robot", "mode", "state")}
+        name = None if self.robot is None else self.robot.name
+        joints = () if self.robot is None else self.robot.joints
+        ids = {bus: [joint.id for joint in joints if joint.bus == bus] for bus in self.ports}
+        return {"robot": name, "unit": self.unit, "ports": dict(self.ports), "ids": ids, "daemon": daemon}
+
+    def bus(self, name: str) -> BusSpec:
+        """A bus of the robot. Raises CannotLook where there is no robot, KeyError for an unknown name."""
+        return self.need_robot().bus(name)
+
+    def close(self) -> None:
+        """Let go of ports and of the daemon."""
+        for line in self.lines.values():
+            line.close()
+        for channel in self.can_lines.values():
+            channel.close()
+        if self.daemon is not None:
+            self.daemon.client.close()

@@ -1,0 +1,293 @@
+"""Checks of the serial ports: there, ours to open, free, awake. Opens one only where a `Line` may."""
+
+import os
+import stat
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import nullcontext, suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from twind.config.actuator import CAN
+from twind.protocol.places import SYSTEM
+from twind_calibration.doctor import account, systemd
+from twind_calibration.doctor.account import Account
+from twind_calibration.doctor.complaint import CannotLook, Fix, Found, NothingThere
+from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.host import Holder, Host, is_daemon
+from twind_calibration.instances import stop
+from twind_drivers.can import ports as can_ports
+
+BY_ID = ("twind", "serial/by-id")  # below /dev: our udev rule's names, then the stock ones
+GUESSED = ("ttyUSB", "ttyACM")  # numbers of these are given in the order of plugging in
+PROBER = "ModemManager"
+HUBS = 2  # hubs in a row that are no matter
+FAST = 480  # Mbit/s, USB 2 high speed
+# Highest rates by kernel driver, bit/s (data sheets: CP2102N 3 M, CH340 2 M, PL2303 6 M; FTDI's vary).
+FASTEST = {"cp210x": 3_000_000, "ch341-uart": 2_000_000, "ch341": 2_000_000, "pl2303": 6_000_000}
+
+
+class Node(NamedTuple):
+    """The serial device of one bus: of a serial bus its port, of a slcan bus what the adapter hangs on."""
+
+    bus: str
+    path: str
+    baud: int
+
+    @property
+    def tty(self) -> str:
+        """Its name in the kernel: ttyUSB0."""
+        return os.path.basename(os.path.realpath(self.path))
+
+
+def nodes(x: Examined) -> list[Node]:
+    """Serial devices of all buses that have a port. Raises NothingThere, CannotLook."""
+    robot, found = x.need_robot(), []
+    for name, port in x.ports.items():
+        if port is None:
+            continue
+        if robot.bus(name).kind != CAN:
+            found.append(Node(name, port, robot.bus(name).baud))
+            continue
+        parts = can_ports.parse(port)
+        if parts.interface == "slcan":
+            found.append(Node(name, parts.channel, parts.baud))
+    if not found:
+        raise NothingThere("no bus has a serial port")
+    return found
+
+
+def unset(x: Examined) -> Iterator[Found]:
+    """PORT_UNSET: a bus without a port."""
+    x.need_robot()
+    if x.sim:
+        raise NothingThere("mode sim opens no port")
+    for name, port in x.ports.items():
+        if port is None:
+            there = candidates(x.host)
+            listed = f"plugged in: {', '.join(there)}" if there else "no USB serial adapter is plugged in"
+            yield Found("PORT_UNSET", f"bus {name}", f"no port; {listed}", "a port")
+
+
+def present(x: Examined) -> Iterator[Found]:
+    """PORT_MISSING, PORT_UNFIT, PORT_RENUMBERED: what stands at the path."""
+    for node in nodes(x):
+        try:
+            found = os.stat(node.path)
+        except FileNotFoundError:
+            there = candidates(x.host)
+            advice = (
+                f"plug it in, or use what is there: {' '.join(there)}" if there else "plug the adapter in"
+            )
+            yield Found("PORT_MISSING", node.path, f"no such port (bus {node.bus})", advice=advice)
+            continue
+        except OSError as error:
+            raise CannotLook(f"{node.path}: {error.strerror}") from error
+        if not stat.S_ISCHR(found.st_mode):
+            yield Found("PORT_UNFIT", node.path, f"is not a character device (bus {node.bus})")
+        elif os.path.basename(node.path).startswith(GUESSED) and (name := stable(x.host, node.tty)):
+            advice = f"in the settings, `ports: {{{node.bus}: {name}}}`"
+            yield Found("PORT_RENUMBERED", node.path, "a number given at plugging in", name, advice=advice)
+
+
+def permitted(x: Examined) -> Iterator[Found]:
+    """PORT_DENIED: may the daemon's user read and write the node?"""
+    who, whose = runner(x)
+    for node in nodes(x):
+        try:
+            found = os.stat(node.path)
+            if not stat.S_ISCHR(found.st_mode) or _may(who, Path(node.path)):
+                continue
+        except OSError:
+            continue  # PORT_MISSING says it
+        group, mode = account.group_name(found.st_gid), f"{stat.S_IMODE(found.st_mode):04o}"
+        said = f"{whose} {who.name} may not; it is {account.user_name(found.st_uid)}:{group} {mode}"
+        group_may = found.st_mode >> 3 & 6 == 6 and found.st_gid != 0
+        if group_may and account.enrolled(who.uid, found.st_gid):
+            advice = (
+                f"{who.name} is in group {group}, but its processes began before: log out and in, or restart"
+            )
+            yield Found("PORT_DENIED", node.path, said, advice=advice)
+        elif group_may:
+            command = f"sudo usermod -aG {group} {who.name}"
+            yield Found("PORT_DENIED", node.path, said, command=command, advice="this, then log in again:")
+        else:
+            advice = "twind's udev rules give it to a group: `sudo make install`, then plug it in again"
+            yield Found("PORT_DENIED", node.path, said, "group dialout, mode 0660", advice=advice)
+
+
+def free(x: Examined) -> Iterator[Found]:
+    """PORT_HELD: who beside our daemon has a port, or owns a CAN interface of the kernel."""
+    ours = {systemd.daemon_pid(x)} if x.daemon is not None else set()
+    links = _interfaces(x)
+    with suppress(NothingThere) if links else nullcontext():
+        for node in nodes(x):
+            yield from _held(x.host, node.bus, node.path, x.host.holders(node.path), ours)
+    for bus, interface in links:
+        yield from _held(x.host, bus, interface, x.host.owners(interface), ours)
+
+
+def probed(x: Examined) -> Iterator[Found]:
+    """PORT_PROBED: ModemManager runs, and nothing keeps it from this port. Raises CannotLook: no udevadm.
+
+    Not brltty: it takes adapters of some makers by its own list, and may be all that its user reads with.
+    Where it has the port, that is PORT_HELD.
+    """
+    running = {x.host.text(x.host.proc / str(pid) / "comm"): pid for pid in x.host.processes()}
+    for node in nodes(x):
+        if node.tty.startswith(GUESSED) and PROBER in running and not _ignored(x.host, node.tty):
+            stop = f"sudo systemctl mask --now {PROBER}"
+            said = f"{PROBER} runs (pid {running[PROBER]}) and nothing tells it to leave this port alone"
+            yield Found("PORT_PROBED", node.path, said, command=stop)
+
+
+def timers(x: Examined) -> Iterator[Found]:
+    """LATENCY_TIMER: what the adapter says of itself, once asked for low latency as the daemon asks."""
+    for node in nodes(x):
+        file = x.host.sys / "class/tty" / node.tty / "device/latency_timer"
+        value, wanted = x.host.number(file), _timer_of(x, node)
+        if value is not None and value > wanted and node.bus in x.lines:
+            with suppress(CannotLook):  # held, or not ours to open: then it stays as it is
+                x.lines[node.bus].transport  # noqa: B018  opening it asks
+            value = x.host.number(file)
+        if value is not None and value > wanted:
+            command = f"echo {wanted} | sudo tee {file}"
+            fix = Fix(f"set the timer to {wanted} ms", lambda file=file, to=wanted: _write(file, to))  # type: ignore[misc]
+            yield Found("LATENCY_TIMER", node.path, f"latency timer {value} ms", f"{wanted} ms", command, fix)
+
+
+def usb(x: Examined) -> Iterator[Found]:
+    """USB_AUTOSUSPEND, USB_HUBS: the adapter's place on the USB tree."""
+    places = [(node, place) for node in nodes(x) if (place := usb_device(x.host, node.tty)) is not None]
+    if not places:
+        raise NothingThere("no port hangs on USB")
+    for node, place in places:
+        control, delay = place / "power/control", x.host.number(place / "power/autosuspend_delay_ms")
+        if x.host.text(control) == "auto" and (delay is None or delay >= 0):
+            command = f"echo on | sudo tee {control}"
+            fix = Fix("keep it awake", lambda file=control: _write(file, "on"))  # type: ignore[misc]
+            yield Found("USB_AUTOSUSPEND", node.path, "power/control is auto", "on", command, fix)
+        hubs = place.name.count(".")
+        if hubs > HUBS:
+            yield Found("USB_HUBS", node.path, f"behind {hubs} hubs ({place.name})", f"at most {HUBS}")
+
+
+def rates(x: Examined) -> Iterator[Found]:
+    """BAUD_UNSUPPORTED: by the adapter's driver, and where the port is free by asking the kernel."""
+    for node in nodes(x):
+        driver = (x.host.sys / "class/tty" / node.tty / "device/driver").resolve().name
+        most = FASTEST.get(driver)
+        if most is not None and node.baud > most:
+            said = f"{node.baud} baud asked for (bus {node.bus}), its driver {driver} does {most} at most"
+            yield Found("BAUD_UNSUPPORTED", node.path, said, f"{most} baud or less")
+            continue
+        line = x.lines.get(node.bus)
+        if line is None:
+            continue
+        try:
+            line.transport  # noqa: B018  opening it sets the rate and reads back what the kernel made of it
+        except CannotLook as error:
+            if "baud rate" in str(error):
+                yield Found("BAUD_UNSUPPORTED", node.path, str(error).removeprefix(f"{node.path}: "))
+
+
+# ------------------------------------------------------------------------------------------- looking
+
+
+def runner(x: Examined) -> tuple[Account, str]:
+    """As whom the daemon runs or would run, and what that is called. Raises CannotLook."""
+    if x.daemon is not None:
+        return account.of_process(x.host.proc, systemd.daemon_pid(x)), "the daemon's user"
+    try:
+        seen = systemd.service(x)
+    except NothingThere:
+        return account.own(), "this user"
+    return account.of_service(seen.get("User", ""), seen.get("SupplementaryGroups", "")), "the service's user"
+
+
+def candidates(host: Host) -> list[str]:
+    """Ports that are there, by the names that stay; without such names by their numbers."""
+    for folder in BY_ID:
+        names = sorted(str(each) for each in (host.dev / folder).glob("*"))
+        if names:
+            return names
+    return sorted(str(each) for prefix in GUESSED for each in host.dev.glob(f"{prefix}*"))
+
+
+def stable(host: Host, tty: str) -> str:
+    """A name of this device that a replug does not change; "" where there is none."""
+    for folder in BY_ID:
+        for link in sorted((host.dev / folder).glob("*")):
+            if os.path.basename(os.path.realpath(link)) == tty:
+                return str(link)
+    return ""
+
+
+def usb_device(host: Host, tty: str) -> Path | None:
+    """Folder in /sys of the USB device that a tty belongs to; None: it hangs on no USB."""
+    node = (host.sys / "class/tty" / tty / "device").resolve()
+    return next((above for above in (node, *node.parents) if (above / "idVendor").exists()), None)
+
+
+def _may(who: Account, path: Path) -> bool:
+    if who == account.own():
+        return os.access(path, os.R_OK | os.W_OK, effective_ids=True)
+    return who.may(path, os.R_OK | os.W_OK)
+
+
+def _interfaces(x: Examined) -> list[tuple[str, str]]:
+    """Bus and interface of every bus on a CAN interface of the kernel."""
+    robot = x.need_robot()
+    buses = [
+        (name, can_ports.parse(port))
+        for name, port in x.ports.items()
+        if port and robot.bus(name).kind == CAN
+    ]
+    return [(name, port.channel) for name, port in buses if port.interface == "socketcan"]
+
+
+def _held(
+    host: Host, bus: str, path: str, holders: Iterable[Holder], ours: Collection[int | None]
+) -> Iterator[Found]:
+    for holder in holders:
+        if holder.pid in ours:
+            continue
+        what = f"held by pid {holder.pid} ({holder.command}), bus {bus}"
+        command, advice = f"kill {holder.pid}", ""
+        if is_daemon(" ".join(host.words(holder.pid))):  # it may carry a robot: nobody is told to kill it
+            command, advice = "", _another(host, holder.pid)
+        elif PROBER in holder.command:
+            command = f"sudo systemctl mask --now {PROBER}"
+        yield Found("PORT_HELD", path, what, "nobody else", command, advice=advice)
+
+
+def _another(host: Host, pid: int) -> str:
+    """How to come to another twind, or to end it; by its command line, or its service."""
+    words, unit = host.words(pid), host.unit(pid)
+    told = [word.partition("=")[2] or follows for word, follows in pairwise([*words, ""]) if _names(word)]
+    name = unit.removeprefix("twind@").removesuffix(".service")
+    place = told[-1] if told else f"{SYSTEM}/{name}" if unit.startswith("twind@") else ""
+    socket = f"--socket {place} " if place else ""
+    end = "Ctrl-C where it runs"
+    if unit == "twind.service" or unit.startswith("twind@"):
+        end = f"`{stop(place or SYSTEM)}`"
+    return f"another twind has it: ask that one, `twindctl {socket}doctor`; to end it lowers its robot: {end}"
+
+
+def _names(word: str) -> bool:
+    return word == "--socket" or word.startswith("--socket=")
+
+
+def _ignored(host: Host, tty: str) -> bool:
+    """Does udev tell ModemManager to leave the port alone? Raises CannotLook where nobody can say."""
+    said = host.program("udevadm", "info", "--query=property", f"--name=/dev/{tty}")
+    return not {"ID_MM_DEVICE_IGNORE=1", "ID_MM_PORT_IGNORE=1"}.isdisjoint(said.splitlines())
+
+
+def _timer_of(x: Examined, node: Node) -> int:
+    """ms: what the robot file reckons with, at least 1."""
+    return max(1, x.bus(node.bus).latency_timer_ms)
+
+
+def _write(file: Path, value: object) -> None:
+    file.write_text(f"{value}\n")

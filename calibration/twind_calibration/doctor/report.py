@@ -1,0 +1,150 @@
+"""What the doctor found, as text for people and as one JSON object for programs."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from twind_calibration.doctor.complaint import Complaint, Found, Severity
+from twind_calibration.doctor.runner import Mended, Outcome
+
+ALL = re.compile(r"bus (?P<bus>\S+) ids (?P<ids>\d+ \([^)]*\)(, \d+ \([^)]*\))+)")
+LABEL = {Severity.FAULT: "FAULT", Severity.WARNING: "WARNING", Severity.NOTE: "NOTE"}
+
+
+def text(
+    outcome: Outcome,
+    complaints: Mapping[str, Complaint],
+    mended: Sequence[Mended] | None,
+    *,
+    verbose: bool = False,
+) -> str:
+    """The report. `mended`: what `--fix` did; None: it was not asked for. `verbose`: with all looked at."""
+    lines = [_about(outcome.about), ""] if outcome.about else []
+    fixes = {id(each.found): each for each in mended or ()}
+    for place, found in enumerate(outcome.found):
+        because, fix = outcome.because.get(place), fixes.get(id(found))
+        lines += [*_finding(found, complaints[found.code], because, fix, outcome.fix), ""]
+    if outcome.fix and mended is None:
+        lines += ["what `--fix` can do, all of it, after asking:", f"    {outcome.fix}", ""]
+    lines += _last(outcome, complaints, mended, verbose=verbose)
+    return _short("\n".join(lines), outcome.about.get("ids", {}))
+
+
+def data(
+    outcome: Outcome, complaints: Mapping[str, Complaint], mended: Sequence[Mended] | None
+) -> dict[str, Any]:
+    """The same as one object: about, found, looked, not_looked, mended (null without `--fix`)."""
+    return {
+        "about": outcome.about,
+        "found": [
+            {
+                "code": found.code,
+                "severity": complaints[found.code].severity.value,
+                "title": complaints[found.code].title,
+                "thing": found.thing,
+                "measured": found.measured,
+                "expected": found.expected or None,
+                "why": complaints[found.code].why,
+                "remedy": found.advice or complaints[found.code].remedy,
+                "command": found.command or None,
+                "fix": None if found.fix is None else found.fix.text,
+                "because_of": outcome.because.get(place),
+            }
+            for place, found in enumerate(outcome.found)
+        ],
+        "looked": outcome.looked,
+        "not_looked": [{"what": what, "why": why} for what, why in outcome.unseen],
+        "mended": None
+        if mended is None
+        else [
+            {
+                "code": each.found.code,
+                "thing": each.found.thing,
+                "done": each.found.fix.text if each.found.fix else "",
+                "error": each.error or None,
+                "still_there": each.there,
+            }
+            for each in mended
+        ],
+    }
+
+
+def wrong(outcome: Outcome, complaints: Mapping[str, Complaint], mended: Sequence[Mended] | None) -> int:
+    """How many findings count: no notes, and not what was mended."""
+    gone = {id(each.found) for each in mended or () if not each.there and not each.error}
+    return sum(
+        complaints[found.code].severity is not Severity.NOTE and id(found) not in gone
+        for found in outcome.found
+    )
+
+
+def _about(about: Mapping[str, Any]) -> str:
+    """Whom this is about, in one line."""
+    ports = ", ".join(f"{bus} on {port or 'no port'}" for bus, port in about["ports"].items())
+    robot = f"robot {about['robot'] or 'unknown'}" + (f", {ports}" if ports else "")
+    daemon = about["daemon"]
+    if daemon is None:
+        return f"{robot}; no daemon was asked"
+    told = ", ".join(f"{key} {daemon[key]}" for key in ("version", "mode", "state") if key in daemon)
+    return f"{robot}; daemon at {daemon['socket']}" + (f": {told}" if told else "")
+
+
+def _finding(found: Found, row: Complaint, because: str | None, fix: Mended | None, by_fix: str) -> list[str]:
+    title = f"{LABEL[row.severity]}  {row.code}: {row.title}"
+    body = [f"{found.thing}: {found.measured}" + (f"; should be {found.expected}" if found.expected else "")]
+    body.append(f"why it matters: {row.why}")
+    if because is not None:
+        body.append(f"probably because of {because}, above")
+    command = "" if found.fix is not None and found.command == by_fix else found.command  # told once, below
+    if found.advice or not found.command:
+        body.append(f"do: {found.advice or row.remedy}")
+    if command:
+        body += [f"    {line}" for line in command.splitlines()]
+    if fix is not None:
+        body.append(_fixed(fix))
+    elif found.fix is not None:
+        body.append(f"`--fix` does it: {found.fix.text}")
+    return [title, *(f"    {line}" for each in body for line in each.splitlines())]
+
+
+def _fixed(fix: Mended) -> str:
+    what = fix.found.fix.text if fix.found.fix is not None else ""
+    if fix.error:
+        return f"not mended: {what}: {fix.error}"
+    return f"done, but it is still there: {what}" if fix.there else f"mended: {what}"
+
+
+def _short(text: str, ids: Mapping[str, Sequence[int]]) -> str:
+    """All servos of a bus by their first and last id: their names are the whole robot's."""
+
+    def shorter(found: re.Match[str]) -> str:
+        told = sorted(int(id) for id in re.findall(r"(\d+) \(", found["ids"]))
+        if told != sorted(ids.get(found["bus"], ())):
+            return found[0]
+        return f"bus {found['bus']} ids {told[0]}-{told[-1]} (all {len(told)})"
+
+    return ALL.sub(shorter, text)
+
+
+def _last(
+    outcome: Outcome,
+    complaints: Mapping[str, Complaint],
+    mended: Sequence[Mended] | None,
+    *,
+    verbose: bool,
+) -> list[str]:
+    count = wrong(outcome, complaints, mended)
+    verdict = (
+        "nothing wrong" if count == 0 else "1 thing is wrong" if count == 1 else f"{count} things are wrong"
+    )
+    seen = len(outcome.looked)
+    line = f"{verdict}; looked at {seen} thing{'s' * (seen != 1)}"
+    if verbose:
+        line = f"{verdict}; looked at: {', '.join(outcome.looked) or 'nothing'}"
+    if outcome.unseen:
+        reasons: dict[str, list[str]] = {}
+        for what, why in outcome.unseen:
+            reasons.setdefault(why, []).append(what)
+        grouped = [f"{', '.join(dict.fromkeys(whats))} ({why})" for why, whats in reasons.items()]
+        line += "; could not look at: " + "; ".join(grouped)
+    return [line]

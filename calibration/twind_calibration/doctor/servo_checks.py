@@ -1,0 +1,313 @@
+"""Checks of how servos are set and how they are. Over surveys, robot file and calibration."""
+
+from collections.abc import Iterator
+from statistics import median
+
+from twind.config.actuator import ServoType
+from twind.config.calibration_file import JointCalibration
+from twind.config.counts import tick_range
+from twind.config.robot_spec import JointSpec
+from twind_calibration.doctor import mend
+from twind_calibration.doctor.bench import serial, servos, together
+from twind_calibration.doctor.complaint import Found
+from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.survey import MAPPED, Servo
+from twind_drivers.dynamixel.tables import number_of, table
+
+# Bits of drive mode (10), startup configuration (60) and shutdown (63) (e-manual).
+REVERSE, TIME_PROFILE, TORQUE_BY_GOAL = 1, 4, 8
+TORQUE_AT_BOOT, RAM_RESTORED = 1, 2
+PROTECTION = {4: "overheating", 16: "electrical shock", 32: "overload"}
+MAX_OFFSET = 1024  # counts: beyond it position mode ignores the homing offset (e-manual, address 20)
+CAPPED = "current_based_position"
+MOVES = ("velocity_limit", "pwm_limit", "current_limit")
+TRIPPED = 255  # what a bus watchdog reads as after it ran out
+# Register 70, bit by bit (e-manual, "Hardware Error Status").
+ERRORS = {
+    0: ("ERROR_VOLTAGE", "input voltage"),
+    2: ("ERROR_HEAT", "overheating"),
+    3: ("ERROR_ENCODER", "encoder"),
+    4: ("ERROR_SHOCK", "electrical shock"),
+    5: ("ERROR_OVERLOAD", "overload"),
+}
+DROP = 0.6  # V that one branch may be below the others at rest; a sensor's step is 0.1 V
+OTHERS = 3  # servos of a bus from which on one can be compared with the rest
+
+
+def settings(examined: Examined) -> Iterator[Found]:
+    """STATUS_LEVEL, OPERATING_MODE, TORQUE_BY_GOAL, TORQUE_AT_BOOT, RAM_RESTORE, OFFSET_IGNORED, REVERSED,
+    PROFILE_IN_TIME, REGISTER_DIFFERS."""
+    yield from together(_settings(examined))
+
+
+def _settings(examined: Examined) -> Iterator[Found]:
+    for _, servo in servos(examined):
+        yield from _level(examined, servo)
+        yield from _mode(servo)
+        yield from _drive(examined, servo)
+        yield from _startup(servo)
+        yield from _demanded(servo)
+
+
+def _level(examined: Examined, servo: Servo) -> Iterator[Found]:
+    """Who answers pings alone has told no register at all."""
+    level = servo.values.get("status_return_level")
+    if level is None and not servo.values:
+        yield Found("STATUS_LEVEL", servo.thing, "answers pings, and no read", "status return level (68) 2")
+    elif level is not None and level < 2:
+        yield Found(
+            "STATUS_LEVEL",
+            servo.thing,
+            f"status return level (68) is {level}",
+            "2",
+            mend.command(servo, "status_return_level", 2),
+            mend.register(examined, servo, "status_return_level", 2),
+        )
+
+
+def _mode(servo: Servo) -> Iterator[Found]:
+    assert servo.joint is not None
+    mode, wanted = servo.values.get("operating_mode"), servo.joint.operating_mode
+    if mode is not None and mode != wanted:
+        how = mend.command(servo, "operating_mode", wanted)
+        yield Found("OPERATING_MODE", servo.thing, f"operating mode (11) is {mode}", f"{wanted}", how)
+    offset = servo.values.get("homing_offset", 0)
+    if abs(offset) > MAX_OFFSET and servo.joint.mode == "position":
+        how = mend.command(servo, "homing_offset", 0)
+        yield Found("OFFSET_IGNORED", servo.thing, f"homing offset (20) is {offset}", "0", how)
+
+
+def _drive(examined: Examined, servo: Servo) -> Iterator[Found]:
+    drive = servo.values.get("drive_mode", 0)
+    if drive & TORQUE_BY_GOAL:
+        wanted = drive & ~TORQUE_BY_GOAL
+        how = mend.command(servo, "drive_mode", wanted)
+        yield Found("TORQUE_BY_GOAL", servo.thing, f"drive mode (10) is {drive}", f"{wanted}", how)
+    if drive & TIME_PROFILE:
+        wanted = drive & ~TIME_PROFILE
+        how = mend.command(servo, "drive_mode", wanted)
+        yield Found("PROFILE_IN_TIME", servo.thing, f"drive mode (10) is {drive}", f"{wanted}", how)
+    entry = _entry(examined, servo.joint)
+    adopted = entry is not None and entry.device.drive_mode & REVERSE
+    if drive & REVERSE and (entry is None or adopted):  # else it has changed, which is told as that
+        yield Found("REVERSED", servo.thing, f"drive mode (10) is {drive}", "bit 0 clear")
+
+
+def _startup(servo: Servo) -> Iterator[Found]:
+    startup = servo.values.get("startup_configuration", 0)
+    how = mend.command(servo, "startup_configuration", 0)
+    measured = f"startup configuration (60) is {startup}"
+    if startup & TORQUE_AT_BOOT:
+        yield Found("TORQUE_AT_BOOT", servo.thing, measured, "0", how)
+    if startup & RAM_RESTORED:
+        yield Found("RAM_RESTORE", servo.thing, measured, "0", how)
+
+
+def _demanded(servo: Servo) -> Iterator[Found]:
+    assert servo.joint is not None
+    for name, wanted in servo.joint.registers.items():
+        value = servo.values.get(name)
+        if value is not None and value != wanted:
+            how = mend.command(servo, name, wanted)
+            yield Found("REGISTER_DIFFERS", servo.thing, f"{name} is {value}", f"{wanted}", how)
+
+
+def calibrated(examined: Examined) -> Iterator[Found]:
+    """CALIBRATION_CHANGED, FIRMWARE_CHANGED."""
+    yield from together(_calibrated(examined))
+
+
+def _calibrated(examined: Examined) -> Iterator[Found]:
+    for _, servo in servos(examined):
+        entry = _entry(examined, servo.joint)
+        if entry is None:
+            continue
+        then = entry.device
+        recorded = {
+            "homing_offset": then.homing_offset_ticks,
+            "drive_mode": then.drive_mode,
+            "operating_mode": then.operating_mode,
+            "min_position_limit": then.min_ticks,
+            "max_position_limit": then.max_ticks,
+        }
+        for name, was in recorded.items():
+            value = servo.values.get(name)
+            if value is not None and value != was:
+                how = mend.command(servo, name, was)
+                yield Found(
+                    "CALIBRATION_CHANGED", servo.thing, f"{name} is {value}", f"{was}, as calibrated", how
+                )
+        if servo.firmware is not None and servo.firmware != then.firmware:
+            measured = f"firmware {servo.firmware}"
+            yield Found("FIRMWARE_CHANGED", servo.thing, measured, f"{then.firmware}, as calibrated")
+
+
+def limits(examined: Examined) -> Iterator[Found]:
+    """FENCE_TIGHT, LIMIT_ZERO, CURRENT_CAP, SHUTDOWN_MASK, PROFILE_LEFT, INDIRECT_LEFT."""
+    yield from together(_limits(examined))
+
+
+def _limits(examined: Examined) -> Iterator[Found]:
+    for _, servo in servos(examined):
+        yield from _fence(examined, servo)
+        for name in MOVES:
+            if servo.values.get(name) == 0:
+                how = _default(servo, name)
+                yield Found("LIMIT_ZERO", servo.thing, f"{name} is 0", "what the joint needs", how)
+        yield from _cap(servo)
+        yield from _mask(servo)
+        yield from _left(servo)
+
+
+def _fence(examined: Examined, servo: Servo) -> Iterator[Found]:
+    """In position mode alone (e-manual, addresses 48 and 52). Uncalibrated: by their width."""
+    joint, least, most = servo.joint, "min_position_limit", "max_position_limit"
+    assert joint is not None
+    if joint.mode != "position" or least not in servo.values or most not in servo.values:
+        return
+    fence = servo.values[least], servo.values[most]
+    entry = _entry(examined, joint)
+    needs = tick_range(joint, 0 if entry is None else entry.zero_ticks, joint.lower, joint.upper)
+    tight = fence[1] - fence[0] < needs[1] - needs[0]
+    if entry is not None:
+        tight = fence[0] > needs[0] or fence[1] < needs[1]
+    if tight:
+        span = f"{needs[0]}..{needs[1]}" if entry is not None else f"a width of {needs[1] - needs[0]}"
+        measured = f"position limits (52, 48) are {fence[0]}..{fence[1]}"
+        command, advice = "", ""
+        if entry is not None:
+            then = entry.device.min_ticks, entry.device.max_ticks
+            command = "\n".join(mend.command(servo, *pair) for pair in zip((least, most), then, strict=True))
+            if then == fence or then[0] > needs[0] or then[1] < needs[1]:
+                command = ""  # another fence than the calibration's would be CALIBRATION_CHANGED
+                advice = f"calibrate {joint.name} anew, or tighten its `limits_rad` in the robot file"
+        expected = f"{span} counts for its joint limits"
+        yield Found("FENCE_TIGHT", servo.thing, measured, expected, command, advice=advice)
+
+
+def _default(servo: Servo, name: str) -> str:
+    """The command with the model's own value; "" where no page tells it."""
+    assert servo.joint is not None
+    field = table(number_of(servo.joint.type.device)).fields.get(name)
+    value = None if field is None else field.rule.default
+    return "" if value is None else mend.command(servo, name, value)
+
+
+def _cap(servo: Servo) -> Iterator[Found]:
+    assert servo.joint is not None
+    assert isinstance(servo.joint.type, ServoType)
+    cap, limit = servo.joint.current_cap, servo.values.get("current_limit")
+    if cap is not None and limit is not None and 0 < limit < cap:
+        how = mend.command(servo, "current_limit", cap)
+        yield Found("CURRENT_CAP", servo.thing, f"current limit (38) is {limit}", f"{cap} or more", how)
+
+
+def _mask(servo: Servo) -> Iterator[Found]:
+    """Silent where the robot file names the mask: then somebody wants it so (REGISTER_DIFFERS compares)."""
+    assert servo.joint is not None
+    if "shutdown" in servo.joint.registers:
+        return
+    mask = servo.values.get("shutdown")
+    lacks = [name for bit, name in PROTECTION.items() if mask is not None and not mask & bit]
+    if mask is None or not lacks:
+        return
+    wanted = mask | sum(PROTECTION)
+    yield Found(
+        "SHUTDOWN_MASK",
+        servo.thing,
+        f"shutdown (63) is {mask}: not for {' and '.join(lacks)}",
+        f"{wanted}",
+        mend.command(servo, "shutdown", wanted),
+    )
+
+
+def _left(servo: Servo) -> Iterator[Found]:
+    speeds = {name: servo.values.get(name, 0) for name in ("profile_velocity", "profile_acceleration")}
+    if any(speeds.values()) and servo.values.get("torque_enable") == 0:
+        said = " and ".join(f"{name} is {value}" for name, value in speeds.items() if value)
+        yield Found("PROFILE_LEFT", servo.thing, said, "0")
+    known = None if servo.model is None else table(servo.model, servo.firmware or 0)
+    if known is None or "indirect_data_1" not in known:
+        return
+    first = known["indirect_data_1"].address
+    maps = {name: value for name, value in servo.values.items() if name.startswith(MAPPED)}
+    moved = [name for name, value in maps.items() if value != first + int(name.removeprefix(MAPPED)) - 1]
+    if moved:
+        said = f"{moved[0]} is {maps[moved[0]]}" + (f", and {len(moved) - 1} more" if moved[1:] else "")
+        yield Found("INDIRECT_LEFT", servo.thing, said, "the address of its own data")
+
+
+def state(examined: Examined) -> Iterator[Found]:
+    """ERROR_OVERLOAD, ERROR_HEAT, ERROR_VOLTAGE, ERROR_ENCODER, ERROR_SHOCK, SERVO_HOT, TORQUE_ON,
+    WATCHDOG_TRIPPED, WATCHDOG_OFF, WATCHDOG_LEFT."""
+    yield from together(_state(examined))
+
+
+def _state(examined: Examined) -> Iterator[Found]:
+    armed = examined.daemon is not None and bool(examined.daemon.status["armed"])
+    for _, servo in servos(examined):
+        assert servo.joint is not None
+        bits = servo.values.get("hardware_error_status", 0)
+        for bit, (code, name) in ERRORS.items():
+            if bits >> bit & 1:
+                how = f"twindctl reboot {servo.bus} {servo.id}"
+                yield Found(code, servo.thing, f"hardware error (70) is {bits}: {name}", "0", how)
+        warm, bound = servo.values.get("present_temperature"), servo.joint.type.heat.warn
+        if warm is not None and warm >= bound:
+            yield Found("SERVO_HOT", servo.thing, f"{warm} degC", f"below {bound:g} degC")
+        torque = servo.values.get("torque_enable") == 1
+        if torque and not armed:
+            yield Found("TORQUE_ON", servo.thing, "torque is on", "off", "twindctl disarm")
+        yield from _watchdog(examined, servo, torque=torque, armed=armed)
+
+
+def _watchdog(examined: Examined, servo: Servo, *, torque: bool, armed: bool) -> Iterator[Found]:
+    value = servo.values.get("bus_watchdog")
+    if value is None:
+        return
+    if torque and value in (TRIPPED, 0):
+        code = "WATCHDOG_TRIPPED" if value else "WATCHDOG_OFF"
+        yield Found(code, servo.thing, f"bus watchdog (98) is {value}", "5, 100 ms, while torque is on")
+    elif value and not torque and not armed:
+        yield Found(
+            "WATCHDOG_LEFT",
+            servo.thing,
+            f"bus watchdog (98) is {value}" + (", tripped" if value == TRIPPED else f", {20 * value} ms"),
+            "0 while torque is off",
+            mend.command(servo, "bus_watchdog", 0),
+            mend.register(examined, servo, "bus_watchdog", 0),
+        )
+
+
+def supply(examined: Examined) -> Iterator[Found]:
+    """VOLTAGE_LOW, VOLTAGE_HIGH, VOLTAGE_DROP."""
+    for survey in serial(examined):
+        volts = {
+            servo: servo.values["present_input_voltage"] / 10
+            for servo in survey.known
+            if servo.fits and servo.values.get("present_input_voltage")
+        }
+        usual = median(volts.values()) if volts else 0.0
+        low = [servo for servo, each in volts.items() if len(volts) > OTHERS and usual - each >= DROP - 1e-9]
+        if low:
+            told = ", ".join(f"id {servo.id} {volts[servo]:.1f} V" for servo in low)
+            yield Found("VOLTAGE_DROP", f"bus {survey.spec.name}", told, f"{usual:.1f} V, as the others")
+        yield from together(found for servo, each in volts.items() for found in _volts(servo, each))
+
+
+def _volts(servo: Servo, volts: float) -> Iterator[Found]:
+    """Against the robot file's bounds (by model where it has none) and the servo's own limits (34, 32)."""
+    assert servo.joint is not None
+    bounds = servo.joint.type.supply
+    least = max(bounds.warn, servo.values.get("min_voltage_limit", 0) / 10)
+    most = min(bounds.high, servo.values.get("max_voltage_limit", 1000) / 10)
+    if volts <= least:
+        yield Found("VOLTAGE_LOW", servo.thing, f"{volts:.1f} V", f"above {least:.1f} V")
+    elif volts > most:
+        yield Found("VOLTAGE_HIGH", servo.thing, f"{volts:.1f} V", f"{most:.1f} V or less")
+
+
+def _entry(examined: Examined, joint: JointSpec | None) -> JointCalibration | None:
+    if joint is None or examined.calibration is None:
+        return None
+    return examined.calibration.by_name.get(joint.name)

@@ -1,0 +1,42 @@
+"""Which files, sockets and units belong to one daemon of this machine, as systemd/README.md has it.
+
+The plain service reads `twind.yaml` and listens in /run/twind; `twind@NAME` reads `NAME.yaml` beside it and
+is told to listen in /run/twind/NAME.
+"""
+
+import os
+from pathlib import Path
+
+from twind.protocol.places import SYSTEM
+
+SERVICE = "twind"
+
+
+def settings_of(place: str | None, folder: Path) -> Path | None:
+    """The settings of the instance whose sockets are at `place` (`-i NAME`); None: none, or it has no file.
+
+    `folder` is that of the services' settings, /etc/twind.
+    """
+    name = _instance_at(place)
+    file = folder / f"{name}.yaml"
+    return file if name and file.exists() else None
+
+
+def sockets_of(config: str | None, socket_dir: str, folder: Path) -> str:
+    """Where the daemon that reads `config` listens; `socket_dir` is what its settings say."""
+    file = None if config is None else Path(os.path.abspath(config))
+    told = file is not None and file.parent == folder and file.stem != SERVICE and socket_dir == SYSTEM
+    return f"{socket_dir}/{file.stem}" if told and file is not None else socket_dir
+
+
+def stop(place: str | None) -> str:
+    """The command that stops the service at `place`, and its socket units, which would start it again."""
+    name = _instance_at(place)
+    at = f"@{name}" if name else ""
+    return f"sudo systemctl stop {SERVICE}{at} {SERVICE}-control{at}.socket {SERVICE}-observe{at}.socket"
+
+
+def _instance_at(place: str | None) -> str:
+    """`arm` for /run/twind/arm and for a socket in it; empty: no instance's."""
+    folder = os.path.dirname(place or "") if (place or "").endswith(".sock") else place or ""
+    return os.path.basename(folder) if os.path.dirname(folder) == SYSTEM else ""

@@ -1,0 +1,34 @@
+"""move joints a little and back: does each follow, and is it the right one
+
+Through the running daemon and its gate, one joint after the other. The encoder shows whether a joint goes
+where it is sent; sign, gear ratio and which joint it is cannot be seen by it, since goal and reading share
+them. They are compared with the load that the model expects, where the pose shows it, and asked of you.
+"""
+
+import argparse
+
+LEAST, MOST = 0.5, 10.0  # degrees
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the verb."""
+    parser.add_argument("joints", nargs="*", metavar="JOINT")
+    parser.add_argument("--all", action="store_true", help="every joint, in the order of the robot file")
+    parser.add_argument(
+        "--degrees", type=float, default=2.0, metavar="N", help=f"how far, {LEAST:g} to {MOST:g} (default 2)"
+    )
+    parser.add_argument("--arm", action="store_true", help="arm first if the robot is not; it stays armed")
+    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
+    answers = parser.add_mutually_exclusive_group()
+    answers.add_argument("--yes", action="store_true", help="you watch, and count every move as seen")
+    answers.add_argument("--no-ask", action="store_true", help="do not ask what was seen")
+    parser.add_argument(
+        "--friction", type=float, default=0.1, metavar="N·m", help="of a joint, in the load (default 0.1)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0: every joint did what it should, as far as it can be told."""
+    from twind_calibration.wiggling.verb import wiggle  # a second of imports that the list need not pay
+
+    return wiggle(options)

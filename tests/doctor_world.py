@@ -1,0 +1,101 @@
+"""A machine with something wrong for the doctor to find: options, looks, other users, planted folders."""
+
+import argparse
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from twind_calibration.doctor import add_arguments, runner, table
+from twind_calibration.doctor.complaint import Found
+from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.gather import examine
+from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.runner import Mended, Outcome
+from twind_drivers.clock import MonotonicClock
+
+NOBODY = 65534
+ROOT = os.geteuid() == 0
+
+
+def options(*words: str, socket: object = "/nowhere/at/all") -> argparse.Namespace:
+    """Of `twindctl --socket DIR doctor WORDS`."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    found = parser.parse_args(words)
+    found.socket, found.json = str(socket), False
+    return found
+
+
+def host(**changed: Any) -> Host:
+    """This machine, some of its folders planted."""
+    return replace(Host(), **changed)
+
+
+def look(
+    *words: str, socket: object = "/nowhere/at/all", on: Host | None = None, only: Sequence[str] = ()
+) -> Outcome:
+    """What the doctor finds here, of all codes or of some."""
+    examined = examine(options(*words, socket=socket), on or Host(), MonotonicClock())
+    try:
+        return runner.run(examined, runner.chosen(table.checks(), only), table.complaints())
+    finally:
+        examined.close()
+
+
+def found(*words: str, code: str, socket: object = "/nowhere/at/all", on: Host | None = None) -> list[Found]:
+    """The findings of one code."""
+    outcome = look(*words, socket=socket, on=on, only=[code])
+    assert not [each for each in outcome.found if each.code == "CHECK_BROKEN"], outcome.found
+    return [each for each in outcome.found if each.code == code]
+
+
+def mended(
+    *words: str, code: str, socket: object = "/nowhere/at/all", on: Host | None = None
+) -> list[Mended]:
+    """What `--fix` does about one code, and what it sees afterwards."""
+
+    def again() -> Examined:
+        return examine(options(*words, socket=socket), on or Host(), MonotonicClock())
+
+    outcome = look(*words, socket=socket, on=on, only=[code])
+    outcome.found = [each for each in outcome.found if each.code == code]
+    return runner.mend(outcome, again, table.checks(), table.complaints())
+
+
+def wrong(outcome: Outcome) -> set[str]:
+    """Codes that count, notes left out."""
+    rows = table.complaints()
+    return {each.code for each in outcome.found if rows[each.code].severity.value != "note"}
+
+
+@contextmanager
+def nobody(*groups: int) -> Iterator[None]:
+    """Everything inside is done as the user nobody, with these groups. Needs root."""
+    before, home = (os.getgroups(), os.getegid()), os.environ["HOME"]
+    os.environ["HOME"] = "/nonexistent"
+    os.setgroups(list(groups))
+    os.setegid(NOBODY)
+    os.seteuid(NOBODY)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+        os.setegid(before[1])
+        os.setgroups(before[0])
+        os.environ["HOME"] = home
+
+
+def way_to(folder: Path) -> list[Path]:
+    """The folder and those above it that the tests made, whatever runs them: others must enter each."""
+    return [folder, *(above for above in folder.parents if Path(tempfile.gettempdir()) in above.parents)]
+
+
+def plant(folder: Path, text: str) -> Path:
+    """A file with its folders."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    folder.write_text(text)
+    return folder

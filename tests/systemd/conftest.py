@@ -1,0 +1,31 @@
+"""One machine for all tests of this folder: booted for the first, down after the last, also after Ctrl-C."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import installed
+import pytest
+from machine import Machine, why_not
+
+
+@pytest.fixture(scope="session")
+def machine() -> Iterator[Machine]:
+    """A machine on which twind is installed, and was not started yet."""
+    if (reason := why_not()) is not None:
+        pytest.skip(reason)
+    made = Machine(installed.lay, installed.binds())
+    try:
+        made.boot()
+        yield made
+    finally:
+        made.down()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
+    """What the machine told goes with a failure."""
+    report = yield
+    machine = getattr(item, "funcargs", {}).get("machine")
+    if report.failed and isinstance(machine, Machine) and machine.init:
+        report.sections.append(("journal", machine.told()))
+    return report

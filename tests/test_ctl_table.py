@@ -1,0 +1,56 @@
+"""The text of `twindctl status`: a port that works, and with which something is wrong all the same."""
+
+from typing import Any
+
+import msgspec
+import pytest
+from stand_in import briefing, overview, tick
+
+from twind.ctl.table import render, status_lines
+from twind.front.world import World
+from twind.link import BusInfo
+
+SLOW = "the adapter's latency timer is 16 ms; `sudo setserial /dev/ttyUSB0 low_latency`"
+LONG = "its queue holds 1000 frames; `sudo ip link set can0 txqueuelen 48`"
+
+
+def status(*warnings: str | None) -> dict[str, Any]:
+    """What the front answers when the loop tells so of its buses."""
+    buses = [
+        BusInfo(f"bus_{place}", f"/dev/ttyUSB{place}", True, 1.5, None, 0.4, 1000, 2, warning=warning)
+        for place, warning in enumerate(warnings)
+    ]
+    world = World(briefing())
+    world.take(msgspec.structs.replace(overview(100.0), buses=buses))
+    world.take(tick(100.0, 1))
+    answer: dict[str, Any] = msgspec.json.decode(world.status())
+    return answer
+
+
+def test_each_warning_of_a_port_is_a_line_below_its_bus_in_full() -> None:
+    lines = status_lines(status(SLOW, None, LONG))
+    starts = [line.split()[:2] for line in lines]
+    first = starts.index(["bus", "bus_0"])
+    assert [line.split()[0] for line in lines[first : first + 5]] == [
+        "bus",
+        "warning",
+        "bus",
+        "bus",
+        "warning",
+    ]
+    assert lines[first + 1] == f"warning  bus_0: {SLOW}"
+    assert lines[first + 4] == f"warning  bus_2: {LONG}"
+
+
+@pytest.mark.parametrize("warning", [None, ""])
+def test_where_nothing_is_wrong_with_a_port_nothing_is_said(warning: str | None) -> None:
+    assert not [line for line in status_lines(status(warning)) if line.startswith("warning")]
+    assert not [line for line in status_lines(status()) if line.startswith("warning")]
+
+
+def test_faults_come_after_the_warnings_and_joints_after_both() -> None:
+    answer = status(SLOW)
+    lines = status_lines(answer)
+    assert lines[-1].startswith("fault")
+    assert lines.index(f"warning  bus_0: {SLOW}") < len(lines) - 1
+    assert render(answer).splitlines() == lines

@@ -1,0 +1,47 @@
+"""What a front is told of the robot before it serves anybody: handed over in a sealed memfd, as msgpack."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+
+
+class JointInfo(msgspec.Struct, frozen=True):
+    """Where a joint stands, for naming."""
+
+    name: str
+    bus: str
+    id: int
+    calibrated: bool
+    lower: float
+    upper: float
+
+
+class Briefing(msgspec.Struct, frozen=True, kw_only=True):
+    """All a front must know of the robot: both judge the same one."""
+
+    version: str
+    robot: str
+    joints: Sequence[JointInfo]
+    description: dict[str, Any]  # the robot file as checked
+    calibration: dict[str, Any] | None
+    mjcf: str
+    binding: bytes = b""  # the bound robot for the look-ahead (`twin/handover.py`); empty: there is none
+    rate_hz: float
+    parameters: dict[str, Any]
+    log_level: str = "info"
+    files: dict[str, str] = {}  # robot file, model, calibration: path -> sha256 of what was read
+    described: bytes = b""  # what the files said, to be read again (`config/files.py`); empty: they are not
+    generation: int = 0  # how many changes were made since the start
+
+
+class Reading(msgspec.Struct, frozen=True, kw_only=True):
+    """What the files hold by now (`config/hot.py`), and the briefing that holds once `changes` are in force.
+
+    `error`: why they cannot be used; then nothing else counts.
+    """
+
+    changes: dict[str, Any] = {}
+    needs_restart: Sequence[str] = ()
+    briefing: Briefing | None = None
+    error: str = ""

@@ -1,0 +1,12 @@
+"""Keys of settings that change at any time; whatever else changes is the robot's. Imports nothing heavy."""
+
+from collections.abc import Mapping
+from typing import Any
+
+LEVEL, WARN, BLOCK = "log_level", "thresholds.latency_warn_ms", "thresholds.latency_block_ms"
+OF_SETTINGS = frozenset({LEVEL, WARN, BLOCK})
+
+
+def of_robot(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The changes that concern the robot: made only while it is at rest."""
+    return {key: value for key, value in changes.items() if key not in OF_SETTINGS}

@@ -1,0 +1,52 @@
+"""Files read again beside what is in force: what of them may be applied now, and what then is in force."""
+
+from dataclasses import replace
+
+from twind.config import hot
+from twind.config.files import Described
+from twind.config.hot import Changes, Difference, same
+
+
+def difference(old: Described, new: Described) -> Difference:
+    """Hot changes, and the keys that wait for a restart. Of another robot only its name is told apart."""
+    settings = hot.settings_difference(old.settings, new.settings)
+    restart = set(settings.restart)
+    changes = dict(settings.changes)
+    if not same(old.calibration, new.calibration):
+        restart.add("calibration")
+    if old.robot.path.absolute() != new.robot.path.absolute():
+        restart.add("robot")
+    else:
+        robot = hot.robot_difference(old.robot, new.robot)
+        changes |= robot.changes
+        restart |= set(robot.restart)
+    return Difference(dict(sorted(changes.items())), tuple(sorted(restart)))
+
+
+def in_force(old: Described, new: Described, found: Difference) -> Described:
+    """What is in force once `found` is applied. Raises NotHot.
+
+    Files whose contents are in force whole count as read now; the others as read before, so that nobody arms
+    by what is not in force.
+    """
+    made = with_changes(old, found.changes)
+    settings, files, robot = made.settings, dict(old.files), made.robot
+    if same(new.settings, replace(settings, source=new.settings.source, origins=new.settings.origins)):
+        settings = new.settings
+    if same(old.calibration, new.calibration) and set(old.files) == set(new.files):
+        files = dict(new.files)
+    path = str(old.robot.path.absolute())
+    if same(new.robot, replace(robot, text_sha256=new.robot.text_sha256)):
+        robot = new.robot
+    elif path in files:
+        files[path] = old.files[path]
+    model = str(old.robot.mjcf_path.absolute())
+    if model in files and new.robot.mjcf != robot.mjcf:
+        files[model] = old.files[model]
+    return replace(made, settings=settings, robot=robot, files=files)
+
+
+def with_changes(old: Described, changes: Changes) -> Described:
+    """The same with these changes. Raises NotHot."""
+    settings, robot = hot.settled(old.settings, changes), hot.applied(old.robot, changes)
+    return replace(old, settings=settings, robot=robot)

@@ -1,0 +1,64 @@
+"""The files read again: `python -m twind.front.reading`, a process of its own; a briefing on standard input.
+
+Started by the front, which goes on serving: reading YAML and compiling a model takes long, and what breaks
+the compiler breaks nobody else. Checks everything as a start does, changes nothing.
+"""
+
+import sys
+
+import msgspec
+
+from twind.briefing import Briefing, Reading
+from twind.config import files, reread
+from twind.config.files import UsageError, describe
+from twind.config.hot import NotHot
+from twind.config.keys import of_robot
+from twind.config.located import ConfigError
+from twind.front.told import with_files
+from twind.twin import handover
+from twind.twin.binding import Binding, BindingError, bind, rebound
+from twind.twin.simulation import hush
+
+
+def read_again(briefing: Briefing) -> Reading:
+    """What of the files differs from `briefing`, and the next briefing, with the hot part in force."""
+    try:
+        sources, old = files.unpacked(briefing.described)
+        new = describe(sources)
+        hush()
+        bind(new.robot, new.calibration)
+        found = reread.difference(old, new)
+        then = reread.in_force(old, new, found)
+        told = with_files(briefing, sources, then)
+        told = msgspec.structs.replace(told, description=msgspec.to_builtins(then.robot, enc_hook=str))
+        if of_robot(found.changes):
+            binding = rebound(handover.unpacked(briefing.binding), then.robot, then.calibration)
+            told = _with_robot(told, binding)
+    except (ConfigError, UsageError, BindingError, NotHot, ValueError, OSError) as error:
+        return Reading(error=str(error))
+    return Reading(changes=dict(found.changes), needs_restart=found.restart, briefing=told)
+
+
+def _with_robot(told: Briefing, binding: Binding) -> Briefing:
+    limits = binding.limits
+    joints = [
+        msgspec.structs.replace(joint, lower=float(lower), upper=float(upper))
+        for joint, lower, upper in zip(told.joints, limits.lower, limits.upper, strict=True)
+    ]
+    return msgspec.structs.replace(
+        told,
+        joints=joints,
+        binding=handover.packed(binding),
+    )
+
+
+def main() -> int:
+    """One reading, as msgpack on standard output."""
+    briefing = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Briefing)
+    sys.stdout.buffer.write(msgspec.msgpack.encode(read_again(briefing)))
+    sys.stdout.buffer.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,196 @@
+"""The fail-safe, `twind --failsafe`: a robot whose daemon was given up is lowered, then let go. One process.
+
+The daemon's own loop, gate and procedures, with nobody to ask: no control sockets, no front, no lease. And
+with nobody beside the robot: where an operator's `disarm` might drop it, this leaves it alone.
+
+- It waits `WAIT` s for ports, devices and their torque, and no longer: what is plugged in an hour later must
+  not move by itself.
+- Torque off everywhere: nothing is written. Modes mirror and sim write nothing either.
+- Devices that are not those of the files are left as they are: nobody knows where their joints are. So are
+  joints beyond their hard limits: a goal inside them would be a step.
+- `support: fixed | gantry`: lowered and let go as by `disarm`, without who is missing or refuses.
+- `support: free`, and whatever else it says: taken over whole, or left as it is.
+  Once it is taken over, the stop ladder holds: let go at rest in its rest pose, else damped first.
+- The way takes a quarter of every limit instead of half: nobody waits for it, somebody may be in its way.
+- What is left as it is stands where its servos' watchdogs stopped it, with torque on, until a person comes.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from twind import link
+from twind.loop.link import Incoming
+from twind.loop.ports import Link as Stage
+from twind.loop.procedures import Procedure, Rank
+from twind.loop.release import LETTING_GO, Manner, release
+from twind.loop.torque import named, past
+from twind.robot.arrays import Bools, every, some
+from twind.robot.finding import Code, Finding
+from twind.robot.modes import Mode
+from twind.safety.states import Event
+from twind.streams import tell
+from twind_drivers.bus import BusError
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from twind.loop.tick import Loop
+
+WAIT = 10.0  # s for ports, devices and their torque, before what is there is judged
+TRIES, AGAIN = 3, 20.0  # that are begun, within so many s: a bus may come back, an answer may have been lost
+FRESH = 0.1  # s, the oldest reading of a joint that a robot is taken over with
+SPEED, WAY, WITHIN = 0.25, 15.0, 30.0  # of the limits; s wanted; s after which the robot is damped
+LONGEST = (
+    AGAIN + WITHIN + LETTING_GO + WAIT
+)  # s: the last way that is begun, what is known of torque after it
+CARRIED = ("fixed", "gantry")  # what falls no further than its own arms
+
+
+class Failsafe:
+    """One robot lowered and let go, or left as it is.
+
+    `left` says why torque may be on; "" is said only after it was read back off everywhere, at the very end.
+    """
+
+    def __init__(self, loop: Loop) -> None:
+        self.left = "it was told to end before it had found out"
+        self._loop, self._refused = loop, ""
+
+    def begin(self) -> None:
+        """From the next tick on; the loop is finished when it is over, within `LONGEST` s.
+
+        A way that the limits make longer than `WITHIN` asks the service manager for more by itself.
+        """
+        self._loop.parts.notifier.extend(LONGEST)  # what was needed to get here does not count
+        self._loop.procedures.beside(self._run())
+
+    def _run(self) -> Procedure:
+        loop = self._loop
+        again = loop.clock.now() + AGAIN
+        for _ in range(TRIES):
+            yield from self._look(loop.clock.now() + WAIT)
+            why = why_left(loop)
+            if why or loop.torque_off or loop.clock.now() > again:
+                break
+            self._refused = ""
+            loop.procedures.own(Rank.SHUTDOWN, lambda: self._lower(loop))
+            while loop.procedures.rank is not None:
+                yield
+            why = self._refused
+            if loop.inhibited or not (loop.torque_on or some(~loop.hardware.open)):
+                break  # nothing is left that could be lowered
+        self.left = "" if loop.torque_off else why or _afterwards(loop)
+        if self.left:
+            loop.say.event("error", "FAILSAFE", self.left)
+        else:
+            loop.say.event("info", "FAILSAFE", "torque was read back off everywhere")
+        loop.finished = True
+
+    def _look(self, until: float) -> Generator[None, float, None]:
+        """Until everybody is known and every torque is read, or it is known to be off, or time is over."""
+        loop = self._loop
+        now = yield
+        while now < until and not loop.torque_off:
+            known = every(loop.hardware.slow.torque >= 0) and every(loop.measured.age <= FRESH)
+            if loop.hardware.connected and known:
+                return
+            now = yield
+
+    def _lower(self, loop: Loop) -> Procedure:
+        whole = loop.support not in CARRIED
+        manner = Manner(speed=SPEED, way=WAY, within=WITHIN, whole=whole)
+        loop.say.event("warning", "FAILSAFE", f"the robot is lowered, then let go (support: {loop.support})")
+        loop.change_if(Event.SETTLE, loop.clock.now())
+        try:
+            yield from release(loop, Finding(Code.NOT_ARMED, message="the daemon was given up"), manner)
+        except BusError as error:
+            if not loop.unconfirmed:  # torque was never ordered off
+                self._refused = f"torque is on, not everybody could be taken over: {error}"
+        loop.change_if(Event.SETTLED, loop.clock.now())
+
+
+def why_left(loop: Loop) -> str:
+    """Why this robot is not lowered, with what a person has to do; "": it may be, or its torque is off."""
+    if loop.torque_off:
+        return ""
+    closed = [port for port in loop.hardware.ports if port.reader is None]
+    on = loop.torque_known == 1
+    if not some(on):
+        why = closed[0].trouble or f"{closed[0].name} is not open" if closed else "no answer: power?"
+        return f"whether torque is on is not known of {named(loop, loop.torque_known < 0)}: {why}"
+    if loop.mode is not Mode.LIVE:
+        return f"torque is on, and mode {loop.mode.value} of the settings writes nothing"
+    devices = {(port.name, each.id): each for port in loop.hardware.ports for each in port.devices}
+    doubts = (*loop.parts.judge(devices).refusals, *loop.identity.troubles)
+    for doubt in doubts:
+        if doubt.code is not Code.DEVICE_MISSING:
+            return f"torque is on, and nobody knows where the joints are: {doubt.code}: {doubt.message}"
+    beyond = past(loop)
+    if some(beyond):
+        return f"torque is on, and to hold {named(loop, beyond)} inside the hard limits would be a step"
+    return "" if loop.support in CARRIED else _not_whole(loop, on)
+
+
+def _not_whole(loop: Loop, on: Bools) -> str:
+    """Why a robot that stands freely would not come down in order."""
+    state, stands = loop.measured, f"torque is on, support is {loop.support!r}, and"
+    if not loop.hardware.connected or not every(state.age <= FRESH):
+        missing = [each.message for found in loop.identity.missing.values() for each in found]
+        missing += [port.trouble for port in loop.hardware.ports if port.link is Stage.CLOSED]
+        who = missing[0] if missing else f"{named(loop, ~(state.age <= FRESH))} not heard"
+        return f"{stands} not everybody is there: {who}"
+    if not every(on):
+        return f"{stands} it is not on in {named(loop, ~on)}"
+    return ""
+
+
+def _afterwards(loop: Loop) -> str:
+    """Who is not known to have no torque, and what was said of it."""
+    why = next((f"{each.code}: {each.message}" for each in loop.latches.values()), "no answer")
+    return f"torque could not be read back off from {named(loop, loop.hardware.slow.torque != 0)}: {why}"
+
+
+class Aloud:
+    """The `Outside` of a loop without a front: nobody commands, events are lines of a descriptor, or lost."""
+
+    def __init__(self, fd: int) -> None:
+        self.dropped, self.lost, self.no_front = 0, False, ""
+        self._fd, self._numbers = fd, 0
+
+    def tend(self, now: float) -> None:
+        """There is no front."""
+
+    def brief(self, briefing: int) -> None:
+        """Nobody comes who could be told."""
+        os.close(briefing)
+
+    def ask_reread(self) -> None:
+        """Nobody reads."""
+
+    def commands(self, now: float) -> list[Incoming]:
+        """Nobody can ask anything."""
+        return []
+
+    def reply(self, reply: link.Reply) -> None:
+        """Nobody has asked."""
+
+    def event(self, event: link.Event | link.Moment) -> None:
+        """A line, now or never."""
+        if isinstance(event, link.Event):
+            tell(self._fd, event.level, f"{event.level} {event.code}: {event.message}")
+
+    def sequence(self) -> int:
+        """A number for the next event."""
+        self._numbers += 1
+        return self._numbers
+
+    def state(self, news: link.Tick | link.Overview) -> None:
+        """Nobody looks."""
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+    def close(self) -> None:
+        """Nothing to end."""
