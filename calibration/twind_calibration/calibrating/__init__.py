@@ -1,1 +1,1 @@
-"""The steps of `twindctl calibrate`: a file each with `add_arguments` and `run`, and pure rooms they share."""
+"""The steps of `twindctl calibrate`: a file each with `add_arguments` and `run`; pure rooms they share."""
