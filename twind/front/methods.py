@@ -258,6 +258,8 @@ METHODS: dict[str, Method] = {
     "Disarm": _as_it_stands(link.Disarm),
     "EStop": _estop,
     "Reset": _as_it_stands(link.Reset),
+    "Calibrate": _not_served,
+    "FindStop": _not_served,
     "Check": _check,
     "SubmitTrajectory": _submit,
     "Cancel": _as_it_stands(link.Cancel),
