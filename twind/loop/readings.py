@@ -8,6 +8,7 @@ from math import inf, nan
 
 import numpy as np
 
+from twind.loop.raw import Raw
 from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
@@ -87,6 +88,7 @@ class Readings:
     def __init__(self, joints: JointMap, period: float) -> None:
         count = len(joints)
         self.slow = Slow(count)
+        self.raw = Raw(count)
         self.jumps = np.zeros(count, np.int64)  # readings in a row that could not be (R13)
         self.leaps = np.zeros(count)  # rad, how far the last of them was off
         self.alerts = np.zeros(count, np.uint8)  # error byte of the last status, 0x80 = alert
@@ -109,6 +111,7 @@ class Readings:
         """Keep what was read of a bus; whose position (m,) is believed."""
         heard, senses, bus = sample.heard, self._senses[number], self._buses[number]
         places = self._where[number]
+        self.raw.take(places, sample)
         if every(heard) and senses.usual(sample.position, sample.sent, sample.received):
             self.position[places] = radians(bus, sample.position)
             self.velocity[places] = sample.velocity * bus.velocity_scale
