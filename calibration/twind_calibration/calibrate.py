@@ -6,20 +6,29 @@ is known may lie on the wrong turn.
 
 import argparse
 from importlib import import_module
+from types import ModuleType
 
 # name -> what it does; each is `twind_calibration/calibrating/NAME.py`
 STEPS: dict[str, str] = {}
+# of the steps whose name is no name of a module, or that share one
+MODULES: dict[str, str] = {"import": "importing", "show": "history", "diff": "history", "rollback": "history"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """One subcommand a step."""
     steps = parser.add_subparsers(dest="step", metavar="STEP", required=True)
     for name, what in STEPS.items():
-        module = import_module(f"twind_calibration.calibrating.{name}")
-        module.add_arguments(steps.add_parser(name, help=what, description=module.__doc__))
+        module = _module(name)
+        under = steps.add_parser(name, help=what, description=module.__doc__)
+        under.set_defaults(step=name)  # for a room that several steps share
+        module.add_arguments(under)
 
 
 def run(options: argparse.Namespace) -> int:
     """Exit code of the step."""
-    code: int = import_module(f"twind_calibration.calibrating.{options.step}").run(options)
+    code: int = _module(options.step).run(options)
     return code
+
+
+def _module(step: str) -> ModuleType:
+    return import_module(f"twind_calibration.calibrating.{MODULES.get(step, step)}")

@@ -92,7 +92,7 @@ class Settings:
 
     def usual_calibration(self, robot_name: str) -> Path:
         """Where the calibration of this individual is looked for when no file is named."""
-        return self.state_dir / "calibration" / f"{self.individual or robot_name}.yaml"
+        return usual_calibration(self.state_dir, self.individual or robot_name)
 
     def parameters(self) -> dict[str, Any]:
         """What `GetParameters` shows; `origins` says of each key that is no default where it comes from."""
@@ -100,6 +100,8 @@ class Settings:
             "mode": self.mode,
             "robot": self.robot,
             "individual": self.individual,
+            "calibration": None if self.calibration is None else str(self.calibration.absolute()),
+            "state_dir": str(self.state_dir.absolute()),
             "rate_hz": self.rate_hz,
             "latency_warn_ms": self.latency_warn_ms,
             "latency_block_ms": self.latency_block_ms,
@@ -108,6 +110,11 @@ class Settings:
             "source": self.source,
             "origins": dict(self.origins),
         }
+
+
+def usual_calibration(state_dir: Path, individual: str) -> Path:
+    """Where the calibration of an individual stands when no file is named."""
+    return state_dir / "calibration" / f"{individual}.yaml"
 
 
 def places(environ: Mapping[str, str], uid: int) -> Places:
