@@ -66,6 +66,10 @@ def tick(now: float, sequence: int, count: int = 24) -> link.Tick:
         heard=np.array([True] * (count - 1) + [False]).tobytes(),
         goal=(place / 10.0).tobytes(),
         simulated=(place / 10.0).tobytes(),
+        read=now - 0.003,
+        raw=(2048 - 100 * place).astype(np.int64).tobytes(),
+        raw_effort=np.where((place == 1) | ~np.isfinite(age), np.nan, -place).tobytes(),
+        raw_age=age.tobytes(),
         skew=0.0015,
     )
 

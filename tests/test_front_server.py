@@ -112,8 +112,8 @@ def test_varlink_understands_our_errors(loop: StandIn) -> None:
         assert caught.value.error() == f"{CONTROL}.NotAllowed"
         assert caught.value.parameters() == {"role": "observer", "method": "Arm"}
         with pytest.raises(varlink.VarlinkError) as caught:
-            robot.Monitor(topics=["raw"])
-        assert caught.value.parameters()["known"] == ["state", "latency", "status", "events", "verdicts"]
+            robot.Monitor(topics=["rough"])
+        assert caught.value.parameters()["known"] == ["state", "latency", "status", "raw", "events", "verdicts"]
 
 
 # --------------------------------------------------------------------------- what is answered here
@@ -145,7 +145,7 @@ def test_what_is_not_known_is_null_and_never_a_number(loop: StandIn) -> None:
     assert answer["status"]["faults"][0]["joint"] == NAMES[3]
 
 
-@pytest.mark.parametrize("topic", ["state", "latency", "status"])
+@pytest.mark.parametrize("topic", ["state", "latency", "status", "raw"])
 def test_a_topic_comes_at_its_rate_and_as_the_interface_says(loop: StandIn, topic: str) -> None:
     with Raw(loop) as client:
         client.send("Monitor", parameters={"topics": [topic], "rate": 10.0}, more=True)

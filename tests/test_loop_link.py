@@ -123,6 +123,10 @@ def tick(sequence: int, dropped: int = 0) -> link.Tick:
         heard=bytes(24),
         goal=some,
         simulated=some,
+        read=0.0,
+        raw=some,
+        raw_effort=some,
+        raw_age=some,
         dropped=dropped,
     )
 

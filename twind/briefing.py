@@ -15,6 +15,7 @@ class JointInfo(msgspec.Struct, frozen=True):
     calibrated: bool
     lower: float
     upper: float
+    actuator: str = ""  # what is at the end of the wire, where it is not named as the joint; empty: it is
 
 
 class Briefing(msgspec.Struct, frozen=True, kw_only=True):

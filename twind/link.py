@@ -226,6 +226,10 @@ class Tick(Base, frozen=True, kw_only=True):
     heard: bytes  # n bytes, 0 or 1
     goal: bytes  # rad, NaN: none
     simulated: bytes  # rad
+    read: float  # s, when the last byte of the reading arrived that `raw` is of
+    raw: bytes  # int64 of n actuators: counts as they were on the wire; meaningless while raw_age is inf
+    raw_effort: bytes  # as it was on the wire, NaN: not told
+    raw_age: bytes  # s before `read`, inf never
     dropped: int = 0  # ticks and overviews lost before this one because the pipe was full
     skew: float = nan  # s between the first and the last bus that had answered; NaN: fewer than two did
 

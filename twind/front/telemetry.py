@@ -11,8 +11,9 @@ from twind.front.stream import Stream
 from twind.front.world import World
 from twind.link import Event, Moment, Overview, Tick
 
-PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0}  # topic -> Hz where the call does not say
-TOPICS = (*PERIODIC, "events", "verdicts")  # `raw` is of the interface and not served yet
+# topic -> Hz where the call does not say
+PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0, "raw": 10.0}
+TOPICS = (*PERIODIC, "events", "verdicts")
 
 
 @dataclass(slots=True)
@@ -64,14 +65,20 @@ class Telemetry:
 
     def tick(self, tick: Tick) -> None:
         """Topics that follow the tick."""
-        pieces = {"state": (b"joints", self._world.state), "status": (b"status", self._world.status)}
-        for topic, (key, piece) in pieces.items():
-            self._periodic(topic, key, piece, tick.time, tick.sequence, self._slack)
+        world, number = self._world, tick.sequence
+        for topic, key, piece, time in (
+            ("state", b"joints", world.state, tick.time),
+            ("status", b"status", world.status, tick.time),
+            ("raw", b"raw", world.raw, tick.read),
+        ):
+            wanting = [watcher for watcher in self._watchers if watcher.wants(topic, tick.time, self._slack)]
+            self._send(wanting, topic, key, piece, time, number)
 
     def overview(self, overview: Overview) -> None:
         """Topics that follow the overview."""
         sequence = 0 if self._world.tick is None else self._world.tick.sequence
-        self._periodic("latency", b"latency", self._world.latency, overview.time, sequence, 0.05)
+        wanting = [watcher for watcher in self._watchers if watcher.wants("latency", overview.time, 0.05)]
+        self._send(wanting, "latency", b"latency", self._world.latency, overview.time, sequence)
 
     def event(self, event: Event) -> None:
         """To all who watch events."""
@@ -82,12 +89,6 @@ class Telemetry:
         self._at_once(
             "verdicts", b"verdict", lambda: self._world.verdict(moment), moment.time, moment.sequence
         )
-
-    def _periodic(
-        self, topic: str, key: bytes, piece: Callable[[], bytes], time: float, sequence: int, slack: float
-    ) -> None:
-        wanting = [watcher for watcher in self._watchers if watcher.wants(topic, time, slack)]
-        self._send(wanting, topic, key, piece, time, sequence)
 
     def _at_once(
         self, topic: str, key: bytes, piece: Callable[[], bytes], time: float, sequence: int

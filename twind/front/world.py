@@ -3,6 +3,7 @@
 Front process. Reads the loop's news, knows no client.
 """
 
+from math import isfinite
 from typing import Any
 
 import msgspec
@@ -104,6 +105,20 @@ class World:
         """Of the topic `state`: the joints, and how far apart in time their buses were read; encoded."""
         assert self.tick is not None
         return self.joints() + b',"skew_ms":' + encode(self.tick.skew * 1e3)
+
+    def raw(self) -> bytes:
+        """Of the topic `raw`: what was on the wire of every actuator, encoded."""
+        assert self.tick is not None
+        ticks, age = memoryview(self.tick.raw).cast("q").tolist(), _floats(self.tick.raw_age)
+        efforts = _floats(self.tick.raw_effort)
+        return encode(
+            {
+                "names": [joint.actuator or joint.name for joint in self.briefing.joints],
+                "ticks": [one if isfinite(old) else None for one, old in zip(ticks, age, strict=True)],
+                "effort": [int(one) if isfinite(one) else None for one in efforts],
+                "age_ms": [each * 1e3 for each in age],
+            }
+        )
 
     def latency(self) -> bytes:
         """`[]Latency` of the interface, encoded."""

@@ -45,7 +45,7 @@ class Publisher:
         """The state after this tick."""
         loop = self._loop
         state = loop.simulated if loop.mode is Mode.SIM else loop.measured
-        reference = loop.executor.reference
+        reference, raw, read = loop.executor.reference, loop.hardware.readings.raw, loop.measured.time
         return link.Tick(
             time=now,
             sequence=loop.figures.ticks,
@@ -61,6 +61,10 @@ class Publisher:
             heard=state.heard.tobytes(),
             goal=self._unknown if reference is None else np.ascontiguousarray(reference.position).tobytes(),
             simulated=loop.simulated.position.tobytes(),
+            read=read,
+            raw=raw.ticks.tobytes(),
+            raw_effort=raw.effort.tobytes(),
+            raw_age=raw.age(read).tobytes(),
             dropped=loop.link.dropped,
             skew=loop.hardware.skew if loop.mode is not Mode.SIM else nan,
         )
