@@ -168,7 +168,7 @@ def _joint(section: Section, joint: JointSpec, method: str) -> JointCalibration:
         name=joint.name,
         bus=bus,
         id=id,
-        device=_device(section.section("device")),
+        device=read_device(section.section("device")),
         zero_ticks=section.integer("zero_ticks", least=-MAX_TICKS, most=MAX_TICKS),
         zero_sigma_ticks=section.number("zero_sigma_ticks", least=0.0),
         captures=section.integer("captures", least=1, most=100_000),
@@ -195,7 +195,8 @@ def _derived(section: Section, key: str, given: object, computed: object) -> Non
         raise section.refuse(key, f"{given} does not follow from sweep_ticks, which give {computed}")
 
 
-def _device(section: Section) -> DeviceRecord:
+def read_device(section: Section) -> DeviceRecord:
+    """The record under `device:`. Raises ConfigError."""
     eeprom = section.section("eeprom")
     number, byte = {"least": -MAX_TICKS, "most": MAX_TICKS}, {"least": 0, "most": 255}
     record = DeviceRecord(
@@ -234,25 +235,31 @@ def fitting(
     return replace(calibration, sha256=text_hash(dump_calibration(calibration)))
 
 
+def recorded(device: Device) -> DeviceRecord:
+    """What a calibration keeps of a device. Raises KeyError: a setting that it did not tell."""
+    settings = device.settings
+    return DeviceRecord(
+        model_number=device.model_number,
+        firmware=device.firmware,
+        unique_id=None,
+        homing_offset_ticks=settings["homing_offset"],
+        drive_mode=settings["drive_mode"],
+        operating_mode=settings["operating_mode"],
+        min_ticks=settings["min_position_limit"],
+        max_ticks=settings["max_position_limit"],
+    )
+
+
 def _fitted(joint: JointSpec, zero: int, device: Device) -> JointCalibration:
     ends = sorted(
         ticks_of(joint, zero, angle) for angle in (joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
     )
-    sweep, turn, settings = (ends[0], ends[1]), joint.type.ticks_per_turn, device.settings
+    sweep, turn = (ends[0], ends[1]), joint.type.ticks_per_turn
     return JointCalibration(
         name=joint.name,
         bus=joint.bus,
         id=joint.id,
-        device=DeviceRecord(
-            model_number=device.model_number,
-            firmware=device.firmware,
-            unique_id=None,
-            homing_offset_ticks=settings["homing_offset"],
-            drive_mode=settings["drive_mode"],
-            operating_mode=settings["operating_mode"],
-            min_ticks=settings["min_position_limit"],
-            max_ticks=settings["max_position_limit"],
-        ),
+        device=recorded(device),
         zero_ticks=zero,
         zero_sigma_ticks=0.0,
         captures=1,
@@ -274,15 +281,17 @@ def dump_calibration(calibration: Calibration) -> str:
         "tool": calibration.tool,
         "method_default": calibration.method_default,
     }
-    lines = [f"{key}: {_flow(value)}" for key, value in head.items()]
-    lines.append("joints:" if calibration.joints else "joints: {}")
-    for joint in calibration.joints:
-        lines += [
-            f"  {_flow(joint.name)}:",
-            *(f"    {key}: {_flow(value)}" for key, value in _entries(joint)),
-        ]
-    text = "\n".join(lines) + "\n"
+    text = written(head, {joint.name: _entries(joint) for joint in calibration.joints})
     return f'{text}sha256: "{text_hash(text)}"\n'
+
+
+def written(head: Mapping[str, Plain], joints: Mapping[str, Mapping[str, Plain]]) -> str:
+    """The text of a file of joints in one fixed form: every entry of a joint on a line of its own."""
+    lines = [f"{key}: {_flow(value)}" for key, value in head.items()]
+    lines.append("joints:" if joints else "joints: {}")
+    for name, entries in joints.items():
+        lines += [f"  {_flow(name)}:", *(f"    {key}: {_flow(value)}" for key, value in entries.items())]
+    return "\n".join(lines) + "\n"
 
 
 def save_calibration(calibration: Calibration, folder: Path, individual: str) -> Path:
@@ -293,8 +302,8 @@ def save_calibration(calibration: Calibration, folder: Path, individual: str) ->
     return save_text(folder, individual, dump_calibration(calibration), HISTORY)
 
 
-def _entries(joint: JointCalibration) -> list[tuple[str, Plain]]:
-    device = joint.device
+def device_entries(device: DeviceRecord) -> dict[str, Plain]:
+    """What stands under `device:`."""
     eeprom: Plain = {
         "homing_offset_ticks": device.homing_offset_ticks,
         "drive_mode": device.drive_mode,
@@ -304,22 +313,24 @@ def _entries(joint: JointCalibration) -> list[tuple[str, Plain]]:
     }
     found: dict[str, Plain] = {"model_number": device.model_number, "firmware": device.firmware}
     found |= {"unique_id": device.unique_id, "eeprom": eeprom}
-    if device.tag is not None:
-        found["tag"] = device.tag
-    entries: list[tuple[str, Plain]] = [
-        ("bus", joint.bus),
-        ("id", joint.id),
-        ("device", found),
-        ("zero_ticks", joint.zero_ticks),
-        ("zero_sigma_ticks", joint.zero_sigma_ticks),
-        ("captures", joint.captures),
-        ("sign", joint.sign),
-        ("sweep_ticks", list(joint.sweep_ticks)),
-        ("seam_margin_ticks", joint.seam_margin_ticks),
-        ("turn_band_ticks", list(joint.turn_band_ticks)),
-        ("method", joint.method),
-    ]
-    return entries if joint.proof is None else [*entries, ("proof", joint.proof)]
+    return found if device.tag is None else found | {"tag": device.tag}
+
+
+def _entries(joint: JointCalibration) -> dict[str, Plain]:
+    entries: dict[str, Plain] = {
+        "bus": joint.bus,
+        "id": joint.id,
+        "device": device_entries(joint.device),
+        "zero_ticks": joint.zero_ticks,
+        "zero_sigma_ticks": joint.zero_sigma_ticks,
+        "captures": joint.captures,
+        "sign": joint.sign,
+        "sweep_ticks": list(joint.sweep_ticks),
+        "seam_margin_ticks": joint.seam_margin_ticks,
+        "turn_band_ticks": list(joint.turn_band_ticks),
+        "method": joint.method,
+    }
+    return entries if joint.proof is None else entries | {"proof": joint.proof}
 
 
 def _flow(value: Plain) -> str:

@@ -16,8 +16,7 @@ def save_text(folder: Path, name: str, text: str, history: int) -> Path:
     Mode 0640. A power cut at any point leaves the old or the new file. Raises ConfigError (a name that is not
     1 to 64 of a-z 0-9 _ -, bytes that read back differently), OSError (no folder, disk full, no permission).
     """
-    if not _NAME.fullmatch(name):
-        raise file_error(str(folder), f"{name!r} is no name for a file: use 1 to 64 of a-z, 0-9, _ and -")
+    _require_name(folder, name)
     current, fresh = f"{name}.yaml", f".{name}.yaml.new"
     directory = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -28,6 +27,34 @@ def save_text(folder: Path, name: str, text: str, history: int) -> Path:
     finally:
         os.close(directory)
     return folder / current
+
+
+def draft_of(folder: Path, name: str) -> Path:
+    """Where the work in progress on `folder/name.yaml` stands."""
+    return folder / f".{name}.draft.yaml"
+
+
+def save_draft(folder: Path, name: str, text: str) -> Path:
+    """Make the draft of `folder/name.yaml` hold `text`: old or new, never mixed, and no history.
+
+    Raises as `save_text`.
+    """
+    _require_name(folder, name)
+    path = draft_of(folder, name)
+    fresh = f"{path.name}.new"
+    directory = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        _write(directory, fresh, text.encode())
+        os.replace(fresh, path.name, src_dir_fd=directory, dst_dir_fd=directory)
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+    return path
+
+
+def _require_name(folder: Path, name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise file_error(str(folder), f"{name!r} is no name for a file: use 1 to 64 of a-z, 0-9, _ and -")
 
 
 def _write(directory: int, name: str, data: bytes) -> None:
