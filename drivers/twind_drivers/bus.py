@@ -21,12 +21,15 @@ write.
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import floor
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.clock import Arrivals, Clock
+
+if TYPE_CHECKING:
+    from twind_drivers.alone import Alone
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -338,6 +341,9 @@ class Reader(Protocol):
 class Writer(Protocol):
     """The half that exists in live only."""
 
+    def bound(self, lower: Ints, upper: Ints) -> None:
+        """Goals (m,) that may be sent from now on (R22); pending goals are dropped. Raises ValueError."""
+
     def goals(self, ticks: Ints) -> None:
         """Goals (m,) for the next `request`. Raises WireClamp; then nothing is pending."""
 
@@ -375,6 +381,13 @@ class Writer(Protocol):
         Ids of those that did not confirm it. A part of it leaves nobody stronger than before, and a silent
         device holds nobody up: whoever asks for it goes on to torque off. `prepare` gives the strength back.
         """
+
+    def alone(self, id: int, *, cap: int, profile: int) -> "Alone":
+        """One device by itself, `cap` its most current and `profile` its speed, raw. Until `together` nobody
+        else is given anything but torque off. Raises ValueError: it cannot be driven so."""
+
+    def together(self) -> None:
+        """All devices again, as before `alone`."""
 
     def write(self, id: int, name: str, value: int) -> Script[Register]:
         """One register by name, read back. Raises NoReply, DeviceRefused, KeyError, ValueError (range)."""

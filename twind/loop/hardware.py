@@ -14,7 +14,7 @@ import numpy as np
 from twind.loop.ports import Link, Port, Task
 from twind.loop.procedures import all_of
 from twind.loop.readings import Readings, radians, ticks
-from twind.robot.arrays import Bools, Floats, every, some
+from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
 from twind.safety.facts import Traffic
@@ -41,7 +41,7 @@ class Hardware:
     def __init__(self, joints: JointMap, ports: Sequence[Port], clock: Clock, period: float) -> None:
         self.joints, self.clock, self.period = joints, clock, period
         self.ports = tuple(ports)
-        self.pairs: tuple[tuple[Port, BusMap], ...] = tuple(zip(self.ports, joints.buses, strict=True))
+        self.pairs: tuple[tuple[Port, BusMap], ...]  # a bus in the counts that goals have on its wire
         self.readings = Readings(joints, period)
         self.slow = self.readings.slow
         self.lost: list[Lost] = []  # ports lost since the last look
@@ -57,21 +57,46 @@ class Hardware:
         self._access = (False, False)
         self._stride, self._turn = upkeep_stride(1.0 / period), 0
         self._place = {port.name: number for number, port in enumerate(self.ports)}
+        self._turns = [np.zeros_like(bus.zero) for bus in joints.buses]  # ticks that goals are sent less
         self.resolution = np.full(len(joints), nan)  # rad per tick
         self.reach = (np.full(len(joints), nan), np.full(len(joints), nan))  # rad: goals that may leave (R22)
-        for bus in joints.buses:
+        self.rejoin(joints)
+
+    def rejoin(self, joints: JointMap) -> None:
+        """The ranges that goals may have (R22); counts per rad, zeros, turns and who is where stay."""
+        self.joints = joints
+        self.readings.rejoin(joints)
+        maps = [bus.turned(turns) for bus, turns in zip(joints.buses, self._turns, strict=True)]
+        self.pairs = tuple(zip(self.ports, maps, strict=True))
+        for _, bus in self.pairs:
             self.resolution[bus.joints] = np.abs(bus.scale)
             ends = radians(bus, bus.lower), radians(bus, bus.upper)
             self.reach[0][bus.joints], self.reach[1][bus.joints] = np.minimum(*ends), np.maximum(*ends)
+        for number in range(len(self.ports)):
+            self._bound(number)
+
+    def turn(self, number: int, shift: Ints, goals: Ints) -> None:
+        """The whole turns (m,) by which the counts of a bus are off, in ticks, chosen before torque.
+
+        `shift` is added to readings; `goals` is taken off what is sent: less where torque-on lets the count
+        fall back to one turn. Raises ValueError for a goal that its register cannot hold.
+        """
+        self.readings.turn(number, shift)
+        if not np.array_equal(goals, self._turns[number]):
+            port, bus = self.ports[number], self.joints.buses[number].turned(goals)
+            if port.writer is not None:
+                port.writer.bound(bus.lower, bus.upper)
+            self._turns[number] = goals
+            self.pairs = (*self.pairs[:number], (port, bus), *self.pairs[number + 1 :])
 
     # --------------------------------------------------------------------------- access and life
 
     def access(self, *, read: bool, write: bool) -> None:
         """What the mode allows: nothing (sim), reading (mirror), both (live)."""
         self._access = (read, write)
-        for port in self.ports:
+        for number, port in enumerate(self.ports):
             if read:
-                port.enable(write)
+                self._enable(number)
             else:
                 port.close()
 
@@ -205,9 +230,19 @@ class Hardware:
 
     def _open(self, now: float) -> None:
         if self._access[0]:
-            for port in self.ports:
+            for number, port in enumerate(self.ports):
                 if port.open(now):
-                    port.enable(self._access[1])
+                    self._enable(number)
+
+    def _enable(self, number: int) -> None:
+        """The write half as the mode has it, its clamp (R22) in the counts of the wire."""
+        self.ports[number].enable(self._access[1])
+        self._bound(number)
+
+    def _bound(self, number: int) -> None:
+        port, bus = self.pairs[number]
+        if port.writer is not None and some(self._turns[number]):
+            port.writer.bound(bus.lower, bus.upper)
 
     def _read(self, now: float, end: float) -> JointState:
         self._begin()

@@ -1,7 +1,8 @@
 """What the robot was last read as, raw ↔ SI: the only place that multiplies ticks.
 
 Takes the sample of one bus after the other. A joint that was not heard, or not believed (R13), keeps its
-number, and says how old it is. Does no I/O.
+number, and says how old it is. The whole turns by which counts are off (`safety/turns.py`) are kept in the
+zeros of a bus, so that a tick pays nothing for them. Does no I/O.
 """
 
 from math import inf, nan
@@ -96,8 +97,11 @@ class Readings:
         self.velocity = np.full(count, nan)
         self.effort = np.full(count, nan)
         self.load = np.full(count, nan)  # share of the current limit, by amount; NaN unknown
+        self.shift = np.zeros(count, np.int64)  # ticks, whole turns: calibrated counts are raw + shift
         self.heard_at = np.full(count, -inf)  # s
-        self._buses, self._period = joints.buses, period
+        self._maps, self._period = joints.buses, period
+        self._buses = list(joints.buses)  # the same, their zeros less the shift
+        self._falling: list[Bools | None] = [None] * len(joints.buses)  # who may begin to count anew
         self._where = [where(bus) for bus in joints.buses]
         self._loads = [nan if bus.load_scale is None else bus.load_scale for bus in joints.buses]
         self._senses = [Senses(bus.fastest, period) for bus in joints.buses]
@@ -109,6 +113,9 @@ class Readings:
 
     def take(self, number: int, sample: Sample) -> Bools:
         """Keep what was read of a bus; whose position (m,) is believed."""
+        falling = self._falling[number]
+        if falling is not None:
+            self._fall(number, falling, sample)
         heard, senses, bus = sample.heard, self._senses[number], self._buses[number]
         places = self._where[number]
         self.raw.take(places, sample)
@@ -129,6 +136,23 @@ class Readings:
         self.load[rows] = (np.abs(effort) * self._loads[number])[heard]
         self.heard_at[rows] = sample.received
         return heard
+
+    def turn(self, number: int, shift: Ints) -> None:
+        """The whole turns (m,) that the counts of a bus lack, in ticks; positions already read go along."""
+        places = self._where[number]
+        self.position[places] += (shift - self.shift[places]) * self._maps[number].scale
+        self._shift(number, shift)
+        self._falling[number] = None
+
+    def expect(self, number: int, falling: Bools | None) -> None:
+        """Who of a bus (m,) is about to count anew, from the turn that it was calibrated on; None: nobody."""
+        self._falling[number] = falling
+
+    def rejoin(self, joints: JointMap) -> None:
+        """The same joints in other ranges; zeros and who is where stay."""
+        self._maps = joints.buses
+        for number, places in enumerate(self._where):
+            self._shift(number, self.shift[places])
 
     def alert(self, number: int, sample: Sample) -> list[int]:
         """Keep the error bytes; places on the bus of those who begin to say that they have an error (R09)."""
@@ -163,6 +187,20 @@ class Readings:
         for array in (position, velocity, effort, state.age, heard):
             array.setflags(write=False)
         return state
+
+    def _shift(self, number: int, shift: Ints) -> None:
+        self.shift[self._where[number]] = shift
+        self._buses[number] = self._maps[number].turned(shift)
+
+    def _fall(self, number: int, falling: Bools, sample: Sample) -> None:
+        """Who reads just the turns away that it lacked has begun to count anew: it stands where it stood."""
+        places = self._where[number]
+        shift, moved = self.shift[places], sample.position - self.raw.ticks[places]
+        fallen = falling & sample.heard & (np.abs(moved - shift) < np.abs(moved))
+        if some(fallen):
+            jump = np.where(fallen, shift, 0)
+            self._senses[number].turned(jump)
+            self._shift(number, shift - jump)
 
     def _believe(self, number: int, sample: Sample) -> Bools:
         """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""

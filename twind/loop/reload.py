@@ -18,7 +18,6 @@ from twind import link
 from twind.config import hot
 from twind.config.keys import of_robot
 from twind.loop.described import Robot
-from twind.loop.readings import radians
 from twind.robot.arrays import Bools, Floats
 from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
@@ -27,9 +26,7 @@ from twind.safety.gate import Thresholds
 from twind.twin.binding import BindingError
 
 if TYPE_CHECKING:
-    from twind.loop.hardware import Hardware
     from twind.loop.tick import Loop
-    from twind.robot.joints import JointMap
 
 PATIENCE = 20.0  # s that reading and checking the files may take, from the last sign that it began
 FRESH = 0.5  # s: an older reading does not say where a limp joint is now
@@ -222,7 +219,7 @@ def put_in_force(loop: Loop, one: Robot) -> None:
     for port in hardware.ports:
         port.enabler = port.enabler if enabler is None else enabler
         port.writer = writers.get(port.name, port.writer)
-    _rejoin(hardware, binding.joint_map)
+    hardware.rejoin(binding.joint_map)
     parts.guard.limit(binding.limits)
     loop.executor.limits = loop.limits = binding.limits
     loop.joints, loop.outlook = binding.joint_map, outlook
@@ -236,15 +233,6 @@ def put_in_force(loop: Loop, one: Robot) -> None:
         judge=one.judge,
         outlook=outlook,
     )
-
-
-def _rejoin(hardware: Hardware, joints: JointMap) -> None:
-    """The ranges that goals may have (R22); counts per rad, zeros and who is where stay."""
-    hardware.joints = joints
-    hardware.pairs = tuple(zip(hardware.ports, joints.buses, strict=True))
-    for bus in joints.buses:
-        ends = radians(bus, bus.lower), radians(bus, bus.upper)
-        hardware.reach[0][bus.joints], hardware.reach[1][bus.joints] = np.minimum(*ends), np.maximum(*ends)
 
 
 def thresholds_with(old: Thresholds, changes: dict[str, Any]) -> Thresholds:

@@ -1,7 +1,7 @@
 """The joints of a robot in one fixed order, and where each stands on its bus."""
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from twind.robot.arrays import Floats, Ints
@@ -25,6 +25,10 @@ class BusMap:
     upper: Ints  # ticks: the largest
     fastest: Floats  # ticks/s that the motor turns at most, by its type (R13)
     load_scale: Floats | None = None  # share of the current limit per count of effort; NaN unknown; None: all
+
+    def turned(self, shift: Ints) -> "BusMap":
+        """The same joints in counts that are `shift` (m,) ticks smaller: those of the wire, off by turns."""
+        return replace(self, zero=self.zero - shift, lower=self.lower - shift, upper=self.upper - shift)
 
 
 @dataclass(frozen=True)

@@ -29,16 +29,12 @@ class Commands:
         """Raises ValueError for another shape, lower above upper, and gains that no field holds."""
         self.reader, self.fleet, self.line, self.cyclic = reader, reader.fleet, reader.line, reader.cyclic
         m = len(self.fleet)
-        self.lower, self.upper = (np.asarray(each, np.int64) for each in (lower, upper))
         self.kp, self.kd = (np.asarray(each, np.float64) for each in (kp, kd))
-        for each in (self.lower, self.upper, self.kp, self.kd):
+        for each in (self.kp, self.kd):
             if each.shape != (m,):
                 raise ValueError(f"{reader.name}: {each.shape} values for {m} actuators")
-        if not (self.lower <= self.upper).all():
-            row = int(np.argmin(self.lower <= self.upper))
-            raise ValueError(f"{reader.name}: id {reader.ids[row]}: bounds {lower[row]}..{upper[row]}")
         self._require_gains()
-        self.check = WireCheck(self.fleet, self.lower, self.upper)
+        self.lower, self.upper, self.check = self._bounds(lower, upper)
         self.soft: Bools = np.zeros(m, np.bool_)  # who has no stiffness, until prepared anew
         self.aim: Ints | None = None  # (m,) where to hold, as last told
         self._given: Ints | None = None  # the goals given last ...
@@ -48,6 +44,26 @@ class Commands:
         self._off = joined([frame for each in everybody for frame in each])
         self.check.judge(self._off)
         self._knock()
+
+    def bound(self, lower: Ints, upper: Ints) -> None:
+        """Counts (m,) that may be commanded from now on; what waits to be sent, or is repeated, is dropped.
+
+        Raises ValueError as the beginning does: nothing changes.
+        """
+        self.lower, self.upper, self.check = self._bounds(lower, upper)
+        self.line.goals = self.aim = self._given = self._before = None
+        self._knock()
+
+    def _bounds(self, lower: Ints, upper: Ints) -> tuple[Ints, Ints, WireCheck]:
+        least, most = (np.array(each, np.int64) for each in (lower, upper))
+        for each in (least, most):
+            if each.shape != (len(self.fleet),):
+                raise ValueError(f"{self.reader.name}: {each.shape} values for {len(self.fleet)} actuators")
+        if not (least <= most).all():
+            row = int(np.argmin(least <= most))
+            where = f"{self.reader.name}: id {self.reader.ids[row]}"
+            raise ValueError(f"{where}: bounds {least[row]}..{most[row]}")
+        return least, most, WireCheck(self.fleet, least, most)
 
     def _require_gains(self) -> None:
         ranges = self.fleet.ranges

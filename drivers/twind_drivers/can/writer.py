@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twind_drivers.alone import Alone
 from twind_drivers.bus import (
     Burst,
     DeviceRefused,
@@ -78,6 +79,10 @@ class CanWriter:
             )
         self._limits, self._required = limits, required
         reader.channel.drive(self)
+
+    def bound(self, lower: Ints, upper: Ints) -> None:
+        """Goals (m,) that may be sent from now on; pending ones are dropped. Raises ValueError."""
+        self._own.bound(lower, upper)
 
     # --------------------------------------------------------------------------- every tick
 
@@ -157,6 +162,13 @@ class CanWriter:
         """No stiffness and twice the damping, of every command from now on until `prepare`; ids of those
         that did not acknowledge it, or never acknowledge."""
         return bringup.damp(self._own, self._own.here())
+
+    def alone(self, id: int, *, cap: int, profile: int) -> Alone:
+        """Not on CAN: always raises ValueError."""
+        raise ValueError(f"{self._name}: id {id}: a CAN actuator is not driven against a stop here")
+
+    def together(self) -> None:
+        """They always are."""
 
     def write(self, id: int, name: str, value: int) -> Script[Register]:
         """One register by name, in RAM, read back; a float in thousandths of its unit.

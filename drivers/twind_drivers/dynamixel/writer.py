@@ -18,9 +18,11 @@ from twind_drivers.bus import (
     Register,
     Restart,
     Script,
+    WireClamp,
     Write,
 )
 from twind_drivers.dynamixel import damping, packet
+from twind_drivers.dynamixel.alone import AloneServo
 from twind_drivers.dynamixel.explain import explain, limit_words
 from twind_drivers.dynamixel.goals import Goals, bounds_of, goal_packets
 from twind_drivers.dynamixel.layout import Block
@@ -80,21 +82,29 @@ class DynamixelWriter:
         if not 1 <= watchdog <= 127:
             raise ValueError(f"{reader.name}: watchdog {watchdog} is outside 1..127 (x 20 ms)")
         self._reader, self._line, self._name, self._ids = reader, reader.line, reader.name, reader.ids
-        count = len(self._ids)
         self._watchdog = bytes((watchdog,))
+        self._alone: AloneServo | None = None
         self._servos = servos_of(
             reader, modes=modes, caps=current_caps, gains=gains, accelerations=accelerations
         )
-        self._lower, self._upper = bounds_of(self._name, count, lower, upper)
         self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
-        for servo, least, most in zip(self._servos, self._lower, self._upper, strict=True):
-            check_bounds(f"{self._name}: id {servo.id}", servo.table, servo.mode, int(least), int(most))
+        self.bound(lower, upper)
         self._pwm = {
             one.id: one.most_pwm for one in self._servos
         }  # their limits, once `prepare` has read them
-        self._fence({})
         torque = rows(self._servos, lambda servo: (servo.layout.torque, b"\0"))
         self._off = b"".join(packet.sync_write(where.address, data) for where, data in groups(torque).items())
+
+    def bound(self, lower: Ints, upper: Ints) -> None:
+        """Goals (m,) that may be sent from now on; pending ones are dropped. Speeds and currents other than 0
+        only once `prepare` has read their limits. Raises ValueError as the beginning does: nothing changes.
+        """
+        least, most = bounds_of(self._name, len(self._ids), lower, upper)
+        for servo, low, high in zip(self._servos, least, most, strict=True):
+            check_bounds(f"{self._name}: id {servo.id}", servo.table, servo.mode, int(low), int(high))
+        self._lower, self._upper = least, most
+        self._line.goals = b""
+        self._fence({})
 
     def _fence(self, limits: Mapping[int, int]) -> None:
         """Goals and bytes are judged by the bounds given, speeds and currents also by their limit register.
@@ -115,6 +125,8 @@ class DynamixelWriter:
     def goals(self, ticks: Ints) -> None:
         """Goals (m,) for the next `request`. Raises WireClamp, ValueError; then nothing is pending."""
         self._line.goals = b""
+        if self._alone is not None:  # all or nothing, and this is nobody's robot to move
+            raise WireClamp(self._name, self._alone.id, int(ticks[0]), 0, -1, "one is driven alone: goal")
         self._line.goals = self._goals.encode(ticks)
 
     def cut(self) -> None:
@@ -130,7 +142,7 @@ class DynamixelWriter:
     def begin(self, order: Order, now: float) -> None:
         """Begin one order; the reader's `answer` ends it. Raises PortError, WireClamp; TypeError."""
         exchange = self._exchange(order)
-        self._check.judge(exchange.packet)
+        (self._check if self._alone is None else self._alone).judge(exchange.packet)
         self._line.send(exchange, now)
 
     def _exchange(self, order: Order) -> Exchange:
@@ -256,6 +268,19 @@ class DynamixelWriter:
     def damp(self) -> Script[tuple[int, ...]]:
         """Torque stays, soft (`damping`); ids of those that did not confirm it, the silent ones too."""
         return damping.damp(self._reader, self._servos, self._pwm)
+
+    def alone(self, id: int, *, cap: int, profile: int) -> AloneServo:
+        """One of them, to be driven by itself with little current; until `together` nobody else gets anything
+        but torque off. `cap`: raw current; `profile`: raw velocity. Raises ValueError: it cannot be."""
+        watchdog = self._watchdog[0]
+        self._alone = AloneServo(self._reader, self._servos, id, cap=cap, profile=profile, watchdog=watchdog)
+        self.clear()
+        return self._alone
+
+    def together(self) -> None:
+        """All of them again, as before `alone`."""
+        self._alone = None
+        self.clear()
 
     def write(self, id: int, name: str, value: int) -> Script[Register]:
         """One register by name, read back. EEPROM only while that device's torque is off.
