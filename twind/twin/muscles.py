@@ -13,6 +13,7 @@ import numpy as np
 
 from twind.config.robot_spec import RobotFile
 from twind.robot.arrays import Bools, Floats
+from twind.twin.base_pose import UPRIGHT, gravity, lay_down
 from twind.twin.motor import STEP, Drive, Loops, Motor, Places
 
 __all__ = ["Diverged", "Motor", "MujocoMuscles", "Part", "body_of"]
@@ -78,6 +79,10 @@ class MujocoMuscles:
     def block(self, held: Bools) -> None:
         """Joints that something holds fast."""
         self._loops.block(self._everyone, held)
+
+    def lay(self, base: str) -> None:
+        """Hold the base as `base_pose.BASES` names it, from now on. Raises KeyError: it names none such."""
+        self.model.opt.gravity[:] = gravity(base, self.model.opt.gravity)
 
     def advance(self, now: float) -> None:
         """Step the body until `now` (s), to 2 ms. Raises Diverged."""
@@ -165,12 +170,19 @@ class ImpedancePart:
         self.position[:], self.velocity[:], self.torque[:] = self._loops.told(self._whole.data, self._at)
 
 
-def body_of(robot: RobotFile, zeros: Mapping[str, int], *, now: float = 0.0) -> MujocoMuscles:
-    """The body of a robot file in its rest pose. `zeros`: ticks at joint angle 0, by joint."""
+def body_of(
+    robot: RobotFile, zeros: Mapping[str, int], *, base: str = UPRIGHT, now: float = 0.0
+) -> MujocoMuscles:
+    """The body of a robot file in its rest pose. `zeros`: ticks at joint angle 0, by joint.
+
+    `base`: how it is held (`base_pose.BASES`); one that lies has a bench under it and stays where it is.
+    """
     motors = [Motor.of(joint, zeros[joint.name]) for joint in robot.joints]
     start = {joint.model_joint: robot.poses["rest"][joint.name] for joint in robot.joints}
     spec = mujoco.MjSpec.from_file(str(Path(robot.mjcf_path)))
-    return MujocoMuscles(spec, motors, pinned=robot.support != "free", start=start, now=now)
+    lay_down(spec, base, start)
+    pinned = robot.support != "free" or base != UPRIGHT
+    return MujocoMuscles(spec, motors, pinned=pinned, start=start, now=now)
 
 
 def _compile(spec: mujoco.MjSpec, motors: Sequence[Motor], *, pinned: bool) -> mujoco.MjModel:

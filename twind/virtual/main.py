@@ -18,6 +18,7 @@ from pathlib import Path
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.loop import realtime
+from twind.twin.base_pose import BASES, UPRIGHT
 from twind.virtual.bench import FIRMWARE, Line, SpecimenError, bench, by_bus, servo, settings
 from twind.virtual.orders import OrderSocket
 from twind.virtual.pty_port import PtyPort
@@ -59,6 +60,9 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all that is random")
     parser.add_argument("--no-wire-timing", action="store_true", help="answer at once")
     parser.add_argument("--muscles", choices=("mujoco", "first-order"), default="mujoco")
+    parser.add_argument(
+        "--base-pose", choices=tuple(BASES), default=UPRIGHT, help="how the body's base is held"
+    )
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="write the calibration that fits")
     parser.add_argument("--faults", type=Path, metavar="SOCKET", help="take orders for faults here")
     return parser
@@ -115,7 +119,8 @@ def _buses(options: argparse.Namespace, now: float) -> dict[str, Served]:
     one = specimen(robot, baud=options.baud, return_delay_us=options.return_delay, firmware=options.firmware)
     rates = {bus.name: options.baud or bus.baud for bus in robot.buses}
     extra = by_bus([(bus, _set(_servo(spec), options, rates.get(bus))) for bus, spec in named])
-    virtual = buses(one, physics=options.muscles == "mujoco", now=now, line=line, extra=extra)
+    physics = options.muscles == "mujoco"
+    virtual = buses(one, physics=physics, base=options.base_pose, now=now, line=line, extra=extra)
     if options.calibration is not None:
         save(one, options.calibration)
     return _served(virtual, options)

@@ -15,6 +15,7 @@ from twind.config.actuator import CAN, SERIAL, ServoType
 from twind.config.calibration_file import SWEEP_MARGIN, Calibration, fitting, save_calibration
 from twind.config.counts import tick_range, ticks_of, turn_start
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind.twin.base_pose import UPRIGHT
 from twind.twin.muscles import MujocoMuscles, body_of
 from twind.version import __version__
 from twind.virtual.bench import (
@@ -126,14 +127,15 @@ def buses(
     made: Specimen,
     *,
     physics: bool = True,
+    base: str = UPRIGHT,
     now: float = 0.0,
     line: Line | None = None,
     extra: Mapping[str, Sequence[ServoSpec]] | None = None,
 ) -> dict[str, Served]:
     """The buses of a specimen, in its rest pose with torque off. One body moves all of them.
 
-    `extra`: servos beside those of the robot, by serial bus. Raises SpecimenError for a bus that the robot
-    has not, and with `physics`: the body knows nothing of them.
+    `base`: how that is held, of `base_pose.BASES`. `extra`: servos beside those of the robot, by serial bus.
+    Raises SpecimenError for a bus that the robot has not, and with `physics`: the body knows nothing of them.
     """
     extra = extra or {}
     strange = sorted(set(extra) - set(made.servos))
@@ -146,7 +148,7 @@ def buses(
     if extra and physics:
         raise SpecimenError("servos beside those of a robot have no body: say --muscles first-order")
     line = line or Line()
-    body = body_of(made.robot, made.zeros, now=now) if physics else None
+    body = body_of(made.robot, made.zeros, base=base, now=now) if physics else None
     virtual: dict[str, Served] = {}
     for spec in made.robot.buses:
         if spec.kind == CAN:

@@ -4,15 +4,14 @@ A new servo of the same model may hold the very registers that were recorded of 
 another: with the old entry the daemon would move it to wrong places.
 """
 
-import os
-import stat
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from twind.config.calibration_file import Calibration, load_calibration, save_calibration
+from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.located import ConfigError
 from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import Rejected
+from twind_calibration.calibrating.kept import save
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,17 +43,11 @@ class Entry:
             return
         joints = tuple(each for each in self.calibration.joints if each.name != self.joint)
         try:
-            if self.path.suffix != ".yaml":
-                raise OSError("its name does not end in .yaml")
-            before = self.path.stat()
-            save_calibration(replace(self.calibration, joints=joints), self.path.parent, self.path.stem)
-            self.path.chmod(stat.S_IMODE(before.st_mode))
-            if os.geteuid() == 0:  # else the daemon's user could read it no more
-                os.chown(self.path, before.st_uid, before.st_gid)
-        except (OSError, ConfigError) as error:
+            save(replace(self.calibration, joints=joints), self.path)
+        except Rejected as error:
             raise Rejected(
-                f"{self.path}: the entry of {self.joint} must go before another servo takes its place, and "
-                f"the file cannot be written: {error}. Nothing was written to the servo; try with sudo"
+                f"the entry of {self.joint} must go before another servo takes its place: {error}. "
+                "Nothing was written to the servo"
             ) from None
 
 

@@ -1,0 +1,56 @@
+"""How the base of a robot is held, and which way gravity then pulls in its frame.
+
+Frame: x forward, y left, z up, as the base stands in the model. No sensor tells it: whoever lays the robot
+down says so.
+"""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from twind.robot.arrays import Floats
+
+UPRIGHT = "upright"
+# Where down is: on its back what is in front of it points up.
+BASES: Mapping[str, tuple[float, float, float]] = {
+    UPRIGHT: (0.0, 0.0, -1.0),
+    "back": (-1.0, 0.0, 0.0),
+    "front": (1.0, 0.0, 0.0),
+    "left": (0.0, 1.0, 0.0),
+    "right": (0.0, -1.0, 0.0),
+}
+
+
+def gravity(base: str, upright: Floats) -> Floats:
+    """Gravity (3,), m/s², of a base held so; `upright`: that of the model. Raises KeyError: no such pose."""
+    return np.array(BASES[base]) * float(np.linalg.norm(upright))
+
+
+def lay_down(spec: mujoco.MjSpec, base: str, pose: Mapping[str, float]) -> None:
+    """Turn gravity in a model whose base is pinned, and put a bench under what is lowest in `pose`.
+
+    `pose`: rad by model joint. Raises KeyError: no such base pose.
+    """
+    spec.option.gravity = gravity(base, np.array(spec.option.gravity))
+    if base == UPRIGHT:
+        return
+    down = np.array(BASES[base])
+    bench = spec.worldbody.add_geom(name="bench", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1])
+    mujoco.mju_quatZ2Vec(bench.quat, -down)
+    bench.pos = down * _lowest(spec, down, pose)
+
+
+def _lowest(spec: mujoco.MjSpec, down: Floats, pose: Mapping[str, float]) -> float:
+    """How far down (m) what can touch something reaches."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for name, angle in pose.items():
+        data.qpos[model.joint(name).qposadr[0]] = angle
+    mujoco.mj_kinematics(model, data)
+    touches = (model.geom_contype > 0) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    turned = data.geom_xmat.reshape(-1, 3, 3)
+    centre = data.geom_xpos + np.einsum("gij,gj->gi", turned, model.geom_aabb[:, :3])
+    half = np.einsum("gij,i->gj", turned, down)  # down, in the frame of each geom
+    reach = centre @ down + (np.abs(half) * model.geom_aabb[:, 3:]).sum(axis=1)
+    return float(reach[touches].max(initial=0.0))
