@@ -1,7 +1,8 @@
-"""A restart of one device that gives its RAM settings back.
+"""RAM settings of one device given back: after a restart, and after a mode that it had for a while.
 
-RAM falls back to its defaults by a restart (e-manual, "Reboot"; what: control table pages, "RAM area").
-Torque, goals and the bus watchdog are not given back: whoever wants torque prepares for it anew.
+RAM falls back to its defaults by a restart (e-manual, "Reboot"; what: control table pages, "RAM area"), and
+gains, profile and goal limits by a change of mode ("Operating Mode"). Torque, goals and the bus watchdog are
+not given back: whoever wants torque prepares for it anew.
 """
 
 from collections.abc import Mapping
@@ -39,22 +40,28 @@ def restart(reader: DynamixelReader, servo: Servo, *, shut_down: bool) -> Script
 
     `shut_down`: torque reads on, but the hardware error (70) has taken it; refused where that error reads 0.
     """
-    fields = _settings(servo)
+    fields = settings(servo)
     state = [servo.table[name] for name in (*OFF, "hardware_error_status")]
-    before = yield from _values(reader, servo, fields + state)
+    before = yield from values(reader, servo, fields + state)
     _require_unloaded(reader.name, servo.id, before, shut_down=shut_down)
     yield from _reboot(reader, servo.id)
-    yield from _let_go(reader, servo)
-    fallen = yield from _values(reader, servo, fields)
+    yield from let_go(reader, servo)
+    return (yield from give_back(reader, servo, before))
+
+
+def give_back(reader: DynamixelReader, servo: Servo, before: Mapping[str, int]) -> Script[Restart]:
+    """RAM settings of a device without torque as they were `before`, read back. Raises NoReply."""
+    fields = settings(servo)
+    fallen = yield from values(reader, servo, fields)
     changed = [field for field in fields if fallen[field.key] != before[field.key]]
     for field in changed:
         if _may_return(servo, field, before[field.key]):
             yield Write({servo.id: field.encode(before[field.key])}, field.address)
-    after = (yield from _values(reader, servo, fields)) if changed else fallen
+    after = (yield from values(reader, servo, fields)) if changed else fallen
     return _compare(fields, before, fallen, after)
 
 
-def _settings(servo: Servo) -> list[Field]:
+def settings(servo: Servo) -> list[Field]:
     """What is restored of this model; a current that is a goal is none of it."""
     names = [name for name in RESTORED if name in servo.table and name != servo.mode.goal]
     return [servo.table[name] for name in names]
@@ -92,20 +99,23 @@ def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
     raise NoReply(reader.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
 
 
-def _let_go(reader: DynamixelReader, servo: Servo) -> Script[None]:
-    """Torque and watchdog off, read back: startup configuration (60) can switch torque on at boot."""
+def let_go(reader: DynamixelReader, servo: Servo) -> Script[None]:
+    """Torque and watchdog off, read back: startup configuration (60) can switch torque on at boot.
+
+    Raises DeviceRefused, NoReply.
+    """
     fields = [servo.table[name] for name in OFF]
-    state = yield from _values(reader, servo, fields)
+    state = yield from values(reader, servo, fields)
     for field in fields:
         if state[field.key]:
             yield Write({servo.id: bytes(field.size)}, field.address)
             left = (yield from reader.read(servo.id, field.key)).value
             if left:
-                reason = f"reads {left} after the restart and cannot be switched off: cut its supply"
+                reason = f"still reads {left} and cannot be switched off: cut its supply"
                 raise DeviceRefused(reader.name, servo.id, f"{field.name} ({field.address})", reason)
 
 
-def _values(reader: DynamixelReader, servo: Servo, fields: list[Field]) -> Script[dict[str, int]]:
+def values(reader: DynamixelReader, servo: Servo, fields: list[Field]) -> Script[dict[str, int]]:
     """Registers by key, in one transaction."""
     first, end = min(field.address for field in fields), max(field.end for field in fields)
     raw = (yield from reader.collect((servo.id,), first, end - first))[servo.id]
