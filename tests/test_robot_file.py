@@ -184,8 +184,6 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
         ("[-1.0, 1.0]", "[-100, -99]", "degrees by mistake"),
         ("limits_deg: [0, 90]", "limits_deg: [0, 90], limits_rad: [0, 1]", "limits_rad is given too"),
         ("limits_deg", "limts_deg", "joints.elbow.limts_deg: unknown key; nearest: limits_deg"),
-        ("limits_deg: [0, 90]", "limits_deg: [0, 90], homing: {method: endstop}", "homing is not supported"),
-        ("limits_deg: [0, 90]", "limits_deg: [0, 90], stop_rad: {lower: 0}", "stop_rad is not supported"),
         ("  elbow:", "  on:", "YAML reads on as a truth value"),
         ("  elbow:", "  shoulder:", "duplicate key 'shoulder', first at line 13"),
         ("  rest: {}\n", "", "poses.rest: is required and missing"),
@@ -205,8 +203,6 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
         ("poses:\n", "gate: {on_velocity: clamp}\nposes:\n", "'clamp' is none of reject, retime"),
         ("poses:\n", "gate: {on_position: retime}\nposes:\n", "only reject"),
         ("poses:\n", "collision: {blocks_m: 1}\nposes:\n", "collision.blocks_m: unknown key"),
-        ("poses:\n", "transmissions: {}\nposes:\n", "transmissions is not supported by this version yet"),
-        ("poses:\n", "actuators: {}\nposes:\n", "actuators is not supported by this version yet"),
         (
             "poses:\n",
             "sensors: {}\nposes:\n",

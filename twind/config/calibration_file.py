@@ -46,13 +46,13 @@ class DeviceRecord:
 
 @dataclass(frozen=True, slots=True)
 class JointCalibration:
-    """One joint. Counts are in the frame of Present Position as read with the recorded settings."""
+    """One actuator. Counts are in the frame of Present Position as read with the recorded settings."""
 
     name: str
     bus: str
     id: int
     device: DeviceRecord
-    zero_ticks: int  # count at joint angle 0
+    zero_ticks: int  # count at angle 0
     zero_sigma_ticks: float
     captures: int
     sign: int
@@ -77,7 +77,7 @@ class Calibration:
 
     @cached_property
     def by_name(self) -> Mapping[str, JointCalibration]:
-        """Joint name -> its calibration."""
+        """Name of the actuator (the joint's, where it turns no other) -> its calibration."""
         return {joint.name: joint for joint in self.joints}
 
 
@@ -129,7 +129,7 @@ def read_calibration(text: str, file: str, robot: RobotFile) -> Calibration:
     if not _STAMP.fullmatch(created):
         raise top.refuse("created", f"{created!r} is not a time as 2026-11-21T09:14:03Z")
     method = top.text("method_default", None, METHODS)
-    section, specs = top.section("joints"), {joint.name: joint for joint in robot.joints}
+    section, specs = top.section("joints"), {joint.actuator: joint for joint in robot.joints}
     section.close(also=specs)
     calibration = Calibration(
         robot=name,
@@ -165,7 +165,7 @@ def _joint(section: Section, joint: JointSpec, method: str) -> JointCalibration:
     margin = section.integer("seam_margin_ticks")
     _derived(section, "seam_margin_ticks", margin, seam_margin(sweep, turn, turn_start(joint.type)))
     calibration = JointCalibration(
-        name=joint.name,
+        name=joint.actuator,
         bus=bus,
         id=id,
         device=read_device(section.section("device")),
@@ -252,11 +252,11 @@ def recorded(device: Device) -> DeviceRecord:
 
 def _fitted(joint: JointSpec, zero: int, device: Device) -> JointCalibration:
     ends = sorted(
-        ticks_of(joint, zero, angle) for angle in (joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
+        ticks_of(joint, zero, angle) for angle in (joint.span[0] - SWEEP_MARGIN, joint.span[1] + SWEEP_MARGIN)
     )
     sweep, turn = (ends[0], ends[1]), joint.type.ticks_per_turn
     return JointCalibration(
-        name=joint.name,
+        name=joint.actuator,
         bus=joint.bus,
         id=joint.id,
         device=recorded(device),

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import inf, isfinite, isnan
 
 from twind.config.actuator import IMPEDANCE, CanType, Impedance, Spans
-from twind.config.robot_spec import JointSpec
+from twind.config.robot_spec import Slot
 from twind.config.section import Section
 from twind.config.supply import Heat, Supply, own_heat, own_supply, usual_heat
 from twind_drivers.can.models import MODELS, Model
@@ -65,7 +65,7 @@ def can_joint(source: Callable[[str], Section], entry: Section, kind: CanType) -
     return id, mode, feedback
 
 
-def refuse_clash(joint: JointSpec, others: Sequence[JointSpec], entry: Section) -> None:
+def refuse_clash(joint: Slot, others: Sequence[Slot], entry: Section) -> None:
     """Raises ConfigError where two of one bus would take, or answer with, the same frames."""
     mine = _frames(joint)
     for other in others:
@@ -81,7 +81,7 @@ def refuse_clash(joint: JointSpec, others: Sequence[JointSpec], entry: Section) 
             )
 
 
-def _frames(joint: JointSpec) -> Mapping[int, str]:
+def _frames(joint: Slot) -> Mapping[int, str]:
     """Ids of 11 bits that mean this actuator, and what they are to it."""
     kind = joint.type
     if not isinstance(kind, CanType) or kind.family == "robstride":  # its ids have 29 bits

@@ -1,17 +1,21 @@
 """Counts of an encoder and angles of a joint: the arithmetic of the robot file, written once.
 
-count → minus zero → x 2π / ticks_per_turn → x sign / ratio → joint rad. `ratio` is actuator turns per joint
-turn; direction is in `sign` alone.
+count → minus zero → x 2π / ticks_per_turn → x sign / ratio → slot rad → transmission → joint rad. `ratio` is
+actuator turns per turn of what it drives; direction is in `sign` alone. Where no transmission turns a joint,
+the angle of its slot is its own.
 """
 
 import math
+from collections.abc import Mapping
+
+import numpy as np
 
 from twind.config.actuator import TypeSpec
-from twind.config.robot_spec import JointSpec
+from twind.config.robot_spec import JointSpec, RobotFile
 
 
 def rad_per_tick(joint: JointSpec) -> float:
-    """Joint angle of one count, signed: sign / ratio * 2π / ticks_per_turn."""
+    """Angle of the slot of one count, signed: sign / ratio * 2π / ticks_per_turn."""
     return joint.sign / joint.ratio * 2.0 * math.pi / joint.type.ticks_per_turn
 
 
@@ -29,12 +33,12 @@ def turn_start(kind: TypeSpec) -> int:
 
 
 def angle_of(joint: JointSpec, zero: int, ticks: int) -> float:
-    """Joint angle (rad) at `ticks`."""
+    """Angle of the slot (rad) at `ticks`."""
     return (ticks - zero) * rad_per_tick(joint)
 
 
 def ticks_of(joint: JointSpec, zero: int, angle: float) -> int:
-    """The count nearest to `angle` (rad)."""
+    """The count nearest to `angle` of the slot (rad)."""
     return zero + round(angle / rad_per_tick(joint))
 
 
@@ -43,3 +47,24 @@ def tick_range(joint: JointSpec, zero: int, lower: float, upper: float) -> tuple
     ends = sorted((lower / rad_per_tick(joint), upper / rad_per_tick(joint)))
     slack = 1e-9  # counts: an angle that is a count's own lies inside, however it was rounded
     return zero + math.ceil(ends[0] - slack), zero + math.floor(ends[1] + slack)
+
+
+def slot_angles(robot: RobotFile, pose: Mapping[str, float]) -> dict[str, float]:
+    """What the slot of each joint stands at (rad, after sign and ratio) in a pose of all joints; by joint.
+
+    NaN: no place of its actuators gives that pose.
+    """
+    found = dict(pose)
+    for each in robot.transmissions:
+        angles = each.law.inverse(np.array([pose[name] for name in each.joints]))
+        found |= zip(each.joints, angles.tolist(), strict=True)
+    return found
+
+
+def joint_angles(robot: RobotFile, slots: Mapping[str, float]) -> dict[str, float]:
+    """The pose (rad) of the joints whose slots stand at these angles, by joint; NaN: nobody knows."""
+    found = dict(slots)
+    for each in robot.transmissions:
+        angles = each.law.forward(np.array([slots[name] for name in each.joints]))
+        found |= zip(each.joints, angles.tolist(), strict=True)
+    return found

@@ -56,7 +56,7 @@ def compare(robot: RobotFile, calibration: Calibration | None, devices: Devices)
     refusals, warnings = list(fit.refusals), list(fit.warnings)
     known = {} if calibration is None else calibration.by_name
     for place, joint in enumerate(robot.joints):
-        entry, device = known.get(joint.name), devices.get((joint.bus, joint.id))
+        entry, device = known.get(joint.actuator), devices.get((joint.bus, joint.id))
         if entry is None:
             refusals.append(Finding(Code.CALIB_MISSING, place, message="not calibrated"))
             continue
@@ -106,7 +106,7 @@ def _firmware(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> 
 
 def _travel(place: int, joint: JointSpec, entry: JointCalibration) -> Iterator[Finding]:
     travel = (entry.sweep_ticks[1] - entry.sweep_ticks[0]) * abs(rad_per_tick(joint))
-    share = travel / (joint.upper - joint.lower)
+    share = travel / (joint.span[1] - joint.span[0])
     if not PLAUSIBLE_SWEEP[0] <= share <= PLAUSIBLE_SWEEP[1]:
         low, high = (f"{100 * bound:.0f}" for bound in PLAUSIBLE_SWEEP)
         text = f"travel is {100 * share:.0f} % of the limits, not {low}..{high} %: wrong joint?"

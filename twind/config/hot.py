@@ -35,7 +35,9 @@ STRICT = "reject"
 
 # Field of the settings -> key of the file, where they differ; what is not told apart by it is None.
 _SETTING = {"socket_dir": "sockets", "robot_folders": None, "source": None, "origins": None}
-_OF_JOINTS = frozenset({"lower", "upper", "velocity_limit", "acceleration_limit", "type"})
+_OF_JOINTS = frozenset({"lower", "upper", "velocity_limit", "acceleration_limit", "type", "travel"})
+_OF_SLOTS = frozenset({"bus", "id", "sign", "ratio", "registers", "mode", "feedback_id"})
+_JOINT = {"stops": "stop_rad"}
 _ROBOT = {"mjcf": "model.mjcf", "mjcf_path": "model.mjcf", "base": "model.base", "rate_hz": "loop.rate_hz"}
 _ROBOT |= {"command_timeout_ms": "loop.command_timeout_ms"}
 
@@ -142,7 +144,7 @@ def _joint_difference(
 ) -> tuple[dict[str, Any], set[str]]:
     """`poses`: those in force, which must stay inside the limits."""
     names = {field.name for field in fields(JointSpec)} - _OF_JOINTS
-    cold = {f"joints.{old.name}.{name}" for name in names if not same(getattr(old, name), getattr(new, name))}
+    cold = {_key(old, name) for name in names if not same(getattr(old, name), getattr(new, name))}
     wanted: dict[str, Any] = {}
     if (old.lower, old.upper) != (new.lower, new.upper):
         wanted[f"joints.{old.name}.{LIMITS}"] = [new.lower, new.upper]
@@ -159,6 +161,13 @@ def _joint_difference(
             cold.add(key)
     gains, others = _type_difference(old, new)
     return hot | gains, cold | others
+
+
+def _key(joint: JointSpec, name: str) -> str:
+    """Where a field of a joint stands in the file."""
+    if joint.transmission and name in _OF_SLOTS:
+        return f"actuators.{joint.actuator}.{name}"
+    return f"joints.{joint.name}.{_JOINT.get(name, name)}"
 
 
 def _type_difference(old: JointSpec, new: JointSpec) -> tuple[dict[str, Any], set[str]]:

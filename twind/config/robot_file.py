@@ -5,25 +5,20 @@ identity stand in the calibration file). Refuses by name what this version canno
 """
 
 import hashlib
-import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
 
-from twind.config.actuator import CanType, Gains, ServoType, TypeSpec
-from twind.config.buses import NAME, buses
-from twind.config.can_type import can_joint, can_type, refuse_clash
+from twind.config.actuator import Gains, TypeSpec
+from twind.config.buses import buses
 from twind.config.collision import clearance
+from twind.config.joint_entry import described_joints
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
 from twind.config.section import Section, file_error
-from twind.config.servo_type import servo_joint, servo_type
 from twind.protocol.plain_file import NotAFile, read_plain
-from twind_drivers.can.models import MODELS as CAN_MODELS
-from twind_drivers.dynamixel.tables import number_of
 
 FORMAT = "twind-robot/1"
 SUPPORTS = ("fixed", "gantry", "free")
@@ -66,16 +61,15 @@ def read_robot(path: Path) -> RobotFile:
     top = Section(str(path), parse(text, str(path)))
     if top.text("format") != FORMAT:
         raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
-    for key in ("transmissions", "actuators", "sensors"):
-        if top.has(key):
-            raise top.refuse(key, f"{key} {LATER}")
+    if top.has("sensors"):
+        raise top.refuse("sensors", f"sensors {LATER}")
     name = top.text("name")
     if not _NAME.fullmatch(name):
         raise top.refuse("name", f"{name!r}: use 1 to 64 of a-z, 0-9, _ and -")
     mjcf_path, mjcf, base = _model(top.section("model"), path)
     rate, timeout = _loop(top.section("loop"))
     wires = buses(top.section("buses"))
-    joints = _joints(top, wires)
+    joints, driven = described_joints(top, wires, path.parent)
     support = top.text("support", "free", SUPPORTS)
     robot = RobotFile(
         name=name,
@@ -94,6 +88,7 @@ def read_robot(path: Path) -> RobotFile:
         poses=_poses(top.section("poses"), joints),
         gate=_gate(top, support),
         motions=path.parent / top.text("motions", "motions"),
+        transmissions=driven,
     )
     top.close()
     return robot
@@ -120,138 +115,6 @@ def _loop(section: Section) -> tuple[float, float]:
     timeout = section.number("command_timeout_ms", 100.0, least=20.0, most=100.0)
     section.close()
     return rate, timeout
-
-
-def _type(name: str, parent: Section) -> TypeSpec:
-    """By its device: a model of one of the CAN families, else a serial servo."""
-    section = parent.section(name)
-    device = section.text("device")
-    if device in CAN_MODELS:
-        return can_type(name, section)
-    near = get_close_matches(device, CAN_MODELS, 1, 0.75)
-    if near and device.lower() != near[0].lower() and not _is_servo(device):
-        raise section.refuse("device", f"no CAN actuator {device!r}; nearest: {near[0]}")
-    return servo_type(name, section)
-
-
-def _is_servo(device: str) -> bool:
-    try:
-        return number_of(device) > 0
-    except KeyError:
-        return False
-
-
-def _joints(top: Section, wires: tuple[BusSpec, ...]) -> tuple[JointSpec, ...]:
-    kinds = top.section("types")
-    types = {name: _type(name, kinds) for name in kinds}
-    kinds.close()
-    defaults, section = top.section("defaults"), top.section("joints")
-    if not list(section):
-        raise section.refuse("", "a robot needs at least one joint")
-    joints: list[JointSpec] = []
-    taken: dict[tuple[str, int], str] = {}
-    driven: dict[str, str] = {}
-    lines = {bus.name: bus.kind for bus in wires}
-    for name in section:
-        entry = section.section(name)
-        joint = _joint(name, entry, defaults, kinds, types, lines)
-        if (other := taken.get((joint.bus, joint.id))) is not None:
-            raise entry.refuse("id", f"id {joint.id} on bus {joint.bus} is that of {other} already")
-        if (other := driven.get(joint.model_joint)) is not None:
-            raise entry.refuse("model_joint", f"model joint {joint.model_joint} is driven by {other} already")
-        refuse_clash(joint, joints, entry)
-        taken[joint.bus, joint.id] = driven[joint.model_joint] = name
-        joints.append(joint)
-    section.close()
-    defaults.close()
-    return tuple(joints)
-
-
-def _joint(
-    name: str,
-    entry: Section,
-    defaults: Section,
-    kinds: Section,
-    types: Mapping[str, TypeSpec],
-    buses: Mapping[str, str],
-) -> JointSpec:
-    if not NAME.fullmatch(name):
-        raise entry.refuse("", f"joint {name!r}: use 1 to 64 letters, digits, _ . and -")
-    for key in ("homing", "stop_rad"):
-        if entry.has(key):
-            raise entry.refuse(key, f"{key} {LATER}")
-
-    def source(key: str) -> Section:
-        common = defaults.has(key)  # asked in any case, so that the key is known
-        return defaults if common and not entry.has(key) else entry
-
-    kind = types[source("type").text("type", None, tuple(types))]
-    sign = source("sign").integer("sign", 1)
-    if sign not in (1, -1):
-        raise source("sign").refuse("sign", f"{sign} is neither 1 nor -1")
-    lower, upper = _limits(entry)
-    ratio = source("ratio").number("ratio", 1.0, above=0.0, most=1000.0)
-    if (upper - lower) * ratio > 2.0 * math.pi:
-        turns = (upper - lower) * ratio / (2.0 * math.pi)
-        message = f"the travel is {turns:.2f} turns of the actuator: one turn at most without homing"
-        raise entry.refuse("limits_rad", message)
-    speed, pull = "velocity_limit_rad_s", "acceleration_limit_rad_s2"
-    bus = source("bus").text("bus", None, tuple(buses))
-    if buses[bus] != kind.BUS:
-        device = f"type {kind.name} is a {kind.device}, for buses of kind {kind.BUS}"
-        raise entry.refuse("bus", f"{device}; bus {bus} is of kind {buses[bus]}")
-    own = _driven(source, entry, kind, kinds.section(kind.name))
-    joint = JointSpec(
-        name=name,
-        model_joint=entry.text("model_joint", name),
-        bus=bus,
-        id=own.id,
-        type=kind,
-        sign=sign,
-        ratio=ratio,
-        lower=lower,
-        upper=upper,
-        velocity_limit=min(
-            kind.velocity_limit_rad_s / ratio, source(speed).number(speed, math.inf, above=0.0, most=100.0)
-        ),
-        acceleration_limit=min(
-            kind.acceleration_limit_rad_s2 / ratio, source(pull).number(pull, math.inf, above=0.0, most=1e4)
-        ),
-        registers=own.registers,
-        mode=own.mode,
-        feedback_id=own.feedback_id,
-    )
-    entry.close()
-    return joint
-
-
-class _Driven(NamedTuple):
-    """What a joint says of its own actuator."""
-
-    id: int
-    mode: str
-    registers: Mapping[str, int]
-    feedback_id: int | None
-
-
-def _driven(source: Callable[[str], Section], entry: Section, kind: TypeSpec, described: Section) -> _Driven:
-    if isinstance(kind, CanType):
-        id, mode, feedback = can_joint(source, entry, kind)
-        return _Driven(id, mode, {}, feedback)
-    assert isinstance(kind, ServoType)
-    id, mode, registers = servo_joint(source, entry, kind, described)
-    return _Driven(id, mode, registers, None)
-
-
-def _limits(entry: Section) -> tuple[float, float]:
-    lower, upper = entry.numbers("limits_rad", 2)
-    if not lower < upper:
-        raise entry.refuse("limits_rad", f"lower {lower:g} is not below upper {upper:g}")
-    if not -20.0 * math.pi <= lower <= upper <= 20.0 * math.pi:
-        raise entry.refuse(
-            "limits_rad", f"{lower:g}..{upper:g} rad: more than ten turns; degrees by mistake?"
-        )
-    return lower, upper
 
 
 def _passive(top: Section, joints: Sequence[JointSpec]) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from twind.config.actuator import TypeSpec
 from twind.config.collision import Clearance
+from twind.config.homing import Homing, Stops
+from twind.robot.transmission import Transmission
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +24,43 @@ class BusSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class Slot:
+    """One actuator: where it hangs, what it is, how its counts become an angle."""
+
+    name: str  # its own under `actuators`, else that of the joint it turns
+    bus: str
+    id: int
+    type: TypeSpec
+    sign: int  # +1 or -1
+    ratio: float  # actuator turns per turn of what it drives, > 0
+    registers: Mapping[str, int]
+    mode: str
+    feedback_id: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class TransmissionSpec:
+    """Joints that as many actuators of one bus turn together, both in the order of the file."""
+
+    name: str
+    kind: str  # differential or linkage_table
+    bus: str
+    actuators: tuple[str, ...]
+    joints: tuple[str, ...]
+    law: Transmission
+    condition: float  # the worst number of its Jacobian
+    residual: float = 0.0  # rad, of inverse(forward(x)) - x; of a table
+    table: Path | None = None
+    table_sha256: str = ""  # of the table's file
+
+
+@dataclass(frozen=True, slots=True)
 class JointSpec:
-    """One joint and its actuator."""
+    """One joint and its actuator slot.
+
+    A joint of a transmission sits on one of its actuators, so that there are as many slots as joints: bus,
+    id, type, sign, ratio, registers and mode are that actuator's alone, limits are the joint's.
+    """
 
     name: str
     model_joint: str
@@ -37,9 +74,19 @@ class JointSpec:
     velocity_limit: float  # rad/s, the tightest of type and joint
     acceleration_limit: float  # rad/s²
     registers: Mapping[str, int]  # of the type, overridden by the joint
+    actuator: str  # the slot's, by whose name it is calibrated; the joint's own, where it has one
     mode: str = "position"  # of the joint, else of its type
     # Id of the frames that a CAN actuator answers with; None: its family answers with its own id.
     feedback_id: int | None = None
+    transmission: str = ""  # that turns the joint; empty: its actuator alone does
+    travel: tuple[float, float] | None = None  # of `span`, where a transmission turns the joint
+    stops: Stops = field(default_factory=Stops)
+    homing: Homing | None = None
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """How far the slot turns while its joints keep their limits, rad after sign and ratio."""
+        return (self.lower, self.upper) if self.travel is None else self.travel
 
     @property
     def operating_mode(self) -> int:
@@ -81,6 +128,7 @@ class RobotFile:
     poses: Mapping[str, Mapping[str, float]]  # rad, every joint; `rest` is always there
     gate: GateSettings
     motions: Path  # folder of trajectory files
+    transmissions: tuple[TransmissionSpec, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,9 +137,15 @@ class RobotFile:
 
     @property
     def description_sha256(self) -> str:
-        """What a calibration is bound to: joints, buses, ids, signs, ratios and ticks per turn, by name."""
+        """What a calibration is bound to: every actuator's name, bus, id, sign, ratio and ticks per turn, and
+        what transmissions make of them."""
         rows = sorted(
-            f"{j.name} {j.bus} {j.id} {j.sign:+d} {j.ratio!r} {j.type.ticks_per_turn}\n" for j in self.joints
+            f"{j.actuator} {j.bus} {j.id} {j.sign:+d} {j.ratio!r} {j.type.ticks_per_turn}\n"
+            for j in self.joints
+        )
+        rows += sorted(
+            f"{' '.join(t.joints)} by {' '.join(t.actuators)}: {t.law} {t.table_sha256}\n"
+            for t in self.transmissions
         )
         return hashlib.sha256("".join(rows).encode()).hexdigest()
 

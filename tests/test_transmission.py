@@ -1,0 +1,196 @@
+"""Differentials and linkage tables: there and back, no power lost, and what cannot be inverted is told."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from twind.robot.transmission import (
+    MOST_CONDITION,
+    Differential,
+    LinkageTable,
+    Transmission,
+    back,
+    condition,
+    fair,
+    forth,
+    span,
+)
+
+SIZES = st.floats(-3.0, 3.0).map(lambda x: round(x, 3))
+
+
+@st.composite
+def differentials(draw: st.DrawFn) -> Differential:
+    """Well conditioned ones, of one to three joints."""
+    count = draw(st.integers(1, 3))
+    rows = np.array(draw(st.lists(SIZES, min_size=count**2, max_size=count**2))).reshape(count, count)
+    assume(abs(np.linalg.det(rows)) > 1e-2 and np.linalg.cond(rows) < MOST_CONDITION)
+    return Differential(rows.tolist())
+
+
+def warped(x: float, y: float, bend: float, turn: float) -> tuple[float, float]:
+    """A smooth map of the plane that does not fold within |x|, |y| <= 1."""
+    u, v = x + bend * math.sin(y) * 0.3, y - bend * x * x * 0.2
+    c, s = math.cos(turn), math.sin(turn)
+    return 0.6 * (c * u - s * v), 0.4 * (s * u + c * v)
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> LinkageTable:
+    """One or two actuators, uneven grids, mirrored or not."""
+    axes = [
+        sorted(draw(st.sets(st.integers(-50, 50), min_size=2, max_size=6)))
+        for _ in range(draw(st.integers(1, 2)))
+    ]
+    grid = [[place / 50.0 for place in axis] for axis in axes]
+    way = draw(st.sampled_from([1.0, -1.0]))
+    if len(grid) == 1:
+        return LinkageTable(grid, [[way * (x + 0.3 * math.sin(2.0 * x))] for x in grid[0]])
+    bend, turn = draw(st.floats(0.0, 1.0)), draw(st.floats(0.0, 6.0))
+    rows = [warped(x, y, bend, turn) for x in grid[0] for y in grid[1]]
+    return LinkageTable(grid, [[a, way * b] for a, b in rows])
+
+
+@st.composite
+def placed(draw: st.DrawFn) -> tuple[Transmission, np.ndarray]:
+    """A transmission and a place of its actuators."""
+    law: Transmission = draw(st.one_of(differentials(), tables()))
+    if isinstance(law, LinkageTable):
+        shares = [draw(st.floats(0.0, 1.0)) for _ in law.axes]
+        ends = [(axis[0], axis[-1]) for axis in law.axes]
+        return law, np.array([a + s * (b - a) for s, (a, b) in zip(shares, ends, strict=True)])
+    assert isinstance(law, Differential)
+    return law, np.array([draw(st.floats(-3.0, 3.0)) for _ in law.rows])
+
+
+@given(placed())
+def test_there_and_back_is_where_it_was(case: tuple[Transmission, np.ndarray]) -> None:
+    law, place = case
+    assert law.inverse(law.forward(place)) == pytest.approx(place, abs=1e-7)
+
+
+@given(placed(), st.lists(st.floats(-5.0, 5.0), min_size=6, max_size=6))
+def test_no_power_is_lost(case: tuple[Transmission, np.ndarray], numbers: list[float]) -> None:
+    law, place = case
+    count, jacobian = place.size, law.jacobian(place)
+    torque, speed = np.array(numbers[:count]), np.array(numbers[-count:])  # of the actuators
+    joints = np.linalg.solve(jacobian.T, torque)
+    assert joints @ (jacobian @ speed) == pytest.approx(torque @ speed, abs=1e-6)
+
+
+@given(placed())
+def test_the_jacobian_is_the_slope_of_the_way_forward(case: tuple[Transmission, np.ndarray]) -> None:
+    law, place = case
+    step = 1e-6
+    for column in range(place.size):
+        moved = place.copy()
+        moved[column] += step
+        ahead = law.forward(moved)
+        assume(np.isfinite(ahead).all())
+        if isinstance(law, LinkageTable):  # not across an edge between two cells
+            axis = law.axes[column]
+            assume(not any(place[column] < edge <= moved[column] for edge in axis))
+        slope = (ahead - law.forward(place)) / step
+        assert slope == pytest.approx(law.jacobian(place)[:, column], abs=1e-4)
+
+
+@given(tables())
+def test_the_whole_table_is_found_again_and_only_once(law: LinkageTable) -> None:
+    for place in law.checked:
+        found = law.preimages(law.forward(place))
+        assert found
+        for one in found:
+            assert one == pytest.approx(place, abs=1e-7)
+
+
+@given(placed(), st.lists(st.floats(0.1, 10.0), min_size=6, max_size=6))
+def test_all_joints_at_their_fair_bounds_ask_no_actuator_for_too_much(
+    case: tuple[Transmission, np.ndarray], numbers: list[float]
+) -> None:
+    law, place = case
+    count = place.size
+    bound, own = np.array(numbers[:count]), np.array(numbers[-count:])
+    speed = fair(back(law), bound, own)
+    assert (speed > 0.0).all() and (speed <= own).all()
+    inverse = np.linalg.inv(law.jacobian(place))
+    for signs in np.ndindex(*[2] * count):
+        asked = inverse @ (speed * (1.0 - 2.0 * np.array(signs)))
+        assert (np.abs(asked) <= bound * (1.0 + 1e-6)).all()
+
+
+def test_a_joint_alone_may_what_its_actuators_can() -> None:
+    law = Differential([[0.5, 0.5], [0.5, -0.5]])
+    alone = fair(back(law), np.array([4.0, 4.0]), np.array([np.inf, 1e-6]))
+    assert alone == pytest.approx([4.0, 1e-6], rel=1e-5)
+    both = fair(back(law), np.array([4.0, 4.0]), np.array([np.inf, np.inf]))
+    assert both == pytest.approx([2.0, 2.0])
+    torque = fair(forth(law).T, np.array([3.0, np.nan]), np.array([np.inf, np.inf]))
+    assert np.isnan(torque).all()
+
+
+def test_a_differential_is_written_as_in_the_robot_file() -> None:
+    law = Differential([[-0.25, 0.25], [0.2, 0.2]])
+    assert law.forward(np.array([1.0, 1.0])) == pytest.approx([0.0, 0.4])
+    assert law.inverse(np.array([0.5, 0.0])) == pytest.approx([-1.0, 1.0])
+    assert condition(law) == pytest.approx(1.25)
+    assert law == Differential([(-0.25, 0.25), (0.2, 0.2)]) != Differential([[1.0, 0.0], [0.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        ([], "not square"),
+        ([[1.0, 2.0]], "not square"),
+        ([[1.0, 2.0], [2.0, 4.0]], "no inverse"),
+        ([[1.0, math.nan], [0.0, 1.0]], "not finite"),
+    ],
+)
+def test_what_is_no_differential_is_refused(rows: list[list[float]], told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        Differential(rows)
+
+
+def test_a_table_that_folds_has_no_condition_or_two_places_for_one() -> None:
+    fold = LinkageTable([[0.0, 1.0, 2.0]], [[0.0], [1.0], [0.2]])
+    assert len({round(float(place[0]), 6) for place in fold.preimages(np.array([0.5]))}) == 2
+    flat = LinkageTable([[0.0, 1.0, 2.0]], [[0.0], [1.0], [1.0]])
+    assert condition(flat) == math.inf
+
+
+@given(st.sampled_from([math.nan, 1.0001, -1.0001, math.inf, 1.0 + 1e-7]))
+def test_outside_a_table_nothing_is_known(place: float) -> None:
+    law = LinkageTable([[-1.0, 1.0], [-1.0, 0.5, 1.0]], [[x, y] for x in (-1, 1) for y in (-1, 0.5, 1)])
+    for angles in (np.array([place, 0.0]), np.array([0.0, place])):
+        assert np.isnan(law.forward(angles)).all()
+        assert np.isnan(law.inverse(angles)).all()
+        assert np.isnan(law.jacobian(angles)).all()
+
+
+@pytest.mark.parametrize(
+    ("axes", "values", "told"),
+    [
+        ([[0.0, 1.0]] * 3, [[0.0] * 3] * 8, "one or two actuators"),
+        ([[0.0]], [[0.0]], "two places at least"),
+        ([[0.0, 0.0]], [[0.0], [1.0]], "ascending"),
+        ([[0.0, 1.0]], [[0.0]], "not the grid"),
+        ([[0.0, 1.0]], [[0.0], [math.nan]], "finite"),
+        ([[0.0, math.nan]], [[0.0], [1.0]], "ascending"),
+        ([[0.0, math.inf]], [[0.0], [1.0]], "finite"),
+    ],
+)
+def test_what_is_no_table_is_refused(axes: list[list[float]], values: list[list[float]], told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        LinkageTable(axes, values)
+
+
+@given(placed())
+def test_the_span_of_a_box_holds_whatever_lies_in_it(case: tuple[Transmission, np.ndarray]) -> None:
+    law, place = case
+    centre = law.forward(place)
+    lower, upper = centre - 0.01, centre + 0.01
+    low, high = span(law, lower, upper)
+    assume(np.isfinite(low).all() and np.isfinite(high).all())
+    assert (place >= low - 1e-6).all() and (place <= high + 1e-6).all()
