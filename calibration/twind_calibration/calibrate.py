@@ -9,7 +9,12 @@ from importlib import import_module
 from types import ModuleType
 
 # name -> what it does; each is `twind_calibration/calibrating/NAME.py`
-STEPS: dict[str, str] = {}
+STEPS: dict[str, str] = {
+    "scan": "who is on the buses, and set as described",
+    "sweep": "move joints by hand from end to end: their travel",
+    "zero": "hold the robot in a known pose: where angle 0 is",
+    "limits": "set the servos' own position limits, the last fence",
+}
 # of the steps whose name is no name of a module, or that share one
 MODULES: dict[str, str] = {"import": "importing", "show": "history", "diff": "history", "rollback": "history"}
 

@@ -36,6 +36,12 @@ def stop(place: str | None) -> str:
     return f"sudo systemctl stop {SERVICE}{at} {SERVICE}-control{at}.socket {SERVICE}-observe{at}.socket"
 
 
+def restart(place: str | None) -> str:
+    """The command that starts the service at `place` anew."""
+    name = _instance_at(place)
+    return f"sudo systemctl restart {SERVICE}{f'@{name}' if name else ''}"
+
+
 def _instance_at(place: str | None) -> str:
     """`arm` for /run/twind/arm and for a socket in it; empty: no instance's."""
     folder = os.path.dirname(place or "") if (place or "").endswith(".sock") else place or ""

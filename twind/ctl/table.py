@@ -1,6 +1,6 @@
 """Status and joints as text for people. Standard library only."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from twind.client.errors import finding_lines
@@ -48,11 +48,15 @@ def status_lines(status: Answer) -> list[str]:
 
 def joint_lines(joints: Sequence[Answer]) -> list[str]:
     """A table of joints; what is not known is a dash."""
-    rows = [COLUMNS, *(_row(joint) for joint in joints)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+    return lined_up([COLUMNS, *(_row(joint) for joint in joints)], left=(0, len(COLUMNS) - 1))
+
+
+def lined_up(rows: Sequence[Sequence[str]], left: Collection[int]) -> list[str]:
+    """Cells below each other; the columns `left` begin, the others end there."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     return [
         "  ".join(
-            cell.ljust(width) if place in (0, len(COLUMNS) - 1) else cell.rjust(width)
+            cell.ljust(width) if place in left else cell.rjust(width)
             for place, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in rows

@@ -69,13 +69,6 @@ class Ground:
         return [name for name in known if name in names or not names]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The option that names the calibration file."""
-    parser.add_argument(
-        "--calibration", metavar="FILE", help="the file to write (default: the one that the daemon reads)"
-    )
-
-
 def ground(options: argparse.Namespace, client: Client) -> Ground:
     """Asked of the daemon. Raises Rejected (its robot file was changed since, or is another), ClientError."""
     told = client.call("GetRobot")["robot"]

@@ -1,0 +1,148 @@
+"""Work in progress, `twind-calibration-draft/1`: what was swept and has no zero yet. Beside the calibration.
+
+Bound to the robot file's description like the calibration itself; each actuator leaves it when it is whole.
+"""
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from twind.config.calibration_file import (
+    MAX_TICKS,
+    DeviceRecord,
+    device_entries,
+    read_device,
+    written,
+)
+from twind.config.located import ConfigError, parse, read_text
+from twind.config.robot_spec import RobotFile
+from twind.config.saving import draft_of, save_draft
+from twind.config.section import Plain, Section
+from twind.ctl.verb import Rejected
+from twind_calibration.calibrating.ground import TOOL, now
+
+FORMAT = "twind-calibration-draft/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Swept:
+    """One actuator that was moved from end to end."""
+
+    device: DeviceRecord  # as it was then
+    sweep_ticks: tuple[int, int]  # as a calibration file has it
+    at: str  # UTC
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """By actuator, in no order."""
+
+    swept: Mapping[str, Swept] = field(default_factory=dict)
+
+    def joined(self, name: str, one: Swept) -> "Draft":
+        """With one more, or the same one anew."""
+        return replace(self, swept={**self.swept, name: one})
+
+    def without(self, names: Iterable[str]) -> "Draft":
+        """Those are whole."""
+        gone = set(names)
+        return replace(self, swept={name: one for name, one in self.swept.items() if name not in gone})
+
+
+def dump(draft: Draft, robot: RobotFile) -> str:
+    """The file's text."""
+    head = {
+        "format": FORMAT,
+        "robot": robot.name,
+        "robot_description_sha256": robot.description_sha256,
+        "created": now(),
+        "tool": TOOL,
+    }
+    joints: dict[str, dict[str, Plain]] = {
+        name: {
+            "device": device_entries(one.device),
+            "sweep_ticks": list(one.sweep_ticks),
+            "at": one.at,
+        }
+        for name, one in draft.swept.items()
+    }
+    return written(head, joints)
+
+
+def read(text: str, file: str, robot: RobotFile, names: Iterable[str]) -> Draft:
+    """The draft that `text` holds, of actuators called `names`. Raises ConfigError."""
+    top = Section(file, parse(text, file))
+    if top.text("format") != FORMAT:
+        raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
+    if top.text("robot") != robot.name:
+        raise top.refuse("robot", f"made for robot {top.text('robot')!r}, not for {robot.name!r}")
+    if top.text("robot_description_sha256") != robot.description_sha256:
+        raise top.refuse("robot_description_sha256", "joints, ids, signs or ratios changed since")
+    top.text("created")
+    top.text("tool")
+    section = top.section("joints")
+    section.close(also=names)
+    draft = Draft({name: _swept(section.section(name)) for name in section})
+    top.close()
+    return draft
+
+
+def _swept(section: Section) -> Swept:
+    first, last = section.integers("sweep_ticks", 2)
+    if not -MAX_TICKS <= first < last <= MAX_TICKS:
+        raise section.refuse("sweep_ticks", f"{first} is not below {last}, or out of 32 bits")
+    swept = Swept(read_device(section.section("device")), (first, last), section.text("at"))
+    section.close()
+    return swept
+
+
+def path_of(calibration: Path) -> Path:
+    """Where the draft of that calibration file stands."""
+    return draft_of(calibration.parent, calibration.stem)
+
+
+def load(calibration: Path, robot: RobotFile, names: Iterable[str]) -> Draft:
+    """The draft beside a calibration file; an empty one where there is none.
+
+    Raises Rejected: it is of another description, or broken. Moving it away begins a new one.
+    """
+    path = path_of(calibration)
+    try:
+        return read(read_text(path), str(path), robot, names)
+    except ConfigError as error:
+        try:
+            absent = not path.exists()
+        except OSError:
+            absent = False
+        if absent:
+            return Draft()
+        raise Rejected(f"{error}. What was swept must be swept again: remove {path}") from None
+
+
+def require_room(calibration: Path) -> None:
+    """Its folder is there, made if need be, and may be written. Raises Rejected."""
+    folder = calibration.parent
+    try:
+        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+    except OSError as error:
+        raise Rejected(f"{folder} cannot be made: {error.strerror}; try with sudo") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise Rejected(f"{folder} may not be written by this user; try with sudo")
+
+
+def save(draft: Draft, calibration: Path, robot: RobotFile) -> Path:
+    """Write it, or remove it when nothing is left in it. Raises Rejected: it cannot be written."""
+    path = path_of(calibration)
+    try:
+        if not draft.swept:
+            path.unlink(missing_ok=True)
+            return path
+        return save_draft(calibration.parent, calibration.stem, dump(draft, robot))
+    except FileNotFoundError:
+        folder = calibration.parent
+        raise Rejected(f"{path}: there is no folder {folder}: `mkdir -p {folder}`") from None
+    except PermissionError as error:
+        raise Rejected(f"{path} cannot be written: {error.strerror}; try with sudo") from None
+    except (OSError, ConfigError) as error:
+        raise Rejected(f"{path} cannot be written: {error}") from None

@@ -1,0 +1,73 @@
+"""A robot whose joints a person may move: nobody has torque, and nobody gives it while they do.
+
+In mirror this daemon cannot; in live it is kept in the state calibrating, by the lease of this connection.
+"""
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+from twind.client import Client, ClientError
+from twind.ctl.verb import Rejected
+from twind_drivers.clock import Clock
+
+RENEW = 0.3  # s; a lease lasts one
+PATIENCE = 5.0  # s that torque may take to be read after a connect
+PAUSE = 0.1  # s between two questions
+
+
+@contextlib.contextmanager
+def limp(client: Client, clock: Clock, *, take: bool) -> Iterator[Callable[[], None]]:
+    """Torque is off and stays off; what is given keeps it so when called now and then.
+
+    Raises Rejected (mode sim, a joint with torque or of which nobody knows), ClientError.
+    """
+    mode = client.call("GetStatus")["status"]["mode"]
+    if mode == "sim":
+        raise Rejected("mode sim reads no robot: `twindctl mode mirror`")
+    _require_off(client, clock)
+    if mode != "live":
+        yield lambda: None
+        return
+    with calibrating(client, clock, take=take) as keep:
+        _require_off(client, clock)  # nobody armed meanwhile
+        yield keep
+
+
+@contextlib.contextmanager
+def calibrating(client: Client, clock: Clock, *, take: bool) -> Iterator[Callable[[], None]]:
+    """The daemon in state calibrating; what is given renews the lease when it is time. Raises ClientError."""
+    client.call("AcquireLease", take=take or None)
+    renewed = clock.now()
+
+    def keep() -> None:
+        nonlocal renewed
+        if clock.now() - renewed > RENEW:
+            client.call("RenewLease")
+            renewed = clock.now()
+
+    try:
+        client.call("Calibrate", on=True)
+        yield keep
+    finally:
+        with contextlib.suppress(ClientError, RuntimeError):
+            client.call("Calibrate", on=False)
+            client.call("ReleaseLease")
+
+
+def _require_off(client: Client, clock: Clock) -> None:
+    """Raises Rejected: somebody's torque is on, or nobody knows of it."""
+    deadline = clock.now() + PATIENCE
+    while True:
+        answer = client.call("GetStatus", joints=True)
+        on = [joint["name"] for joint in answer["joints"] if joint["torque"]]
+        if answer["status"]["armed"] or on:
+            who = ", ".join(on) or "the robot"
+            raise Rejected(f"torque is on: {who}. `twindctl disarm` lowers it and takes it off; then again")
+        unknown = [each["name"] for each in answer["joints"] if each["heard"] and each["torque"] is None]
+        if not unknown:
+            return
+        if clock.now() > deadline:
+            raise Rejected(
+                f"nobody knows whether torque is off: {', '.join(unknown)}: `twindctl status --joints`"
+            )
+        clock.sleep_until(clock.now() + PAUSE)

@@ -1,0 +1,84 @@
+"""`twindctl calibrate scan`: the doctor's looks at buses and devices, and what a calibration records."""
+
+import argparse
+from collections.abc import Iterator
+from typing import Any
+
+from twind.ctl.table import lined_up
+from twind.ctl.verb import DONE, REFUSED, show
+from twind_calibration.again import again
+from twind_calibration.doctor import report, runner, table
+from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.gather import examine
+from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.robot_checks import ACTUATORS, BUSES, SERVOS
+from twind_calibration.doctor.survey import CanSurvey, SerialSurvey
+from twind_calibration.doctor.told import told
+from twind_drivers.clock import MonotonicClock
+
+LOOKS = (BUSES, SERVOS, ACTUATORS)
+# Register -> heading; what a calibration records of a device.
+SNAPSHOT = {
+    "homing_offset": "homing",
+    "drive_mode": "drive",
+    "operating_mode": "mode",
+    "min_position_limit": "min",
+    "max_position_limit": "max",
+}
+BESIDE = (
+    "a daemon asks for the ids of its robot file alone: ids that nobody knows, and ids that answer twice, "
+    "are seen with the daemon stopped"
+)
+
+
+def scan(options: argparse.Namespace) -> int:
+    """Exit code 0: nothing is wrong with anybody. Raises UsageError."""
+    known, checks = table.complaints(), [each for each in table.checks() if each.what in LOOKS]
+    examined = examine(options, Host(), MonotonicClock())
+    try:
+        outcome = runner.run(examined, checks, known)
+        beside = examined.daemon is not None
+        here = again(options, examined.sockets or None)
+        outcome.found, outcome.fix = told(outcome.found, known, here, daemon=beside)
+        devices = list(_devices(examined))
+    finally:
+        examined.close()
+    wrong = report.wrong(outcome, known, None) + len(outcome.unseen) + len(examined.wrong_files)
+    text = [*_table(devices), *(str(error) for error in examined.wrong_files)]
+    text += [*([BESIDE] if beside else []), "", report.text(outcome, known, None)]
+    data = report.data(outcome, known, None) | {"devices": devices}
+    data["wrong_files"] = [str(error) for error in examined.wrong_files]
+    show(options, data, "\n".join(text))
+    return REFUSED if wrong or not devices else DONE
+
+
+def _devices(examined: Examined) -> Iterator[dict[str, Any]]:
+    """Everybody who answers, bus by bus, with the registers that were read."""
+    for survey in examined.surveys.values():
+        if isinstance(survey, SerialSurvey):
+            for servo in survey.servos:
+                yield {
+                    "bus": servo.bus,
+                    "id": servo.id,
+                    "joint": None if servo.joint is None else servo.joint.name,
+                    "model": servo.model_name or servo.model,
+                    "firmware": servo.firmware,
+                    **{name: servo.values.get(name) for name in SNAPSHOT},
+                }
+        elif isinstance(survey, CanSurvey):
+            for node in survey.nodes:
+                yield {
+                    "bus": node.bus,
+                    "id": node.joint.id,
+                    "joint": node.joint.name,
+                    "model": node.joint.type.device,
+                    "firmware": None,
+                    **{name: node.values.get(name) for name in SNAPSHOT},
+                }
+
+
+def _table(devices: list[dict[str, Any]]) -> list[str]:
+    heads = ("bus", "id", "joint", "model", "firmware", *SNAPSHOT)
+    rows = [tuple(SNAPSHOT.get(head, head) for head in heads)]
+    rows += [tuple("-" if each[head] is None else str(each[head]) for head in heads) for each in devices]
+    return lined_up(rows, left=(0, 2, 3))

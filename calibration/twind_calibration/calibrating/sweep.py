@@ -1,0 +1,27 @@
+"""move each joint by hand from end to end: how far does it go, and on which turns of its encoder
+
+Torque is off. A joint is done when it rested at both its ends, half a second each; ENTER ends with those that
+are there. The travel goes into a draft beside the calibration file, until `zero` makes it whole. In mode live
+the daemon is kept from arming meanwhile. Ctrl-C keeps what is done; the same command goes on with the rest.
+"""
+
+import argparse
+
+from twind_calibration.calibrating.options import add_arguments as add_common
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the step."""
+    parser.add_argument("joints", nargs="*", metavar="JOINT", help="default: all that have no travel yet")
+    parser.add_argument("--again", action="store_true", help="also those that were swept already")
+    parser.add_argument("--wide", action="store_true", help="take travels over 130 %% of the described range")
+    parser.add_argument("--timeout", type=float, metavar="S", help="end after so long with what is done")
+    parser.add_argument("--take", action="store_true", help="in live: take the lease from whoever holds it")
+    add_common(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0: every joint that was asked for is swept."""
+    from twind_calibration.calibrating.sweeping import sweep  # imports that the list of steps need not pay
+
+    return sweep(options)

@@ -1,0 +1,140 @@
+"""Every actuator of a sweep, reading by reading: who moves, how far, who is done. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from twind_calibration.calibrating.slots import Slot
+from twind_calibration.calibrating.travel import Judged, Strayed, judge, strayed
+from twind_calibration.calibrating.unwrap import Sample, Track
+
+NEAR = 0.03  # rad: a joint that rested so close to the end of its travel rested at it
+
+
+class Stage(StrEnum):
+    """Of one actuator."""
+
+    STILL = "still"  # not moved yet
+    MOVING = "moving"
+    DONE = "done"  # rested at both ends of a travel that fits
+    WRONG = "wrong"  # rested at both ends of one that does not
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """One actuator now."""
+
+    name: str
+    stage: Stage
+    judged: Judged
+    ends: tuple[bool, bool]  # rested at its lowest, at its highest count
+    range: float  # rad, as described
+
+
+@dataclass(frozen=True, slots=True)
+class News:
+    """Something that a person should know at once. `what`: done, wrong, lost or strayed."""
+
+    what: str
+    name: str
+    text: str
+
+
+class Travels:
+    """`asked`: the actuators that are to be swept. The others are watched, for who moves instead."""
+
+    def __init__(self, slots: Sequence[Slot], asked: Sequence[str], *, wide: bool = False) -> None:
+        self.asked = tuple(asked)
+        self._slots = {slot.name: slot for slot in slots}
+        self._tracks = {slot.name: Track(slot.joint.type.ticks_per_turn) for slot in slots}
+        self._kept: dict[str, tuple[int, int]] = {}
+        self._stages = dict.fromkeys(self._slots, Stage.STILL)
+        self._told: set[str] = set()
+        self._wide = wide
+
+    def take(self, readings: Mapping[str, Sample]) -> list[News]:
+        """One reading of everybody who was heard."""
+        news = [each for name, sample in readings.items() for each in self._one(name, sample)]
+        stray = self._stray()
+        if stray is not None and not self._told.issuperset(stray.moved):
+            self._told.update(stray.moved)
+            news.append(News("strayed", stray.moved[0], str(stray)))
+        return news
+
+    def progress(self, name: str) -> Progress:
+        """How far one is."""
+        slot, track = self._slots[name], self._tracks[name]
+        low, high = self._kept.get(name, (track.low, track.high))
+        span = max(track.span, high - low)
+        ends = (True, True) if name in self._kept else self._rested(name)
+        return Progress(name, self._stages[name], self._judge(slot, span), ends, slot.range)
+
+    def travel(self, name: str, *, at_once: bool = False) -> tuple[int, int] | None:
+        """Lowest and highest count of one that is done; `at_once`: of one whose travel fits, rested or no."""
+        if name in self._kept:
+            return self._kept[name]
+        track = self._tracks[name]
+        if at_once and self._judge(self._slots[name], track.span).good:
+            return track.low, track.high
+        return None
+
+    @property
+    def over(self) -> bool:
+        """Nobody who was asked for is left."""
+        return all(self._stages[name] in (Stage.DONE, Stage.WRONG) for name in self.asked)
+
+    def _one(self, name: str, sample: Sample) -> list[News]:
+        track, before = self._tracks[name], self._stages[name]
+        why = track.take(sample)
+        if why:
+            self._stages[name] = Stage.DONE if name in self._kept else Stage.STILL
+            text = f"{why}: a reading may be lost; move {name} again, from end to end"
+            return [News("lost", name, text)] if name in self.asked and name not in self._kept else []
+        if before is Stage.STILL and track.span > self._slots[name].ticks(NEAR):
+            self._stages[name] = Stage.MOVING
+        if name not in self.asked or self._rested(name) != (True, True):
+            return []
+        return self._ended(name, before)
+
+    def _ended(self, name: str, before: Stage) -> list[News]:
+        """It rested at both ends of the travel that it has now."""
+        track = self._tracks[name]
+        judged = self._judge(self._slots[name], track.span)
+        if judged.good:
+            low, high = self._kept.get(name, (0, 0))
+            if track.span > high - low:
+                self._kept[name] = (track.low, track.high)
+            self._stages[name] = Stage.DONE
+        elif judged.share >= 1.0:  # shorter ones may have rested half-way
+            self._kept.pop(name, None)
+            self._stages[name] = Stage.WRONG
+        after = self._stages[name]
+        if after is before or after not in (Stage.DONE, Stage.WRONG):
+            return []
+        said = (
+            f"{judged.radians:.2f} rad, {100 * judged.share:.0f} % of the described {self._range(name):.2f}"
+        )
+        return [News(after.value, name, told(judged) if judged.wrong else said)]
+
+    def _rested(self, name: str) -> tuple[bool, bool]:
+        return self._tracks[name].rested(max(4, self._slots[name].ticks(NEAR)))
+
+    def _range(self, name: str) -> float:
+        return self._slots[name].range
+
+    def _judge(self, slot: Slot, span: int) -> Judged:
+        judged = judge(slot, span, tuple(self._slots.values()))
+        return Judged(judged.radians, judged.share) if judged.wide and self._wide else judged
+
+    def _stray(self) -> Strayed | None:
+        shares = {
+            name: track.span * abs(self._slots[name].rad_per_tick) / self._slots[name].range
+            for name, track in self._tracks.items()
+        }
+        return strayed(shares, self.asked)
+
+
+def told(judged: Judged) -> str:
+    """A travel that does not fit, in words: what is wrong, and the likely causes."""
+    wide = "; `--wide` takes it as it is" if judged.wide else ""
+    return f"{judged.wrong}; likely: {', or '.join(judged.causes)}{wide}"

@@ -1,0 +1,85 @@
+"""New entries into the calibration file: checked as the daemon would, asked for, written, told."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+
+from twind.config.calibration_file import (
+    Calibration,
+    JointCalibration,
+    dump_calibration,
+    read_calibration,
+)
+from twind.config.located import ConfigError
+from twind.ctl.verb import Rejected, UsageError
+from twind.twin.binding import BindingError, bind
+from twind_calibration.again import again
+from twind_calibration.calibrating import kept
+from twind_calibration.calibrating.ground import TOOL, Ground, now
+from twind_calibration.calibrating.slots import slots
+from twind_calibration.instances import restart
+
+
+def require_somebody(options: argparse.Namespace) -> None:
+    """Raises UsageError where a question could not be answered, before anything is measured."""
+    if options.yes:
+        return
+    if options.json:
+        raise UsageError("--json asks nobody: add --yes")
+    if not sys.stdin.isatty():
+        raise UsageError("nobody to ask: standard input is no terminal; add --yes")
+
+
+def agreed(options: argparse.Namespace, question: str) -> bool:
+    """Whether a person, or `--yes`, says so."""
+    if options.yes:
+        return True
+    print(f"{question} [y/N] ", end="", flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def merged(
+    place: Ground, before: Calibration | None, entries: Sequence[JointCalibration], method: str = "jig"
+) -> Calibration:
+    """The file with these entries in place of the earlier ones, in the robot's order."""
+    fresh = {each.name: each for each in entries}
+    known = {} if before is None else dict(before.by_name)
+    order = [slot.name for slot in slots(place.robot) if slot.name in fresh or slot.name in known]
+    return Calibration(
+        robot=place.robot.name,
+        robot_description_sha256=place.robot.description_sha256,
+        created=now(),
+        tool=TOOL,
+        method_default=method if before is None else before.method_default,
+        joints=tuple(fresh.get(name) or known[name] for name in order),
+    )
+
+
+def written(place: Ground, before: Calibration | None, entries: Sequence[JointCalibration]) -> Calibration:
+    """Write the file with these entries; what it holds now. Raises Rejected: the daemon would refuse it."""
+    after = merged(place, before, entries)
+    try:
+        text = dump_calibration(after)
+        after = read_calibration(text, str(place.path), place.robot)
+        bind(place.robot, after)
+    except (ConfigError, BindingError) as error:
+        raise Rejected(f"the daemon would refuse this calibration, nothing was written: {error}") from None
+    kept.save(after, place.path)
+    return after
+
+
+def next_steps(options: argparse.Namespace, place: Ground, after: Calibration) -> None:
+    """Say what is still to be done, and the command that brings the file into force."""
+    names = [slot.name for slot in slots(place.robot)]
+    left = [name for name in names if name not in after.by_name]
+    start = restart(options.socket)
+    if options.json:
+        print(json.dumps({"written": str(place.path), "left": left, "next": start}), flush=True)
+        return
+    tell = again(options).prose
+    print(f"written: {place.path}, {len(after.joints)} of {len(names)} joints")
+    if left:
+        print(tell(f"not calibrated yet: {', '.join(left)}: `twindctl calibrate sweep` goes on with them"))
+    where = "" if not options.calibration else f" with --calibration {place.path}"
+    print(f"it is in force when the daemon starts again{where}: `{start}`, or Ctrl-C where it runs and again")

@@ -1,0 +1,251 @@
+"""`twindctl calibrate zero`: readings of a robot that is held still, and the entries that follow. Blocks."""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from twind.client import Client
+from twind.config.calibration_file import Calibration, DeviceRecord, JointCalibration, turn_band
+from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
+from twind_calibration.again import again
+from twind_calibration.calibrating import draft as drafts
+from twind_calibration.calibrating.captures import Capture, capture
+from twind_calibration.calibrating.devices import differences, records
+from twind_calibration.calibrating.ground import Ground, ground
+from twind_calibration.calibrating.limp import limp
+from twind_calibration.calibrating.placing import TOLERANCE, Zero, by_ends, by_pose, misfits, whole
+from twind_calibration.calibrating.raw import readings
+from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.unwrap import on_turn
+from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody, written
+from twind_drivers.clock import MonotonicClock
+
+SPARE = 5  # times as many readings as are asked for may pass until everybody was heard so often
+
+
+@dataclass(frozen=True, slots=True)
+class Swept:
+    """What is known of an actuator's travel, from the draft or from the calibration file."""
+
+    device: DeviceRecord
+    sweep: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """One actuator: its new entry, or what speaks against one."""
+
+    slot: Slot
+    entry: JointCalibration | None
+    wrong: tuple[str, ...]
+    angle: float | None  # rad that it stood at; None: by the ends of its travel
+
+    @property
+    def spread(self) -> float:
+        """Of its zero, rad at the joint."""
+        return 0.0 if self.entry is None else self.entry.zero_sigma_ticks * abs(self.slot.rad_per_tick)
+
+    def line(self, width: int) -> str:
+        """For a person."""
+        if self.entry is None:
+            return f"NOT  {self.slot.name}: {'; '.join(self.wrong)}"
+        where = "by the ends of its travel" if self.angle is None else f"held at {self.angle:+.3f} rad"
+        one = self.entry
+        return (
+            f"ok   {self.slot.name:<{width}} zero at {one.zero_ticks:>6}, spread {one.zero_sigma_ticks:4.1f} "
+            f"ticks; {where}; travel {one.sweep_ticks[0]}..{one.sweep_ticks[1]}"
+        )
+
+    def told(self) -> dict[str, Any]:
+        """One line of JSON."""
+        one = self.entry
+        return {
+            "joint": self.slot.name,
+            "good": one is not None,
+            "wrong": list(self.wrong),
+            "zero_ticks": None if one is None else one.zero_ticks,
+            "sigma_ticks": None if one is None else round(one.zero_sigma_ticks, 3),
+            "captures": None if one is None else one.captures,
+            "method": None if one is None else one.method,
+            "sweep_ticks": None if one is None else list(one.sweep_ticks),
+        }
+
+
+def zero(options: argparse.Namespace) -> int:
+    """Exit code 0: all that were asked for are in the file. Raises Rejected, UsageError, ClientError."""
+    try:
+        require_somebody(options)
+        with operator(options) as client:
+            return _zero(options, client)
+    except Rejected as error:  # what it says to type is typed for the same daemon
+        raise Rejected(again(options).prose(str(error))) from error
+
+
+def _zero(options: argparse.Namespace, client: Client) -> int:
+    place, clock = ground(options, client), MonotonicClock()
+    every = slots(place.robot)
+    calibration = place.calibration()
+    draft = drafts.load(place.path, place.robot, [slot.name for slot in every])
+    swept = _swept(draft, calibration)
+    chosen = _chosen(options, place, every, draft, swept)
+    angles = None if options.from_sweep else _angles(options, place, chosen)
+    with limp(client, clock, take=options.take) as keep:
+        found = records(client, place.robot, chosen)
+        held: Mapping[str, Capture] = {}
+        if angles is not None:
+            _ask(options, angles, len(chosen))
+            rate = client.call("GetParameters")["parameters"]["rate_hz"] or place.robot.rate_hz
+            keep()
+            with observer(options) as watching:
+                held = _captured(watching, rate, chosen, options.samples)
+    placed = [_place(slot, swept, found, held, angles) for slot in chosen]
+    return _write(options, place, calibration, draft, placed)
+
+
+def _swept(draft: drafts.Draft, calibration: Calibration | None) -> dict[str, Swept]:
+    """The draft is newer than the file."""
+    known = () if calibration is None else calibration.joints
+    found = {each.name: Swept(each.device, each.sweep_ticks) for each in known}
+    return found | {name: Swept(each.device, each.sweep_ticks) for name, each in draft.swept.items()}
+
+
+def _chosen(
+    options: argparse.Namespace,
+    place: Ground,
+    every: Sequence[Slot],
+    draft: drafts.Draft,
+    swept: Mapping[str, Swept],
+) -> list[Slot]:
+    """Raises Rejected: nobody was swept, or one who was named was not."""
+    names = place.chosen(options.joints, [slot.name for slot in every])
+    unswept = [name for name in names if name not in swept]
+    if options.joints and unswept:
+        raise Rejected(
+            f"not swept yet: {', '.join(unswept)}: `twindctl calibrate sweep` first, then the zero"
+        )
+    if not swept:
+        raise Rejected("nothing was swept yet: `twindctl calibrate sweep` first, then the zero")
+    pending = options.joints or list(draft.swept) or list(swept)
+    return [slot for slot in every if slot.name in names and slot.name in pending]
+
+
+def _angles(options: argparse.Namespace, place: Ground, chosen: Sequence[Slot]) -> dict[str, float]:
+    """Rad of each actuator that is read. Raises Rejected: no such pose, no such joint, outside its limits."""
+    poses = place.robot.poses
+    if options.pose is not None and options.pose not in poses:
+        raise Rejected(f"{place.robot.name} has no pose {options.pose!r}; it has {', '.join(poses)}")
+    pose = poses[options.pose] if options.pose is not None else dict.fromkeys(place.robot.names, 0.0)
+    others = dict(options.at)
+    place.chosen(list(others), [slot.name for slot in chosen])
+    angles = {slot.name: others.get(slot.name, pose[slot.joint.name]) for slot in chosen}
+    for slot in chosen:
+        if not slot.lower - TOLERANCE <= angles[slot.name] <= slot.upper + TOLERANCE:
+            raise Rejected(
+                f"{slot.name} cannot stand at {angles[slot.name]:g} rad: its limits are "
+                f"{slot.lower:g}..{slot.upper:g}; `--at {slot.name}=RAD` gives it another angle"
+            )
+    return angles
+
+
+def _ask(options: argparse.Namespace, angles: Mapping[str, float], count: int) -> None:
+    if options.yes:
+        return
+    name = f"pose {options.pose}" if options.pose else "its zero pose"
+    other = [f"{joint} at {angle:+.3f} rad" for joint, angle in angles.items() if angle]
+    told = f" ({', '.join(other)}, all others at 0)" if other else " (every joint at 0 rad)"
+    print(
+        f"hold the robot in {name}{told}: {count} joints are read. ENTER when it stands ", end="", flush=True
+    )
+    if not sys.stdin.readline():
+        raise Rejected("nothing was read")
+
+
+def _captured(client: Client, rate: float, chosen: Sequence[Slot], count: int) -> dict[str, Capture]:
+    """So many readings of each, as they were heard."""
+    heard: dict[str, list[int]] = {slot.name: [] for slot in chosen}
+    stamps = dict.fromkeys(heard, float("-inf"))
+    with readings(client, rate) as stream:
+        for passed, reading in enumerate(stream):
+            for name, sample in reading.samples.items():
+                if name in heard and sample.time > stamps[name] and len(heard[name]) < count:
+                    stamps[name] = sample.time
+                    heard[name].append(sample.ticks)
+            if all(len(each) == count for each in heard.values()) or passed > SPARE * count:
+                break
+    return {slot.name: capture(heard[slot.name], slot.joint.type.ticks_per_turn, count) for slot in chosen}
+
+
+def _place(
+    slot: Slot,
+    swept: Mapping[str, Swept],
+    found: Mapping[str, DeviceRecord],
+    held: Mapping[str, Capture],
+    angles: Mapping[str, float] | None,
+) -> Placed:
+    known, device = swept[slot.name], found.get(slot.name)
+    angle = None if angles is None else angles[slot.name]
+    if device is None:
+        return Placed(slot, None, ("nobody answers there",), angle)
+    changed = differences(known.device, device)
+    if changed:
+        wrong = f"it is not as it was when it was swept: {', '.join(changed)}: sweep it again"
+        return Placed(slot, None, (wrong,), angle)
+    stands = None
+    if angle is None:
+        at = by_ends(slot, known.sweep, *_ends(slot))
+        wrong = _apart(slot, at)
+    else:
+        read = held[slot.name]
+        if read.wrong:
+            return Placed(slot, None, (f"{read.wrong}: hold it still",), angle)
+        at = by_pose(slot, known.sweep, read.mean, read.sigma, read.count, angle)
+        stands = on_turn(round(read.mean), turn_band(known.sweep, slot.joint.type.ticks_per_turn))
+        wrong = ""
+    speaks = [*([wrong] if wrong else []), *misfits(slot, device, known.sweep, at.ticks, stands)]
+    entry = None if speaks else whole(slot, device, known.sweep, at)
+    return Placed(slot, entry, tuple(speaks), angle)
+
+
+def _ends(slot: Slot) -> tuple[float | None, float | None]:
+    """Angles (rad) of the ends of the travel: stops that are described, else the limits."""
+    stops = slot.joint.stops
+    return (stops.lower, stops.upper) if stops.described else (slot.lower, slot.upper)
+
+
+def _apart(slot: Slot, at: Zero) -> str:
+    """Two ends that tell zeros too far apart."""
+    apart = 2.0 * at.sigma * abs(slot.rad_per_tick)
+    if apart <= 2.0 * TOLERANCE:
+        return ""
+    return (
+        f"its two ends tell zeros {apart:.2f} rad apart, at most {2.0 * TOLERANCE:g}: describe its stops "
+        "(`stop_rad`), or hold it in a pose"
+    )
+
+
+def _write(
+    options: argparse.Namespace,
+    place: Ground,
+    calibration: Calibration | None,
+    draft: drafts.Draft,
+    placed: Sequence[Placed],
+) -> int:
+    """Show, ask, write, say what comes next; the exit code."""
+    width = max(len(each.slot.name) for each in placed)
+    for each in placed:
+        print(json.dumps(each.told()) if options.json else each.line(width), flush=True)
+    entries = [each.entry for each in placed if each.entry is not None]
+    if options.from_sweep and entries and not options.json:
+        worst = max(each.spread for each in placed)
+        print(f"by the ends of the travel a zero is coarse: +-{worst:.3f} rad, and what the hand left out")
+    if not entries:
+        raise Rejected("no joint has a zero: nothing was written")
+    if not agreed(options, f"write {len(entries)} of {len(placed)} joints to {place.path}?"):
+        raise Rejected("nothing was written")
+    after = written(place, calibration, entries)
+    drafts.save(draft.without(each.name for each in entries), place.path, place.robot)
+    next_steps(options, place, after)
+    return DONE if len(entries) == len(placed) else REFUSED
