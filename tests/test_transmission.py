@@ -7,10 +7,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from twind.robot.linkage import LinkageTable
 from twind.robot.transmission import (
     MOST_CONDITION,
     Differential,
-    LinkageTable,
     Transmission,
     back,
     condition,

@@ -15,7 +15,7 @@ from twind.config.located import ConfigError
 from twind.config.report import check_robot
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
-from twind.robot.transmission import LinkageTable
+from twind.robot.linkage import LinkageTable
 
 
 @pytest.fixture(scope="module")

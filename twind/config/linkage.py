@@ -17,7 +17,7 @@ import numpy as np
 from twind.config.located import ConfigError, Mark
 from twind.protocol.plain_file import NotAFile, read_plain
 from twind.robot.arrays import Floats
-from twind.robot.transmission import LinkageTable
+from twind.robot.linkage import LinkageTable
 
 MAX_BYTES = 1024 * 1024
 MOST_ROWS = 4096  # every start proves the inverse at all of them and between
