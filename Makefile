@@ -4,6 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 SECONDS ?=
 FIGURE ?=
+# Else every process that is started compiles all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
+
 # Of the harnesses: how many, which seed, from which one on; also ROW, REAL, HOURS, MINUTES, JOBS. What each takes
 # and shows stands in docs/safety.md, "How it is proven".
 N ?=

@@ -1,5 +1,6 @@
 """Fixtures shared by the tests."""
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,10 @@ sys.path.insert(0, str(Path(__file__).parent))  # tests/rig.py and its like
 
 from hypothesis import settings
 from rig import Rig
+
+# Else each of a thousand processes compiles all that it imports, and each collection all tests.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # How long an example takes says how busy the machine is: no test here claims it.
 settings.register_profile("twind", deadline=None)

@@ -24,10 +24,16 @@ def test_the_gate_accepts_nothing_that_the_oracle_refuses() -> None:
     assert len(seen.false_refusals) <= seen.asked // 100
 
 
-def planted() -> dict[Code, Question]:
+CURVE = (Code.POS_LIMIT, Code.VEL_LIMIT, Code.ACC_LIMIT, Code.START_JUMP, Code.END_NOT_AT_REST)
+
+
+@pytest.fixture(scope="module")
+def refused() -> dict[Code, Question]:
     """A refused question for each rule of the curve, which a blind gate would let in."""
     found: dict[Code, Question] = {}
     for number in range(400):
+        if found.keys() >= set(CURVE):
+            break
         asked = question(np.random.default_rng((4, number)))
         refusals = judged(asked).verdict.refusals
         clearly = all(abs(finding.value - finding.bound) > 1e-6 for finding in refusals)
@@ -36,14 +42,9 @@ def planted() -> dict[Code, Question]:
     return found
 
 
-PLANTED = planted()
-
-
-@pytest.mark.parametrize(
-    "code", [Code.POS_LIMIT, Code.VEL_LIMIT, Code.ACC_LIMIT, Code.START_JUMP, Code.END_NOT_AT_REST]
-)
-def test_the_oracle_sees_what_a_blind_gate_lets_in(code: Code) -> None:
-    asked = PLANTED[code]
+@pytest.mark.parametrize("code", CURVE)
+def test_the_oracle_sees_what_a_blind_gate_lets_in(refused: dict[Code, Question], code: Code) -> None:
+    asked = refused[code]
     blind = replace(judged(asked), verdict=Verdict(), path=asked.path)
     assert any(words.startswith(code) for words in broken(asked, blind, exactly=False))
 

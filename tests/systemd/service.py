@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -25,10 +26,12 @@ class Unit:
 
     def __init__(self, machine: Machine, unit: str) -> None:
         self.machine, self.unit = machine, unit
+        self._since = time.time()  # of this machine's clock, which is the journal's
 
     def start(self) -> Self:
         """Wait until systemd says that it is started. Raises Failed. Earlier starts do not count."""
         self.reset()
+        self._since = time.time()
         self.machine.run("systemctl", "start", self.unit, seconds=START)
         return self
 
@@ -86,8 +89,10 @@ class Unit:
         return done.stdout
 
     def journal(self, *options: str) -> list[Json]:
-        """What was told of it, by itself and by systemd, oldest first."""
-        text = self.machine.run("journalctl", "--no-pager", "-o", "json", "-u", self.unit, *options)
+        """What was told of it, by itself and by systemd, oldest first. Since `start`, or since this object
+        was made: others used the unit before."""
+        since = f"--since=@{self._since:.6f}"
+        text = self.machine.run("journalctl", "--no-pager", "-o", "json", since, "-u", self.unit, *options)
         return [json.loads(line) for line in text.splitlines()]
 
     def says(self, seconds: float, said: str, of: Callable[[Json], bool]) -> Json:
