@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
+from eeprom import calibrate
 from rig import Rig
 
 from twind import link
@@ -140,6 +141,7 @@ def test_a_value_that_a_register_cannot_hold_is_refused_and_not_written(live: Ri
 
 def test_registers_that_belong_to_somebody_else_are_not_written(live: Rig) -> None:
     live.connect()
+    calibrate(live)
     for name in ("torque_enable", "goal_position", "id", "baud_rate"):
         reply = live.call(link.WriteRegister, bus="main", id=7, name=name, value=1)
         assert reply.error == "BusFailed"

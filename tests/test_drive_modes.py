@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from eeprom import calibrate, calibrated
 from rig import Rig
 
 from twind import link
@@ -75,13 +76,18 @@ def test_a_servo_in_another_mode_than_its_joint_names_is_never_armed(mixed: Rig)
 
 def test_a_mode_that_somebody_writes_through_the_daemon_is_told_at_once(mixed: Rig) -> None:
     mixed.connect()
+    calibrate(mixed)
     reply = mixed.call(link.WriteRegister, bus="main", id=2, name="operating_mode", value=4)
     assert reply.error is None
-    mixed.ticks(100)
+    mixed.ticks(80)
+    calibrated(mixed)
+    mixed.ticks(2)
     assert mixed.loop.state is State.IDENTIFYING
     assert any("id 2 on bus main: operating_mode (11) is 4" in event.message for event in mixed.events())
+    calibrate(mixed)
     reply = mixed.call(link.WriteRegister, bus="main", id=2, name="operating_mode", value=3)
     assert reply.error is None
+    calibrated(mixed)
     mixed.connect()
 
 

@@ -113,7 +113,8 @@ def test_varlink_understands_our_errors(loop: StandIn) -> None:
         assert caught.value.parameters() == {"role": "observer", "method": "Arm"}
         with pytest.raises(varlink.VarlinkError) as caught:
             robot.Monitor(topics=["rough"])
-        assert caught.value.parameters()["known"] == ["state", "latency", "status", "raw", "events", "verdicts"]
+        known = ["state", "latency", "status", "raw", "events", "verdicts"]
+        assert caught.value.parameters()["known"] == known
 
 
 # --------------------------------------------------------------------------- what is answered here

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from eeprom import calibrate, calibrated
 from rig import Rig
 
 from twind import link
@@ -90,9 +91,11 @@ def test_after_silence_everybody_is_read_again(fresh: Rig) -> None:
 
 def test_the_remedy_that_is_printed_works(fresh: Rig) -> None:
     fresh.seconds(1.0)
+    calibrate(fresh)
     for id in fresh.loop.hardware.ports[0].reader.ids:
         reply = fresh.call(link.WriteRegister, bus="main", id=id, name="return_delay_time", value=5)
         assert reply.error is None, reply
+    calibrated(fresh)
     fresh.seconds(1.0)
     assert fresh.loop.state == "connected"
     assert not fresh.loop.hardware.ports[0].resting
@@ -112,9 +115,11 @@ def test_a_reading_longer_than_a_tick_is_not_asked_and_named(old: Rig) -> None:
 
 def test_its_remedy_works_before_it_is_identified(old: Rig) -> None:
     old.seconds(1.0)
+    calibrate(old)
     for id in old.loop.hardware.ports[0].reader.ids:
         reply = old.call(link.WriteRegister, bus="main", id=id, name="return_delay_time", value=5)
         assert reply.error is None, reply
+    calibrated(old)
     old.seconds(2.0)
     assert old.loop.state == "connected", messages(old)
     assert np.isfinite(old.loop.measured.position).all()
@@ -125,6 +130,7 @@ def test_a_register_is_written_while_torque_elsewhere_is_not_known(old: Rig) -> 
     old.seconds(2.0)
     assert old.loop.hardware.slow.torque[1] == -1
     call = {"bus": "main", "name": "return_delay_time", "value": 5}
+    calibrate(old)
     assert old.call(link.WriteRegister, id=3, **call).error is None
     reply = old.call(link.WriteRegister, id=2, **call)
     assert reply.error == "WrongState"

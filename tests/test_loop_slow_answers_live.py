@@ -7,6 +7,8 @@ import sys
 import pytest
 from processes import Daemon, daemon, robot, until
 
+from twind.ctl.verb import write_register
+
 pytestmark = pytest.mark.realtime
 
 
@@ -33,7 +35,7 @@ def test_servos_as_delivered_are_found_and_mended_by_the_printed_command(firmwar
         with running.client() as client:
             for id in range(2, 25) if firmware == "44" else ():
                 call = {"bus": "main", "id": id, "name": "return_delay_time", "value": int(words[-1])}
-                client.call("WriteRegister", **call)
+                write_register(client, **call)
         running.reach(10.0, state="connected")
         log = running.log.read_text()
         assert "None" not in log

@@ -82,6 +82,12 @@ class Reset(Command, frozen=True, kw_only=True):
     codes: Sequence[str] | None = None
 
 
+class Calibrate(Command, frozen=True, kw_only=True):
+    """Begin or end `calibrating`. Needs the lease, and ends with it. Reply: {state}."""
+
+    on: bool
+
+
 class Submit(Command, frozen=True, kw_only=True):
     """A trajectory; its arrays in the memfd beside this datagram (`pack_path`).
 
@@ -130,7 +136,7 @@ class ReadRegister(Command, frozen=True, kw_only=True):
 
 
 class WriteRegister(Command, frozen=True, kw_only=True):
-    """Write and read back; only while disarmed. Reply: {register}."""
+    """Write and read back; only while disarmed, EEPROM only while calibrating. Reply: {register}."""
 
     bus: str
     id: int
@@ -149,6 +155,20 @@ class Scan(Command, frozen=True, kw_only=True):
     """Ping every id of a bus. One reply (continues) per device found: {bus, id, model, ...}."""
 
     bus: str | None = None
+
+
+class FindStop(Command, frozen=True, kw_only=True):
+    """Drive one joint against its stop, so many times; only while calibrating, in live.
+
+    Replies with `more`: {phase, progress}; the last one of all: {ticks} found, or {findings} failed, besides.
+    """
+
+    joint: int
+    side: str  # lower or upper
+    current_share: float | None = None  # of its current limit
+    speed: float | None = None  # rad/s
+    times: int | None = None
+    more: bool = False
 
 
 class Adopt(Command, frozen=True, kw_only=True):
@@ -192,6 +212,8 @@ Inward = (
     | Disarm
     | EStop
     | Reset
+    | Calibrate
+    | FindStop
     | Submit
     | Cancel
     | Setpoint

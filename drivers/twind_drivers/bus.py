@@ -337,6 +337,9 @@ class Reader(Protocol):
     def read(self, id: int, name: str) -> Script[Register]:
         """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""
 
+    def keeps(self, id: int, name: str) -> bool:
+        """What is written to that register survives power-off. Raises KeyError."""
+
 
 class Writer(Protocol):
     """The half that exists in live only."""

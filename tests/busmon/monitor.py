@@ -231,7 +231,7 @@ class Monitor:
         servos = self.servos
         ids = [id for id, _, _ in request.rows] or [request.id]
         rows = [servos.row[id] for id in ids if id in servos.row]
-        if request.eeprom and not self.words.at_rest:
+        if request.eeprom and self.words.state != "calibrating":
             return f"EEPROM is written in state {self.words.state}"
         if request.instruction == REBOOT and not self.words.at_rest:
             return f"a reboot in state {self.words.state}"

@@ -11,6 +11,7 @@ import numpy as np
 from faults.can_real import on_can
 from faults.real_processes import PROCESSES
 from twind.client import CallError
+from twind.ctl.verb import write_register
 
 if TYPE_CHECKING:
     from faults.ground import Ground
@@ -226,7 +227,7 @@ def homing_lost(ground: Ground) -> None:
     client.call("AcquireLease")
     id = ground.swinging()
     before = client.call("ReadRegister", bus="main", id=id, name="homing_offset")["register"]["value"]
-    client.call("WriteRegister", bus="main", id=id, name="homing_offset", value=int(before) + 512)
+    write_register(client, bus="main", id=id, name="homing_offset", value=int(before) + 512)
     time.sleep(1.0)
     try:
         client.call("AcquireLease")
@@ -237,8 +238,7 @@ def homing_lost(ground: Ground) -> None:
             "CALIB_MISMATCH" in str(error) or "OUT_OF_LIMIT" in str(error), f"refused: {error}"[:200]
         )
     ground.torque(False)
-    client.call("AcquireLease")
-    client.call("WriteRegister", bus="main", id=id, name="homing_offset", value=int(before))
+    write_register(client, bus="main", id=id, name="homing_offset", value=int(before))
     time.sleep(1.5)
     ground.arm(client)
 

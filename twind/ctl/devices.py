@@ -3,7 +3,7 @@
 import argparse
 import json
 
-from twind.ctl.verb import DONE, Plain, UsageError, operator, show
+from twind.ctl.verb import DONE, Plain, UsageError, operator, show, write_register
 
 
 def _scan_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +39,7 @@ def _register_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("id", type=int)
     parser.add_argument("name", help="as the vendor's control table spells it, or its address")
     parser.add_argument("value", nargs="?", type=_whole, help="to write")
+    parser.add_argument("--take", action="store_true", help="EEPROM: take the lease from whoever holds it")
 
 
 def _register(options: argparse.Namespace) -> int:
@@ -49,7 +50,7 @@ def _register(options: argparse.Namespace) -> int:
         if options.action == "read":
             answer = client.call("ReadRegister", **where)
         else:
-            answer = client.call("WriteRegister", **where, value=options.value)
+            answer = write_register(client, take=options.take, **where, value=options.value)
     register = answer["register"]
     address = f"address {register['address']}, {register['size']} bytes"
     show(options, answer, f"{register['name']} = {register['value']} ({address})")

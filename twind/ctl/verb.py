@@ -75,6 +75,32 @@ def lease(client: Client, *, take: bool = False) -> Iterator[None]:
             client.call("ReleaseLease")
 
 
+@contextlib.contextmanager
+def calibrating(client: Client, *, take: bool = False) -> Iterator[None]:
+    """Hold the lease and the state `calibrating`; both are given back at the end.
+
+    Who takes longer than a second has to call `RenewLease`, or the daemon ends it.
+    """
+    with lease(client, take=take):
+        client.call("Calibrate", on=True)
+        try:
+            yield
+        finally:
+            with contextlib.suppress(ClientError, RuntimeError):
+                client.call("Calibrate", on=False)
+
+
+def write_register(client: Client, *, take: bool = False, **register: Any) -> Any:
+    """WriteRegister; of EEPROM, as the daemon says, in a `calibrating` of its own. Raises ClientError."""
+    try:
+        return client.call("WriteRegister", **register)
+    except CallError as error:
+        if error.name != "WrongState" or "calibrating" not in error.parameters.get("allowed", ()):
+            raise
+    with calibrating(client, take=take):
+        return client.call("WriteRegister", **register)
+
+
 def show(options: argparse.Namespace, data: Any, text: str) -> None:
     """The result: `data` as one line of JSON, or `text` for people."""
     print(json.dumps(data, ensure_ascii=False) if options.json else text, flush=True)

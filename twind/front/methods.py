@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 # takes the loop's time, and a second one is refused while the first is judged.
 OBSERVER = frozenset({"GetStatus", "GetRobot", "GetParameters", "Monitor", "EStop"})
 LEVELS = ("settle", "cut")  # of an e-stop
+SIDES = ("lower", "upper")  # of a joint's stops
 REASON = 200  # characters of an e-stop's reason that are kept; a stop is not refused for its prose
 
 Method = Callable[["Front", Call], None]
@@ -117,6 +118,20 @@ def _arm(front: Front, call: Call) -> None:
     else:
         places = [front.world.names.places[name] for name in joints]
         forward(front, call, link.Arm, joints=places, edited=written_anew)
+
+
+def _find_stop(front: Front, call: Call) -> None:
+    given, places = call.parameters, front.world.names.places
+    if given["joint"] not in places:
+        known = list(front.world.names.joints)
+        call.error("NotFound", {"what": "joint", "name": printable(given["joint"][:40]), "known": known})
+    elif given["side"] not in SIDES:
+        name = printable(given["side"][:40])
+        call.error("NotFound", {"what": "side", "name": name, "known": list(SIDES)})
+    else:
+        how = {key: given.get(key) for key in ("current_share", "speed", "times")}
+        joint = places[given["joint"]]
+        forward(front, call, link.FindStop, joint=joint, side=given["side"], more=call.more, **how)
 
 
 def _estop(front: Front, call: Call) -> None:
@@ -258,8 +273,8 @@ METHODS: dict[str, Method] = {
     "Disarm": _as_it_stands(link.Disarm),
     "EStop": _estop,
     "Reset": _as_it_stands(link.Reset),
-    "Calibrate": _not_served,
-    "FindStop": _not_served,
+    "Calibrate": _as_it_stands(link.Calibrate),
+    "FindStop": _find_stop,
     "Check": _check,
     "SubmitTrajectory": _submit,
     "Cancel": _as_it_stands(link.Cancel),

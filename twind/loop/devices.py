@@ -110,7 +110,16 @@ def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
     port = _port(loop, command, command.bus, command.id)
     if port is None or not _writable(loop, command, port, "write a register", unknown=True):
         return
-    loop.procedures.beside(_written(loop, command, port))
+    if loop.calibrating.may_keep(command, _kept(port, command), now):
+        loop.procedures.beside(_written(loop, command, port))
+
+
+def _kept(port: Port, command: link.WriteRegister) -> bool:
+    """Does that register survive power-off? One that there is none of does not: the write says so."""
+    try:
+        return port.reader is not None and port.reader.keeps(command.id, command.name)
+    except KeyError:
+        return False
 
 
 def _written(loop: Loop, command: link.WriteRegister, port: Port) -> Procedure:
@@ -121,6 +130,8 @@ def _written(loop: Loop, command: link.WriteRegister, port: Port) -> Procedure:
         loop.say.error(command, "Busy", what=f"bus {port.name}")
         return
     if not _writable(loop, command, port, "write a register", unknown=True) or port.writer is None:
+        return
+    if not loop.calibrating.may_keep(command, _kept(port, command), loop.clock.now()):
         return
     task: Task[Register] = port.run(port.writer.write(command.id, command.name, command.value))
     yield from _answer(loop, command, port, task, _register, command.name)

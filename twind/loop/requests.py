@@ -33,6 +33,7 @@ def serve(loop: Loop, now: float) -> None:
                 loop.say.error(each.command, "Busy", what=f"failed inside: {error!r}")
     if loop.link.lost:
         front_lost(loop)
+    loop.calibrating.tend(now)
     loop.reloads.serve(now)
     if loop.stop_wanted and loop.procedures.own(Rank.SHUTDOWN, lambda: release.shutdown(loop, now)):
         loop.say.event("info", "STOPPING", "told to end" + (": lowering the robot" if loop.armed else ""))
@@ -214,6 +215,14 @@ def _reset(loop: Loop, command: link.Reset, now: float) -> None:
     loop.say.reply(command, state=loop.state.value)
 
 
+def _find_stop(loop: Loop, command: link.FindStop, now: float) -> None:
+    loop.homing.ask(command, now)
+
+
+def _calibrate(loop: Loop, command: link.Calibrate, now: float) -> None:
+    loop.calibrating.ask(command, now)
+
+
 # ------------------------------------------------------------------------------------------- motion
 
 
@@ -236,6 +245,8 @@ _ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {
     link.Disarm: _disarm,
     link.EStop: _estop,
     link.Reset: _reset,
+    link.Calibrate: _calibrate,
+    link.FindStop: _find_stop,
     link.Cancel: _cancel,
     link.Setpoint: _setpoint,
     link.ReadRegister: devices.read,

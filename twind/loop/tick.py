@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.loop import arming, requests
+from twind.loop.calibrating import Calibrating
 from twind.loop.figures import Figures
+from twind.loop.homing import Homing
 from twind.loop.identity import Identity, Judge
 from twind.loop.procedures import Procedures, Rank
 from twind.loop.publish import Publisher
@@ -102,6 +104,7 @@ class Loop:
         self.stops = Stops(self)
         self.submissions = requests.Submissions(self)
         self.reloads = Reloads(self)
+        self.calibrating, self.homing = Calibrating(self), Homing(self)
         self.figures = Figures(parts.period, parts.realtime)
         self.publisher = Publisher(self)
         self.mode = mode

@@ -50,7 +50,8 @@ TABLE: Mapping[Event, Mapping[State, State]] = MappingProxyType(
     {
         Event.PORT_OPENED: {_S.DISCONNECTED: _S.IDENTIFYING} | _STAYS,
         Event.IDENTIFIED: {_S.IDENTIFYING: _S.CONNECTED} | _STAYS,
-        Event.CALIBRATE: {_S.CONNECTED: _S.CALIBRATING},
+        # What keeps a bus from being identified can be a register, so it can be set without.
+        Event.CALIBRATE: {_S.CONNECTED: _S.CALIBRATING, _S.IDENTIFYING: _S.CALIBRATING},
         Event.CALIBRATED: {_S.CALIBRATING: _S.CONNECTED} | _STAYS,
         Event.ARM: {_S.CONNECTED: _S.ARMING},
         Event.ARMED: {_S.ARMING: _S.ARMED},
@@ -118,6 +119,8 @@ class Latch:
     def after(self, event: Event) -> "Latch":
         """After `event`. Raises WrongState."""
         state = step(self.state, event)
+        if event is Event.CALIBRATE and self.latched:  # from before the port was lost
+            raise WrongState(State.FAULT, event, tuple(TABLE[event]))
         latched = (self.latched or event in (Event.FAULT, Event.ESTOP)) and event is not Event.RESET
         identified = self.identified
         if event is Event.IDENTIFIED:
@@ -126,7 +129,8 @@ class Latch:
             identified = False
         if state in (State.CONNECTED, State.SETTLING) and latched:
             state = State.FAULT  # back on a port that was lost with a latch set
-        if event in (Event.RESET, Event.SETTLED) and state is State.CONNECTED and not identified:
+        ended = event in (Event.RESET, Event.SETTLED, Event.CALIBRATED)
+        if ended and state is State.CONNECTED and not identified:
             state = State.DISCONNECTED
         return Latch(state, latched, identified)
 
@@ -148,4 +152,6 @@ def mode_change(before: Mode, after: Mode, state: State, motion: Motion) -> Find
 def _remedy(state: State) -> str:
     if state in (*LATCHED, State.INHIBITED):
         return "disarm and reset first"
+    if state is State.CALIBRATING:
+        return "end the calibration first"
     return "disarm first" if state in (State.ARMING, State.ARMED) else "wait until it is done"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from twind.client import Client
-from twind.ctl.verb import Rejected
+from twind.ctl.verb import Rejected, write_register
 from twind_calibration.doctor.asker import PATIENCE, Asker
 from twind_calibration.doctor.complaint import Fix
 from twind_calibration.doctor.daemon import Daemon
@@ -50,7 +50,7 @@ def register(examined: Examined, servo: Servo, name: str, value: int) -> Fix | N
 def _by_daemon(daemon: Daemon, servo: Servo, name: str, value: int) -> None:
     """Raises ClientError with the daemon's reason; it refuses while anybody has torque."""
     with Client(Path(daemon.path).parent) as client:
-        client.call("WriteRegister", bus=servo.bus, id=servo.id, name=name, value=value)
+        write_register(client, bus=servo.bus, id=servo.id, name=name, value=value)
 
 
 def _alone(line: Line, servo: Servo, name: str, value: int) -> None:

@@ -256,6 +256,10 @@ class CanReader:
                 return self._register(id, parameter, reply.data[id])
         raise NoReply(self.name, [id], waited, f"read of {parameter.name}")
 
+    def keeps(self, id: int, name: str) -> bool:
+        """Never: what is written here is RAM, and nothing orders it to be saved."""
+        return False
+
     def _readable(self, row: int, id: int, parameter: Parameter) -> None:
         try:
             self.fleet.read(row, parameter)

@@ -295,6 +295,10 @@ class DynamixelReader:
         data = yield from self.collect((id,), field.address, field.size)
         return Register(field.name, field.address, field.size, field.decode(data[id]), field.eeprom)
 
+    def keeps(self, id: int, name: str) -> bool:
+        """EEPROM, addresses below 64 of an X series servo. Raises KeyError (lists the near names)."""
+        return self.table(id)[name].eeprom
+
     def table(self, id: int) -> Table:
         """Control table of a device. Raises KeyError that lists the ids of this bus."""
         if id not in self.tables:
