@@ -27,7 +27,8 @@ from twind.safety.gate import Thresholds
 from twind.twin.binding import bind
 from twind.virtual.bench import Line, can_bus
 from twind.virtual.nodes import unloaded
-from twind.virtual.specimen import calibration, specimen
+from twind.virtual.specimen import calibration, fence, specimen
+from twind.virtual.truth import Truth
 from twind_drivers.bus import PortError, Reader
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.bus import VirtualBus
@@ -87,6 +88,7 @@ class Rig:
         muscles: type[FirstOrder] = FirstOrder,
         rate_hz: float | None = None,
         support: str | None = None,
+        truth: Truth | None = None,
     ) -> None:
         self._muscles = muscles
         self.clock = FakeClock(100.0)
@@ -95,7 +97,7 @@ class Rig:
             self.robot = replace(self.robot, rate_hz=rate_hz)
         if support is not None:
             self.robot = replace(self.robot, support=support)
-        self.made = specimen(self.robot)
+        self.made = specimen(self.robot, truth=truth)
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
@@ -144,9 +146,11 @@ class Rig:
         ticks = [ticks_of(joint, self.zeros[joint.name], start.get(joint.name, 0.0)) for joint in joints]
         if self.robot.bus(bus).kind == CAN:
             shafts = unloaded(ticks, now=self.clock.now())
+            fence(shafts, [spec.hinge for spec in self.made.nodes[bus]])
             rate, nodes = self.robot.bus(bus).baud, self.made.nodes[bus]
             return can_bus(bus, nodes, shafts, Line(), bitrate=rate, now=self.clock.now())
         muscles = self._muscles(np.array(ticks, np.float64), now=self.clock.now())
+        fence(muscles, [spec.hinge for spec in self.made.servos[bus]])
         baud, now = self.robot.bus(bus).baud, self.clock.now()
         return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now)
 
@@ -276,7 +280,7 @@ class Rig:
         return np.array([self._angle(joint.name) for joint in self.robot.joints])
 
     def _angle(self, name: str) -> float:
-        joint = next(joint for joint in self.robot.joints if joint.name == name)
+        joint = next(joint for joint in self.made.wired.joints if joint.name == name)
         row = [other.name for other in self.robot.joints if other.bus == joint.bus].index(name)
         bus = self.virtual[joint.bus]
         ticks = (

@@ -27,6 +27,8 @@ FRICTION, DAMPING = 0.05, 0.01  # N·m, N·m·s/rad: the least a gear of 353:1 h
 TORQUE_CONSTANT = 1.78  # N·m/A where the robot file does not say (XM430-W350)
 CURRENT, VELOCITY, CURRENT_POSITION, PWM = 0, 1, 5, 16  # operating modes; 3 and 4 seek a position too
 BLOCKED = 1e4  # N·m, the friction of a joint that something holds fast
+HAND = 30.0  # N·m, what somebody's hand can do at a limp joint: it lifts every limb, and slips at a hard stop
+GRIP, STEADY = 5000.0, 250.0  # N·m/rad, N·m·s/rad of that hand: a limb hangs within 0.001 rad of it
 Places = NDArray[np.intp]
 
 
@@ -69,9 +71,18 @@ class Motor:
     speed_lsb: float = 0.229 * 2.0 * math.pi / 60.0  # rad/s of the shaft per raw velocity
     torque_lsb: float = TORQUE_CONSTANT * 0.00269  # N·m of the shaft per raw current
     stall: float = STALL  # N·m of the shaft at full voltage
+    friction: float = math.nan  # N·m of the joint, dry; NaN: the model's, or the least a gear has
+    stops: tuple[float, float] | None = None  # rad of the joint, hard; None: the model's range
 
     @classmethod
-    def of(cls, joint: JointSpec, zero: int) -> "Motor":
+    def of(
+        cls,
+        joint: JointSpec,
+        zero: int,
+        *,
+        friction: float = math.nan,
+        stops: tuple[float, float] | None = None,
+    ) -> "Motor":
         """The motor that a robot file describes. `zero`: ticks at joint angle 0."""
         kind = joint.type
         unit, limit = kind.effort_lsb_nm, kind.effort_limit_nm
@@ -83,6 +94,8 @@ class Motor:
             speed_lsb=kind.velocity_lsb_rad_s,
             torque_lsb=unit if math.isfinite(unit) else TORQUE_CONSTANT * 0.00269,
             stall=limit if math.isfinite(limit) else STALL,
+            friction=friction,
+            stops=stops,
         )
 
 
@@ -103,7 +116,8 @@ class Loops:
         self._angle = self._ratio / np.abs(self._ticks)  # rad of the shaft per tick
         self._model = model
         self._damping = np.maximum(model.dof_damping[self.v], DAMPING)
-        self._friction = np.maximum(model.dof_frictionloss[self.v], FRICTION)
+        own = np.array([motor.friction for motor in motors])
+        self._friction = np.where(np.isnan(own), np.maximum(model.dof_frictionloss[self.v], FRICTION), own)
         self._back_emf = self._stall / FREE * self._ratio**2  # N·m·s/rad, while powered
         model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :3] = 0.0, 0.0
         model.actuator_forcerange[:] = 0.0
@@ -111,7 +125,12 @@ class Loops:
         model.dof_frictionloss[self.v] = self._friction
         model.dof_solimp[self.v, :2] = 0.9999  # stiff friction: the soft default creeps 10 ticks/s
         model.dof_solref[self.v, 0] = 2.0 * STEP
+        fence(model, joints, motors)
         count = len(motors)
+        self._hand, self._lead, self._reach = (np.full(count, np.nan) for _ in range(3))  # rad, rad, rad/s
+        self._on = np.zeros(count, np.bool_)
+        self._gripped: Places = np.zeros(0, np.intp)
+        self._loose = np.ones(count)  # 0: what the actuator does is the hand's, not the motor's
         self.integral = np.zeros(count)  # N·m
         self._mode = np.full(count, 3)
         self._ki, self._emf, self._full = np.zeros(count), np.zeros(count), np.ones(count)
@@ -124,7 +143,7 @@ class Loops:
     @property
     def busy(self) -> bool:
         """Must `step` be called before every step of the physics?"""
-        return self._live.size > 0
+        return self._live.size > 0 or self._gripped.size > 0
 
     def drive(self, at: Places, drive: Drive) -> None:
         """Torque, mode, gains and caps of the motors `at`; the others keep what they have."""
@@ -157,6 +176,7 @@ class Loops:
         most = np.where(mode == CURRENT_POSITION, 2.0 * output, output)  # braking adds the back-EMF
         self._each[at] = on & ((self._ki[at] > 0.0) | (mode == CURRENT) | (current < most))
         self._live = np.flatnonzero(self._each)
+        self._grasp(at, on)
         self._simple = bool(((self._mode >= 3) & (self._mode <= CURRENT_POSITION)).all())
 
     def aim(self, at: Places, goal: Floats) -> Floats:
@@ -188,6 +208,7 @@ class Loops:
         self._emf[at], self._each[at] = 0.0, False
         model.dof_damping[self.v[at]] = self._damping[at]
         self._live = np.flatnonzero(self._each)
+        self._grasp(at, on)
 
     def steer(self, at: Places, position: Floats, velocity: Floats, torque: Floats) -> Floats:
         """Where to, for those: the controls of their actuators, N·m at the joint."""
@@ -200,10 +221,47 @@ class Loops:
         """Shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m) of the motors `at`."""
         ratio, way = self._ratio[at], self._way[at]
         angle = self._zero[at] * self._angle[at] + data.qpos[self.q[at]] * ratio * way
-        return angle, data.qvel[self.v[at]] * ratio * way, data.actuator_force[at] / ratio * way
+        force = data.actuator_force[at] * self._loose[at]
+        return angle, data.qvel[self.v[at]] * ratio * way, force / ratio * way
+
+    def grip(self, at: Places, place: Floats, speed: Floats) -> None:
+        """Hands take the limp joints of the motors `at` there (ticks) and hold them; NaN: nobody; ticks/s."""
+        self._grip(at, (place - self._zero[at]) / self._ticks[at], speed / np.abs(self._ticks[at]))
+
+    def grip_shaft(self, at: Places, place: Floats, speed: Floats) -> None:
+        """The same in rad of the shaft, for CAN actuators; `impede` must follow."""
+        turn = self._ratio[at] * self._way[at]
+        self._grip(at, (place - self._zero[at] * self._angle[at]) / turn, speed / self._ratio[at])
+
+    def _grip(self, at: Places, angle: Floats, speed: Floats) -> None:
+        let_go = at[np.isnan(angle) & ~self._on[at]]
+        self._model.actuator_forcerange[let_go] = 0.0
+        self._hand[at], self._reach[at] = angle, speed
+        self._grasp(at, self._on[at])
+
+    def _grasp(self, at: Places, on: Bools) -> None:
+        """A hand at a limp joint is a strong, damped actuator in place of the motor."""
+        self._on[at] = on
+        held = np.isfinite(self._hand) & ~self._on
+        self._lead[~held] = np.nan
+        self._gripped, self._loose = np.flatnonzero(held), np.where(held, 0.0, 1.0)
+        model, rows = self._model, self._gripped
+        model.actuator_gainprm[rows, 0] = GRIP
+        model.actuator_biasprm[rows, 1], model.actuator_biasprm[rows, 2] = -GRIP, -STEADY
+        model.actuator_forcerange[rows] = [-HAND, HAND]
+
+    def _carry(self, data: mujoco.MjData) -> None:
+        """Before one step of the physics: the hands go on along their way, from where the joints are."""
+        at = self._gripped
+        here = np.where(np.isnan(self._lead[at]), data.qpos[self.q[at]], self._lead[at])
+        most = self._reach[at] * STEP
+        self._lead[at] = here + np.clip(self._hand[at] - here, -most, most)
+        data.ctrl[at] = self._lead[at]
 
     def step(self, data: mujoco.MjData) -> None:
-        """Before one step of the physics: the integral terms, and the room that the back-EMF leaves."""
+        """Before one step of the physics: hands, integral terms, the room that the back-EMF leaves."""
+        if self._gripped.size:
+            self._carry(data)
         at = self._live
         speed, most = data.qvel[self.v[at]], self._output[at]
         actual = np.where(self._mode[at] == VELOCITY, speed, data.qpos[self.q[at]])
@@ -223,10 +281,19 @@ class Loops:
     def read(self, data: mujoco.MjData) -> tuple[Floats, Floats, Floats, Floats]:
         """Encoder ticks, raw velocity, raw current, PWM counts (n,)."""
         angle, speed = data.qpos[self.q], data.qvel[self.v]
-        output = data.actuator_force + self.integral
+        output = data.actuator_force * self._loose + self.integral
         return (
             self._zero + angle * self._ticks,
             speed * self._ratio * self._way / self._speed_lsb,
             (output - self._emf * speed) * self._way / (self._ratio * self._torque_lsb),
             output * self._way / self._full,
         )
+
+
+def fence(model: mujoco.MjModel, joints: Sequence[Any], motors: Sequence[Motor]) -> None:
+    """Stops as hard as metal: the soft default gives by degrees where a small limb is pushed with 1 N·m."""
+    for joint, motor in zip(joints, motors, strict=True):
+        if motor.stops is not None:
+            model.jnt_limited[joint.id], model.jnt_range[joint.id] = True, motor.stops
+        model.jnt_solref[joint.id, 0] = 2.0 * STEP
+        model.jnt_solimp[joint.id, :2] = 0.9999

@@ -5,6 +5,7 @@ the registers and raw currents. Keeps `twind_drivers.virtual.muscles.Muscles` wi
 may not.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -80,6 +81,10 @@ class MujocoMuscles:
         """Joints that something holds fast."""
         self._loops.block(self._everyone, held)
 
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """Where hands take limp joints, encoder ticks, ticks/s; NaN: nobody."""
+        self._loops.grip(self._everyone, place, speed)
+
     def lay(self, base: str) -> None:
         """Hold the base as `base_pose.BASES` names it, from now on. Raises KeyError: it names none such."""
         self.model.opt.gravity[:] = gravity(base, self.model.opt.gravity)
@@ -128,6 +133,10 @@ class Part:
         """As `MujocoMuscles.block`."""
         self._loops.block(self._at, held)
 
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """As `MujocoMuscles.grip`."""
+        self._loops.grip(self._at, place, speed)
+
     def advance(self, now: float) -> None:
         """The whole body advances; the other buses see it when they do."""
         self._whole.advance(now)
@@ -164,6 +173,11 @@ class ImpedancePart:
         """Joints that something holds fast."""
         self._loops.block(self._at, held)
 
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """Where hands take limp shafts (rad, rad/s; NaN: nobody); `drive` must follow."""
+        self._loops.grip_shaft(self._at, place, speed)
+        self._gains[:] = np.nan
+
     def advance(self, now: float) -> None:
         """The whole body advances; the other buses see it when they do. Raises Diverged."""
         self._whole.advance(now)
@@ -171,18 +185,40 @@ class ImpedancePart:
 
 
 def body_of(
-    robot: RobotFile, zeros: Mapping[str, int], *, base: str = UPRIGHT, now: float = 0.0
+    robot: RobotFile,
+    zeros: Mapping[str, int],
+    *,
+    friction: Mapping[str, float] | None = None,
+    stops: Mapping[str, tuple[float, float]] | None = None,
+    base: str = UPRIGHT,
+    now: float = 0.0,
 ) -> MujocoMuscles:
     """The body of a robot file in its rest pose. `zeros`: ticks at joint angle 0, by joint.
 
+    `friction` (N·m), `stops` (rad): of joints where they are not the model's.
     `base`: how it is held (`base_pose.BASES`); one that lies has a bench under it and stays where it is.
     """
-    motors = [Motor.of(joint, zeros[joint.name]) for joint in robot.joints]
+    rub, ends = friction or {}, stops or {}
+    motors = [
+        Motor.of(joint, zeros[joint.name], friction=rub.get(joint.name, math.nan), stops=ends.get(joint.name))
+        for joint in robot.joints
+    ]
     start = {joint.model_joint: robot.poses["rest"][joint.name] for joint in robot.joints}
     spec = mujoco.MjSpec.from_file(str(Path(robot.mjcf_path)))
     lay_down(spec, base, start)
     pinned = robot.support != "free" or base != UPRIGHT
     return MujocoMuscles(spec, motors, pinned=pinned, start=start, now=now)
+
+
+def ranges_of(robot: RobotFile) -> Mapping[str, tuple[float, float]]:
+    """Of the joints that the model bounds, rad, by joint."""
+    model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
+    found = {joint.name: model.joint(joint.model_joint).id for joint in robot.joints}
+    return {
+        name: (float(model.jnt_range[at, 0]), float(model.jnt_range[at, 1]))
+        for name, at in found.items()
+        if model.jnt_limited[at]
+    }
 
 
 def _compile(spec: mujoco.MjSpec, motors: Sequence[Motor], *, pinned: bool) -> mujoco.MjModel:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
+from twind.config.robot_spec import RobotFile
 from twind.loop import realtime
 from twind.twin.base_pose import BASES, UPRIGHT
 from twind.virtual.bench import FIRMWARE, Line, SpecimenError, bench, by_bus, servo, settings
@@ -24,6 +25,7 @@ from twind.virtual.orders import OrderSocket
 from twind.virtual.pty_port import PtyPort
 from twind.virtual.serve import Server, ServoClock
 from twind.virtual.specimen import buses, save, specimen
+from twind.virtual.truth import Truth, load_truth, random_truth
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.virtual.can.spec import NodeSpec
 from twind_drivers.virtual.served import Served
@@ -63,6 +65,10 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--base-pose", choices=tuple(BASES), default=UPRIGHT, help="how the body's base is held"
     )
+    parser.add_argument(
+        "--truth", type=Path, metavar="FILE", help="what is true of this specimen: YAML or JSON"
+    )
+    parser.add_argument("--truth-seed", type=int, metavar="N", help="draw what is true of this specimen")
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="write the calibration that fits")
     parser.add_argument("--faults", type=Path, metavar="SOCKET", help="take orders for faults here")
     return parser
@@ -98,8 +104,14 @@ def _check(options: argparse.Namespace) -> None:
         raise SpecimenError("--bus needs --robot: servos alone have the buses that they name")
     if options.seed < 0:
         raise SpecimenError(f"--seed {options.seed}: it is 0 or more")
-    if options.servo and options.robot is None and options.calibration is not None:
-        raise SpecimenError("--calibration needs --robot: servos alone have no joints")
+    if options.truth is not None and options.truth_seed is not None:
+        raise SpecimenError("--truth and --truth-seed: a truth is told or drawn, not both")
+    if (options.truth_seed or 0) < 0:
+        raise SpecimenError(f"--truth-seed {options.truth_seed}: it is 0 or more")
+    if options.servo and options.robot is None:
+        for name in ("calibration", "truth", "truth_seed"):
+            if getattr(options, name) is not None:
+                raise SpecimenError(f"--{name.replace('_', '-')} needs --robot: servos alone have no joints")
 
 
 def _buses(options: argparse.Namespace, now: float) -> dict[str, Served]:
@@ -116,7 +128,13 @@ def _buses(options: argparse.Namespace, now: float) -> dict[str, Served]:
         ]
         return bench(made, line, baud=options.baud, now=now)
     robot = load_robot(options.robot or "h24")
-    one = specimen(robot, baud=options.baud, return_delay_us=options.return_delay, firmware=options.firmware)
+    one = specimen(
+        robot,
+        baud=options.baud,
+        return_delay_us=options.return_delay,
+        firmware=options.firmware,
+        truth=_truth(robot, options),
+    )
     rates = {bus.name: options.baud or bus.baud for bus in robot.buses}
     extra = by_bus([(bus, _set(_servo(spec), options, rates.get(bus))) for bus, spec in named])
     physics = options.muscles == "mujoco"
@@ -124,6 +142,13 @@ def _buses(options: argparse.Namespace, now: float) -> dict[str, Served]:
     if options.calibration is not None:
         save(one, options.calibration)
     return _served(virtual, options)
+
+
+def _truth(robot: RobotFile, options: argparse.Namespace) -> Truth | None:
+    """Drawn, read, or none: then all is as described. Raises ConfigError."""
+    if options.truth_seed is not None:
+        return random_truth(robot, options.truth_seed)
+    return None if options.truth is None else load_truth(options.truth, robot)
 
 
 def _served(virtual: dict[str, Served], options: argparse.Namespace) -> dict[str, Served]:

@@ -123,6 +123,8 @@ class Server:
             return self._history(order)
         if "query" in order:
             raise OrderError(f"no query {order['query']!r}; there are state, history")
+        if order.get("fault") == "hand" and "bus" not in order and len(self._pairs) > 1:
+            return self._hands(order)
         bus, port = self._chosen(order.get("bus"))
         name, given = arguments(order, CAN_FAULTS if bus.kind == "can" else FAULTS)
         bus.advance(self._clock.now())
@@ -133,6 +135,23 @@ class Server:
             port.plug(renamed=given.get("renamed", False))
             self._said(port.name, port.path)
         return {"ok": True, "bus": port.name, "path": port.path}
+
+    def _hands(self, order: Order) -> Order:
+        """Hands on a robot of several buses: a pose is split among them, `off` without an id is for all."""
+        _, given = arguments(order)
+        pose = given.pop("pose", {})
+        if "id" in given or not (pose or given.get("off")):
+            self._chosen(None)  # says which buses there are
+        known = {name: bus for bus, _ in self._pairs for name in bus.faults.hands.joints}
+        strange = [name for name in pose if name not in known]
+        if strange:
+            raise OrderError(f"hand: no joint {strange[0]!r}; there are {', '.join(sorted(known))}")
+        for bus, _ in self._pairs:
+            own = {name: rad for name, rad in pose.items() if known[name] is bus}
+            bus.advance(self._clock.now())
+            if own or not pose:
+                bus.faults.hand(**given, **({"pose": own} if own else {}))
+        return {"ok": True}
 
     def _chosen(self, name: Any) -> tuple[Served, PtyPort]:
         if name is None and len(self._pairs) == 1:

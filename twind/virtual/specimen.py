@@ -3,17 +3,28 @@
 Runs in `twind-virtual`. The zeros differ from servo to servo, so that a missing or wrong calibration shows.
 """
 
-import zlib
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from twind.config.actuator import CAN, SERIAL, ServoType
-from twind.config.calibration_file import SWEEP_MARGIN, Calibration, fitting, save_calibration
-from twind.config.counts import tick_range, ticks_of, turn_start
+from twind.config.actuator import CAN
+from twind.config.calibration_file import (
+    SWEEP_MARGIN,
+    Calibration,
+    JointCalibration,
+    dump_calibration,
+    fitting,
+    save_calibration,
+    seam_margin,
+    text_hash,
+    turn_band,
+)
+from twind.config.counts import ticks_of, turn_start
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.twin.base_pose import UPRIGHT
 from twind.twin.muscles import MujocoMuscles, body_of
@@ -28,30 +39,49 @@ from twind.virtual.bench import (
     virtual_bus,
 )
 from twind.virtual.nodes import device, node, unloaded
+from twind.virtual.seats import Frame, fenced, frames_of, hinge_of, servo_of, zero_of
+from twind.virtual.truth import Truth, mechanical_stops, refuse_impossible
 from twind_drivers.bus import Device
 from twind_drivers.dynamixel.tables import number_of, table
-from twind_drivers.virtual.can.muscles import CanMuscles
+from twind_drivers.virtual.can.muscles import CanMuscles, FirstOrderCan
 from twind_drivers.virtual.can.spec import NodeSpec
+from twind_drivers.virtual.hinge import Hinge
 from twind_drivers.virtual.muscles import FirstOrder, Muscles
 from twind_drivers.virtual.served import Served
 from twind_drivers.virtual.servos import BAUDS, ServoSpec
-
-SCATTER = 400  # ticks either side of the middle of what the travel allows
-SEAM = 32  # ticks that the travel keeps from the seam of the encoder
 
 
 @dataclass(frozen=True)
 class Specimen:
     """A robot file and the truth about one robot built after it."""
 
-    robot: RobotFile
-    zeros: Mapping[str, int]  # ticks at joint angle 0, by joint
+    robot: RobotFile  # as described
+    zeros: Mapping[str, int]  # of the bare encoder at joint angle 0, by joint
     servos: Mapping[str, tuple[ServoSpec, ...]]  # by serial bus, in joint order
     nodes: Mapping[str, tuple[NodeSpec, ...]] = field(default_factory=dict)  # by CAN bus, likewise
+    frames: Mapping[str, Frame] = field(default_factory=dict)  # by joint
+    truth: Truth = field(default_factory=Truth)
+
+    @cached_property
+    def wired(self) -> RobotFile:
+        """The robot as it is wired: `sign` is how the bare encoder counts."""
+        joints = tuple(replace(joint, sign=_sign(joint, self.truth)) for joint in self.robot.joints)
+        return replace(self.robot, joints=joints)
 
     def joints(self, bus: str) -> list[JointSpec]:
-        """The joints of one bus, in order."""
-        return [joint for joint in self.robot.joints if joint.bus == bus]
+        """The joints of one bus, in order, as they are wired."""
+        return [joint for joint in self.wired.joints if joint.bus == bus]
+
+    def hinge(self, joint: str) -> Hinge:
+        """Of a joint."""
+        every = [spec.hinge for on in self.servos.values() for spec in on]
+        every += [spec.hinge for on in self.nodes.values() for spec in on]
+        return next(hinge for hinge in every if hinge is not None and hinge.joint == joint)
+
+    @property
+    def shown(self) -> Mapping[str, int]:
+        """What the position registers show at joint angle 0, after a boot in the rest pose, by joint."""
+        return {name: self.frames[name].shown(zero) for name, zero in self.zeros.items()}
 
 
 def specimen(
@@ -60,52 +90,82 @@ def specimen(
     baud: int | None = None,
     return_delay_us: int | None = None,
     firmware: int = FIRMWARE,
+    truth: Truth | None = None,
 ) -> Specimen:
-    """Servos that a robot file describes. Raises SpecimenError: rate, delay or travel that they cannot do."""
-    zeros = {joint.name: _zero(robot.name, joint) for joint in robot.joints}
-    on = {bus.name: [joint for joint in robot.joints if joint.bus == bus.name] for bus in robot.buses}
-    servos = {
-        bus.name: tuple(
-            _servo(joint, zeros[joint.name], baud or bus.baud, return_delay_us, firmware)
-            for joint in on[bus.name]
+    """Servos that a robot file describes. Raises SpecimenError: rate, delay, travel or truth that cannot be.
+
+    `truth`: what is not as described; with it every shaft has mechanical stops. None: as described.
+    """
+    known = truth or Truth()
+    refuse_impossible(robot, known)
+    ends = {} if truth is None else mechanical_stops(robot, known)
+    wired = tuple(replace(joint, sign=_sign(joint, known)) for joint in robot.joints)
+    zeros = {joint.name: zero_of(robot.name, joint, known.of(joint.name)) for joint in wired}
+    hinges = {joint.name: hinge_of(joint, zeros[joint.name], ends) for joint in wired}
+    made = Specimen(robot, zeros, {}, truth=known)
+    ids = {joint.name: joint.id for joint in robot.joints}
+    frames = {name: Frame() for name in robot.names}
+    servos: dict[str, tuple[ServoSpec, ...]] = {}
+    nodes: dict[str, tuple[NodeSpec, ...]] = {}
+    for bus in robot.buses:
+        joints = made.joints(bus.name)
+        if bus.kind == CAN:
+            nodes[bus.name] = tuple(replace(node(joint), hinge=hinges[joint.name]) for joint in joints)
+            continue
+        base = settings(baud or bus.baud, return_delay_us)
+        bare = [
+            servo_of(
+                joint, hinges[joint.name], known.of(joint.name), ids[known.holder(joint.name)], base, firmware
+            )
+            for joint in joints
+        ]
+        found = frames_of(bus.name, bare, _start(made, bus))
+        frames |= {joint.name: frame for joint, frame in zip(joints, found, strict=True)}
+        servos[bus.name] = tuple(
+            fenced(spec, joint, zeros[joint.name], frame)
+            for joint, frame, spec in zip(joints, found, bare, strict=True)
         )
-        for bus in robot.buses
-        if bus.kind == SERIAL
-    }
-    nodes = {bus.name: tuple(map(node, on[bus.name])) for bus in robot.buses if bus.kind == CAN}
-    return Specimen(robot, zeros, servos, nodes)
+    return Specimen(robot, zeros, servos, nodes, frames, known)
 
 
-def _zero(robot: str, joint: JointSpec) -> int:
-    """The same for the same names: somewhere that keeps the travel on one turn, clear of the seam."""
-    turn, start = joint.type.ticks_per_turn, turn_start(joint.type)
-    low, high = tick_range(joint, 0, joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
-    first, last = start + SEAM - low, start + turn - 1 - SEAM - high
-    if first > last:
-        raise SpecimenError(f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}")
-    middle = (first + last) // 2
-    first, last = max(first, middle - SCATTER), min(last, middle + SCATTER)
-    return first + zlib.crc32(f"{robot}/{joint.name}".encode()) % (last - first + 1)
-
-
-def _servo(joint: JointSpec, zero: int, baud: int, return_delay_us: int | None, firmware: int) -> ServoSpec:
-    assert isinstance(joint.type, ServoType)
-    delay = joint.type.return_delay_us if return_delay_us is None else return_delay_us
-    low, high = tick_range(joint, zero, joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
-    made = settings(baud, delay) | {
-        "operating_mode": joint.operating_mode,
-        "min_position_limit": low,
-        "max_position_limit": high,
-    }
-    return ServoSpec(joint.id, joint.type.device, made | dict(joint.registers), firmware)
+def _sign(joint: JointSpec, truth: Truth) -> int:
+    return truth.of(joint.name).sign or joint.sign
 
 
 def calibration(made: Specimen) -> Calibration:
-    """The calibration file that fits: what a perfect calibration of these servos would have found."""
+    """The calibration file that fits: what a perfect sweep and zero of these servos would have found.
+
+    It has the robot file's signs, right or wrong: only a proof tells. Where ids are exchanged it says of each
+    joint what the servo with its id shows.
+    """
     devices = {(bus, servo.id): _device(servo) for bus, servos in made.servos.items() for servo in servos}
     devices |= {(bus, each.id): device(each) for bus, nodes in made.nodes.items() for each in nodes}
     created = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    return fitting(made.robot, made.zeros, devices, created=created, tool=f"twind-virtual {__version__}")
+    holders = {name: made.truth.holder(name) for name in made.robot.names}
+    zeros = {name: made.shown[holder] for name, holder in holders.items()}
+    tool = f"twind-virtual {__version__}"
+    found = fitting(made.robot, zeros, devices, created=created, tool=tool)
+    swept = tuple(_swept(made, entry, holders[entry.name]) for entry in found.joints)
+    found = replace(found, joints=swept)
+    return replace(found, sha256=text_hash(dump_calibration(found)))
+
+
+def _swept(made: Specimen, entry: JointCalibration, holder: str) -> JointCalibration:
+    """The travel of the servo that sits at joint `holder`: from stop to stop where it has any."""
+    joint = made.wired.joints[made.robot.names.index(holder)]
+    ends = made.hinge(holder).stops
+    if not all(map(math.isfinite, ends)):
+        ends = (joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
+    places = (ticks_of(joint, made.zeros[holder], end) for end in ends)
+    low, high = sorted(map(made.frames[holder].shown, places))
+    turn = joint.type.ticks_per_turn
+    return replace(
+        entry,
+        device=replace(entry.device, tag=made.truth.of(holder).tag),
+        sweep_ticks=(low, high),
+        seam_margin_ticks=seam_margin((low, high), turn, turn_start(joint.type)),
+        turn_band_ticks=turn_band((low, high), turn),
+    )
 
 
 def save(made: Specimen, path: Path) -> None:
@@ -148,7 +208,7 @@ def buses(
     if extra and physics:
         raise SpecimenError("servos beside those of a robot have no body: say --muscles first-order")
     line = line or Line()
-    body = body_of(made.robot, made.zeros, base=base, now=now) if physics else None
+    body = _body(made, base, now) if physics else None
     virtual: dict[str, Served] = {}
     for spec in made.robot.buses:
         if spec.kind == CAN:
@@ -165,19 +225,39 @@ def buses(
     return virtual
 
 
+def _body(made: Specimen, base: str, now: float) -> MujocoMuscles:
+    """All of it as it is wired, rubbing and ending where the truth says."""
+    rubbing = {name: made.truth.of(name).friction_nm for name in made.robot.names}
+    friction = {name: value for name, value in rubbing.items() if value is not None}
+    ends = {name: made.hinge(name).stops for name in made.robot.names}
+    stops = {name: end for name, end in ends.items() if all(map(math.isfinite, end))}
+    return body_of(made.wired, made.zeros, friction=friction, stops=stops, base=base, now=now)
+
+
 def _muscles(
     made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: float, beside: list[float]
 ) -> Muscles:
     """Those of one bus; `beside`: ticks where servos stand that belong to no joint."""
     if body is not None:
         return body.part(_places(made, bus))
-    return FirstOrder(np.array([*map(float, _start(made, bus)), *beside]), now=now)
+    muscles = FirstOrder(np.array([*map(float, _start(made, bus)), *beside]), now=now)
+    fence(muscles, [spec.hinge for spec in made.servos[bus.name]] + [None] * len(beside))
+    return muscles
 
 
 def _can_muscles(made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: float) -> CanMuscles:
     if body is not None:
         return body.impedance(_places(made, bus))
-    return unloaded(_start(made, bus), now=now)
+    shafts = unloaded(_start(made, bus), now=now)
+    fence(shafts, [spec.hinge for spec in made.nodes[bus.name]])
+    return shafts
+
+
+def fence(muscles: FirstOrder | FirstOrderCan, hinges: Sequence[Hinge | None]) -> None:
+    """Joints without load end where their hinges do."""
+    ends = [(-math.inf, math.inf) if hinge is None else hinge.ends() for hinge in hinges]
+    lower, upper = np.array(ends, np.float64).reshape(-1, 2).T
+    muscles.fence(lower, upper)
 
 
 def _places(made: Specimen, bus: BusSpec) -> list[int]:

@@ -64,6 +64,12 @@ class Muscles(Protocol):
     def block(self, held: Bools) -> None:
         """From now on: shafts that something holds fast; they turn neither with torque nor without."""
 
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """From now on: where hands take limp shafts (encoder ticks) and hold them, NaN: nobody; ticks/s.
+
+        Where torque is on a hand slips.
+        """
+
     def advance(self, now: float) -> None:
         """Let the time pass until `now` (s). A time already passed does nothing."""
 
@@ -97,6 +103,8 @@ class FirstOrder:
         self._goal = self.position.copy()
         self._time = now
         self._blocked = np.zeros(self.position.size, np.bool_)
+        self._hand, self._reach = np.full_like(self.position, np.nan), np.zeros_like(self.position)
+        self._lower, self._upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
         off = np.zeros_like(self.position)
         self.drive(Drive(off > 0, off + 3, off, off, off, off, off, off, off, off))
 
@@ -127,7 +135,7 @@ class FirstOrder:
         )
         self._turning = np.flatnonzero(pulls & ~seeks & (rate > 0.0))
         self._quickness = rate[self._turning]
-        self.block(self._blocked)
+        self._look()
 
     def aim(self, goal: Floats) -> None:
         """See `Muscles.aim`."""
@@ -136,8 +144,24 @@ class FirstOrder:
     def block(self, held: Bools) -> None:
         """See `Muscles.block`."""
         self._blocked = held.copy()
-        self._jammed = np.flatnonzero(held & self._on & (self._speed > 1e-9))
-        self._odd = bool(self._turning.size or held.any())  # does anyone do else than seek a position?
+        self._look()
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """See `Muscles.grip`. A hand goes through everything but a stop and what is held fast."""
+        self._hand, self._reach = place.copy(), speed.copy()
+        self._look()
+
+    def fence(self, lower: Floats, upper: Floats) -> None:
+        """Mechanical stops (ticks), hard: who pushes against one is jammed there."""
+        self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
+        self._look()
+
+    def _look(self) -> None:
+        """Who does something else than seek a position?"""
+        self._strong = self._on & (self._speed > 1e-9)
+        self._gripped = np.flatnonzero(np.isfinite(self._hand) & ~self._on & ~self._blocked)
+        fenced = bool(np.isfinite(self._lower).any() or np.isfinite(self._upper).any())
+        self._odd = bool(self._turning.size or self._blocked.any() or self._gripped.size or fenced)
 
     def advance(self, now: float) -> None:
         """Constant speed while the error is beyond speed/rate, exponential decay after it."""
@@ -177,10 +201,23 @@ class FirstOrder:
         before, speed = self.position.copy(), self.velocity[self._turning]
         self._seek(dt)
         self._turn(speed, dt)
-        if self._blocked.any():
-            self.position[self._blocked] = before[self._blocked]
-            self.velocity[self._blocked] = 0.0
-            self._jam()
+        self._carry(before, dt)
+        stuck = (self.position < self._lower) | (self.position > self._upper)
+        np.clip(self.position, self._lower, self._upper, out=self.position)
+        self.position[self._blocked] = before[self._blocked]
+        stuck |= self._blocked
+        if stuck.any():
+            self.velocity[stuck] = 0.0
+            self._jam(np.flatnonzero(stuck & self._strong))
+
+    def _carry(self, before: Floats, dt: float) -> None:
+        """Limp shafts go straight where a hand takes them."""
+        at = self._gripped
+        if at.size:
+            most = self._reach[at] * dt
+            moved = np.clip(self._hand[at] - before[at], -most, most)
+            self.position[at] = before[at] + moved
+            self.velocity[at] = moved / (dt * self._ticks[at])
 
     def _turn(self, speed: Floats, dt: float) -> None:
         """Modes 0, 1 and 16, `speed` (raw) before: the speed tends to what the goal means without load."""
@@ -199,11 +236,8 @@ class FirstOrder:
         output = (now / free + self.current[at] / self.stall[at]) / self._volts[at] * full
         self.pwm[at] = np.clip(np.where(mode == PWM, goal, output), -cap, cap)
 
-    def _jam(self) -> None:
+    def _jam(self, at: NDArray[np.intp]) -> None:
         """All output becomes current; a speed loop has long integrated up to its cap."""
-        at = self._jammed
-        if not at.size:
-            return
         mode, goal, cap = self._mode[at], self._goal[at], self._cap[at]
         full = self.stall[at] * self._volts[at] / self._full[at]  # raw current per count
         pull = self._p[at] * (goal - self.position[at])

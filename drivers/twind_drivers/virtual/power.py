@@ -141,6 +141,11 @@ class Power:
         self._base[row] = -np.floor(count / turn) * turn
         self._frame(row)
 
+    def wind(self, row: int, turns: int) -> None:
+        """The count goes on by whole turns, as it does when a limp shaft is turned all the way round."""
+        self._base[row] += turns * self._turn[row]
+        self._frame(row)
+
     def goal_is_present(self, row: int) -> None:
         """The goal register takes the present position."""
         present = np.rint(self._muscles.position[row]) * self.direction[row] + self.shift[row]

@@ -1,5 +1,8 @@
 """What is wrong with single servos and their supply, by name."""
 
+from collections.abc import Mapping
+
+from twind_drivers.virtual.hinge import Hands, order
 from twind_drivers.virtual.history import History
 from twind_drivers.virtual.servos import Servos
 
@@ -11,6 +14,7 @@ class ServoFaults:
 
     def __init__(self, bus: str, servos: Servos) -> None:
         self._bus, self._servos = bus, servos
+        self.hands = Hands(servos.hinges, servos.turn.tolist(), servos.encoder, servos.grip)
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
         """Pull the connector of one servo or (None) of all: it hears and says nothing, keeps its power.
@@ -74,6 +78,23 @@ class ServoFaults:
         """The shaft turns again. Raises KeyError."""
         for row in self.rows(id):
             self._servos.block(row, False)
+
+    def hand(
+        self,
+        id: int | None = None,
+        to: float | None = None,
+        rad: float | None = None,
+        speed: float = 1.0,
+        off: bool = False,
+        pose: Mapping[str, float] | None = None,
+    ) -> None:
+        """Somebody's hand takes a limp shaft straight there, holds it, and feels stops; `off` lets go of it.
+
+        `to`: what the present position would show; `rad`: of its joint; `pose`: rad by joint, without an id;
+        `speed` rad/s of the joint. Where torque is on it slips. Raises KeyError, ValueError.
+        """
+        rows = None if id is None else self.rows(id)
+        order(self.hands, rows, to=to, rad=rad, speed=speed, off=off, pose=pose)
 
     def freeze(self, id: int, on: bool = True) -> None:
         """The present position repeats its value, wherever the shaft goes. Raises KeyError."""

@@ -17,6 +17,7 @@ from twind_drivers.dynamixel.packet import ALERT
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.columns import Columns
 from twind_drivers.virtual.drive import TORQUE_BY_GOAL, Firmware
+from twind_drivers.virtual.hinge import Hinge
 from twind_drivers.virtual.history import History
 from twind_drivers.virtual.memory import Ints, Memory
 from twind_drivers.virtual.muscles import Muscles
@@ -24,6 +25,7 @@ from twind_drivers.virtual.power import BOOT, Power
 from twind_drivers.virtual.profile import STEP, Profile
 from twind_drivers.virtual.protection import Protection
 from twind_drivers.virtual.readings import Readings
+from twind_drivers.virtual.slack import Slack
 
 SLOW = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 BAUDS = (*SLOW, 6_000_000, 10_500_000)  # register 8
@@ -41,7 +43,8 @@ class ServoSpec:
     `forgets_offset`: a homing offset that counts for nothing in mode 3 falls back to 0 (ROBOTIS forum 5477);
     else the register keeps it. `seam_seed`: the encoder reads up to a tick off at boot, drawn by this seed,
     so near tick 0 a servo of many turns comes back a turn away (DynamixelSDK #380, #515); None: it does not.
-    `powered`: s that it has had power when time begins.
+    `powered`: s that it has had power when time begins. `hinge`: the joint that it turns. `turns`: how many
+    the count is off when time begins, until it is lost. `backlash`: ticks of play between encoder and joint.
     """
 
     id: int
@@ -51,6 +54,9 @@ class ServoSpec:
     forgets_offset: bool = False
     seam_seed: int | None = None
     powered: float = 0.0
+    hinge: Hinge | None = None
+    turns: int = 0
+    backlash: float = 0.0
 
 
 class Servos:
@@ -67,6 +73,8 @@ class Servos:
         for each in tables:
             if each.facts.undriven:
                 raise ValueError(f"{each.model}: not simulated: {each.facts.undriven}")
+        if any(spec.backlash for spec in specs):
+            muscles = Slack(muscles, np.array([spec.backlash for spec in specs]))
         self.memory = memory = Memory(tables, [spec.firmware for spec in specs])
         self.registers = Columns(memory)
         self.muscles, self.keep_goal, self.now, self.epoch = muscles, keep_goal, now, 0
@@ -74,6 +82,7 @@ class Servos:
         self.readings = Readings(memory, muscles, self.protection)
         self.history: History | None = None  # of what the present position registers showed, on order
         self.power = Power(memory, self.registers, muscles, specs)
+        self.hinges = [spec.hinge for spec in specs]
         self.direction, self.shift = self.power.direction, self.power.shift
         count = len(specs)
         self.tripped, self.shut, self.silenced, self._blocked = (np.zeros(count, np.bool_) for _ in range(4))
@@ -82,6 +91,7 @@ class Servos:
         self.tripped_at, self.trip_delay = np.full(count, np.nan), np.full(count, np.nan)
         self.heard_at = np.full(count, now)  # s, the last instruction packet that each servo heard
         self.baud = 0  # of the line; 0: whatever each servo is set to
+        self._hand, self._reach = np.full(count, np.nan), np.zeros(count)  # ticks, ticks/s; NaN: nobody's
         self.listening, self.alert = np.ones(count, np.bool_), np.zeros(count, np.uint8)
         self._check_at = now + CHECK
         self._timeout, self._shortest, self._event = np.full(count, inf), inf, inf
@@ -93,6 +103,7 @@ class Servos:
             memory.fill(row)
             self._fit(row, spec)
             self._boot(row, now)
+            self.power.wind(row, spec.turns)
             self.readings.origin[row] = now - spec.powered
         self._firmware = Firmware(memory, self.registers)
         self.profile = Profile(muscles.position, turn=self._firmware.turn, rpm=self._firmware.rpm)
@@ -269,10 +280,27 @@ class Servos:
         self._check(self.now)
         self.changed()
 
+    @property
+    def turn(self) -> NDArray[np.float64]:
+        """(m,) ticks of one turn of the shaft."""
+        return np.asarray(self._firmware.turn, np.float64)
+
+    def encoder(self, row: int, count: float) -> float:
+        """Where the bare encoder is when the present position shows `count`, as things are now."""
+        return float((count - self.shift[row]) * self.direction[row])
+
     def block(self, row: int, on: bool) -> None:
         """Something holds this shaft fast, or lets it go."""
         self._blocked[row] = on
         self.muscles.block(self._blocked)
+
+    def grip(self, row: int, place: float, speed: float) -> None:
+        """A hand takes a shaft to `place` (encoder ticks; NaN: lets go of it), ticks/s, and holds it there.
+
+        Nothing in a servo can tell it; where torque is on it slips.
+        """
+        self._hand[row], self._reach[row] = place, speed
+        self.muscles.grip(self._hand, self._reach)
 
     def reboot(self, row: int, now: float) -> None:
         """Off the bus, torque lost, turns lost; back `BOOT` s later with RAM defaults."""

@@ -22,6 +22,7 @@ class Motors:
         self._told: Floats = np.zeros((5, count))  # place, speed, kp, kd, torque
         self._last: list[tuple[float, ...]] = [()] * count  # what was told; empty: torque off
         self._held = np.zeros(count, np.bool_)
+        self._hand, self._reach = np.full(count, np.nan), np.zeros(count)  # rad, rad/s; NaN: nobody's
         self._frozen: dict[int, float] = {}
         self._changed = True
         self.at = now  # s, when the muscles moved last
@@ -53,6 +54,12 @@ class Motors:
         """Something holds this shaft fast, or lets it go."""
         self._held[row] = held
         self.muscles.block(self._held)
+
+    def grip(self, row: int, place: float, speed: float) -> None:
+        """A hand takes a shaft to `place` (rad; NaN: lets go of it), rad/s. It slips where torque is on."""
+        self._hand[row], self._reach[row] = place, speed
+        self.muscles.grip(self._hand, self._reach)
+        self._changed = True
 
     def freeze(self, row: int, on: bool) -> None:
         """Its encoder repeats what it shows now."""

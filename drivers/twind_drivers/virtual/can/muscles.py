@@ -44,6 +44,12 @@ class CanMuscles(Protocol):
     def block(self, held: Bools) -> None:
         """From now on: shafts that something holds fast; they turn neither with torque nor without."""
 
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """From now on: where hands take limp shafts (rad) and hold them, NaN: nobody; rad/s.
+
+        Where torque is on a hand slips.
+        """
+
     def advance(self, now: float) -> None:
         """Let the time pass until `now` (s). A time already passed does nothing."""
 
@@ -60,6 +66,8 @@ class FirstOrderCan:
         self.velocity, self.torque = np.zeros_like(self.position), np.zeros_like(self.position)
         self._speed, self._time = speed, now
         self._blocked = np.zeros(self.position.size, np.bool_)
+        self._hand, self._reach = np.full_like(self.position, np.nan), np.zeros_like(self.position)
+        self._lower, self._upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
         none = np.zeros_like(self.position)
         self.drive(none > 0, none, none, none, none, none, none)
 
@@ -77,10 +85,19 @@ class FirstOrderCan:
         self._kp, self._kd = np.where(on, kp, 0.0), np.where(on, kd, 0.0)
         self._ahead = np.where(on, kp * position + kd * velocity + torque, 0.0)
         self._limit = np.where(on, limit, 0.0)
+        self._limp = ~on
 
     def block(self, held: Bools) -> None:
         """See `CanMuscles.block`."""
         self._blocked = held.copy()
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """See `CanMuscles.grip`."""
+        self._hand, self._reach = place.copy(), speed.copy()
+
+    def fence(self, lower: Floats, upper: Floats) -> None:
+        """Mechanical stops (rad), hard."""
+        self._lower, self._upper = np.array(lower, np.float64), np.array(upper, np.float64)
 
     def advance(self, now: float) -> None:
         """See `CanMuscles.advance`."""
@@ -99,9 +116,16 @@ class FirstOrderCan:
             torque = np.clip(torque, -self._limit, self._limit)
             speed = (INERTIA * self.velocity + dt * torque) / (INERTIA + dt * FRICTION)
         speed = np.clip(speed, -self._speed, self._speed)
+        held = self._limp & np.isfinite(self._hand)
+        if held.any():
+            pace = np.clip((self._hand - self.position) / dt, -self._reach, self._reach)
+            speed = np.where(held, pace, speed)
         self.velocity[:] = np.where(self._blocked, 0.0, speed)
         self.position += self.velocity * dt
-        if self._blocked.any():
+        stuck = self._blocked | (self.position < self._lower) | (self.position > self._upper)
+        if stuck.any():
+            np.clip(self.position, self._lower, self._upper, out=self.position)
+            self.velocity[stuck] = 0.0
             still = np.clip(push, -self._limit, self._limit)
-            torque = np.where(self._blocked, still, torque)
+            torque = np.where(stuck, still, torque)
         self.torque[:] = torque

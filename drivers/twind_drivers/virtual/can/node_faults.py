@@ -1,14 +1,17 @@
 """What is wrong with single nodes and their supply, by name."""
 
 import struct
-from math import inf
+from collections.abc import Mapping
+from math import inf, tau
 
 from twind_drivers.can.frame import EXTENDED
+from twind_drivers.can.units import COUNT
 from twind_drivers.virtual.can.controller import Controller
 from twind_drivers.virtual.can.damiao import Damiao
 from twind_drivers.virtual.can.message import Message
 from twind_drivers.virtual.can.node import Node
 from twind_drivers.virtual.can.nodes import Nodes
+from twind_drivers.virtual.hinge import Hands, order
 from twind_drivers.virtual.history import History
 
 EVERY = 0.01  # s between two commands of another master
@@ -21,6 +24,8 @@ class NodeFaults:
         self._bus, self._nodes, self._wire = bus, nodes, controller
         self.now = 0.0  # s, kept by the bus
         self.history: History | None = None
+        hinges = [node.spec.hinge for node in nodes.each]
+        self.hands = Hands(hinges, [tau] * len(hinges), self._place, nodes.motors.grip)
         self.masters: dict[int, float] = {}  # row -> s, when the other master commands it next
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
@@ -129,6 +134,23 @@ class NodeFaults:
         for row in self.rows(id):
             self._nodes.motors.block(row, False)
 
+    def hand(
+        self,
+        id: int | None = None,
+        to: float | None = None,
+        rad: float | None = None,
+        speed: float = 1.0,
+        off: bool = False,
+        pose: Mapping[str, float] | None = None,
+    ) -> None:
+        """Somebody's hand takes a limp shaft straight there, holds it, and feels stops; `off` lets go of it.
+
+        `to`: counts as it would tell its place; `rad`: of its joint; `pose`: rad by joint, without an id;
+        `speed` rad/s of the joint. Where torque is on it slips. Raises KeyError, ValueError.
+        """
+        rows = None if id is None else self.rows(id)
+        order(self.hands, rows, to=to, rad=rad, speed=speed, off=off, pose=pose)
+
     def freeze(self, id: int, on: bool = True) -> None:
         """The place that it tells repeats its value, wherever the shaft goes. Raises KeyError."""
         for row in self.rows(id):
@@ -166,6 +188,9 @@ class NodeFaults:
                 self.masters[row] = at + EVERY
                 said.append(_limp(self._nodes.each[row]))
         return said
+
+    def _place(self, row: int, count: float) -> float:
+        return count * COUNT + self._nodes.each[row].shaft.zero
 
     def _some(self, id: int | None) -> list[Node]:
         each = self._nodes.each

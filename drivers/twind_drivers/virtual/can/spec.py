@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from twind_drivers.virtual.hinge import Hinge
+
 # How the name of a model begins -> the frames that it speaks.
 PREFIXES = {"DM": "damiao", "AK": "cubemars", "RS": "robstride", "EL": "robstride", "CyberGear": "robstride"}
 USUAL, STRONG = (500.0, 5.0), (5000.0, 100.0)  # STRONG: public drivers, unverified
@@ -29,6 +31,7 @@ class NodeSpec:
     settings: Mapping[str, float] = field(default_factory=dict)
     family: str = ""  # one of FAMILIES; empty: by the model's name
     forgets_zero: bool = False  # a zero that was set over the bus is lost at power-off (CyberGear)
+    hinge: Hinge | None = None  # the joint that it turns
 
     def gains(self) -> tuple[float, float]:
         """What its Kp (N·m/rad) and Kd (N·m·s/rad) fields span from 0: the three big RobStrides have more."""

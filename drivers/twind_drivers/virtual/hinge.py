@@ -1,0 +1,118 @@
+"""What a virtual shaft turns, and the hands of somebody who moves it.
+
+A servo knows neither its joint nor its zero; who takes the joint in his hands does.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+FASTEST = 20.0  # rad/s, of a hand
+
+
+@dataclass(frozen=True, slots=True)
+class Hinge:
+    """The joint at a shaft. Places are the bare encoder's: ticks of a servo, rad of a CAN actuator."""
+
+    joint: str
+    zero: float  # place at joint angle 0
+    scale: float  # places per rad of the joint, signed
+    stops: tuple[float, float] = (-math.inf, math.inf)  # rad, where it meets something hard
+
+    def place(self, angle: float) -> float:
+        """Where the shaft is when the joint is at `angle` (rad)."""
+        return self.zero + angle * self.scale
+
+    def ends(self) -> tuple[float, float]:
+        """Places of the stops, the smaller one first."""
+        low, high = sorted(self.place(stop) for stop in self.stops)
+        return low, high
+
+
+class Hands:
+    """Who holds which shaft of one bus. Rows are places in `hinges`; None: a shaft that turns no joint."""
+
+    def __init__(
+        self,
+        hinges: Sequence[Hinge | None],
+        turns: Sequence[float],
+        shown: Callable[[int, float], float],
+        grip: Callable[[int, float, float], None],
+    ) -> None:
+        """`turns`: places per turn of the shaft; `shown`: of a row and a count that it shows, the place.
+
+        `grip`: takes a row to a place with so many places per s; NaN: lets go of it.
+        """
+        self._hinges, self._turns, self._shown, self._grip = hinges, turns, shown, grip
+        self._rows = {hinge.joint: row for row, hinge in enumerate(hinges) if hinge is not None}
+
+    @property
+    def joints(self) -> frozenset[str]:
+        """Those that hang on this bus."""
+        return frozenset(self._rows)
+
+    def to(self, row: int, count: float, speed: float) -> None:
+        """Where the shaft would show `count`; `speed`: rad/s of the joint, or shaft. Raises ValueError."""
+        self._go(row, self._shown(row, _finite("to", count)), speed)
+
+    def angle(self, row: int, rad: float, speed: float) -> None:
+        """Where its joint is at `rad`. Raises ValueError, also for a shaft that turns no joint."""
+        hinge = self._hinges[row]
+        if hinge is None:
+            raise ValueError("hand: this servo turns no joint of a robot file: say `to` in its own counts")
+        self._go(row, hinge.place(_finite("rad", rad)), speed)
+
+    def pose(self, angles: Mapping[str, float], speed: float) -> None:
+        """Joints at angles (rad). Raises KeyError for one that does not hang here, ValueError."""
+        strange = [name for name in angles if name not in self._rows]
+        if strange:
+            raise KeyError(f"hand: no joint {strange[0]!r} on this bus; there are {', '.join(self._rows)}")
+        for name, rad in angles.items():
+            self.angle(self._rows[name], rad, speed)
+
+    def leave(self, rows: Iterable[int] | None = None) -> None:
+        """These shafts are let go; None: all."""
+        for row in range(len(self._hinges)) if rows is None else rows:
+            self._grip(row, math.nan, 0.0)
+
+    def _go(self, row: int, place: float, speed: float) -> None:
+        if not 0.0 < speed <= FASTEST:
+            raise ValueError(f"hand: speed {speed} is outside 0..{FASTEST:g} rad/s")
+        hinge = self._hinges[row]
+        scale = self._turns[row] / math.tau if hinge is None else abs(hinge.scale)
+        self._grip(row, place, speed * scale)
+
+
+def _finite(what: str, value: object) -> float:
+    """Raises ValueError for what is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"hand: {what} is {value!r}; it is a finite number")
+    return float(value)
+
+
+def order(
+    hands: Hands,
+    rows: Sequence[int] | None,
+    *,
+    to: float | None,
+    rad: float | None,
+    speed: float,
+    off: bool,
+    pose: Mapping[str, float] | None,
+) -> None:
+    """Carry out one order `hand`; `rows`: of the id that it names, else None. Raises ValueError, KeyError."""
+    wishes = [name for name, given in (("to", to), ("rad", rad), ("pose", pose)) if given is not None]
+    if off and not wishes:
+        hands.leave(rows)
+    elif wishes == ["pose"] and rows is None and not off:
+        hands.pose(pose or {}, speed)
+    elif rows is not None and wishes in (["to"], ["rad"]) and not off:
+        for row in rows:
+            if to is not None:
+                hands.to(row, to, speed)
+            elif rad is not None:
+                hands.angle(row, rad, speed)
+    else:
+        raise ValueError(
+            "hand: it is id with one of `to`, `rad`; or `pose` alone; or `off`, with an id or of all"
+        )

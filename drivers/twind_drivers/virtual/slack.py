@@ -1,0 +1,43 @@
+"""Play between the encoder of a servo and the joint that it turns."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind_drivers.virtual.muscles import Bools, Drive, Floats, Muscles
+
+
+class Slack:
+    """Muscles whose encoders follow the joints with play: they move once it is used up, and stay behind it.
+
+    Keeps `Muscles`. What the motors seek is the joint's place, so a servo that has arrived shows up to half
+    of its play away from its goal, on the side that it came from.
+    """
+
+    def __init__(self, muscles: Muscles, play: NDArray[np.float64]) -> None:
+        """`play` (m,): ticks, from one side to the other."""
+        self._muscles, self._half = muscles, play / 2.0
+        self.position = muscles.position.copy()
+        self.velocity, self.current, self.pwm = muscles.velocity, muscles.current, muscles.pwm
+        self.stall = muscles.stall
+
+    def drive(self, drive: Drive) -> None:
+        """See `Muscles.drive`."""
+        self._muscles.drive(drive)
+
+    def aim(self, goal: Floats) -> None:
+        """See `Muscles.aim`."""
+        self._muscles.aim(goal)
+
+    def block(self, held: Bools) -> None:
+        """See `Muscles.block`."""
+        self._muscles.block(held)
+
+    def grip(self, place: Floats, speed: Floats) -> None:
+        """See `Muscles.grip`: a hand holds the joint, not the encoder."""
+        self._muscles.grip(place, speed)
+
+    def advance(self, now: float) -> None:
+        """See `Muscles.advance`."""
+        self._muscles.advance(now)
+        place = self._muscles.position
+        np.clip(self.position, place - self._half, place + self._half, out=self.position)
