@@ -9,6 +9,7 @@ from typing import Any
 
 from twind.client import Client
 from twind.config.calibration_file import Calibration, DeviceRecord, JointCalibration, turn_band
+from twind.config.counts import slot_angles
 from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
 from twind_calibration.again import again
 from twind_calibration.calibrating import draft as drafts
@@ -139,8 +140,9 @@ def _angles(options: argparse.Namespace, place: Ground, chosen: Sequence[Slot]) 
         raise Rejected(f"{place.robot.name} has no pose {options.pose!r}; it has {', '.join(poses)}")
     pose = poses[options.pose] if options.pose is not None else dict.fromkeys(place.robot.names, 0.0)
     others = dict(options.at)
-    place.chosen(list(others), [slot.name for slot in chosen])
-    angles = {slot.name: others.get(slot.name, pose[slot.joint.name]) for slot in chosen}
+    place.chosen(list(others), place.robot.names)
+    stands = slot_angles(place.robot, dict(pose) | others)
+    angles = {slot.name: stands[slot.joint.name] for slot in chosen}
     for slot in chosen:
         if not slot.lower - TOLERANCE <= angles[slot.name] <= slot.upper + TOLERANCE:
             raise Rejected(

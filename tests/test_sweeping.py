@@ -1,0 +1,309 @@
+"""What a sweep and a zero conclude, from readings alone: verdicts with their causes, drafts, entries."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.config.calibration_file import DeviceRecord, dump_calibration, read_calibration
+from twind.config.counts import tick_range, ticks_of
+from twind.config.located import ConfigError
+from twind.config.robot_file import load_robot
+from twind.config.saving import draft_of
+from twind.ctl.verb import Rejected
+from twind_calibration.calibrating import draft as drafts
+from twind_calibration.calibrating.board import bar
+from twind_calibration.calibrating.draft import Draft, Swept
+from twind_calibration.calibrating.ground import Ground
+from twind_calibration.calibrating.placing import (
+    TOLERANCE,
+    Zero,
+    by_ends,
+    by_pose,
+    fence,
+    misfits,
+    whole,
+)
+from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.travel import judge
+from twind_calibration.calibrating.travels import Stage, Travels
+from twind_calibration.calibrating.unwrap import Sample, framed
+from twind_calibration.calibrating.writing import merged
+
+ROBOT = load_robot("h24")
+SLOTS = slots(ROBOT)
+NAMED = {slot.name: slot for slot in SLOTS}
+KNEE = NAMED["l_knee"]  # -0.1..2.2 rad, sign 1
+TURN = 4096
+DEVICE = DeviceRecord(1020, 47, None, 0, 0, 3, 0, 4095)
+TWICE = replace(KNEE, joint=replace(KNEE.joint, sign=-1))
+
+
+def span_of(slot: Slot, share: float) -> int:
+    return slot.ticks(share * slot.range)
+
+
+# ------------------------------------------------------------------------------------------- travel
+
+
+@given(st.sampled_from(SLOTS), st.floats(0.61, 1.29))
+def test_a_travel_near_the_described_one_is_good(slot: Slot, share: float) -> None:
+    if span_of(slot, share) < TURN:
+        assert judge(slot, span_of(slot, share), SLOTS).good
+
+
+@given(st.sampled_from(SLOTS), st.one_of(st.floats(0.0, 0.59), st.floats(1.31, 8.0)))
+def test_any_other_is_refused_with_a_cause(slot: Slot, share: float) -> None:
+    judged = judge(slot, span_of(slot, share), SLOTS)
+    assert (
+        not judged.good
+        and judged.causes
+        and f"{100 * judged.share:.0f} %" in judged.wrong + "%"
+        or ("turns of its actuator" in judged.wrong)
+    )
+
+
+def test_the_cause_is_named_ratio_joint_or_an_end_that_was_left_out() -> None:
+    def causes(name: str, share: float) -> str:
+        return "; ".join(judge(NAMED[name], span_of(NAMED[name], share), SLOTS).causes)
+
+    assert "its ratio: 2 instead of 1 would fit" in causes("waist_pitch", 2.0)
+    assert "its ratio: 0.5 instead of 1 would fit" in causes("l_hip_yaw", 0.5)
+    assert "it was not moved to both its ends" in causes("l_hip_yaw", 0.3)
+    assert "the wrong joint: it goes as far as l_ankle_pitch" in causes("waist_pitch", 2.0)
+    assert "limits_rad of waist_pitch are not those of this robot" in causes("waist_pitch", 1.5)
+
+
+def test_a_whole_turn_is_refused_whatever_it_is_of() -> None:
+    wide = replace(KNEE, lower=-3.1, upper=3.1)
+    assert judge(wide, TURN - 1).good
+    judged = judge(wide, TURN)
+    assert "after a power-up nobody can tell which turn" in judged.wrong and not judged.wide
+
+
+def test_a_nan_range_is_refused() -> None:
+    assert not judge(replace(KNEE, upper=float("nan")), 1000).good
+
+
+# ------------------------------------------------------------------------------------------- who moves
+
+
+class Hands:
+    """Moves joints of a limp robot, one reading every 10 ms."""
+
+    def __init__(self, asked: list[str], *, wide: bool = False, start: int = 3000) -> None:
+        self.travels = Travels(SLOTS, asked, wide=wide)
+        self.places = dict.fromkeys(NAMED, start)
+        self.time = 0.0
+        self.news: list[str] = []
+        self.pass_(1)
+
+    def pass_(self, readings: int) -> None:
+        for _ in range(readings):
+            self.time += 0.01
+            heard = {name: Sample(self.time, place % TURN) for name, place in self.places.items()}
+            self.news += [f"{each.what} {each.text}" for each in self.travels.take(heard)]
+
+    def go(self, name: str, ticks: int) -> None:
+        for step in [30 * (1 if ticks > 0 else -1)] * (abs(ticks) // 30):
+            self.places[name] += step
+            self.pass_(1)
+
+    def sweep(self, name: str, ticks: int) -> None:
+        self.go(name, ticks // 2)
+        self.pass_(50)
+        self.go(name, -ticks)
+        self.pass_(50)
+
+
+def test_a_joint_is_done_when_it_rested_at_both_ends_and_the_sweep_when_all_are() -> None:
+    hands = Hands(["l_knee", "head_pitch"])
+    hands.sweep("l_knee", 1500)
+    assert hands.travels.progress("l_knee").stage is Stage.DONE and not hands.travels.over
+    assert hands.travels.progress("head_pitch").stage is Stage.STILL
+    hands.sweep("head_pitch", 1060)
+    assert hands.travels.over and [each.split()[0] for each in hands.news] == ["done", "done"]
+    low, high = hands.travels.travel("l_knee") or (0, 0)
+    assert 1440 <= high - low <= 1500
+    hands.go("l_knee", 1600)  # who moves it further afterwards makes its travel longer
+    hands.pass_(50)
+    low, high = hands.travels.travel("l_knee") or (0, 0)
+    assert high - low >= 1560
+
+
+def test_half_a_travel_is_not_done_and_enter_takes_one_that_fits_without_rest() -> None:
+    hands = Hands(["l_knee"])
+    hands.sweep("l_knee", 600)
+    assert hands.travels.progress("l_knee").stage is Stage.MOVING
+    assert hands.travels.travel("l_knee", at_once=True) is None
+    hands.go("l_knee", 1400)
+    assert hands.travels.travel("l_knee") is None
+    assert hands.travels.travel("l_knee", at_once=True) is not None
+
+
+def test_a_travel_that_is_too_wide_is_wrong_unless_it_is_taken_as_it_is() -> None:
+    for wide, stage in ((False, Stage.WRONG), (True, Stage.DONE)):
+        hands = Hands(["waist_pitch"], wide=wide)
+        hands.sweep("waist_pitch", 1200)
+        assert hands.travels.progress("waist_pitch").stage is stage and hands.travels.over
+        assert ("`--wide` takes it" in hands.news[-1]) is not wide
+        assert (hands.travels.travel("waist_pitch", at_once=True) is not None) is wide
+
+
+def test_who_moves_instead_of_whom_is_named_once() -> None:
+    hands = Hands(["l_knee"])
+    hands.go("r_knee", 900)
+    [told] = hands.news
+    assert told == (
+        "strayed r_knee moved while l_knee, asked for, did not: are their ids swapped, or was the other "
+        "joint moved?"
+    )
+    other = Hands(["l_knee"])
+    other.go("l_knee", 300)
+    other.go("r_knee", 900)  # it hangs on the same robot: no word
+    assert not other.news
+
+
+def test_a_lost_reading_begins_a_joint_anew_and_takes_nothing_from_one_that_is_done() -> None:
+    hands = Hands(["l_knee", "head_yaw"])
+    hands.sweep("l_knee", 1500)
+    hands.go("head_yaw", 900)
+    for name in ("l_knee", "head_yaw"):
+        hands.places[name] += 1500
+    hands.pass_(1)
+    assert [each.split()[0] for each in hands.news] == ["done", "lost"]
+    assert "move head_yaw again, from end to end" in hands.news[-1]
+    assert hands.travels.progress("l_knee").stage is Stage.DONE
+    assert hands.travels.progress("head_yaw").stage is Stage.STILL
+    assert hands.travels.travel("l_knee") is not None
+
+
+# ------------------------------------------------------------------------------------------- the zero
+
+
+def true_sweep(slot: Slot, zero: int, extra: float = 0.05) -> tuple[int, int]:
+    low, high = tick_range(slot.joint, zero, slot.lower - extra, slot.upper + extra)
+    return framed(low, high, slot.start, TURN)
+
+
+@given(
+    st.sampled_from(SLOTS), st.integers(-6000, 6000), st.floats(0.0, 1.0), st.integers(-3, 3), st.booleans()
+)
+def test_a_pose_finds_the_zero_on_whatever_turn_it_reads(
+    slot: Slot, zero: int, share: float, turns: int, wrapped: bool
+) -> None:
+    sweep = true_sweep(slot, zero)
+    angle = slot.lower + share * slot.range
+    reading = ticks_of(slot.joint, zero, angle) + turns * TURN
+    found = by_pose(slot, sweep, float(reading % TURN if wrapped else reading), 0.5, 50, angle)
+    assert abs((found.ticks - zero + TURN // 2) % TURN - TURN // 2) <= 1
+    entry = whole(slot, DEVICE, sweep, found)
+    first, last = tick_range(slot.joint, entry.zero_ticks, slot.lower, slot.upper)
+    assert entry.sweep_ticks[0] <= first < last <= entry.sweep_ticks[1]  # in the frame of the travel
+
+
+@given(st.sampled_from(SLOTS), st.integers(-6000, 6000))
+def test_the_ends_of_the_travel_tell_the_zero_too_and_how_far_they_differ(slot: Slot, zero: int) -> None:
+    sweep = true_sweep(slot, zero, 0.0)
+    found = by_ends(slot, sweep, slot.lower, slot.upper)
+    assert abs((found.ticks - zero + TURN // 2) % TURN - TURN // 2) <= 2 and found.sigma <= 1.0
+    uneven = by_ends(slot, sweep, slot.lower - 0.1, slot.upper)
+    assert uneven.sigma == pytest.approx(slot.ticks(0.05), abs=2)
+    one = by_ends(slot, sweep, None, slot.upper)
+    assert abs((one.ticks - zero + TURN // 2) % TURN - TURN // 2) <= 2 and one.captures == 1
+    with pytest.raises(ValueError):
+        by_ends(slot, sweep, None, None)
+
+
+def test_a_zero_whose_limits_leave_the_travel_is_refused_and_a_mirrored_one_is_called_so() -> None:
+    sweep = true_sweep(KNEE, 2000)
+    assert misfits(KNEE, DEVICE, sweep, 2000, 2000) == []
+    spare = KNEE.ticks(TOLERANCE + 0.05)
+    assert misfits(KNEE, DEVICE, sweep, 2000 + spare - 4) == []
+    [moved] = misfits(KNEE, DEVICE, sweep, 2000 + spare + 4)
+    assert "rad beyond its travel" in moved and "another pose" in moved
+    [mirrored] = misfits(TWICE, DEVICE, sweep, 2000)
+    assert "with sign 1 they would fit: is its sign wrong" in mirrored
+    [outside] = misfits(KNEE, DEVICE, sweep, 2000, sweep[1] + KNEE.ticks(TOLERANCE) + 1)
+    assert "outside its travel" in outside
+
+
+def test_limits_across_the_seam_are_refused_in_position_mode_alone() -> None:
+    sweep = true_sweep(KNEE, 4000)
+    zero = by_pose(KNEE, sweep, 4000.0, 0.0, 50, 0.0).ticks
+    [seam] = misfits(KNEE, DEVICE, sweep, zero)
+    assert "cross its encoder's seam, which mode position cannot" in seam
+    extended = replace(KNEE, joint=replace(KNEE.joint, mode="extended_position"))
+    assert misfits(extended, DEVICE, sweep, zero) == []
+    assert fence(extended, zero, DEVICE) is None
+
+
+def test_the_fence_is_the_limits_rounded_inwards_and_within_the_turn() -> None:
+    assert fence(KNEE, 2051, DEVICE) == tick_range(KNEE.joint, 2051, KNEE.lower, KNEE.upper)
+    assert fence(KNEE, 10, DEVICE) == (0, tick_range(KNEE.joint, 10, -0.1, 2.2)[1])
+
+
+# ------------------------------------------------------------------------------------------- the files
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from([slot.name for slot in SLOTS]),
+        st.tuples(st.integers(-9000, 9000), st.integers(1, 4095)),
+    )
+)
+def test_a_draft_reads_back_as_it_was_written(travels: dict[str, tuple[int, int]]) -> None:
+    draft = Draft(
+        {
+            name: Swept(DEVICE, (first, first + span), "2026-11-21T09:14:03Z")
+            for name, (first, span) in travels.items()
+        }
+    )
+    assert drafts.read(drafts.dump(draft, ROBOT), "draft", ROBOT, list(NAMED)) == draft
+
+
+def test_a_draft_is_bound_to_the_description_and_leaves_with_its_last_joint(tmp_path: Path) -> None:
+    path = tmp_path / "h24.yaml"
+    swept = Swept(DEVICE, (1, 2000), "2026-11-21T09:14:03Z")
+    assert drafts.load(path, ROBOT, NAMED) == Draft()
+    kept = drafts.save(Draft({"l_knee": swept}), path, ROBOT)
+    assert kept == draft_of(tmp_path, "h24") and kept.name == ".h24.draft.yaml"
+    assert drafts.load(path, ROBOT, NAMED).swept == {"l_knee": swept}
+    other = replace(ROBOT, joints=(replace(ROBOT.joints[0], sign=-1), *ROBOT.joints[1:]))
+    with pytest.raises(Rejected, match="joints, ids, signs or ratios changed since"):
+        drafts.load(path, other, NAMED)
+    with pytest.raises(ConfigError, match="unknown"):
+        drafts.read(drafts.dump(Draft({"l_tail": swept}), ROBOT), "draft", ROBOT, NAMED)
+    drafts.save(drafts.load(path, ROBOT, NAMED).without(["l_knee"]), path, ROBOT)
+    assert not kept.exists()
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_anybody_moves(tmp_path: Path) -> None:
+    drafts.require_room(tmp_path / "new" / "calibration" / "h24.yaml")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(Rejected, match="try with sudo"):
+        drafts.require_room(tmp_path / "file" / "h24.yaml")
+
+
+def test_new_entries_take_the_place_of_the_old_ones_in_the_robots_order() -> None:
+    place = Ground(ROBOT, Path("h24.yaml"), named=False)
+    knee, yaw = (
+        whole(NAMED[name], DEVICE, true_sweep(NAMED[name], 2000), Zero(2000, 0.4, 50, "jig"))
+        for name in ("l_knee", "head_yaw")
+    )
+    first = merged(place, None, [knee])
+    both = merged(place, first, [yaw, replace(knee, zero_ticks=2001)])
+    assert [each.name for each in both.joints] == ["head_yaw", "l_knee"]
+    assert both.by_name["l_knee"].zero_ticks == 2001
+    assert read_calibration(dump_calibration(both), "file", ROBOT).by_name == both.by_name
+
+
+@given(st.floats(0.0, 5.0))
+def test_a_bar_has_one_width(share: float) -> None:
+    assert len(bar(share)) == 24
+
+
+def test_a_bar_is_full_at_the_described_travel() -> None:
+    assert bar(1.0) == "█" * 20 + "▏   " and bar(0.0).strip() == "▏" and bar(9.0) == "█" * 24
