@@ -57,12 +57,8 @@ def test_a_travel_near_the_described_one_is_good(slot: Slot, share: float) -> No
 @given(st.sampled_from(SLOTS), st.one_of(st.floats(0.0, 0.59), st.floats(1.31, 8.0)))
 def test_any_other_is_refused_with_a_cause(slot: Slot, share: float) -> None:
     judged = judge(slot, span_of(slot, share), SLOTS)
-    assert (
-        not judged.good
-        and judged.causes
-        and f"{100 * judged.share:.0f} %" in judged.wrong + "%"
-        or ("turns of its actuator" in judged.wrong)
-    )
+    assert not judged.good and judged.causes
+    assert f"{100 * judged.share:.0f} % of" in judged.wrong or "turns of its actuator" in judged.wrong
 
 
 def test_the_cause_is_named_ratio_joint_or_an_end_that_was_left_out() -> None:

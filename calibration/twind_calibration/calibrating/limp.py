@@ -6,8 +6,8 @@ In mirror this daemon cannot; in live it is kept in the state calibrating, by th
 import contextlib
 from collections.abc import Callable, Iterator
 
-from twind.client import Client, ClientError
-from twind.ctl.verb import Rejected
+from twind.client import Client
+from twind.ctl.verb import Rejected, calibrating
 from twind_drivers.clock import Clock
 
 RENEW = 0.3  # s; a lease lasts one
@@ -28,15 +28,13 @@ def limp(client: Client, clock: Clock, *, take: bool) -> Iterator[Callable[[], N
     if mode != "live":
         yield lambda: None
         return
-    with calibrating(client, clock, take=take) as keep:
+    with calibrating(client, take=take):
         _require_off(client, clock)  # nobody armed meanwhile
-        yield keep
+        yield _renewing(client, clock)
 
 
-@contextlib.contextmanager
-def calibrating(client: Client, clock: Clock, *, take: bool) -> Iterator[Callable[[], None]]:
-    """The daemon in state calibrating; what is given renews the lease when it is time. Raises ClientError."""
-    client.call("AcquireLease", take=take or None)
+def _renewing(client: Client, clock: Clock) -> Callable[[], None]:
+    """Renews the lease when it is time."""
     renewed = clock.now()
 
     def keep() -> None:
@@ -45,13 +43,7 @@ def calibrating(client: Client, clock: Clock, *, take: bool) -> Iterator[Callabl
             client.call("RenewLease")
             renewed = clock.now()
 
-    try:
-        client.call("Calibrate", on=True)
-        yield keep
-    finally:
-        with contextlib.suppress(ClientError, RuntimeError):
-            client.call("Calibrate", on=False)
-            client.call("ReleaseLease")
+    return keep
 
 
 def _require_off(client: Client, clock: Clock) -> None:
