@@ -52,7 +52,8 @@ def test_a_more_urgent_procedure_takes_the_torque_and_a_less_urgent_one_does_not
 
 
 def test_an_estop_is_more_urgent_than_all_else_but_a_cut() -> None:
-    assert sorted(Rank) == [Rank.ARM, Rank.DISARM, Rank.FAULT, Rank.SHUTDOWN, Rank.ESTOP, Rank.CUT]
+    order = [Rank.ARM, Rank.HOME, Rank.DISARM, Rank.FAULT, Rank.SHUTDOWN, Rank.ESTOP, Rank.CUT]
+    assert sorted(Rank) == order
 
 
 def test_each_procedure_takes_one_step_a_tick_and_is_told_the_time(story: Story) -> None:

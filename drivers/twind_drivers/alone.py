@@ -1,4 +1,4 @@
-"""One device of a bus driven by itself, with little current, to find a stop: part of the contract in `bus`."""
+"""One device of a bus driven by itself, weakly, to find a stop: part of the contract in `bus`."""
 
 from typing import Any, Protocol
 
@@ -9,8 +9,8 @@ class Alone(Protocol):
     """One device of a bus; nobody else there has torque.
 
     Counts are the device's own, as it tells them once it was entered: perhaps whole turns off those before.
-    In this order: `look`, `enter`, `bound`, `prepare`, `energise`, `goal` each tick; torque off by the writer;
-    `give_back`. All scripts raise DeviceRefused and NoReply.
+    In this order: `look`, `enter`, `bound`, `prepare`, `energise`, `goal` each tick; torque off by the
+    writer; `give_back`. All scripts raise DeviceRefused and NoReply.
     """
 
     id: int

@@ -8,7 +8,14 @@ from twind.front.world import encode
 from twind.link import Reply
 
 PATIENCE = 5.0  # s until the loop must have answered
-PATIENCE_BY_METHOD = {"Arm": 30.0, "Disarm": 30.0, "EStop": 30.0, "Scan": 60.0, "Reboot": 10.0}
+PATIENCE_BY_METHOD = {
+    "Arm": 30.0,
+    "Disarm": 30.0,
+    "EStop": 30.0,
+    "Scan": 60.0,
+    "Reboot": 10.0,
+    "FindStop": 600.0,
+}
 BETWEEN = 125.0  # s between two answers to a call with `more`: a start 60 s ahead, then 60 s of motion
 OUTSTANDING = 32  # unanswered commands of one connection; only `oneway` can come that far
 ESTOPS = 4  # unanswered e-stops of one connection: each has a last answer when the stop ends

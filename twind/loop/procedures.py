@@ -17,11 +17,12 @@ class Rank(IntEnum):
     """How urgent a procedure that owns the torque is."""
 
     ARM = 1
-    DISARM = 2
-    FAULT = 3
-    SHUTDOWN = 4
-    ESTOP = 5
-    CUT = 6
+    HOME = 2
+    DISARM = 3
+    FAULT = 4
+    SHUTDOWN = 5
+    ESTOP = 6
+    CUT = 7
 
 
 class Procedures:

@@ -109,6 +109,9 @@ def shutdown(loop: Loop, now: float) -> Procedure:
         loop.change_if(Event.SETTLE, now)
         yield from _down(loop, Finding(Code.NOT_ARMED, message="the daemon ends: the robot is lowered"))
         loop.change_if(Event.SETTLED, loop.clock.now())
+    until = loop.clock.now() + AWAITED
+    while loop.homing.owed is not None and loop.clock.now() < until:
+        yield  # what was driven against its stop is given back
     loop.finished = True
 
 

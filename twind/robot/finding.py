@@ -82,6 +82,7 @@ class Code(StrEnum):
     DEVICE_MISSING = "DEVICE_MISSING"
     DEVICE_MISMATCH = "DEVICE_MISMATCH"
     ARM_FAILED = "ARM_FAILED"
+    STOP_NOT_FOUND = "STOP_NOT_FOUND"  # a joint driven against its stop did not meet it as it should
     TORQUE_INHERITED = "TORQUE_INHERITED"
     CONFIG_REFUSED = "CONFIG_REFUSED"  # files, or changes of them, that are not taken: the old stay in force
     PATH_TOLERANCE = "PATH_TOLERANCE"

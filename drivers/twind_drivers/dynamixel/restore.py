@@ -111,7 +111,7 @@ def let_go(reader: DynamixelReader, servo: Servo) -> Script[None]:
             yield Write({servo.id: bytes(field.size)}, field.address)
             left = (yield from reader.read(servo.id, field.key)).value
             if left:
-                reason = f"still reads {left} and cannot be switched off: cut its supply"
+                reason = f"reads {left} and cannot be switched off: cut its supply"
                 raise DeviceRefused(reader.name, servo.id, f"{field.name} ({field.address})", reason)
 
 
