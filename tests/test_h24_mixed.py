@@ -94,22 +94,42 @@ def test_arming_energises_every_joint_with_its_watchdog_and_moves_none(mixed: Ri
     assert mixed.loop.state is State.ARMED
 
 
-@pytest.mark.parametrize(
-    ("radians", "words"), [(2.0 * np.pi, "a turn off: "), (-2.0, "nor a turn beside it is within its travel")]
-)
-def test_a_leg_whose_zero_is_elsewhere_is_not_energised(mixed: Rig, radians: float, words: str) -> None:
-    mixed.virtual["l_leg"].faults.zero_lost(4, radians)
+def test_a_leg_whose_zero_is_elsewhere_is_not_energised(mixed: Rig) -> None:
+    mixed.virtual["l_leg"].faults.zero_lost(4, -2.0)
     mixed.connect()
     mixed.call(link.AcquireLease)
     refused = mixed.call(link.Arm)
     assert refused.error == "Refused"
     [finding] = [each for each in refused.parameters["findings"] if each["code"] == Code.CALIB_MISMATCH]
     assert finding["joint"] == mixed.names.index("l_knee")
-    assert words in finding["message"]
+    assert "neither that nor a turn beside it is in its travel" in finding["message"]
     assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
-    mixed.virtual["l_leg"].faults.zero_lost(4, -radians)
+    mixed.virtual["l_leg"].faults.zero_lost(4, 2.0)
     mixed.seconds(0.1)
     assert mixed.call(link.Arm).error is None
+
+
+@pytest.mark.parametrize("turns", [-1, 1])
+def test_a_leg_that_woke_up_a_turn_off_is_put_right_and_driven_where_it_is(mixed: Rig, turns: int) -> None:
+    knee = mixed.names.index("l_knee")
+    mixed.virtual["l_leg"].faults.zero_lost(4, 2.0 * np.pi * turns)
+    mixed.arm()
+    assert mixed.loop.hardware.readings.shift[knee] == -turns * 16384
+    assert abs(mixed.loop.measured.position[knee]) < 0.002
+    before = nodes(mixed, "l_leg")[3]["position"]
+    mixed.submit(mixed.path("l_knee", [0.2], [1.0]))
+    mixed.seconds(2.0)
+    assert mixed.loop.measured.position[knee] == pytest.approx(0.2, abs=0.01)
+    assert abs(nodes(mixed, "l_leg")[3]["position"] - before) < 3000  # 0.2 rad, not a turn
+    assert mixed.loop.latches == {}
+
+
+def test_a_leg_two_turns_off_has_no_goals_there_and_is_refused(mixed: Rig) -> None:
+    mixed.virtual["l_leg"].faults.zero_lost(4, 4.0 * np.pi)
+    mixed.connect()
+    [finding] = mixed.loop.identity.troubles
+    assert finding.joint == mixed.names.index("l_knee")
+    assert "2 turns from where it was calibrated; its goals there" in finding.message
 
 
 def test_actuators_whose_watchdog_nobody_can_read_are_told_of_at_every_arming() -> None:

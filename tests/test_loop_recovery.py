@@ -185,14 +185,15 @@ def test_without_a_bus_to_write_to_a_latch_stops_the_simulation_until_reset(mode
 
 
 def test_a_robot_whose_joint_lost_a_turn_is_not_armed(live: Rig) -> None:
-    """Row 20: after a power cycle a count is one turn off. Nothing in its registers says so."""
+    """Row 20: a count is one turn off, and nothing in its registers says so."""
     live.connect()
     live.lease()
     live.virtual["main"].servos.muscles.position[6] += 4096
     live.ticks(5)
     reply = live.call(link.Arm)
-    assert codes(reply) == ["OUT_OF_LIMIT"]
+    assert codes(reply) == ["CALIB_MISMATCH"]
     assert reply.parameters["findings"][0]["joint"] == 6
+    assert "neither that nor a turn beside it is in its travel" in reply.parameters["findings"][0]["message"]
     assert not torques(live).any()
 
 

@@ -1,76 +1,145 @@
-"""Of a reading and the two a turn beside it exactly one must fit the travel, and that must be the reading."""
+"""Of a count and the turns beside it exactly one is taken, and must be in the travel; else nobody arms."""
 
 from dataclasses import replace
-from math import inf, nan, tau
 
 import numpy as np
 import pytest
-from guard_world import LIMITS, N
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twind.config.calibration_file import turn_band
 from twind.robot.finding import Code
-from twind.safety.turns import TOLERANCE, astray
+from twind.robot.turns import Turns
+from twind.safety.turns import chosen, expected, inside, strayed, unfit
 
-TURN = np.array([tau, tau, inf])[:N]
-LOW, HIGH = -1.0, 1.5
-TRAVEL = replace(LIMITS, hard_lower=np.full(N, LOW), hard_upper=np.full(N, HIGH))
-JUST = 1e-9
+WHOLE, FIRST, LAST, SLACK = 4096, 1500, 2600, 98
+MANY = 1_048_575
 
 
-def first(reading: float, limits: object = TRAVEL) -> str:
-    """What is said of joint 0; empty: nothing."""
-    found = astray(np.array([reading, 0.0, 0.0]), TURN, limits)  # type: ignore[arg-type]
+def turns(
+    first: int = FIRST, last: int = LAST, *, whole: int = WHOLE, falls: bool = False, begin: int = 0
+) -> Turns:
+    """Of one joint, in a mode of many turns unless it `falls`."""
+    numbers = {
+        "whole": whole,
+        "band": turn_band((first, last), whole)[0],
+        "first": first,
+        "last": last,
+        "slack": SLACK,
+        "least": 0 if falls else -MANY,
+        "most": whole - 1 if falls else MANY,
+        "lower": first + 20,
+        "upper": last - 20,
+        "begin": begin,
+    }
+    arrays = {name: np.array([number]) for name, number in numbers.items()}
+    return Turns(known=np.array([True]), falls=np.array([falls]), **arrays)
+
+
+def told(raw: int, of: Turns, *, on: bool = False) -> str:
+    """What is said of that reading; empty: nothing."""
+    shift = chosen(np.array([raw]), of)
+    found = unfit(np.array([raw]), shift, of, np.array([on]))
     assert all(each.code is Code.CALIB_MISMATCH and each.joint == 0 for each in found)
     assert len(found) < 2
     return found[0].message if found else ""
 
 
-@pytest.mark.parametrize("reading", [LOW, HIGH, 0.0, LOW - TOLERANCE + JUST, HIGH + TOLERANCE - JUST])
-def test_a_reading_in_the_travel_and_alone_there_is_fine(reading: float) -> None:
-    assert first(reading) == ""
+@given(st.integers(FIRST - SLACK, LAST + SLACK), st.integers(-200, 200))
+def test_a_reading_any_turns_off_is_put_right(count: int, off: int) -> None:
+    of, raw = turns(), count + off * WHOLE
+    shift = chosen(np.array([raw]), of)
+    assert raw + shift[0] == count
+    assert told(raw, of) == ""
 
 
-@pytest.mark.parametrize(
-    ("reading", "words"),
-    [
-        (LOW - TOLERANCE - JUST, "neither -1.150 rad nor a turn beside it"),
-        (HIGH + TOLERANCE + JUST, "neither 1.650 rad nor a turn beside it"),
-        (3.0, "zero lost?"),
-        (tau, "reads 6.283 rad, a turn off: 0.000 is within its travel -1.150..1.650"),
-        (-tau + 1.0, "a turn off: 1.000 is within"),
-        (2.0 * tau, "neither 12.566 rad"),
-        (nan, "neither nan rad"),
-        (inf, "neither inf rad"),
-    ],
+@given(
+    st.integers(-50_000, 50_000),
+    st.integers(-20_000, 20_000),
+    st.integers(1, 9000),
+    st.sampled_from([4096, 16384, 1_003_846]),
 )
-def test_a_reading_that_fits_nowhere_or_a_turn_off_is_said(reading: float, words: str) -> None:
-    assert words in first(reading)
-
-
-def test_a_travel_of_more_than_a_turn_cannot_be_told() -> None:
-    wide = replace(TRAVEL, hard_lower=np.full(N, -3.5), hard_upper=np.full(N, 3.5))
-    assert "-3.200 and 3.083 rad both fit" in first(-3.2, wide)
-    assert first(0.0, wide) == ""
-
-
-def test_who_tells_its_turn_itself_is_not_judged() -> None:
-    assert astray(np.array([0.0, 0.0, 100.0]), TURN, TRAVEL) == []
-    assert astray(np.array([0.0, 0.0, nan]), TURN, TRAVEL) == []
-
-
-def test_a_gear_makes_the_turn_of_the_joint_smaller() -> None:
-    found = astray(np.array([tau / 4, 0.0, 0.0]), TURN / 4, replace(TRAVEL, hard_upper=np.full(N, 0.2)))
-    assert "a turn off: 0.000" in found[0].message
-
-
-@given(st.floats(-30.0, 30.0), st.floats(0.1, 7.0), st.floats(-7.0, 7.0), st.floats(0.0, 7.0))
-def test_nothing_passes_that_is_outside_or_not_alone(
-    reading: float, turn: float, low: float, span: float
+def test_exactly_one_turn_is_in_the_band_and_nothing_passes_that_is_not_alone_in_the_travel(
+    raw: int, first: int, span: int, whole: int
 ) -> None:
-    limits = replace(TRAVEL, hard_lower=np.full(N, low), hard_upper=np.full(N, low + span))
-    if astray(np.array([reading, 0.0, 0.0]), np.array([turn, inf, inf]), limits) == []:
-        least, most = low - TOLERANCE, low + span + TOLERANCE
-        assert least <= reading <= most
-        assert not least <= reading + turn <= most
-        assert not least <= reading - turn <= most
+    of = turns(first, first + span, whole=whole)
+    shift = int(chosen(np.array([raw]), of)[0])
+    count = raw + shift
+    assert shift % whole == 0
+    assert of.band[0] <= count < of.band[0] + whole
+    if told(raw, of) == "":
+        least, most = first - SLACK, first + span + SLACK
+        assert span < whole
+        assert least <= count <= most
+        assert not least <= count - whole <= most
+        assert not least <= count + whole <= most
+
+
+@pytest.mark.parametrize("beyond", [FIRST - SLACK - 1, LAST + SLACK + 1, FIRST + WHOLE // 2])
+@pytest.mark.parametrize("off", [-2, 0, 1])
+def test_a_reading_that_fits_nowhere_is_said(beyond: int, off: int) -> None:
+    raw = beyond + off * WHOLE
+    assert f"reads {raw}: neither that nor a turn beside it is in its travel 1402..2698" in told(raw, turns())
+
+
+def test_the_ends_that_a_limp_joint_may_hang_at_are_inside() -> None:
+    for count in (FIRST - SLACK, LAST + SLACK):
+        assert told(count, turns()) == ""
+
+
+@pytest.mark.parametrize("raw", [0, 1500, 5595, -4000])
+def test_a_travel_of_a_turn_or_more_cannot_be_told_wherever_it_stands(raw: int) -> None:
+    assert "is a turn of its actuator (4096) or more" in told(raw, turns(1500, 1500 + 4096))
+
+
+def test_near_both_ends_of_a_travel_of_nearly_a_turn_nobody_can_tell() -> None:
+    of = turns(0, 4050)
+    assert told(2000, of) == ""
+    assert told(60, of) == ""
+    for raw in (20, 4040, 4090, -40):
+        assert "both fit its travel -98..4148" in told(raw, of)
+
+
+@pytest.mark.parametrize(("raw", "fine"), [(2000, True), (2000 + 4096, True), (2000 - 2 * 4096, False)])
+def test_a_turn_on_which_its_goals_cannot_be_sent_is_refused(raw: int, fine: bool) -> None:
+    of = replace(turns(), least=np.array([-4096]), most=np.array([8191]))
+    message = told(raw, of)
+    assert (message == "") == fine
+    if not fine:
+        assert "reads -6192, +2 turns from where it was calibrated" in message
+        assert "its goals there, -6672..-5612, are outside -4096..8191" in message
+
+
+def test_position_mode_is_off_by_turns_without_torque_only() -> None:
+    of = turns(falls=True)
+    assert told(2000 + 4096, of) == ""
+    assert told(2000, of, on=True) == ""
+    assert "with torque on, -1 turns from where it was calibrated" in told(2000 + 4096, of, on=True)
+
+
+@given(st.integers(-100_000, 100_000), st.integers(-1024, 1024))
+def test_at_torque_on_position_mode_reads_one_turn_and_its_offset(raw: int, offset: int) -> None:
+    (then,) = expected(np.array([raw]), turns(falls=True, begin=offset))
+    assert offset <= then < offset + WHOLE
+    assert (then - raw) % WHOLE == 0
+    assert expected(np.array([raw]), turns(begin=offset)).tolist() == [raw]
+
+
+def test_the_worked_example_of_a_count_that_falls_past_its_own_goal() -> None:
+    """ROBOTIS forum 7814: offset -512, 3700 without torque, -396 with it."""
+    assert expected(np.array([3700]), turns(falls=True, begin=-512)).tolist() == [-396]
+
+
+def test_who_leaves_its_travel_is_said_and_keeps_its_turn() -> None:
+    shift = np.array([4096])
+    assert not strayed(np.array([2000 - 4096]), shift, turns())
+    [finding] = strayed(np.array([FIRST - SLACK - 1 - 4096]), shift, turns())
+    assert (finding.value, finding.bound) == (FIRST - SLACK - 1, FIRST - SLACK)
+
+
+def test_who_was_never_measured_is_not_judged_and_stays_as_it_reads() -> None:
+    of = replace(turns(), known=np.array([False]), whole=np.array([0]))
+    for raw in (-100_000, 0, 100_000):
+        assert chosen(np.array([raw]), of).tolist() == [0]
+        assert inside(np.array([raw]), of).all()
+        assert told(raw, of) == ""

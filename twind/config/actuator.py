@@ -82,11 +82,6 @@ class TypeSpec(ABC):
         return None
 
     @property
-    def woken_turn(self) -> float:
-        """Rad of its output from which it may be off when it wakes up; inf: it tells its turn itself."""
-        return math.inf
-
-    @property
     def watched(self) -> bool:
         """Whether its own watchdog is armed and read back before torque."""
         return True
@@ -227,11 +222,6 @@ class CanType(TypeSpec):
     def fenced(self, mode: str) -> bool:
         """Never: it goes wherever the field can say."""
         return False
-
-    @property
-    def woken_turn(self) -> float:
-        """One turn: positions go on over several, and the encoder knows one of them."""
-        return math.tau
 
     @property
     def watched(self) -> bool:

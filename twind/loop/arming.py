@@ -19,6 +19,7 @@ from twind.loop.torque import loosen, take
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import State
 from twind.safety.states import Event
+from twind.safety.turns import expected
 from twind_drivers.bus import BusError
 
 if TYPE_CHECKING:
@@ -112,6 +113,7 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
     yield from all_of(hardware.prepare(present(loop)))
     held = yield from _aimed(loop)
     _require_undisturbed(loop)
+    _require_one_turn(loop)
     loop.energising = not inherited  # what was found energised is not ours to take away
     yield from all_of(hardware.torque(True))
     yield from ticks(3)
@@ -121,7 +123,28 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
         message = "jumped at torque-on; torque is off again"
         raise ArmFailed(Code.ARM_FAILED, joint, float(jump[joint]), JUMP, message)
+    if (late := hardware.readings.fallen()) is not None:
+        message = "did not fall back to one turn at torque-on, as position mode does: torque is off again"
+        shift = float(hardware.readings.shift[late])
+        raise ArmFailed(Code.CALIB_MISMATCH, late, shift, 0.0, message)
     return held
+
+
+def _require_one_turn(loop: Loop) -> None:
+    """A servo in position mode reads one turn from torque-on: that must be the one it was calibrated on, for
+    what was written as its goal is what it will read then (e-manual, "Operating Mode", note)."""
+    turns, readings = loop.joints.turns, loop.hardware.readings
+    if turns is None:
+        return
+    count, then = readings.raw.ticks + readings.shift, expected(readings.raw.ticks, turns)
+    other = turns.known & turns.falls & (count != then)
+    if other.any():
+        joint = int(np.argmax(other))
+        message = (
+            f"would read {then[joint]} at torque-on, not {count[joint]}: position mode knows one turn, and "
+            "it stands beyond its end; move it inside by hand, or set homing_offset (20) to 0 and calibrate"
+        )
+        raise ArmFailed(Code.CALIB_MISMATCH, joint, float(then[joint]), float(count[joint]), message)
 
 
 def _aimed(loop: Loop) -> Generator[None, float, Floats]:

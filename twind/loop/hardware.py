@@ -13,7 +13,7 @@ import numpy as np
 
 from twind.loop.ports import Link, Port, Task
 from twind.loop.procedures import all_of
-from twind.loop.readings import Readings, radians, ticks
+from twind.loop.readings import Readings, radians, reach, resolution, ticks
 from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
@@ -69,9 +69,8 @@ class Hardware:
         maps = [bus.turned(turns) for bus, turns in zip(joints.buses, self._turns, strict=True)]
         self.pairs = tuple(zip(self.ports, maps, strict=True))
         for _, bus in self.pairs:
-            self.resolution[bus.joints] = np.abs(bus.scale)
-            ends = radians(bus, bus.lower), radians(bus, bus.upper)
-            self.reach[0][bus.joints], self.reach[1][bus.joints] = np.minimum(*ends), np.maximum(*ends)
+            self.resolution[bus.joints] = resolution(bus)
+            self.reach[0][bus.joints], self.reach[1][bus.joints] = reach(bus)
         for number in range(len(self.ports)):
             self._bound(number)
 
@@ -131,7 +130,9 @@ class Hardware:
         return self._order(lambda writer, bus: writer.aim(ticks(bus, position)))
 
     def torque(self, on: bool) -> list[Task[None]]:
-        """Torque of every device, read back."""
+        """Torque of every device, read back; who falls back to one turn by it keeps its place."""
+        if on:
+            self.readings.expect()
         return self._order(lambda writer, _: writer.torque(on))
 
     def damp(self) -> list[Task[tuple[int, ...]]]:

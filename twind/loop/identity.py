@@ -15,12 +15,12 @@ import numpy as np
 from twind.loop import release, torque
 from twind.loop.ports import IDENTIFY_AGAIN, Link, Port
 from twind.loop.procedures import Rank
+from twind.loop.verified import Verified
 from twind.robot.arrays import some
 from twind.robot.finding import Code, Finding, Verdict
 from twind.robot.joints import BusMap
 from twind.robot.modes import Mode, State
 from twind.safety.states import Event
-from twind.safety.turns import astray
 from twind_drivers.bus import Device
 
 if TYPE_CHECKING:
@@ -51,20 +51,13 @@ class Identity:
         self._told = False  # that torque was found on
         self.missing: dict[str, tuple[Finding, ...]] = {}  # bus -> who is absent or another model
         self.mismatches: tuple[Finding, ...] = ()  # S09
+        self.verified = Verified(loop)
 
     @property
     def troubles(self) -> list[Finding]:
         """What stands between the robot and being armed, for the status."""
         missing = [finding for findings in self.missing.values() for finding in findings]
-        return [*missing, *self.mismatches, *self._astray()]
-
-    def _astray(self) -> Sequence[Finding]:
-        """Who woke up on another turn, or without its zero, as far as can be told now (S09)."""
-        loop = self._loop
-        turn = loop.joints.turn
-        if turn is None or loop.armed or loop.mode is Mode.SIM or not loop.hardware.connected:
-            return ()
-        return astray(loop.measured.position, turn, loop.parts.limits)
+        return [*missing, *self.mismatches, *self.verified.findings()]
 
     def watch(self, now: float) -> None:
         """Once per tick, after the exchange."""
@@ -74,6 +67,7 @@ class Identity:
         loop.hardware.lost.clear()
         for port, bus in loop.hardware.pairs:
             self._tend(port, bus, now)
+        self.verified.watch()
         self.settle_state(now)
         if loop.inherited and not self._told:
             message = "torque was found on; nothing is written until an operator arms or disarms"
@@ -105,6 +99,7 @@ class Identity:
     def restarted(self, findings: Sequence[Finding]) -> None:
         """Servos that began anew (R11): settings and turns may be gone, so their buses are asked anew."""
         joints = {finding.joint for finding in findings}
+        self.verified.mar(findings)
         for port, bus in self._loop.hardware.pairs:
             if not joints.isdisjoint(bus.joints.tolist()):
                 port.identify()
@@ -174,6 +169,7 @@ class Identity:
             self._again[port.name] = now + IDENTIFY_AGAIN
             return
         port.link = Link.CONNECTED
+        self.verified.identified(port, bus)
         self._found(now)
 
     def _unfit(self, port: Port, bus: BusMap) -> Iterator[Finding]:
@@ -221,7 +217,7 @@ class Identity:
             return
         verdict = self.judge(self._devices)
         self.mismatches = verdict.refusals
-        self._tell("warning", (*verdict.refusals, *verdict.warnings, *self._astray()))
+        self._tell("warning", (*verdict.refusals, *verdict.warnings))
         if loop.mode is Mode.MIRROR and np.isfinite(loop.measured.position).all() and loop.untouched:
             loop.enter(loop.mode)  # the simulation starts from the measured pose
 

@@ -49,6 +49,7 @@ def _tell(loop: Loop, judgement: Judgement) -> None:
     told = (*judgement.findings, *loop.parts.guard.bars)  # a second restart within a second is not told
     if restarted := [finding for finding in told if finding.code is Code.SERVO_REBOOTED]:
         loop.identity.restarted(restarted)
+    loop.identity.verified.mar([finding for finding in told if finding.code is Code.SERVO_ALERT])
 
 
 def _act(loop: Loop, judgement: Judgement, now: float) -> None:

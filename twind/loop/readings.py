@@ -13,6 +13,7 @@ from twind.loop.raw import Raw
 from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
+from twind.robot.transmission import forth
 from twind.safety.device_rules import ALERT
 from twind.safety.senses import Senses
 from twind_drivers.bus import Registers, Sample
@@ -26,7 +27,10 @@ def ticks(bus: BusMap, position: Floats) -> Ints:
 
     NaN and what no register holds become `NOWHERE`, which no clamp lets pass.
     """
-    exact = np.rint(bus.zero + position[bus.joints] / bus.scale)
+    angles = position[bus.joints]
+    for each in bus.linked:
+        each.angles(angles)
+    exact = np.rint(bus.zero + angles / bus.scale)
     # What a CPU makes of NaN as an integer is its own affair (0 on ARM, which may be a fine goal).
     wanted: Ints = np.where(np.abs(exact) < NOWHERE, exact, NOWHERE).astype(np.int64)
     return wanted
@@ -34,8 +38,61 @@ def ticks(bus: BusMap, position: Floats) -> Ints:
 
 def radians(bus: BusMap, place: Ints) -> Floats:
     """Positions (m,) of one bus in rad, from ticks (m,)."""
+    angle = _angles(bus, place)
+    for each in bus.linked:
+        each.position(angle)
+    return angle
+
+
+def _angles(bus: BusMap, place: Ints) -> Floats:
+    """What the actuators (m,) stand at: the positions, but of joints of transmissions."""
     angle: Floats = (place - bus.zero) * bus.scale
     return angle
+
+
+def velocities(bus: BusMap, place: Ints, raw: Floats | Ints) -> Floats:
+    """Velocities (m,) of one bus in rad/s, from raw ones (m,) read at ticks (m,)."""
+    speed = raw * bus.velocity_scale
+    for each in bus.linked:
+        each.velocity(_angles(bus, place), speed)
+    return speed
+
+
+def efforts(bus: BusMap, place: Ints, raw: Floats | Ints) -> Floats:
+    """Efforts (m,) of one bus in N·m, from raw ones (m,) read at ticks (m,); NaN of one is NaN of all that it
+    turns together with others."""
+    effort = raw * bus.effort_scale
+    for each in bus.linked:
+        each.effort(_angles(bus, place), effort)
+    return effort
+
+
+def resolution(bus: BusMap) -> Floats:
+    """How far a count takes the joints (m,) of one bus, rad: one of a transmission, a count of each of its
+    actuators."""
+    found = np.abs(bus.scale)
+    for each in bus.linked:
+        found[each.rows] = forth(each.law) @ found[each.rows]
+    return found
+
+
+def reach(bus: BusMap) -> tuple[Floats, Floats]:
+    """Positions (m,) between which a goal may leave (R22), rad. Counts of a transmission's actuators reach
+    further: not every place of theirs is one that its joints may have."""
+    angles = (bus.lower - bus.zero) * bus.scale, (bus.upper - bus.zero) * bus.scale
+    least, most = np.minimum(*angles), np.maximum(*angles)
+    for each in bus.linked:
+        least[each.rows], most[each.rows] = each.lower, each.upper
+    return least, most
+
+
+def heard_whole(bus: BusMap, heard: Bools, position: Floats) -> Bools:
+    """Joints (m,) that are known by actuators `heard` (m,): one of a transmission by all of its actuators,
+    where its `position` (m,) is in their table."""
+    known = heard.copy()
+    for each in bus.linked:
+        known[each.rows] = every(heard[each.rows]) and every(np.isfinite(position[each.rows]))
+    return known
 
 
 def where(bus: BusMap) -> slice | Ints:
@@ -99,7 +156,7 @@ class Readings:
         self.load = np.full(count, nan)  # share of the current limit, by amount; NaN unknown
         self.shift = np.zeros(count, np.int64)  # ticks, whole turns: calibrated counts are raw + shift
         self.heard_at = np.full(count, -inf)  # s
-        self._maps, self._period = joints.buses, period
+        self._maps, self._turns, self._period = joints.buses, joints.turns, period
         self._buses = list(joints.buses)  # the same, their zeros less the shift
         self._falling: list[Bools | None] = [None] * len(joints.buses)  # who may begin to count anew
         self._where = [where(bus) for bus in joints.buses]
@@ -119,20 +176,26 @@ class Readings:
         heard, senses, bus = sample.heard, self._senses[number], self._buses[number]
         places = self._where[number]
         self.raw.take(places, sample)
-        if every(heard) and senses.usual(sample.position, sample.sent, sample.received):
-            self.position[places] = radians(bus, sample.position)
-            self.velocity[places] = sample.velocity * bus.velocity_scale
+        usual = every(heard) and senses.usual(sample.position, sample.sent, sample.received)
+        if not usual:
+            heard = self._believe(number, sample)
+        position = radians(bus, sample.position)
+        if bus.linked:
+            heard = heard_whole(bus, heard, position)
+            usual = usual and every(heard)
+        if usual:
+            self.position[places] = position
+            self.velocity[places] = velocities(bus, sample.position, sample.velocity)
             effort = sample.effort if sample.effort_told is None else _told(sample)
-            self.effort[places] = effort * bus.effort_scale
+            self.effort[places] = efforts(bus, sample.position, effort)
             self.load[places] = np.abs(effort) * self._loads[number]
             self.heard_at[places] = sample.received
             return heard
-        heard = self._believe(number, sample)
         rows = bus.joints[heard]
-        self.position[rows] = radians(bus, sample.position)[heard]
-        self.velocity[rows] = (sample.velocity * bus.velocity_scale)[heard]
+        self.position[rows] = position[heard]
+        self.velocity[rows] = velocities(bus, sample.position, sample.velocity)[heard]
         effort = _told(sample)
-        self.effort[rows] = (effort * bus.effort_scale)[heard]
+        self.effort[rows] = efforts(bus, sample.position, effort)[heard]
         self.load[rows] = (np.abs(effort) * self._loads[number])[heard]
         self.heard_at[rows] = sample.received
         return heard
@@ -140,17 +203,31 @@ class Readings:
     def turn(self, number: int, shift: Ints) -> None:
         """The whole turns (m,) that the counts of a bus lack, in ticks; positions already read go along."""
         places = self._where[number]
-        self.position[places] += (shift - self.shift[places]) * self._maps[number].scale
+        moved = self.position[places] + (shift - self.shift[places]) * self._maps[number].scale
         self._shift(number, shift)
+        anew = radians(self._buses[number], self.raw.ticks[places])
+        for each in self._maps[number].linked:  # theirs do not add up
+            moved[each.rows] = np.where(np.isfinite(moved[each.rows]), anew[each.rows], nan)
+        self.position[places] = moved
         self._falling[number] = None
 
-    def expect(self, number: int, falling: Bools | None) -> None:
-        """Who of a bus (m,) is about to count anew, from the turn that it was calibrated on; None: nobody."""
-        self._falling[number] = falling
+    def expect(self) -> None:
+        """Torque comes on: who is off by turns and falls back to one by it is about to count anew."""
+        for number, places in enumerate(self._where):
+            falling = None if self._turns is None else self._turns.falls[places] & (self.shift[places] != 0)
+            self._falling[number] = falling if falling is not None and some(falling) else None
+
+    def fallen(self) -> int | None:
+        """From now on nobody counts anew. The first joint that was to, and has not; None: all have."""
+        late = np.zeros(len(self.shift), np.bool_)
+        for number, places in enumerate(self._where):
+            falling, self._falling[number] = self._falling[number], None
+            late[places] = False if falling is None else falling & (self.shift[places] != 0)
+        return int(np.argmax(late)) if some(late) else None
 
     def rejoin(self, joints: JointMap) -> None:
         """The same joints in other ranges; zeros and who is where stay."""
-        self._maps = joints.buses
+        self._maps, self._turns = joints.buses, joints.turns
         for number, places in enumerate(self._where):
             self._shift(number, self.shift[places])
 

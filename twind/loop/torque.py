@@ -66,6 +66,7 @@ def loosen(loop: Loop) -> Procedure:
             loop.energising = False  # who is still on stands in the registers, and is reported as inherited
             raise
         loop.energising = loop.unconfirmed = False
+        loop.hardware.readings.fallen()
         return
 
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from twind.robot.arrays import Floats, Ints
+from twind.robot.transmission import Linked
+from twind.robot.turns import Turns
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class BusMap:
     upper: Ints  # ticks: the largest
     fastest: Floats  # ticks/s that the motor turns at most, by its type (R13)
     load_scale: Floats | None = None  # share of the current limit per count of effort; NaN unknown; None: all
+    linked: tuple[Linked, ...] = ()  # transmissions; what the factors give of their rows is their actuators'
 
     def turned(self, shift: Ints) -> "BusMap":
         """The same joints in counts that are `shift` (m,) ticks smaller: those of the wire, off by turns."""
@@ -38,8 +41,7 @@ class JointMap:
     names: tuple[str, ...]
     buses: tuple[BusMap, ...]
     calibrated: tuple[bool, ...]
-    # (n,) rad of the joint in a turn of an actuator that may wake up on another; inf, or None: it cannot.
-    turn: Floats | None = None
+    turns: Turns | None = None  # on which of its turns each actuator stands; None: as it reads
     unwatched: tuple[int, ...] = ()  # joints whose actuator cannot show that its own watchdog is armed
 
     def __len__(self) -> int:

@@ -19,7 +19,7 @@ import numpy as np
 from twind.robot.arrays import Floats, Ints
 
 MOST_CONDITION = 100.0  # beyond it one per cent of an actuator's angle or torque may be all of a joint's
-EDGE = 25  # places along each edge of a box of joint angles
+EDGE = 13  # places along each edge of a box of joint angles
 
 
 class Transmission(Protocol):

@@ -1,48 +1,123 @@
-"""Did an actuator wake up on the turn that it was calibrated on? Pure.
+"""On which turn does an actuator stand? Pure.
 
-An encoder of one turn says less than a position that goes on over several: after power-off the reading may be
-a whole turn off, or anywhere where the zero was lost. Of the reading and the two a turn beside it exactly one
-must lie in the joint's travel, and that must be the reading; else nobody arms.
+A count says where in a turn an actuator is; of how often it has turned, power-off leaves nothing (field
+devices with one absolute turn). Of a count and those whole turns beside it exactly one lies in the band that
+the travel is the middle of, and that one must lie in the travel: else nobody arms.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Bools, Ints
 from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
+from twind.robot.turns import Turns
 
-TOLERANCE = 0.15  # rad beyond the hard limits that a limp joint may hang at
-BESIDE = (0, -1, 1)  # turns
-
-_REMEDY = "find out why, move it into its travel by hand with torque off, or calibrate anew"
+_BY_HAND = "move it into its travel by hand with torque off, or calibrate anew"
 
 
-def astray(position: Floats, turn: Floats, limits: Limits) -> Sequence[Finding]:
-    """Joints whose reading (n,) rad cannot be told from one a turn (n,) rad beside it, or fits nowhere.
+def chosen(raw: Ints, turns: Turns) -> Ints:
+    """The whole turns (n,), in ticks, that bring counts as read into their bands; 0 of who has none."""
+    whole = np.where(turns.known, turns.whole, 1)
+    shift: Ints = np.where(turns.known, -((raw - turns.band) // whole) * whole, 0)
+    return shift
 
-    `turn`: of the actuator, at the joint; inf: it tells its turn itself, and is not judged. NaN fits nowhere.
-    """
-    judged = np.flatnonzero(turn < np.inf)
+
+def inside(count: Ints, turns: Turns) -> Bools:
+    """Whose calibrated count (n,) lies in its travel, or as near as it may hang; all who have none."""
+    within = (count >= turns.first - turns.slack) & (count <= turns.last + turns.slack)
+    return within | ~turns.known
+
+
+def unfit(raw: Ints, shift: Ints, turns: Turns, energised: Bools) -> Sequence[Finding]:
+    """Who cannot be told, or not be commanded, on the turn (n,) chosen. `energised` (n,): with torque on."""
+    count = raw + shift
+    wide = turns.last - turns.first >= turns.whole
+    another = (count - turns.whole >= turns.first - turns.slack) | (
+        count + turns.whole <= turns.last + turns.slack
+    )
+    low, high = turns.lower - shift, turns.upper - shift
+    beyond = np.where(turns.falls, energised & (shift != 0), (low < turns.least) | (high > turns.most))
     found = []
-    for joint in judged.tolist():
-        low, high = float(limits.hard_lower[joint]) - TOLERANCE, float(limits.hard_upper[joint]) + TOLERANCE
-        reading, whole = float(position[joint]), float(turn[joint])
-        fitting = [beside for beside in BESIDE if low <= reading + beside * whole <= high]
-        if fitting != [0]:
-            bound = low if reading < low else high
-            message = _why(fitting, reading, whole, low, high)
-            found.append(Finding(Code.CALIB_MISMATCH, joint, value=reading, bound=bound, message=message))
+    for joint in np.flatnonzero(turns.known & (wide | another | ~inside(count, turns) | beyond)).tolist():
+        row = _Row(joint, int(raw[joint]), int(shift[joint]), turns)
+        if wide[joint]:
+            found.append(row.wide())
+        elif not inside(count, turns)[joint]:
+            found.append(row.lost())
+        elif another[joint]:
+            found.append(row.another())
+        else:
+            found.append(row.beyond())
     return found
 
 
-def _why(fitting: list[int], reading: float, whole: float, low: float, high: float) -> str:
-    travel = f"its travel {low:.3f}..{high:.3f}"
-    if not fitting:
-        return f"neither {reading:.3f} rad nor a turn beside it is within {travel}: zero lost? {_REMEDY}"
-    if len(fitting) > 1:
-        both = " and ".join(f"{reading + beside * whole:.3f}" for beside in fitting)
-        return f"{both} rad both fit {travel}: nobody can tell which turn it is on; narrow limits_rad"
-    right = reading + fitting[0] * whole
-    return f"reads {reading:.3f} rad, a turn off: {right:.3f} is within {travel}; {_REMEDY}"
+def strayed(raw: Ints, shift: Ints, turns: Turns) -> Sequence[Finding]:
+    """Who has left its travel since its turn was chosen."""
+    outside = np.flatnonzero(~inside(raw + shift, turns)).tolist()
+    return [_Row(joint, int(raw[joint]), int(shift[joint]), turns).lost() for joint in outside]
+
+
+def expected(raw: Ints, turns: Turns) -> Ints:
+    """What readings (n,) become at torque-on: who counts anew reads its one turn then."""
+    whole = np.where(turns.falls, turns.whole, 1)
+    anew: Ints = np.where(turns.falls, turns.begin + (raw - turns.begin) % whole, raw)
+    return anew
+
+
+class _Row:
+    """One joint, in words. Values and bounds are ticks."""
+
+    def __init__(self, joint: int, raw: int, shift: int, turns: Turns) -> None:
+        self.joint, self.raw, self.shift, self.count = joint, raw, shift, raw + shift
+        self.whole = int(turns.whole[joint])
+        self.low, self.high = (
+            int(turns.first[joint] - turns.slack[joint]),
+            int(turns.last[joint] + turns.slack[joint]),
+        )
+        self.least, self.most = int(turns.least[joint]), int(turns.most[joint])
+        self.falls, self.goals = bool(turns.falls[joint]), (int(turns.lower[joint]), int(turns.upper[joint]))
+
+    def lost(self) -> Finding:
+        bound = self.low if self.count < self.low else self.high
+        text = (
+            f"reads {self.raw}: neither that nor a turn beside it is in its travel "
+            f"{self.low}..{self.high}: zero lost? find out why, {_BY_HAND}"
+        )
+        return self._finding(self.count, bound, text)
+
+    def wide(self) -> Finding:
+        span = self.high - self.low
+        text = (
+            f"its travel of {span} ticks is a turn of its actuator ({self.whole}) or more: nobody can tell "
+            "which turn it is on; it can only be driven with a smaller ratio, or narrower stops"
+        )
+        return self._finding(span, self.whole, text)
+
+    def another(self) -> Finding:
+        other = self.count - self.whole if self.count - self.whole >= self.low else self.count + self.whole
+        text = (
+            f"{self.count} and {other}, a turn away, both fit its travel {self.low}..{self.high}: nobody can "
+            "tell which turn it is on; move it to its middle by hand with torque off"
+        )
+        return self._finding(self.count, other, text)
+
+    def beyond(self) -> Finding:
+        turns = self.shift // self.whole
+        first, last = (goal - self.shift for goal in self.goals)
+        if self.falls:
+            text = (
+                f"reads {self.raw} with torque on, {turns:+d} turns from where it was calibrated, and "
+                "position mode takes no goals there: let go of it (`twindctl disarm`)"
+            )
+            return self._finding(self.raw, self.count, text)
+        text = (
+            f"reads {self.raw}, {turns:+d} turns from where it was calibrated; its goals there, "
+            f"{first}..{last}, are outside {self.least}..{self.most}, what it takes: switch its power off "
+            "and on"
+        )
+        out_low = first < self.least
+        return self._finding(first if out_low else last, self.least if out_low else self.most, text)
+
+    def _finding(self, value: int, bound: int, text: str) -> Finding:
+        return Finding(Code.CALIB_MISMATCH, self.joint, value=float(value), bound=float(bound), message=text)

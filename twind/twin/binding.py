@@ -12,21 +12,20 @@ import mujoco
 import numpy as np
 
 from twind.config.calibration_file import Calibration, JointCalibration
-from twind.config.counts import angle_of, centre_of, rad_per_tick, tick_range
+from twind.config.counts import rad_per_tick
 from twind.config.located import place
-from twind.config.robot_spec import JointSpec, RobotFile
+from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.limits import Limits
 from twind.robot.ratings import Ratings
+from twind.robot.transmission import Linked
+from twind.robot.turns import Turns
+from twind.twin.linked import strength
+from twind.twin.reach import BindingError, Reach, reaches, turn_begin
 
-BEYOND = 0.05  # rad, hard limits past the robot file's (design 6.4)
-ROUNDING = 0.499  # counts: a goal this close to a servo's own limit still rounds to inside it
+ASTRAY = 0.15  # rad beyond its measured travel that a limp joint may hang at
 TOLERANCE = 1e-9  # rad, when ranges are compared
-
-
-class BindingError(Exception):
-    """A robot file, its model and its calibration that do not go together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +54,7 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
     known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
     joints = [_model_joint(model, joint, robot) for joint in robot.joints]
     _require_all_mapped(robot, model, set(joints))
-    zeros, reach = _reaches(robot, known, model, joints)
+    zeros, reach = reaches(robot, known, model, joints)
     return Binding(
         robot=robot,
         model=model,
@@ -83,7 +82,7 @@ def rebound(binding: Binding, robot: RobotFile, calibration: Calibration | None)
     """
     known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
     joints = [_model_joint(binding.model, joint, robot) for joint in robot.joints]
-    zeros, reach = _reaches(robot, known, binding.model, joints)
+    zeros, reach = reaches(robot, known, binding.model, joints)
     return replace(
         binding,
         robot=robot,
@@ -177,85 +176,65 @@ def _actuator(model: Any, number: int, name: str, robot: RobotFile) -> int:
     return int(model.actuator_ctrladr[actuator])
 
 
-# ------------------------------------------------------------------------------------------- the limits
-
-
-@dataclass(frozen=True, slots=True)
-class _Reach:
-    """How far one joint may go: accepted, hard, and in counts. rad and ticks."""
-
-    lower: float
-    upper: float
-    hard_lower: float
-    hard_upper: float
-    first: int
-    last: int
-
-
-def _reach(joint: JointSpec, zero: int, entry: JointCalibration | None, model_range: Floats | None) -> _Reach:
-    """The tightest of robot file, measured travel, the servo's own limits and the model."""
-    hard_lower, hard_upper = joint.lower - BEYOND, joint.upper + BEYOND
-    if model_range is not None:
-        hard_lower, hard_upper = (
-            max(hard_lower, float(model_range[0])),
-            min(hard_upper, float(model_range[1])),
-        )
-    recorded = None if entry is None else (entry.device.min_ticks, entry.device.max_ticks)
-    least, most = joint.type.goals(joint.mode, recorded)
-    if entry is not None:
-        ends = sorted(angle_of(joint, zero, ticks) for ticks in entry.sweep_ticks)
-        hard_lower, hard_upper = max(hard_lower, ends[0]), min(hard_upper, ends[1])
-    first, last = tick_range(joint, zero, hard_lower, hard_upper)
-    first, last = max(first, least), min(last, most)
-    if first >= last:
-        raise BindingError(
-            f"{joint.name}: no count is inside its limits, its travel and the servo's own {least}..{most} "
-            f"(zero {zero}): remount the horn, or correct those (of a servo registers 48 and 52), then "
-            "calibrate again"
-        )
-    # A goal is rounded to the nearest count, and that must be one the servo takes.
-    edge = ROUNDING * abs(rad_per_tick(joint))
-    own, sent = (sorted(angle_of(joint, zero, u) for u in pair) for pair in ((least, most), (first, last)))
-    hard_lower, hard_upper = max(hard_lower, own[0] - edge), min(hard_upper, own[1] + edge)
-    return _Reach(
-        lower=max(joint.lower, hard_lower, sent[0] - edge),
-        upper=min(joint.upper, hard_upper, sent[1] + edge),
-        hard_lower=hard_lower,
-        hard_upper=hard_upper,
-        first=first,
-        last=last,
-    )
-
-
-def _reaches(
-    robot: RobotFile, known: Mapping[str, JointCalibration], model: Any, joints: list[int]
-) -> tuple[list[int], list[_Reach]]:
-    """The zero (ticks) of each joint, and how far it may go; `joints`: their numbers in the model."""
-    zeros = [known[j.name].zero_ticks if j.name in known else centre_of(j.type) for j in robot.joints]
-    ranges = [model.jnt_range[number] if model.jnt_limited[number] else None for number in joints]
-    reach = [
-        _reach(joint, zero, known.get(joint.name), own)
-        for joint, zero, own in zip(robot.joints, zeros, ranges, strict=True)
-    ]
-    return zeros, reach
+# ------------------------------------------------------------------------------------------- the map
 
 
 def _joint_map(
-    robot: RobotFile, known: Mapping[str, JointCalibration], zeros: list[int], reach: list[_Reach]
+    robot: RobotFile, known: Mapping[str, JointCalibration], zeros: list[int], reach: list[Reach]
 ) -> JointMap:
     return JointMap(
         names=robot.names,
         buses=tuple(_bus_map(robot, bus.name, zeros, reach) for bus in robot.buses),
-        calibrated=tuple(joint.name in known for joint in robot.joints),
-        turn=frozen([joint.type.woken_turn / joint.ratio for joint in robot.joints]),
+        calibrated=_calibrated(robot, known),
+        turns=_turns(robot, known, reach),
         unwatched=tuple(place for place, joint in enumerate(robot.joints) if not joint.type.watched),
     )
 
 
-def _limits(robot: RobotFile, reach: list[_Reach]) -> Limits:
-    def effort(joint: JointSpec) -> float:
-        return joint.ratio * joint.type.effort_limit_nm
+def _calibrated(robot: RobotFile, known: Mapping[str, JointCalibration]) -> tuple[bool, ...]:
+    """A joint is where its zero was measured; one of a transmission where those of all its actuators were."""
+    whole = {
+        name: all(actuator in known for actuator in each.actuators)
+        for each in robot.transmissions
+        for name in each.joints
+    }
+    return tuple(whole.get(joint.name, joint.actuator in known) for joint in robot.joints)
 
+
+def _turns(robot: RobotFile, known: Mapping[str, JointCalibration], reach: list[Reach]) -> Turns:
+    """On which turn each actuator was calibrated."""
+    entries = [known.get(joint.actuator) for joint in robot.joints]
+    sweeps = [(0, 0) if entry is None else entry.sweep_ticks for entry in entries]
+    goals = [
+        joint.type.goals(
+            joint.mode, None if entry is None else (entry.device.min_ticks, entry.device.max_ticks)
+        )
+        for joint, entry in zip(robot.joints, entries, strict=True)
+    ]
+    return Turns(
+        known=np.array([entry is not None for entry in entries], np.bool_),
+        whole=np.array([joint.type.ticks_per_turn for joint in robot.joints], np.int64),
+        band=np.array([0 if entry is None else entry.turn_band_ticks[0] for entry in entries], np.int64),
+        first=np.array([sweep[0] for sweep in sweeps], np.int64),
+        last=np.array([sweep[1] for sweep in sweeps], np.int64),
+        slack=np.array([round(ASTRAY / abs(rad_per_tick(joint))) for joint in robot.joints], np.int64),
+        least=np.array([least for least, _ in goals], np.int64),
+        most=np.array([most for _, most in goals], np.int64),
+        lower=np.array([each.first for each in reach], np.int64),
+        upper=np.array([each.last for each in reach], np.int64),
+        falls=np.array([joint.type.fenced(joint.mode) for joint in robot.joints], np.bool_),
+        begin=np.array(
+            [turn_begin(joint, entry) for joint, entry in zip(robot.joints, entries, strict=True)]
+        ),
+    )
+
+
+def _limits(robot: RobotFile, reach: list[Reach]) -> Limits:
+    effort = {joint.name: joint.ratio * joint.type.effort_limit_nm for joint in robot.joints}
+    by_name = {joint.name: joint for joint in robot.joints}
+    for each in robot.transmissions:
+        given = strength(each.law, [by_name[name] for name in each.joints])
+        effort |= zip(each.joints, given.tolist(), strict=True)
     return Limits(
         lower=frozen([each.lower for each in reach]),
         upper=frozen([each.upper for each in reach]),
@@ -263,7 +242,7 @@ def _limits(robot: RobotFile, reach: list[_Reach]) -> Limits:
         hard_upper=frozen([each.hard_upper for each in reach]),
         velocity=frozen([joint.velocity_limit for joint in robot.joints]),
         acceleration=frozen([joint.acceleration_limit for joint in robot.joints]),
-        effort=frozen([effort(joint) for joint in robot.joints]),
+        effort=frozen([effort[joint.name] for joint in robot.joints]),
     )
 
 
@@ -283,7 +262,7 @@ def _ratings(robot: RobotFile) -> Ratings:
     )
 
 
-def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[_Reach]) -> BusMap:
+def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[Reach]) -> BusMap:
     """The joints of one bus, by id."""
     places = sorted(
         (place for place, joint in enumerate(robot.joints) if joint.bus == bus),
@@ -302,4 +281,22 @@ def _bus_map(robot: RobotFile, bus: str, zeros: list[int], reach: list[_Reach]) 
         upper=np.array([reach[place].last for place in places], np.int64),
         fastest=frozen([j.type.velocity_limit_rad_s * j.type.ticks_per_turn / math.tau for j in joints]),
         load_scale=frozen([1.0 / j.type.full_effort for j in joints]),
+        linked=tuple(
+            _link(each, [joint.name for joint in joints], dict(zip(robot.names, reach, strict=True)))
+            for each in robot.transmissions
+            if each.bus == bus
+        ),
     )
+
+
+def _link(spec: TransmissionSpec, names: list[str], reach: Mapping[str, Reach]) -> Linked:
+    """A transmission among the joints `names` of its bus."""
+    return Linked(
+        rows=np.array([names.index(name) for name in spec.joints], np.int64),
+        law=spec.law,
+        lower=frozen([reach[name].hard_lower for name in spec.joints]),
+        upper=frozen([reach[name].hard_upper for name in spec.joints]),
+    )
+
+
+__all__ = ["Binding", "BindingError", "bind", "rebound"]
