@@ -242,3 +242,16 @@ def test_a_pose_is_split_among_the_buses_and_off_lets_go_of_all() -> None:
     for bus in virtual.values():
         bus.advance(2.0)
     assert {joint: angle(made, virtual, joint, 2.0) for joint in wish} == pytest.approx(wish, abs=0.003)
+
+
+def test_who_is_turned_over_hangs_another_way_and_no_body_no_base_is_said() -> None:
+    made, virtual = robot(True)
+    bus = virtual["main"]
+    upright = angle(made, virtual, "l_shoulder_pitch", 1.0)
+    bus.faults.lay("back")
+    bus.advance(4.0)
+    assert abs(angle(made, virtual, "l_shoulder_pitch", 4.0) - upright) > 0.5
+    with pytest.raises(KeyError, match="no base 'head'; there are upright"):
+        bus.faults.lay("head")
+    with pytest.raises(ValueError, match="no body"):
+        robot(False)[1]["main"].faults.lay("back")

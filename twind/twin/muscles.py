@@ -14,7 +14,7 @@ import numpy as np
 
 from twind.config.robot_spec import RobotFile
 from twind.robot.arrays import Bools, Floats
-from twind.twin.base_pose import UPRIGHT, gravity, lay_down
+from twind.twin.base_pose import BASES, UPRIGHT, gravity, lay_down
 from twind.twin.motor import STEP, Drive, Loops, Motor, Places
 
 __all__ = ["Diverged", "Motor", "MujocoMuscles", "Part", "body_of"]
@@ -87,6 +87,8 @@ class MujocoMuscles:
 
     def lay(self, base: str) -> None:
         """Hold the base as `base_pose.BASES` names it, from now on. Raises KeyError: it names none such."""
+        if base not in BASES:
+            raise KeyError(f"lay: no base {base!r}; there are {', '.join(BASES)}")
         self.model.opt.gravity[:] = gravity(base, self.model.opt.gravity)
 
     def advance(self, now: float) -> None:
@@ -137,6 +139,10 @@ class Part:
         """As `MujocoMuscles.grip`."""
         self._loops.grip(self._at, place, speed)
 
+    def lay(self, base: str) -> None:
+        """As `MujocoMuscles.lay`: of the whole body."""
+        self._whole.lay(base)
+
     def advance(self, now: float) -> None:
         """The whole body advances; the other buses see it when they do."""
         self._whole.advance(now)
@@ -177,6 +183,10 @@ class ImpedancePart:
         """Where hands take limp shafts (rad, rad/s; NaN: nobody); `drive` must follow."""
         self._loops.grip_shaft(self._at, place, speed)
         self._gains[:] = np.nan
+
+    def lay(self, base: str) -> None:
+        """As `MujocoMuscles.lay`: of the whole body."""
+        self._whole.lay(base)
 
     def advance(self, now: float) -> None:
         """The whole body advances; the other buses see it when they do. Raises Diverged."""

@@ -35,6 +35,12 @@ class Frame:
         return self.direction * place + self.shift
 
 
+def margined(joint: JointSpec) -> tuple[float, float]:
+    """How far a slot turns in a sweep by hand where nothing stops it, rad."""
+    lower, upper = joint.span
+    return lower - SWEEP_MARGIN, upper + SWEEP_MARGIN
+
+
 def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
     """Where its encoder is at joint angle 0: as the truth says, else the same for the same names.
 
@@ -43,7 +49,7 @@ def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
     if truth.zero_ticks is not None:
         return truth.zero_ticks
     turn, start = joint.type.ticks_per_turn, turn_start(joint.type)
-    low, high = tick_range(joint, 0, joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
+    low, high = tick_range(joint, 0, *margined(joint))
     first, last = start + SEAM - low, start + turn - 1 - SEAM - high
     if first > last:
         raise SpecimenError(f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}")
@@ -90,7 +96,7 @@ def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> lis
 
 def fenced(spec: ServoSpec, joint: JointSpec, zero: int, frame: Frame) -> ServoSpec:
     """With its own limits around the travel; as delivered where one turn of registers cannot hold that."""
-    ends = tick_range(joint, zero, joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
+    ends = tick_range(joint, zero, *margined(joint))
     low, high = sorted(frame.shown(end) for end in ends)
     register = table(number_of(spec.model), spec.firmware)["min_position_limit"]
     if not (register.takes(low) and register.takes(high)):

@@ -14,7 +14,6 @@ import numpy as np
 
 from twind.config.actuator import CAN
 from twind.config.calibration_file import (
-    SWEEP_MARGIN,
     Calibration,
     JointCalibration,
     dump_calibration,
@@ -24,7 +23,7 @@ from twind.config.calibration_file import (
     text_hash,
     turn_band,
 )
-from twind.config.counts import ticks_of, turn_start
+from twind.config.counts import slot_angles, ticks_of, turn_start
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.twin.base_pose import UPRIGHT
 from twind.twin.muscles import MujocoMuscles, body_of
@@ -39,7 +38,7 @@ from twind.virtual.bench import (
     virtual_bus,
 )
 from twind.virtual.nodes import device, node, unloaded
-from twind.virtual.seats import Frame, fenced, frames_of, hinge_of, servo_of, zero_of
+from twind.virtual.seats import Frame, fenced, frames_of, hinge_of, margined, servo_of, zero_of
 from twind.virtual.truth import Truth, mechanical_stops, refuse_impossible
 from twind_drivers.bus import Device
 from twind_drivers.dynamixel.tables import number_of, table
@@ -155,7 +154,7 @@ def _swept(made: Specimen, entry: JointCalibration, holder: str) -> JointCalibra
     joint = made.wired.joints[made.robot.names.index(holder)]
     ends = made.hinge(holder).stops
     if not all(map(math.isfinite, ends)):
-        ends = (joint.lower - SWEEP_MARGIN, joint.upper + SWEEP_MARGIN)
+        ends = margined(joint)
     places = (ticks_of(joint, made.zeros[holder], end) for end in ends)
     low, high = sorted(map(made.frames[holder].shown, places))
     turn = joint.type.ticks_per_turn
@@ -267,5 +266,5 @@ def _places(made: Specimen, bus: BusSpec) -> list[int]:
 
 def _start(made: Specimen, bus: BusSpec) -> list[int]:
     """Counts of the joints of a bus in the rest pose."""
-    rest = made.robot.poses["rest"]
+    rest = slot_angles(made.robot, made.robot.poses["rest"])
     return [ticks_of(joint, made.zeros[joint.name], rest[joint.name]) for joint in made.joints(bus.name)]

@@ -34,7 +34,9 @@ class JointTruth:
 
     zero_ticks: int | None = None  # at joint angle 0, anywhere; None: scattered, clear of the seam
     sign: int | None = None  # +1, -1: how the bare encoder counts; None: as the robot file says
-    stops_rad: tuple[float, float] | None = None  # mechanical ends of the joint; None: the model's range
+    stops_rad: tuple[float, float] | None = (
+        None  # mechanical ends of the joint; None: as described, else the model's
+    )
     friction_nm: float | None = None  # dry; None: the model's. Joints without load have none
     backlash_ticks: float = 0.0  # play between encoder and joint, from one side to the other
     turns: int = 0  # the count starts off by so many, until it is lost
@@ -164,10 +166,14 @@ def _refuse_registers(joint: JointSpec, each: JointTruth) -> None:
 
 
 def mechanical_stops(robot: RobotFile, truth: Truth) -> Mapping[str, tuple[float, float]]:
-    """Where joints end, rad: by the truth, else the model's range; the others turn freely."""
+    """Where joints end, rad: by the truth, else as described, else the model's range."""
     found = dict(ranges_of(robot))
-    for name in robot.names:
-        found[name] = truth.of(name).stops_rad or found.get(name, (-math.inf, math.inf))
+    for joint in robot.joints:
+        free = (-math.inf, math.inf)  # a slot of a transmission ends where its joints do
+        low, high = free if joint.transmission else found.get(joint.name, free)
+        low = low if joint.stops.lower is None else joint.stops.lower
+        high = high if joint.stops.upper is None else joint.stops.upper
+        found[joint.name] = truth.of(joint.name).stops_rad or (low, high)
     return found
 
 

@@ -70,6 +70,9 @@ class Muscles(Protocol):
         Where torque is on a hand slips.
         """
 
+    def lay(self, base: str) -> None:
+        """From now on the base of the robot is held so. Raises KeyError: no such way, ValueError: no body."""
+
     def advance(self, now: float) -> None:
         """Let the time pass until `now` (s). A time already passed does nothing."""
 
@@ -150,6 +153,10 @@ class FirstOrder:
         """See `Muscles.grip`. A hand goes through everything but a stop and what is held fast."""
         self._hand, self._reach = place.copy(), speed.copy()
         self._look()
+
+    def lay(self, base: str) -> None:
+        """See `Muscles.lay`."""
+        raise ValueError("lay: these are joints without load, which no body holds together")
 
     def fence(self, lower: Floats, upper: Floats) -> None:
         """Mechanical stops (ticks), hard: who pushes against one is jammed there."""

@@ -36,6 +36,10 @@ class Slack:
         """See `Muscles.grip`: a hand holds the joint, not the encoder."""
         self._muscles.grip(place, speed)
 
+    def lay(self, base: str) -> None:
+        """See `Muscles.lay`."""
+        self._muscles.lay(base)
+
     def advance(self, now: float) -> None:
         """See `Muscles.advance`."""
         self._muscles.advance(now)

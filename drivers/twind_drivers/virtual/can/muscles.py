@@ -50,6 +50,9 @@ class CanMuscles(Protocol):
         Where torque is on a hand slips.
         """
 
+    def lay(self, base: str) -> None:
+        """From now on the base of the robot is held so. Raises KeyError: no such way, ValueError: no body."""
+
     def advance(self, now: float) -> None:
         """Let the time pass until `now` (s). A time already passed does nothing."""
 
@@ -94,6 +97,10 @@ class FirstOrderCan:
     def grip(self, place: Floats, speed: Floats) -> None:
         """See `CanMuscles.grip`."""
         self._hand, self._reach = place.copy(), speed.copy()
+
+    def lay(self, base: str) -> None:
+        """See `CanMuscles.lay`."""
+        raise ValueError("lay: these are shafts without load, which no body holds together")
 
     def fence(self, lower: Floats, upper: Floats) -> None:
         """Mechanical stops (rad), hard."""

@@ -151,6 +151,10 @@ class NodeFaults:
         rows = None if id is None else self.rows(id)
         order(self.hands, rows, to=to, rad=rad, speed=speed, off=off, pose=pose)
 
+    def lay(self, base: str) -> None:
+        """Somebody turns the robot over: its base is held so from now on. Raises KeyError, ValueError."""
+        self._nodes.motors.muscles.lay(base)
+
     def freeze(self, id: int, on: bool = True) -> None:
         """The place that it tells repeats its value, wherever the shaft goes. Raises KeyError."""
         for row in self.rows(id):
