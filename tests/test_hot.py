@@ -14,7 +14,7 @@ from pages import ROOT, table
 from twind.config import hot, reread
 from twind.config.files import Described, Sources, describe, packed, unpacked
 from twind.config.hot import HOT, NotHot, applied, robot_difference, same
-from twind.config.keys import BLOCK, LEVEL, OF_SETTINGS, WARN
+from twind.config.keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
@@ -313,4 +313,4 @@ def test_the_page_names_every_hot_key_and_no_other() -> None:
     rows = table(text.split("\n## Reload\n")[1], "key", "new value", "while")
     assert {key.strip("`"): value for key, value, _ in rows} == dict(HOT)
     whiles = {key.strip("`"): when for key, _, when in rows}
-    assert {key for key, when in whiles.items() if when == "always"} == set(OF_SETTINGS)
+    assert {key for key, when in whiles.items() if when == "always"} == {*OF_SETTINGS, PROOF}

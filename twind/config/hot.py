@@ -11,17 +11,18 @@ from math import isfinite
 from typing import Any
 
 from twind.config.actuator import Gains, Impedance, ServoType, TypeSpec
-from twind.config.keys import BLOCK, LEVEL, OF_SETTINGS, WARN, of_robot
+from twind.config.keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN, of_robot
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.settings import LATENCY_BLOCK_MS, LATENCY_WARN_MS, LEVELS, Settings
 
 Changes = Mapping[str, Any]  # key -> new value: numbers, texts, lists and mappings of them
 
-# Key -> how it may change. Those of the settings change at any time, those of the robot file at rest.
+# Key -> how it may change. Those of the robot file at rest, the others at any time.
 HOT: Mapping[str, str] = {
     "log_level": "any",
     "thresholds.latency_warn_ms": "any that the file may have",
     "thresholds.latency_block_ms": "any that the file may have",
+    PROOF: "any, where nothing else of the calibration differs",
     "joints.JOINT.limits_rad": "narrower, with every pose still inside",
     "joints.JOINT.velocity_limit_rad_s": "smaller",
     "joints.JOINT.acceleration_limit_rad_s2": "smaller",

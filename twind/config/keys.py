@@ -1,12 +1,13 @@
-"""Keys of settings that change at any time; whatever else changes is the robot's. Imports nothing heavy."""
+"""Keys that change at any time; whatever else changes is the robot's. Imports nothing heavy."""
 
 from collections.abc import Mapping
 from typing import Any
 
 LEVEL, WARN, BLOCK = "log_level", "thresholds.latency_warn_ms", "thresholds.latency_block_ms"
 OF_SETTINGS = frozenset({LEVEL, WARN, BLOCK})
+PROOF = "calibration.proof"  # what was shown of it since: nothing is judged by it
 
 
 def of_robot(changes: Mapping[str, Any]) -> dict[str, Any]:
     """The changes that concern the robot: made only while it is at rest."""
-    return {key: value for key, value in changes.items() if key not in OF_SETTINGS}
+    return {key: value for key, value in changes.items() if key not in OF_SETTINGS and key != PROOF}

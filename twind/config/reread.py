@@ -3,8 +3,11 @@
 from dataclasses import replace
 
 from twind.config import hot
+from twind.config.calibration_file import Calibration
 from twind.config.files import Described
 from twind.config.hot import Changes, Difference, same
+from twind.config.keys import PROOF
+from twind.config.section import Plain
 
 
 def difference(old: Described, new: Described) -> Difference:
@@ -12,7 +15,10 @@ def difference(old: Described, new: Described) -> Difference:
     settings = hot.settings_difference(old.settings, new.settings)
     restart = set(settings.restart)
     changes = dict(settings.changes)
-    if not same(old.calibration, new.calibration):
+    proofs = proven(old.calibration, new.calibration)
+    if proofs is not None:
+        changes[PROOF] = proofs
+    elif not same(old.calibration, new.calibration):
         restart.add("calibration")
     if old.robot.path.absolute() != new.robot.path.absolute():
         restart.add("robot")
@@ -21,6 +27,24 @@ def difference(old: Described, new: Described) -> Difference:
         changes |= robot.changes
         restart |= set(robot.restart)
     return Difference(dict(sorted(changes.items())), tuple(sorted(restart)))
+
+
+def proven(old: Calibration | None, new: Calibration | None) -> dict[str, Plain] | None:
+    """Actuator -> its proof, of those whose proof differs; None: something else differs too, or nothing does.
+
+    When the file was written, and by what, is no difference of its own.
+    """
+    if old is None or new is None or same(old, new):
+        return None
+    if not same(_measured(old), _measured(new)):
+        return None
+    pairs = zip(old.joints, new.joints, strict=True)
+    return {now.name: now.proof for was, now in pairs if not same(was.proof, now.proof)}
+
+
+def _measured(calibration: Calibration) -> Calibration:
+    joints = tuple(replace(joint, proof=None) for joint in calibration.joints)
+    return replace(calibration, joints=joints, created="", tool="", sha256="")
 
 
 def in_force(old: Described, new: Described, found: Difference) -> Described:
@@ -33,7 +57,9 @@ def in_force(old: Described, new: Described, found: Difference) -> Described:
     settings, files, robot = made.settings, dict(old.files), made.robot
     if same(new.settings, replace(settings, source=new.settings.source, origins=new.settings.origins)):
         settings = new.settings
-    if same(old.calibration, new.calibration) and set(old.files) == set(new.files):
+    if PROOF in found.changes:
+        made = replace(made, calibration=new.calibration)
+    if same(made.calibration, new.calibration) and set(old.files) == set(new.files):
         files = dict(new.files)
     path = str(old.robot.path.absolute())
     if same(new.robot, replace(robot, text_sha256=new.robot.text_sha256)):

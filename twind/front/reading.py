@@ -30,7 +30,11 @@ def read_again(briefing: Briefing) -> Reading:
         found = reread.difference(old, new)
         then = reread.in_force(old, new, found)
         told = with_files(briefing, sources, then)
-        told = msgspec.structs.replace(told, description=msgspec.to_builtins(then.robot, enc_hook=str))
+        told = msgspec.structs.replace(
+            told,
+            description=msgspec.to_builtins(then.robot, enc_hook=str),
+            calibration=msgspec.to_builtins(then.calibration, enc_hook=str),
+        )
         if of_robot(found.changes):
             binding = rebound(handover.unpacked(briefing.binding), then.robot, then.calibration)
             told = _with_robot(told, binding)
