@@ -176,6 +176,14 @@ def it_was_found_half_energised(made: Rig) -> None:
     made.call(link.Arm)
 
 
+@leads_to(Code.STOP_NOT_FOUND, arm=False, robot="h24-split")
+def nobody_said_where_the_stop_is(made: Rig) -> None:
+    made.connect()
+    made.lease()
+    made.call(link.Calibrate, on=True)
+    made.call(link.FindStop, joint=0, side="lower")
+
+
 @leads_to(Code.TORQUE_INHERITED, arm=False)
 def torque_was_found_on(made: Rig) -> None:
     for row in range(24):

@@ -8,7 +8,7 @@ beside and was begun before anything was written; that one answers.
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -95,7 +95,7 @@ class Homing:
         try:
             yield from self._found(debt)
         except Ended as ended:
-            debt.findings = (ended.finding,)
+            debt.findings = (self._of(debt, ended.finding),)
         except (BusError, KeyError, ValueError) as error:
             debt.findings = (Finding(Code.BUS_ERRORS, debt.sought.joint, message=str(error)),)
         except GeneratorExit:  # what took over takes the torque: `energising` is set
@@ -113,6 +113,12 @@ class Homing:
                 loop.say.event("error", Code.TORQUE_MISMATCH, message)
                 debt.findings += (Finding(Code.TORQUE_MISMATCH, debt.sought.joint, message=message),)
         self._end(debt)
+
+    @staticmethod
+    def _of(debt: Debt, finding: Finding) -> Finding:
+        """What the course says is of its joint."""
+        own = (Code.STOP_NOT_FOUND, Code.OVERCURRENT, Code.STATE_STALE, Code.CALIB_MISMATCH)
+        return replace(finding, joint=debt.sought.joint) if finding.code in own else finding
 
     def _end(self, debt: Debt) -> None:
         self._loop.lease.unpin(debt.command.client, PIN)
@@ -261,6 +267,8 @@ class Homing:
             yield from ticks(PAUSE)
         self._release(debt)
         port.identify()
+        while not told and not loop.hardware.connected and loop.clock.now() < until:
+            yield  # so that whoever is answered may go on at once
         if not told:
             self._answer(debt)
 

@@ -173,7 +173,10 @@ class Course:
         self.captures.append(count)
         off, spread = abs(count - search.expected), max(self.captures) - min(self.captures)
         if off > search.margin:
-            message = f"counts from where the stop should be, at {count:.0f}: something is in its way?"
+            message = (
+                f"counts from where the stop should be, held at {count:.0f}: is something in its way, or its "
+                "load more than the cap lifts? Lay the robot so that the joint carries less"
+            )
             self._fail(Finding(Code.STOP_NOT_FOUND, value=off, bound=search.margin, message=message))
         elif spread > SPREAD:
             message = "counts between the captures: is it loose, or is the stop soft?"

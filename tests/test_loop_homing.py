@@ -1,0 +1,398 @@
+"""A joint driven against its stop by the whole loop: where it was found, and that everything is undone after.
+
+What is undone is read in the servos themselves, past the bus and the daemon's word.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+from homing_world import JOINT, Homed, homed
+
+from twind import link
+from twind.config.counts import ticks_of
+from twind.loop import sought
+from twind.robot.finding import Code
+from twind.robot.modes import Mode
+from twind.virtual.specimen import buses
+
+OTHER = 9  # a client that holds nothing
+RAD = 4096 / (2.0 * np.pi)
+
+
+def codes(reply: link.Reply) -> list[str]:
+    return [finding["code"] for finding in reply.parameters.get("findings") or ()]
+
+
+def failed(made: Homed, ticket: int) -> list[str]:
+    """It ended badly, is told so, and everything is undone; the codes."""
+    reply = made.last(ticket)
+    assert reply.error is None and reply.parameters["phase"] == "failed", reply
+    assert reply.parameters.get("ticks") is None
+    made.undone()
+    return codes(reply)
+
+
+# ------------------------------------------------------------------------------- found
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+@pytest.mark.parametrize("joint", [JOINT, "r_shoulder_pitch"])  # signs +1 and -1
+def test_the_stop_is_found_within_3_counts_and_all_is_undone(joint: str, side: str) -> None:
+    at = {(JOINT, "lower"): -1.3, (JOINT, "upper"): 1.3}.get((joint, side), {"lower": -2.4}.get(side, 2.4))
+    with homed(joint=joint, start={joint: at}) as made:
+        made.ready()
+        ticket = made.find(side, more=True, speed=0.5)
+        reply = made.last(ticket)
+        assert reply.error is None and codes(reply) == [], reply
+        assert reply.parameters["phase"] == "found" and reply.parameters["progress"] == 1.0
+        assert len(reply.parameters["ticks"]) == 3
+        assert all(abs(count - made.stop(side)) <= 3 for count in reply.parameters["ticks"])
+        made.undone()
+        assert made.loop.state == "calibrating"
+        told = [each.parameters for each in made.replies(ticket)]
+        assert [each["progress"] for each in told] == sorted(each["progress"] for each in told)
+        phases = list(dict.fromkeys(each["phase"] for each in told))
+        assert phases == ["waiting", "approaching", "backing off", "found"]
+
+
+@pytest.mark.parametrize("off", [-0.15, 0.15])
+@pytest.mark.parametrize("start", ["in its travel", "against its stop"])
+def test_a_coarse_zero_may_be_off_by_what_the_margin_allows(off: float, start: str) -> None:
+    end = -1.6 + off
+    begin = {"in its travel": {JOINT: -0.8}, "against its stop": {JOINT: end + 0.002}}[start]
+    with homed(truth={"stops_rad": (end, 1.6)}, start=begin) as made:
+        made.ready()
+        reply = made.last(made.find(times=2, speed=0.5))
+        where = ticks_of(made.spec, made.made.shown[JOINT], end)
+        assert codes(reply) == [] and all(abs(count - where) <= 3 for count in reply.parameters["ticks"])
+        made.undone()
+
+
+@pytest.mark.parametrize("turns", [-1, 1, 3])
+def test_counts_are_those_of_the_calibration_whatever_turn_the_servo_is_on(turns: int) -> None:
+    with homed(truth={"turns": turns}) as made:
+        made.ready()
+        reply = made.last(made.find(times=2, speed=0.5))
+        assert all(abs(count - made.stop()) <= 3 for count in reply.parameters["ticks"]), reply
+        made.undone()
+
+
+def test_afterwards_the_robot_is_identified_and_arms_as_before() -> None:
+    with homed() as made:
+        made.ready(odd=False)
+        assert codes(made.last(made.find(times=2, speed=0.5))) == []
+        made.undone()
+        assert made.call(link.Calibrate, on=False).error is None
+        made.connect()
+        made.call(link.AcquireLease)
+        reply = made.call(link.Arm)
+        assert reply.error is None, reply
+
+
+# ------------------------------------------------------------------------------- while it lasts
+
+
+def test_only_its_servo_has_torque_and_it_is_weak_slow_and_watched() -> None:
+    with homed() as made:
+        made.ready()
+        made.powered(made.find())
+        assert [made.row] == np.flatnonzero(made.torques()).tolist()
+        assert made.get("operating_mode") == 5
+        full = made.spec.type.full_effort
+        assert made.get("goal_current") == int(sought.SHARE * full)
+        assert made.get("bus_watchdog") == 5
+        assert made.get("profile_velocity") * 0.02398 == pytest.approx(2.0 * sought.SPEED, abs=0.03)
+        before = made.bus.servos["goal_position"].tolist()
+        made.seconds(1.0)
+        after = made.bus.servos["goal_position"].tolist()
+        moved = [place for place, (a, b) in enumerate(zip(before, after, strict=True)) if a != b]
+        assert moved == [made.row], "goals went to somebody else"
+        assert abs(after[made.row] - before[made.row]) == pytest.approx(sought.SPEED * RAD, abs=3)
+        assert made.loop.state == "calibrating" and not made.loop.armed
+        assert made.loop.torque_off is False
+
+
+def test_nobody_arms_and_no_other_search_begins_meanwhile() -> None:
+    with homed() as made:
+        made.ready()
+        first = made.find(more=True)
+        made.powered(first)
+        for kind, how in (
+            (link.Arm, {}),
+            (link.FindStop, {"joint": 3, "side": "lower"}),
+            (link.Calibrate, {"on": False}),
+            (link.WriteRegister, {"bus": "main", "id": 2, "name": "led", "value": 1}),
+        ):
+            assert made.call(kind, **how).error in ("Busy", "WrongState"), kind
+        assert made.last(first).parameters["phase"] == "found"
+        made.undone()
+
+
+def test_goals_keep_inside_the_window_on_the_wire() -> None:
+    with homed(truth={"stops_rad": (-2.6, 1.6)}) as made:
+        made.ready()
+        ticket, goals = made.find(speed=0.5), []
+        while not [reply for reply in made.replies(ticket) if not reply.continues]:
+            made.ticks(1)
+            if made.get("torque_enable"):
+                goals.append(made.get("goal_position"))
+        end = made.stop() - round(sought.MARGIN * RAD)
+        assert end - 2 <= min(goals) <= end + 2, "it did not look to the end of its window, or went beyond"
+        made.undone()
+
+
+# ------------------------------------------------------------------------------- every way it ends
+
+End = tuple[Callable[[Homed], Any], set[Code]]
+STOPPED = {Code.ESTOP, Code.NOT_ARMED}
+ENDS: Mapping[str, End] = {
+    "its servo falls silent": (lambda made: made.bus.faults.silence(made.spec.id), {Code.STATE_STALE}),
+    "another master speaks": (
+        lambda made: [(made.bus.faults.foreign(3), made.ticks(5)) for _ in range(4)],
+        {Code.FOREIGN_TRAFFIC, Code.BUS_ERRORS},
+    ),
+    "its cap is not obeyed": (lambda made: made.put("goal_current", 1193), {Code.OVERCURRENT}),
+    "it moves against its way": (lambda made: shove(made, 0.2), {Code.STOP_NOT_FOUND}),
+    "it runs ahead": (lambda made: shove(made, -0.2), {Code.STOP_NOT_FOUND}),
+    "its watchdog trips": (lambda made: trip(made), {Code.WATCHDOG_TRIPPED}),
+    "a hardware error": (lambda made: made.bus.faults.damage(made.spec.id, 32), {Code.SERVO_ALERT}),
+    "it restarts": (
+        lambda made: made.bus.faults.brown_out(made.spec.id),
+        {Code.STATE_STALE, Code.SERVO_REBOOTED, Code.TORQUE_MISMATCH, Code.STOP_NOT_FOUND},
+    ),
+    "its torque goes off": (lambda made: made.put("torque_enable", 0), {Code.TORQUE_MISMATCH}),
+    "another joint has torque": (lambda made: energise(made, 5), {Code.TORQUE_MISMATCH}),
+    "its shaft is held fast": (lambda made: made.bus.faults.lock(made.spec.id), {Code.STOP_NOT_FOUND}),
+    "its encoder is frozen": (lambda made: made.bus.faults.freeze(made.spec.id), {Code.STOP_NOT_FOUND}),
+    "the machine slept": (lambda made: made.clock.sleep_until(made.clock.now() + 0.5), {Code.TIME_GAP}),
+    "the lease is given back": (lambda made: made.call(link.ReleaseLease), {Code.LEASE_LOST}),
+    "the lease is taken": (
+        lambda made: made.call(link.AcquireLease, client=OTHER, take=True),
+        {Code.LEASE_LOST},
+    ),
+    "the front is lost": (lambda made: setattr(made.loop.link, "lost", True), {Code.LEASE_LOST}),
+    "an e-stop": (lambda made: made.call(link.EStop, client=OTHER), STOPPED),
+    "an e-stop that cuts": (lambda made: made.call(link.EStop, client=OTHER, level="cut"), STOPPED),
+    "somebody disarms": (lambda made: made.call(link.Disarm, client=OTHER), STOPPED),
+    "a fault inside": (
+        lambda made: made.loop.fail(made.loop.parts.guard.bars or fault(), made.clock.now()),
+        {Code.INTERNAL},
+    ),
+    "writing is inhibited": (lambda made: made.loop.inhibit(fault(), made.clock.now()), {Code.INTERNAL}),
+}
+
+
+def fault() -> Any:
+    from twind.robot.finding import Finding
+
+    return Finding(Code.INTERNAL, message="made up")
+
+
+def shove(made: Homed, angle: float) -> None:
+    """Something moves the shaft by so much (rad)."""
+    made.bus.servos.muscles.position[made.row] += angle * RAD
+
+
+def trip(made: Homed) -> None:
+    made.bus.servos.tripped[made.row] = True
+    made.put("bus_watchdog", 255)
+
+
+def energise(made: Homed, row: int) -> None:
+    made.bus.servos.torque(row, True)
+    made.bus.servos.changed()
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_whatever_ends_it_torque_is_off_and_all_is_undone(name: str) -> None:
+    end, expected = ENDS[name]
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        made.powered(ticket)
+        end(made)
+        if name == "its servo falls silent":
+            made.ticks(30)
+            made.bus.faults.silence(made.spec.id, False)
+        found = failed(made, ticket)
+        assert set(found) & expected, found
+        assert made.loop.homing.owed is None and not made.loop.energising
+
+
+def test_a_client_that_goes_ends_it() -> None:
+    with homed() as made:
+        made.ready()
+        made.powered(made.find())
+        made.front.outer.send(link.encode(link.Gone(client=7)))
+        made.seconds(3.0)
+        made.undone()
+        assert made.loop.state == "connected"
+
+
+@pytest.mark.parametrize("truth", [(-2.6, 1.6), (-1.0, 1.6)])
+def test_a_stop_elsewhere_is_none(truth: tuple[float, float]) -> None:
+    with homed(truth={"stops_rad": truth}) as made:
+        made.ready()
+        assert failed(made, made.find(speed=0.5)) == [Code.STOP_NOT_FOUND]
+
+
+def test_captures_that_differ_are_refused() -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find(more=True, speed=0.5)
+        while (
+            made.replies(ticket)[-1:] == [] or made.replies(ticket)[-1].parameters["phase"] != "backing off"
+        ):
+            made.ticks(1)
+        muscles = made.bus.servos.muscles
+        muscles.fence(muscles._lower - 9.0, muscles._upper + 9.0)
+        assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
+
+
+def test_a_daemon_that_is_told_to_end_undoes_it_first() -> None:
+    with homed() as made:
+        made.ready()
+        made.powered(made.find())
+        made.loop.stop_wanted = True
+        for _ in range(300):
+            made.ticks(1)
+            if made.loop.finished:
+                break
+        assert made.loop.finished
+        assert not any(made.torques()) and made.settings() == made.before
+
+
+def test_an_adapter_that_goes_and_comes_back_finds_it_undone() -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        made.powered(ticket)
+        made.bus.faults.unplug()
+        reply = made.last(ticket)
+        assert reply.parameters["phase"] == "failed"
+        assert Code.DEVICE_MISMATCH in codes(reply), "nobody was told that it is not as it was"
+        made.bus.faults.replug()
+        made.seconds(3.0)
+        made.undone()
+
+
+@pytest.mark.parametrize("ticks", [2, 12, 14, 18, 22, 26, 30, 40, 60])
+@pytest.mark.parametrize("how", ["estop", "gone"])
+def test_ended_at_any_step_it_is_undone(ticks: int, how: str) -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        made.ticks(ticks)
+        if how == "estop":
+            made.call(link.EStop, client=OTHER)
+            failed(made, ticket)
+        else:
+            made.front.outer.send(link.encode(link.Gone(client=7)))
+            made.seconds(3.0)
+            made.undone()
+
+
+def test_what_is_not_as_it_was_is_told_with_both_values() -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find(times=2, speed=0.5)
+        made.powered(ticket)
+        made.put("min_position_limit", 100)
+        reply = made.last(ticket)
+        assert reply.parameters["phase"] == "failed" and reply.parameters.get("ticks") is None
+        [finding] = reply.parameters["findings"]
+        assert finding["code"] == Code.DEVICE_MISMATCH
+        assert str(made.before["min_position_limit"]) in finding["message"] and "100" in finding["message"]
+        assert not any(made.torques()) and made.get("operating_mode") == made.before["operating_mode"]
+
+
+# ------------------------------------------------------------------------------- not begun
+
+
+@pytest.mark.parametrize(
+    ("how", "code"),
+    [
+        ({"current_share": 0.2}, Code.BAD_SCHEMA),
+        ({"current_share": float("nan")}, Code.BAD_SCHEMA),
+        ({"speed": 0.6}, Code.BAD_SCHEMA),
+        ({"speed": -0.1}, Code.BAD_SCHEMA),
+        ({"times": 1}, Code.BAD_SCHEMA),
+        ({"client": OTHER}, Code.LEASE_MISSING),
+    ],
+)
+def test_what_is_asked_for_too_much_is_refused_and_nothing_is_written(
+    how: dict[str, Any], code: Code
+) -> None:
+    with homed() as made:
+        made.ready()
+        reply = made.last(made.find(**how))
+        assert reply.error == "Refused" and codes(reply) == [code]
+        made.undone()
+
+
+def test_it_needs_the_state_calibrating_and_mode_live() -> None:
+    with homed() as made:
+        made.connect()
+        made.lease()
+        reply = made.last(made.find())
+        assert reply.error == "WrongState" and reply.parameters["allowed"] == ["calibrating"]
+    with homed(mode=Mode.MIRROR) as made:
+        made.connect()
+        made.lease()
+        assert made.call(link.Calibrate, on=True).error is None
+        reply = made.last(made.find())
+        assert reply.error == "Refused" and Code.MODE_DENIES in codes(reply)
+
+
+def test_a_leg_of_a_robot_that_stands_freely_is_refused() -> None:
+    with homed(joint="l_knee", support="free") as made:
+        made.ready()
+        reply = made.last(made.find())
+        assert reply.error == "Refused" and "support: gantry" in reply.parameters["findings"][0]["message"]
+        made.undone()
+
+
+def test_a_joint_that_swings_is_not_driven() -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        for tick in range(400):
+            made.bus.servos.muscles.position[made.row] += 20.0 * (-1) ** (tick // 4)
+            made.ticks(1)
+        assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
+        assert not made.events("HOMING")[1:], "it went on"
+
+
+def test_a_servo_that_says_no_to_the_mode_is_left_as_it_is() -> None:
+    with homed(truth={"registers": {"drive_mode": 0}}) as made:
+        made.ready()
+        energise(made, made.row)  # its torque came on unseen, just now
+        reply = made.last(made.find())
+        assert reply.error == "Refused" or codes(reply)
+        made.put("torque_enable", 0)
+        made.undone()
+
+
+class Bodily(Homed):
+    """The same with a body: inertia, gravity, friction, play."""
+
+    def _virtual(self, bus: str, start: Mapping[str, float]) -> Any:
+        return buses(self.made, now=self.clock.now())[bus]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("joint", "side"), [("head_yaw", "upper"), ("l_knee", "lower"), ("l_elbow", "lower")]
+)
+def test_a_stop_of_a_body_with_friction_and_play_is_found_within_3_counts(joint: str, side: str) -> None:
+    made = Bodily(joint, truth={"friction_nm": 0.08, "backlash_ticks": 4.0})
+    try:
+        made.ready()
+        reply = made.last(made.find(side, speed=0.3))
+        assert codes(reply) == [], reply
+        assert all(abs(count - made.stop(side)) <= 3 for count in reply.parameters["ticks"])
+        made.undone()
+    finally:
+        made.close()
