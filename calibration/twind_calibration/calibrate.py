@@ -8,11 +8,14 @@ import argparse
 from importlib import import_module
 from types import ModuleType
 
+from twind.ctl.main import common
+
 # name -> what it does; each is `twind_calibration/calibrating/NAME.py`
 STEPS: dict[str, str] = {
     "scan": "who is on the buses, and set as described",
     "sweep": "move joints by hand from end to end: their travel",
     "zero": "hold the robot in a known pose: where angle 0 is",
+    "prove": "small moves against gravity: do signs and places agree with the model",
     "limits": "set the servos' own position limits, the last fence",
 }
 # of the steps whose name is no name of a module, or that share one
@@ -26,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         module = _module(name)
         under = steps.add_parser(name, help=what, description=module.__doc__)
         under.set_defaults(step=name)  # for a room that several steps share
+        common(under, argparse.SUPPRESS)  # also after the step
         module.add_arguments(under)
 
 

@@ -84,7 +84,7 @@ def _verb_name(given: Sequence[str]) -> str | None:
 
 def _parser(name: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="twindctl", description="Ask the twind daemon, or tell it.")
-    _common(parser, None)
+    common(parser, None)
     if name is None or (name not in BUILT_IN and name not in _others()):
         lines = [f"  {known:<10} {text}" for known, (_, text) in BUILT_IN.items()]
         others = {known: point for known, point in _others().items() if known not in BUILT_IN}
@@ -95,7 +95,8 @@ def _parser(name: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def _common(parser: argparse.ArgumentParser, default: Any) -> None:
+def common(parser: argparse.ArgumentParser, default: Any) -> None:
+    """Options of every verb. `default`: SUPPRESS below another parser that has them."""
     parser.add_argument("--socket", metavar="DIR", default=default, help="folder of the daemon's sockets")
     parser.add_argument(
         "-i",
@@ -140,7 +141,7 @@ def _add_verb(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
     text = BUILT_IN[name][1] if name in BUILT_IN else _headline(verb)
     under = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     child = under.add_parser(name, description=text, help=text)
-    _common(child, argparse.SUPPRESS)  # also after the verb
+    common(child, argparse.SUPPRESS)  # also after the verb
     verb.add_arguments(child)
 
 
