@@ -13,7 +13,8 @@ import numpy as np
 
 from twind import link, memfd
 from twind.config.actuator import CAN
-from twind.config.counts import ticks_of
+from twind.config.calibration_file import Calibration
+from twind.config.counts import joint_angles, slot_angles, ticks_of
 from twind.config.robot_file import load_robot
 from twind.loop import assembly
 from twind.loop.described import Robot
@@ -89,7 +90,9 @@ class Rig:
         rate_hz: float | None = None,
         support: str | None = None,
         truth: Truth | None = None,
+        calibrated: Calibration | None = None,
     ) -> None:
+        """`calibrated`: before now, and not as these servos would be."""
         self._muscles = muscles
         self.clock = FakeClock(100.0)
         self.robot = load_robot(robot)
@@ -101,7 +104,7 @@ class Rig:
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
-        self.calibration = calibration(self.made)
+        self.calibration = calibration(self.made) if calibrated is None else calibrated
         self.one = Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
         self.names = self.one.binding.joint_map.names
         self.front = self.new_front()
@@ -143,7 +146,8 @@ class Rig:
 
     def _virtual(self, bus: str, start: Mapping[str, float]) -> Any:
         joints = self.made.joints(bus)
-        ticks = [ticks_of(joint, self.zeros[joint.name], start.get(joint.name, 0.0)) for joint in joints]
+        pose = slot_angles(self.robot, {name: start.get(name, 0.0) for name in self.robot.names})
+        ticks = [ticks_of(joint, self.zeros[joint.name], pose[joint.name]) for joint in joints]
         if self.robot.bus(bus).kind == CAN:
             shafts = unloaded(ticks, now=self.clock.now())
             fence(shafts, [spec.hinge for spec in self.made.nodes[bus]])
@@ -275,9 +279,10 @@ class Rig:
 
     @property
     def truth(self) -> Floats:
-        """Where the servos really are, rad (n,)."""
+        """Where the joints really are, rad (n,)."""
         self._advance()
-        return np.array([self._angle(joint.name) for joint in self.robot.joints])
+        pose = joint_angles(self.robot, {name: self._angle(name) for name in self.robot.names})
+        return np.array([pose[name] for name in self.robot.names])
 
     def _angle(self, name: str) -> float:
         joint = next(joint for joint in self.made.wired.joints if joint.name == name)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from twind.config.robot_spec import JointSpec
 from twind.robot.arrays import Bools, Floats
+from twind.twin.coupled import Coupling, Group
 
 STEP = 0.002  # s
 STALL, FREE = 4.1, 4.82  # N·m, rad/s at full voltage
@@ -100,9 +101,12 @@ class Motor:
 
 
 class Loops:
-    """The control loops of n motors. Torque and speed are the joints'; arrays (n,), as `motors`."""
+    """The control loops of n motors. Torque and speed are those of what they drive; arrays (n,), as `motors`.
 
-    def __init__(self, model: mujoco.MjModel, motors: Sequence[Motor]) -> None:
+    That is a joint, or of motors that drive joints together (`groups`) a shaft of their own.
+    """
+
+    def __init__(self, model: mujoco.MjModel, motors: Sequence[Motor], groups: Sequence[Group] = ()) -> None:
         """`model` has one actuator per motor, in their order, and is changed from here on."""
         joints = [model.joint(motor.joint) for motor in motors]
         self.q: Places = np.array([int(joint.qposadr[0]) for joint in joints], np.intp)
@@ -115,16 +119,24 @@ class Loops:
         self._way = np.copysign(1.0, self._ticks)
         self._angle = self._ratio / np.abs(self._ticks)  # rad of the shaft per tick
         self._model = model
-        self._damping = np.maximum(model.dof_damping[self.v], DAMPING)
+        self._couplings = [Coupling(model, group) for group in groups]
+        self._tendon = np.full(len(motors), -1, np.intp)
+        for each in self._couplings:
+            self._tendon[each.rows] = each.tendons
+        direct = self._tendon < 0  # the joint's own damping and friction are the gear's
+        self._damping = np.where(direct, np.maximum(model.dof_damping[self.v], DAMPING), DAMPING)
         own = np.array([motor.friction for motor in motors])
-        self._friction = np.where(np.isnan(own), np.maximum(model.dof_frictionloss[self.v], FRICTION), own)
+        usual = np.where(direct, np.maximum(model.dof_frictionloss[self.v], FRICTION), FRICTION)
+        self._friction = np.where(np.isnan(own), usual, own)
         self._back_emf = self._stall / FREE * self._ratio**2  # N·m·s/rad, while powered
         model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :3] = 0.0, 0.0
         model.actuator_forcerange[:] = 0.0
-        model.dof_damping[self.v] = self._damping
-        model.dof_frictionloss[self.v] = self._friction
+        everyone = np.arange(len(motors))
+        self._damp(everyone, self._damping)
+        self._rub(everyone, self._friction)
         model.dof_solimp[self.v, :2] = 0.9999  # stiff friction: the soft default creeps 10 ticks/s
         model.dof_solref[self.v, 0] = 2.0 * STEP
+        model.tendon_solimp_fri[:, :2], model.tendon_solref_fri[:, 0] = 0.9999, 2.0 * STEP
         fence(model, joints, motors)
         count = len(motors)
         self._hand, self._lead, self._reach = (np.full(count, np.nan) for _ in range(3))  # rad, rad, rad/s
@@ -143,7 +155,7 @@ class Loops:
     @property
     def busy(self) -> bool:
         """Must `step` be called before every step of the physics?"""
-        return self._live.size > 0 or self._gripped.size > 0
+        return self._live.size > 0 or self._gripped.size > 0 or bool(self._couplings)
 
     def drive(self, at: Places, drive: Drive) -> None:
         """Torque, mode, gains and caps of the motors `at`; the others keep what they have."""
@@ -166,7 +178,7 @@ class Loops:
         bound = np.minimum(output, current)
         model.actuator_forcerange[at] = np.stack([-bound, bound], axis=-1)
         self._emf[at] = np.where(on, self._back_emf[at], 0.0)
-        model.dof_damping[self.v[at]] = self._damping[at] + self._emf[at]
+        self._damp(at, self._damping[at] + self._emf[at])
         ki = np.select([on & seeks, on & spins], [drive.i * ticks, drive.velocity_i * raw])
         self._ki[at] = ki / 65536.0 * full / CYCLE
         self.integral[at] = np.where(self._ki[at] > 0.0, self.integral[at], 0.0)
@@ -206,7 +218,7 @@ class Loops:
         model.actuator_biasprm[at, 1], model.actuator_biasprm[at, 2] = -stiff, -damp
         model.actuator_forcerange[at] = np.stack([-most, most], axis=-1)
         self._emf[at], self._each[at] = 0.0, False
-        model.dof_damping[self.v[at]] = self._damping[at]
+        self._damp(at, self._damping[at])
         self._live = np.flatnonzero(self._each)
         self._grasp(at, on)
 
@@ -220,9 +232,10 @@ class Loops:
     def told(self, data: mujoco.MjData, at: Places) -> tuple[Floats, Floats, Floats]:
         """Shaft angle (rad, of the bare encoder), speed (rad/s) and torque (N·m) of the motors `at`."""
         ratio, way = self._ratio[at], self._way[at]
-        angle = self._zero[at] * self._angle[at] + data.qpos[self.q[at]] * ratio * way
+        turned, speed = self._shafts(data)
+        angle = self._zero[at] * self._angle[at] + turned[at] * ratio * way
         force = data.actuator_force[at] * self._loose[at]
-        return angle, data.qvel[self.v[at]] * ratio * way, force / ratio * way
+        return angle, speed[at] * ratio * way, force / ratio * way
 
     def grip(self, at: Places, place: Floats, speed: Floats) -> None:
         """Hands take the limp joints of the motors `at` there (ticks) and hold them; NaN: nobody; ticks/s."""
@@ -250,21 +263,24 @@ class Loops:
         model.actuator_biasprm[rows, 1], model.actuator_biasprm[rows, 2] = -GRIP, -STEADY
         model.actuator_forcerange[rows] = [-HAND, HAND]
 
-    def _carry(self, data: mujoco.MjData) -> None:
+    def _carry(self, data: mujoco.MjData, turned: Floats) -> None:
         """Before one step of the physics: the hands go on along their way, from where the joints are."""
         at = self._gripped
-        here = np.where(np.isnan(self._lead[at]), data.qpos[self.q[at]], self._lead[at])
+        here = np.where(np.isnan(self._lead[at]), turned[at], self._lead[at])
         most = self._reach[at] * STEP
         self._lead[at] = here + np.clip(self._hand[at] - here, -most, most)
         data.ctrl[at] = self._lead[at]
 
     def step(self, data: mujoco.MjData) -> None:
         """Before one step of the physics: hands, integral terms, the room that the back-EMF leaves."""
+        turned, speeds = self._shafts(data)
+        for each in self._couplings:
+            each.lay(data, turned[each.rows])
         if self._gripped.size:
-            self._carry(data)
+            self._carry(data, turned)
         at = self._live
-        speed, most = data.qvel[self.v[at]], self._output[at]
-        actual = np.where(self._mode[at] == VELOCITY, speed, data.qpos[self.q[at]])
+        speed, most = speeds[at], self._output[at]
+        actual = np.where(self._mode[at] == VELOCITY, speed, turned[at])
         low, high = (
             np.clip(bound[at] + self._emf[at] * speed, -most, most) for bound in (self._floor, self._ceiling)
         )
@@ -273,14 +289,17 @@ class Loops:
         self._model.actuator_forcerange[at, 0] = low - self.integral[at]
         self._model.actuator_forcerange[at, 1] = high - self.integral[at]
         data.qfrc_applied[self.v] = self.integral
+        for each in self._couplings:
+            addresses, torque = each.to_joints(self.integral[each.rows])
+            data.qfrc_applied[addresses] = torque
 
     def block(self, at: Places, held: Bools) -> None:
         """Hold the joints of the motors `at` fast, or let them go."""
-        self._model.dof_frictionloss[self.v[at]] = np.where(held, BLOCKED, self._friction[at])
+        self._rub(at, np.where(held, BLOCKED, self._friction[at]))
 
     def read(self, data: mujoco.MjData) -> tuple[Floats, Floats, Floats, Floats]:
         """Encoder ticks, raw velocity, raw current, PWM counts (n,)."""
-        angle, speed = data.qpos[self.q], data.qvel[self.v]
+        angle, speed = self._shafts(data)
         output = data.actuator_force * self._loose + self.integral
         return (
             self._zero + angle * self._ticks,
@@ -288,6 +307,23 @@ class Loops:
             (output - self._emf * speed) * self._way / (self._ratio * self._torque_lsb),
             output * self._way / self._full,
         )
+
+    def _shafts(self, data: mujoco.MjData) -> tuple[Floats, Floats]:
+        """Angle and speed (n,) of what the motors drive."""
+        angle, speed = data.qpos[self.q], data.qvel[self.v]
+        for each in self._couplings:
+            angle[each.rows], speed[each.rows] = each.place(data)
+        return angle, speed
+
+    def _damp(self, at: Places, damping: Floats) -> None:
+        tendon = self._tendon[at]
+        self._model.dof_damping[self.v[at[tendon < 0]]] = damping[tendon < 0]
+        self._model.tendon_damping[tendon[tendon >= 0]] = damping[tendon >= 0]
+
+    def _rub(self, at: Places, friction: Floats) -> None:
+        tendon = self._tendon[at]
+        self._model.dof_frictionloss[self.v[at[tendon < 0]]] = friction[tendon < 0]
+        self._model.tendon_frictionloss[tendon[tendon >= 0]] = friction[tendon >= 0]
 
 
 def fence(model: mujoco.MjModel, joints: Sequence[Any], motors: Sequence[Motor]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from twind.config.robot_spec import RobotFile
 from twind.robot.arrays import Bools, Floats
 from twind.twin.base_pose import BASES, UPRIGHT, gravity, lay_down
+from twind.twin.coupled import PREFIX, Group, strung
 from twind.twin.motor import STEP, Drive, Loops, Motor, Places
 
 __all__ = ["Diverged", "Motor", "MujocoMuscles", "Part", "body_of"]
@@ -34,20 +35,22 @@ class MujocoMuscles:
         motors: Sequence[Motor],
         *,
         pinned: bool,
+        groups: Sequence[Group] = (),
         start: Mapping[str, float] | None = None,
         now: float = 0.0,
     ) -> None:
         """`start`: angles (rad) by model joint, torque off; it comes to rest before time begins at `now`.
 
-        `pinned` removes the free joint. Raises KeyError for a motor whose joint the model lacks.
+        `pinned` removes the free joint; `groups`: motors that drive joints together. Raises KeyError for a
+        motor whose joint the model lacks.
         """
         self._warnings: list[str] = []
         mujoco.set_mju_user_warning(self._warnings.append)  # else MuJoCo writes MUJOCO_LOG.TXT
-        self.model = model = _compile(spec, motors, pinned=pinned)
+        self.model = model = _compile(spec, motors, groups, pinned=pinned)
         self.data = data = mujoco.MjData(model)
         for name, angle in (start or {}).items():
             data.qpos[model.joint(name).qposadr[0]] = angle
-        self._loops = Loops(model, motors)
+        self._loops = Loops(model, motors, groups)
         self._everyone = np.arange(len(motors))
         self.stall = self._loops.stall
         self.position, self.velocity, self.current, self.pwm = (np.zeros(len(motors)) for _ in range(4))
@@ -217,7 +220,16 @@ def body_of(
     spec = mujoco.MjSpec.from_file(str(Path(robot.mjcf_path)))
     lay_down(spec, base, start)
     pinned = robot.support != "free" or base != UPRIGHT
-    return MujocoMuscles(spec, motors, pinned=pinned, start=start, now=now)
+    return MujocoMuscles(spec, motors, pinned=pinned, groups=_groups(robot), start=start, now=now)
+
+
+def _groups(robot: RobotFile) -> list[Group]:
+    places = {name: place for place, name in enumerate(robot.names)}
+    groups = []
+    for each in robot.transmissions:
+        rows = tuple(places[name] for name in each.joints)
+        groups.append(Group(each.law, rows, tuple(robot.joints[row].model_joint for row in rows)))
+    return groups
 
 
 def ranges_of(robot: RobotFile) -> Mapping[str, tuple[float, float]]:
@@ -231,7 +243,9 @@ def ranges_of(robot: RobotFile) -> Mapping[str, tuple[float, float]]:
     }
 
 
-def _compile(spec: mujoco.MjSpec, motors: Sequence[Motor], *, pinned: bool) -> mujoco.MjModel:
+def _compile(
+    spec: mujoco.MjSpec, motors: Sequence[Motor], groups: Sequence[Group], *, pinned: bool
+) -> mujoco.MjModel:
     """The model with our motors instead of its own; sensors and key poses would refer to what is gone."""
     for element in [*spec.actuators, *spec.sensors, *spec.keys]:
         spec.delete(element)
@@ -239,14 +253,17 @@ def _compile(spec: mujoco.MjSpec, motors: Sequence[Motor], *, pinned: bool) -> m
         for joint in [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]:
             spec.delete(joint)
     names = {joint.name for joint in spec.joints}
-    for motor in motors:
+    together = {row for group in groups for row in group.rows}
+    for row, motor in enumerate(motors):
         if motor.joint not in names:
             raise KeyError(f"the model has no joint {motor.joint!r}; it has {', '.join(sorted(names))}")
-        actuator = spec.add_actuator(name=motor.joint, target=motor.joint)
-        actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        target = f"{PREFIX}{motor.joint}" if row in together else motor.joint
+        actuator = spec.add_actuator(name=motor.joint, target=target)
+        actuator.trntype = mujoco.mjtTrn.mjTRN_TENDON if row in together else mujoco.mjtTrn.mjTRN_JOINT
         actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
         actuator.forcelimited, actuator.forcerange = True, [-1.0, 1.0]
         actuator.ctrllimited = False  # whatever the model's own servos inherit: N·m or rad/s are no angle
+    strung(spec, groups)
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE

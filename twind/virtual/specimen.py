@@ -144,7 +144,8 @@ def calibration(made: Specimen) -> Calibration:
     zeros = {name: made.shown[holder] for name, holder in holders.items()}
     tool = f"twind-virtual {__version__}"
     found = fitting(made.robot, zeros, devices, created=created, tool=tool)
-    swept = tuple(_swept(made, entry, holders[entry.name]) for entry in found.joints)
+    named = zip(made.robot.names, found.joints, strict=True)
+    swept = tuple(_swept(made, entry, holders[name]) for name, entry in named)
     found = replace(found, joints=swept)
     return replace(found, sha256=text_hash(dump_calibration(found)))
 
