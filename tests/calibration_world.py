@@ -1,0 +1,134 @@
+"""A virtual robot of which nothing is known but its robot file, and the hands that move its limp joints."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from rig import Rig
+
+from twind.config.calibration_file import (
+    Calibration,
+    dump_calibration,
+    read_calibration,
+    recorded,
+    turn_band,
+)
+from twind.config.counts import slot_angles
+from twind.config.robot_file import load_robot
+from twind.loop.described import Robot
+from twind.robot.modes import Mode
+from twind.twin.binding import bind
+from twind.virtual.truth import Truth
+from twind_calibration.calibrating.captures import Capture, capture
+from twind_calibration.calibrating.ground import Ground
+from twind_calibration.calibrating.placing import by_pose, misfits, whole
+from twind_calibration.calibrating.slots import slots
+from twind_calibration.calibrating.travels import Travels
+from twind_calibration.calibrating.unwrap import Sample, framed, on_turn
+from twind_calibration.calibrating.writing import merged
+
+QUICK = 3.0  # rad/s of a hand
+WELL = 3  # ticks of 4096 that a zero may be off
+
+
+def many_turns(folder: Path) -> str:
+    """The robot file of h24 with servos that take goals over several turns: no seam is in their way."""
+    known = load_robot("h24")
+    text = known.path.read_text().replace("mode: position", "mode: extended_position")
+    made = folder / "h24.yaml"
+    made.write_text(text.replace("mjcf: h24.xml", f"mjcf: {known.mjcf_path}"))
+    return str(made)
+
+
+def uncalibrated(robot: str, truth: Truth) -> Rig:
+    """In mirror, without a calibration."""
+    rig = Rig(robot, Mode.MIRROR, truth=truth)
+    restarted(rig, None, Mode.MIRROR)
+    return rig
+
+
+def restarted(rig: Rig, calibration: Calibration | None, mode: Mode) -> None:
+    """The daemon ends, and another one begins on the same servos."""
+    rig.loop.close()
+    rig.one = Robot(rig.robot, calibration, bind(rig.robot, calibration))
+    rig.front = rig.new_front()
+    rig.loop = rig.born(mode)
+    rig.connect()
+
+
+def hands(rig: Rig, pose: Mapping[str, float]) -> None:
+    """Take every joint there, on whatever bus it is; stops are felt."""
+    for bus in rig.robot.buses:
+        own = {joint.name: pose[joint.name] for joint in rig.robot.joints if joint.bus == bus.name}
+        rig.virtual[bus.name].faults.hand(pose=own, speed=QUICK)
+
+
+def heard(rig: Rig) -> dict[str, Sample]:
+    """What topic `raw` tells."""
+    raw = rig.loop.hardware.readings.raw
+    names = [slot.name for slot in slots(rig.robot)]
+    return {
+        name: Sample(float(at), int(ticks))
+        for name, at, ticks in zip(names, raw.heard_at, raw.ticks, strict=True)
+        if at > 0.0
+    }
+
+
+def swept(rig: Rig, *, each: Callable[[], None] = lambda: None) -> Travels:
+    """Every joint taken to both its stops, half a second at each; `each` is called before every reading."""
+    every = slots(rig.robot)
+    travels = Travels(every, [slot.name for slot in every])
+    news = []
+    for side in ("lower", "upper"):
+        beyond = {"lower": -1.0, "upper": 1.0}[side]
+        hands(rig, {joint.name: getattr(joint, side) + beyond for joint in rig.robot.joints})
+        for _ in range(360):
+            each()
+            rig.ticks(1)
+            news += travels.take(heard(rig))
+    assert not [one for one in news if one.what != "done"], news
+    assert travels.over
+    return travels
+
+
+def held(rig: Rig, pose: Mapping[str, float]) -> dict[str, Capture]:
+    """50 readings of every joint in a pose."""
+    hands(rig, pose)
+    rig.seconds(3.0)
+    readings: dict[str, list[int]] = {slot.name: [] for slot in slots(rig.robot)}
+    for _ in range(50):
+        rig.ticks(1)
+        for name, sample in heard(rig).items():
+            readings[name].append(sample.ticks)
+    return {
+        slot.name: capture(readings[slot.name], slot.joint.type.ticks_per_turn) for slot in slots(rig.robot)
+    }
+
+
+def measured(
+    rig: Rig, travels: Travels, captures: Mapping[str, Capture], pose: Mapping[str, float]
+) -> Calibration:
+    """The file that sweep and zero would have written."""
+    found = {(port.name, device.id): device for port in rig.loop.hardware.ports for device in port.devices}
+    angles, entries = slot_angles(rig.robot, pose), []
+    for slot in slots(rig.robot):
+        record = recorded(found[slot.joint.bus, slot.joint.id])
+        travel, read = travels.travel(slot.name), captures[slot.name]
+        assert travel is not None and not read.wrong, (slot.name, read)
+        turn = slot.joint.type.ticks_per_turn
+        sweep = framed(*travel, slot.start + record.homing_offset_ticks, turn)
+        zero = by_pose(slot, sweep, read.mean, read.sigma, read.count, angles[slot.joint.name])
+        stands = on_turn(round(read.mean), turn_band(sweep, turn))
+        assert misfits(slot, record, sweep, zero.ticks, stands) == [], slot.name
+        entries.append(whole(slot, record, sweep, zero))
+    made = merged(Ground(rig.robot, Path("h24.yaml"), named=False), None, entries)
+    return read_calibration(dump_calibration(made), "h24.yaml", rig.robot)
+
+
+def off(rig: Rig, calibration: Calibration) -> dict[str, int]:
+    """How far each zero is from the true one, ticks, whatever the turn."""
+    found = {}
+    for joint in rig.robot.joints:
+        turn = joint.type.ticks_per_turn
+        apart = calibration.by_name[joint.actuator].zero_ticks - rig.made.shown[joint.name]
+        found[joint.name] = (apart + turn // 2) % turn - turn // 2
+    return found

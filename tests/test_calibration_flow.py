@@ -1,0 +1,121 @@
+"""Sweep, zero, live on specimens whose truth is hidden: each zero found, on every turn, over every seam."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from calibration_world import (
+    WELL,
+    hands,
+    held,
+    many_turns,
+    measured,
+    off,
+    restarted,
+    swept,
+    uncalibrated,
+)
+from rig import Rig
+
+from twind.config.calibration_file import Calibration
+from twind.config.robot_file import load_robot
+from twind.robot.modes import Mode
+from twind.virtual.truth import Truth, random_truth
+from twind_calibration.calibrating.slots import slots
+
+pytestmark = pytest.mark.slow
+
+MOVED = 0.3  # rad
+NEAR = 0.02  # rad: counts, play and the bend under load
+
+
+def nothing(rig: Rig) -> None: ...
+
+
+def calibrated(
+    robot: str, truth: Truth, then: Callable[[Rig], None] = nothing, pose: Mapping[str, float] | None = None
+) -> tuple[Rig, Calibration]:
+    """A specimen and the file that was measured of it; `then`: what happens between sweep and zero."""
+    rig = uncalibrated(robot, truth)
+    travels = swept(rig)
+    then(rig)
+    held_in = dict.fromkeys(rig.robot.names, 0.0) | dict(pose or {})
+    return rig, measured(rig, travels, held(rig, held_in), held_in)
+
+
+def arms_and_moves(rig: Rig, calibration: Calibration) -> None:
+    """With that file in live: everybody is believed, arms, and goes where it is sent."""
+    hands(rig, dict.fromkeys(rig.robot.names, 0.05))
+    rig.seconds(2.0)
+    for bus in rig.robot.buses:
+        rig.virtual[bus.name].faults.hand(off=True)
+    restarted(rig, calibration, Mode.LIVE)
+    rig.arm()
+    before = rig.truth
+    assert np.abs(before - rig.loop.measured.position).max() < NEAR
+    rig.lease()
+    rig.submit(rig.path("l_knee", [MOVED + 0.05], [1.0]), more=True)
+    rig.seconds(2.0)
+    moved = rig.truth - before
+    knee = rig.names.index("l_knee")
+    assert moved[knee] == pytest.approx(MOVED, abs=NEAR)
+    assert np.abs(np.delete(moved, knee)).max() < NEAR
+
+
+def test_a_specimen_in_position_mode_is_calibrated_arms_and_moves() -> None:
+    rig, found = calibrated("h24", random_truth(load_robot("h24"), 1))
+    try:
+        assert max(map(abs, off(rig, found).values())) <= WELL
+        arms_and_moves(rig, found)
+    finally:
+        rig.close()
+
+
+def test_travels_over_the_seam_are_found_whatever_turn_they_start_on(tmp_path: Path) -> None:
+    robot = many_turns(tmp_path)
+    truth = random_truth(load_robot(robot), 7)
+    files = []
+    for shift in (0, 1):  # every joint on another turn than before
+        wound = {
+            name: replace(each, turns=(place + 3 * shift) % 5 - 2)
+            for place, (name, each) in enumerate(truth.joints.items())
+        }
+        rig, found = calibrated(robot, Truth(wound))
+        try:
+            assert sum(joint.seam_margin_ticks == 0 for joint in found.joints) > 6
+            assert max(map(abs, off(rig, found).values())) <= WELL
+            arms_and_moves(rig, found)
+        finally:
+            rig.close()
+        files.append(found)
+    for one, other in zip(*(each.joints for each in files), strict=True):
+        assert abs(one.zero_ticks - other.zero_ticks) <= WELL, "one frame, whatever the turn"
+
+
+def test_turns_that_are_lost_between_sweep_and_zero_change_nothing(tmp_path: Path) -> None:
+    robot = many_turns(tmp_path)
+
+    def power_cut(rig: Rig) -> None:
+        rig.virtual["main"].faults.power(on=False)
+        rig.seconds(1.0)
+        rig.virtual["main"].faults.power(on=True)
+        rig.seconds(2.0)
+
+    truth = random_truth(load_robot(robot), 3)
+    rig, found = calibrated(robot, truth, power_cut, {"l_knee": 1.2, "r_elbow": -0.7, "head_yaw": -0.4})
+    try:
+        assert max(map(abs, off(rig, found).values())) <= WELL
+    finally:
+        rig.close()
+
+
+def test_serial_and_can_actuators_are_calibrated_alike() -> None:
+    rig, found = calibrated("h24-mixed", random_truth(load_robot("h24-mixed"), 5))
+    try:
+        apart = off(rig, found)
+        for slot in slots(rig.robot):
+            assert abs(apart[slot.name]) <= WELL * max(1, slot.joint.type.ticks_per_turn // 4096), slot.name
+    finally:
+        rig.close()
