@@ -1,111 +1,25 @@
 """What a small move shows, and what it cannot: a daemon on servos that MuJoCo moves, under a fake clock."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from body_rig import H24, WAY, armed, built
 from hypothesis import given
 from hypothesis import strategies as st
-from rig import Rig
 
-from twind.config.robot_file import load_robot
-from twind.config.robot_spec import JointSpec, RobotFile
+from twind.config.robot_spec import JointSpec
 from twind.robot.arrays import Floats
-from twind.robot.trajectory import Trajectory
-from twind.virtual.specimen import buses, specimen
 from twind_calibration.wiggling.body import Body
 from twind_calibration.wiggling.judge import Answer, Load, Motion, alike, answer, came_back, weigh
-from twind_calibration.wiggling.motion import path
 from twind_calibration.wiggling.trace import Stay, Stays, Trace
 
-H24 = load_robot("h24")
 BODY = Body(H24)
-WAY = 0.035  # rad, two degrees
 FRICTION = 0.1  # N·m
 BENT = {"l_hip_pitch": -1.0, "r_hip_pitch": -1.0}  # both legs forward: the waist carries them
 Change = Callable[[JointSpec], JointSpec]
-
-
-def built(name: str, **changes: Any) -> RobotFile:
-    """The h24 as somebody put it together: one joint otherwise than described."""
-    joints = [replace(joint, **changes) if joint.name == name else joint for joint in H24.joints]
-    return replace(H24, joints=tuple(joints))
-
-
-class BodyRig(Rig):
-    """A daemon whose robot is `true`, whatever its robot file says, moved by MuJoCo."""
-
-    def __init__(self, true: RobotFile) -> None:
-        self._true, self._made_buses = true, {}
-        super().__init__("h24")
-
-    def _virtual(self, bus: str, start: Mapping[str, float]) -> Any:
-        if not self._made_buses:
-            as_calibrated = specimen(H24)  # its zeros and registers; the body is another
-            self._made_buses = buses(replace(as_calibrated, robot=self._true), now=self.clock.now())
-        return self._made_buses[bus]
-
-    def go(self, goals: Mapping[str, float], seconds: float) -> None:
-        """Several joints to a pose, and rest there."""
-        rows = self.loop.executor.reference.position.copy()[None]
-        places = [self.names.index(name) for name in goals]
-        rows[0, places] = list(goals.values())
-        commanded = np.isin(np.arange(len(self.names)), places)
-        ticket = self.submit(Trajectory(np.array([seconds]), rows, commanded, np.zeros_like(rows)), more=True)
-        self.seconds(seconds + 0.5)
-        assert self.replies(ticket)[0].error is None, self.replies(ticket)[0]
-
-    def wiggled(self, name: str, way: float = WAY) -> Stays:
-        """What is recorded while one joint goes away and home."""
-        place = self.names.index(name)
-        home = float(self.loop.executor.reference.position[place])
-        points = path(name, home, way)["points"]
-        rows = np.tile(self.loop.executor.reference.position, (len(points), 1))
-        rows[:, place] = [each["positions"][0] for each in points]
-        time = np.array([each["time_from_start"] for each in points])
-        commanded = np.arange(len(self.names)) == place
-        trace = Trace(self.names)
-        self.lease()
-        self.record(trace, 0.2)
-        self.submit(Trajectory(time, rows, commanded, np.zeros_like(rows)), more=True)
-        self.record(trace, 3.0)
-        stays = trace.stays(place, home, home + way)
-        assert stays is not None
-        return stays
-
-    def record(self, trace: Trace, seconds: float) -> None:
-        """States as the front sends them, every second tick."""
-        for _ in range(round(seconds / self.loop.period / 2)):
-            self.ticks(2)
-            now, goal = self.loop.measured, self.loop.executor.reference.position
-            rows = zip(
-                self.names,
-                now.position,
-                now.effort,
-                now.heard,
-                goal,
-                self.loop.simulated.position,
-                strict=True,
-            )
-            trace.take([
-                {"name": name, "position": p, "effort": e, "heard": bool(h), "goal": g, "simulated": s}
-                for name, p, e, h, g, s in rows
-            ])  # fmt: skip
-
-
-@contextmanager
-def armed(true: RobotFile, pose: Mapping[str, float] | None = None) -> Iterator[BodyRig]:
-    rig = BodyRig(true)
-    try:
-        rig.arm()
-        if pose:
-            rig.go(pose, 1.5)
-        yield rig
-    finally:
-        rig.close()
 
 
 def judged(stays: Stays, name: str) -> tuple[Answer, Load]:

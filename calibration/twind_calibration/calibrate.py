@@ -15,6 +15,7 @@ STEPS: dict[str, str] = {
     "scan": "who is on the buses, and set as described",
     "sweep": "move joints by hand from end to end: their travel",
     "zero": "hold the robot in a known pose: where angle 0 is",
+    "endstop": "drive one joint against its stop: a finer zero; powered",
     "prove": "small moves against gravity: do signs and places agree with the model",
     "limits": "set the servos' own position limits, the last fence",
 }

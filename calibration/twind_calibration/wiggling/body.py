@@ -8,6 +8,7 @@ import numpy as np
 from twind.config.robot_spec import RobotFile
 from twind.robot.arrays import Bools, Floats
 from twind.robot.state import JointState
+from twind.twin.base_pose import UPRIGHT, gravity
 from twind.twin.binding import bind
 from twind.twin.mirror import Mirror
 
@@ -19,31 +20,50 @@ SEEN = ("from the front", "from its left", "from above")
 class Body:
     """The twin's model of a robot, put into one pose after the other."""
 
-    def __init__(self, robot: RobotFile) -> None:
-        """Raises BindingError."""
+    def __init__(self, robot: RobotFile, base: str = UPRIGHT) -> None:
+        """`base`: how it is held (`base_pose.BASES`). Raises BindingError, KeyError (no such base pose)."""
         binding = bind(robot, None)
-        self.robot, self.free = robot, binding.floating
+        self.robot, self.free, self.mjcf = robot, binding.floating, binding.mjcf
         self._mirror, self._dof = Mirror(binding), binding.dof
         model = self._mirror.model
         self._joints = [int(model.dof_jntid[dof]) for dof in binding.dof]
+        self.lie(base)
+
+    def lie(self, base: str) -> None:
+        """From now on the base is held so."""
+        option = self._mirror.model.opt
+        option.gravity[:] = gravity(base, option.gravity)
+        self.base = base
 
     def torque(self, position: Floats) -> Floats:
-        """N·m (n,) that holds this pose, base upright, no contact."""
+        """N·m (n,) that holds this pose, no contact."""
         self._pose(position)
         return self._mirror.effort
 
-    def turned_round(self, position: Floats, joint: int) -> float:
-        """What the joint would measure (N·m) here if its sign were wrong: place and torque both flip."""
-        flipped = position.copy()
-        flipped[joint] = -position[joint]
-        return -float(self.torque(flipped)[joint])
+    def flipped(self, position: Floats, joint: int) -> Floats:
+        """What all would measure (N·m, (n,)) here if the joint's sign were wrong: place and torque flip."""
+        turned = position.copy()
+        turned[joint] = -position[joint]
+        found = self.torque(turned)
+        found[joint] *= -1.0
+        return found
 
-    def elsewhere(self, position: Floats, joint: int, other: int) -> float:
-        """What it would measure (N·m) if it and the servo of joint `other` sat in each other's place."""
+    def exchanged(self, position: Floats, joint: int, other: int) -> Floats:
+        """What all would measure (N·m, (n,)) if the servos of two joints sat in each other's place."""
         sign = self.robot.joints[joint].sign * self.robot.joints[other].sign
         swapped = position.copy()
         swapped[joint], swapped[other] = sign * position[other], sign * position[joint]
-        return sign * float(self.torque(swapped)[other])
+        found = self.torque(swapped)
+        found[joint], found[other] = sign * found[other], sign * found[joint]
+        return found
+
+    def turned_round(self, position: Floats, joint: int) -> float:
+        """What the joint itself would measure (N·m) if its sign were wrong."""
+        return float(self.flipped(position, joint)[joint])
+
+    def elsewhere(self, position: Floats, joint: int, other: int) -> float:
+        """What it would measure (N·m) if it and the servo of joint `other` sat in each other's place."""
+        return float(self.exchanged(position, joint, other)[joint])
 
     def twins(self, joint: int) -> list[int]:
         """Joints whose servo could be mistaken for this one's: same bus, same model, same gear."""
@@ -52,12 +72,13 @@ class Body:
             place
             for place, each in enumerate(self.robot.joints)
             if place != joint
+            and not (each.transmission or own.transmission)
             and (each.bus, each.type.device, each.ratio) == (own.bus, own.type.device, own.ratio)
         ]
 
     def stands_on(self, joint: int) -> bool:
         """Does the ground carry load past this joint, so that nobody knows what it must measure?"""
-        return self.free and self.robot.joints[joint].name in self.robot.legs
+        return self.free and self.base == UPRIGHT and self.robot.joints[joint].name in self.robot.legs
 
     def looks_like(self, position: Floats, joint: int, way: float) -> str:
         """What a person sees when the joint turns by `way` (rad): `l_foot moves backward`."""

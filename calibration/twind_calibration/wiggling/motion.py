@@ -1,6 +1,6 @@
 """Sending one joint away and home: through the daemon's gate, with the lease, and never left elsewhere."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +10,7 @@ from twind.client.errors import finding_text
 from twind.ctl.verb import lease
 from twind_drivers.clock import Clock
 
-OUT, STAY, SECONDS = 1.0, 0.6, 2.6  # s: there, until it leaves again, home
+OUT, STAY = 1.0, 0.6  # s: on each way, and until it leaves again
 PATIENCE, AGAIN = 10.0, 0.3  # s: how long, and how often, the way home is asked for
 NEAR = 1e-3  # rad: closer than that it is told to be home
 # What the other direction may be free of.
@@ -34,32 +34,57 @@ class Gone:
 
 def path(joint: str, home: float, way: float) -> dict[str, Any]:
     """Away, a stay, and home, each end at rest."""
-    places = ((home + way, OUT), (home + way, OUT + STAY), (home, SECONDS))
-    points = [{"positions": [place], "velocities": [0.0], "time_from_start": time} for place, time in places]
-    return {"joint_names": [joint], "points": points}
+    return tour(joint, ((home + way, OUT), (home, OUT)))
+
+
+def tour(joint: str, legs: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    """One place (rad) after the other, so many seconds on the way, at rest and with a stay at each."""
+    points, time = [], 0.0
+    for place, seconds in legs:
+        for after in (seconds, STAY):
+            time += after
+            points.append({"positions": [place], "velocities": [0.0], "time_from_start": time})
+    return {"joint_names": [joint], "points": points[:-1]}
 
 
 def direction(client: Client, joint: str, home: float, size: float) -> Gone:
     """Which way the gate lets it go, by `size` (rad): up, else down, else why not. Nothing moves."""
+    ways = (size, -size)
+    at, refused = allowed(client, [path(joint, home, way) for way in ways])
+    return Gone(size if at is None else ways[at], refused)
+
+
+def allowed(client: Client, ways: Sequence[dict[str, Any]]) -> tuple[int | None, tuple[str, ...]]:
+    """The first path that the gate lets go, else None and why not the first of all. Nothing moves."""
     first: tuple[str, ...] = ()
-    for way in (size, -size):
-        refusals = _judged(client, path(joint, home, way))
+    for at, way in enumerate(ways):
+        refusals = _judged(client, way)
         if not refusals:
-            return Gone(way)
+            return at, ()
         first = first or tuple(finding_text(each) for each in refusals)
         if not {each["code"] for each in refusals} <= ONE_SIDED:
             break
-    return Gone(size, refused=first)
+    return None, first
 
 
-def go(client: Client, clock: Clock, joint: str, home: float, way: float, *, take: bool) -> Gone:
-    """There and home; where the daemon ended it on the way, home as soon as the gate lets it.
+def go(
+    client: Client,
+    clock: Clock,
+    joint: str,
+    home: float,
+    way: float,
+    *,
+    take: bool,
+    along: dict[str, Any] | None = None,
+) -> Gone:
+    """There and home, or along another path that ends there and goes no farther than `way`.
 
-    Whoever says stop or takes the robot over has it: then it is left where it is.
+    What the daemon ended on the way is brought home as soon as the gate lets it. Whoever says stop or takes
+    the robot over has it: then it is left where it is.
     """
     with lease(client, take=take):
         try:
-            *_, last = client.stream("SubmitTrajectory", trajectory=path(joint, home, way))
+            *_, last = client.stream("SubmitTrajectory", trajectory=along or path(joint, home, way))
         except Refused as refusal:
             return Gone(way, refused=tuple(finding_text(each) for each in refusal.findings))
         if last["phase"] == "succeeded":

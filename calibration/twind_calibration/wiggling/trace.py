@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from twind.client import Client, ClientError
-from twind.robot.arrays import Bools, Floats
+from twind.robot.arrays import Floats
 
 RATE = 50.0  # Hz
 SETTLING = 0.4  # of each stay that is left out at its beginning
@@ -51,22 +51,27 @@ class Trace:
 
     def stays(self, joint: int, home: float, out: float) -> Stays | None:
         """The stays of a joint that went from `home` to `out` (rad) and back; None: it was not told to."""
-        if not self.rows:
-            return None
-        goals = np.array([row[3][joint] for row in self.rows])
-        away = np.flatnonzero(np.abs(goals - out) < PLACE)
-        if not len(away):
-            return None
-        near = np.abs(goals - home) < PLACE
-        place = np.arange(len(goals))
-        parts = (near & (place < away[0]), np.isin(place, away), near & (place > away[-1]))
-        if not all(part.any() for part in parts):
-            return None
-        return Stays(*(self._mean(part) for part in parts))
+        found = self.visits(joint, (home, out, home))
+        return None if found is None else Stays(*found)
 
-    def _mean(self, part: Bools) -> Stay:
-        rows = np.flatnonzero(part)
-        kept = [self.rows[row] for row in rows[int(SETTLING * len(rows)) :]]
+    def visits(self, joint: int, places: Sequence[float]) -> list[Stay] | None:
+        """The stays of a joint at each of these places (rad), in this order; None: it was not told to."""
+        goals = np.array([row[3][joint] for row in self.rows])
+        found, first = [], 0
+        for place in places:
+            away = np.abs(goals - place) >= PLACE
+            begun = np.flatnonzero(~away[first:])
+            if not len(begun):
+                return None
+            first += int(begun[0])
+            left = np.flatnonzero(away[first:])
+            last = first + int(left[0]) if len(left) else len(goals)
+            found.append(self._mean(first, last))
+            first = last
+        return found
+
+    def _mean(self, first: int, last: int) -> Stay:
+        kept = self.rows[first + int(SETTLING * (last - first)) : last]
         return Stay(*(_mean(np.array([row[k] for row in kept])) for k in range(3)))
 
 

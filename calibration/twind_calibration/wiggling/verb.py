@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
@@ -15,14 +14,14 @@ import numpy as np
 from twind.client import Client
 from twind.config.located import ConfigError
 from twind.config.robot_file import read_robot
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, lease, observer, operator
-from twind.robot.arrays import Floats
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.twin.binding import BindingError
 from twind_calibration.again import again
 from twind_calibration.wiggle import LEAST, MOST
 from twind_calibration.wiggling.body import Body
 from twind_calibration.wiggling.judge import Answer, Motion, Weighed, alike, answer, weigh
 from twind_calibration.wiggling.motion import Gone, direction, go, goal_of
+from twind_calibration.wiggling.ready import pose, require_armed, seen, tell
 from twind_calibration.wiggling.told import BLIND, NOT_COMPARED, Verdict
 from twind_calibration.wiggling.trace import Stays, recorded
 from twind_drivers.clock import Clock, MonotonicClock
@@ -52,7 +51,7 @@ def _wiggle(options: argparse.Namespace) -> int:
         try:
             good = [session.one(name) for name in session.chosen]
         except KeyboardInterrupt:  # the connection ends, and with it the lease
-            _tell(options, "the robot holds where it is: `twindctl status --joints` says where")
+            tell(options, "the robot holds where it is: `twindctl status --joints` says where")
             raise
         session.close()
     return DONE if all(good) else REFUSED
@@ -74,16 +73,11 @@ class Session:
         if self._options.json:
             pass
         elif self.mode != "live":
-            _tell(self._options, f"mode {self.mode}: {NOT_COMPARED}")
+            tell(self._options, f"mode {self.mode}: {NOT_COMPARED}")
         elif self._why:
-            _tell(self._options, f"loads are not compared: {self._why}")
-        armed = self._client.call("GetStatus")["status"]["armed"]
-        if self.mode != "live" or armed:
-            return
-        if not self._options.arm:
-            raise Rejected("the robot is not armed: `twindctl arm`, or --arm, when nobody is in its way")
-        with lease(self._client, take=self._options.take):
-            self._client.call("Arm")
+            tell(self._options, f"loads are not compared: {self._why}")
+        if self.mode == "live":
+            require_armed(self._options, self._client)
 
     def one(self, name: str) -> bool:
         """Move one joint, say what it showed; whether nothing speaks against it."""
@@ -100,9 +94,7 @@ class Session:
             return
         print(BLIND, flush=True)
         if self._options.arm:
-            _tell(
-                self._options, "the robot stays armed: `twindctl disarm` lowers it and takes its torque off"
-            )
+            tell(self._options, "the robot stays armed: `twindctl disarm` lowers it and takes its torque off")
 
     def _one(self, name: str) -> Verdict:
         place = self.names.index(name)
@@ -125,10 +117,15 @@ class Session:
         if not gone.moved or gone.ended:
             return Verdict(gone=gone, seen=_unseen(Motion.ENDED, gone), looks=looks, **who)
         stays = trace.stays(place, home, home + gone.way)
-        seen = answer(stays, place, gone.way)
+        answered = answer(stays, place, gone.way)
         weighed = self._weighed(stays, place)
         return Verdict(
-            gone=gone, seen=seen, weighed=weighed, looks=looks, confirmed=self._asked(name, looks), **who
+            gone=gone,
+            seen=answered,
+            weighed=weighed,
+            looks=looks,
+            confirmed=seen(self._options, name, looks),
+            **who,
         )
 
     def _go(self, name: str, home: float, way: float) -> Gone:
@@ -161,29 +158,13 @@ class Session:
 
     def _looks(self, place: int, way: float) -> str:
         """What is to be seen, said before it moves."""
-        position = self._pose()
+        position = pose(self._client, self.names)
         if self._body is None or not np.isfinite(position).all():
             return ""
         looks = self._body.looks_like(position, place, way)
         if not self._options.json and self.mode == "live":
-            _tell(self._options, f"{self.names[place]}: watch: {looks}, and back")
+            tell(self._options, f"{self.names[place]}: watch: {looks}, and back")
         return looks
-
-    def _pose(self) -> Floats:
-        joints = self._client.call("GetStatus", joints=True)["joints"]
-        by_name = {each["name"]: each["position"] for each in joints}
-        return np.array([by_name[name] for name in self.names], np.float64)
-
-    def _asked(self, name: str, looks: str) -> bool | None:
-        if self._options.yes:
-            return True
-        if self._options.no_ask or self._options.json or not sys.stdin.isatty():
-            return None
-        question = (
-            f"{name}: {looks}, and back: was it so" if looks else f"did {name} move, and no other joint"
-        )
-        print(f"{question}? [y/n, else unknown] ", end="", file=sys.stderr, flush=True)
-        return {"y": True, "yes": True, "n": False, "no": False}.get(sys.stdin.readline().strip().lower())
 
     def _chosen(self, joints: Sequence[str]) -> list[str]:
         for name in joints:
@@ -210,7 +191,3 @@ def _body(told: Mapping[str, Any]) -> tuple[Body | None, str]:
 def _unseen(motion: Motion, gone: Gone) -> Answer | None:
     """Of a move that nothing was measured of; None: there was none."""
     return Answer(motion, gone.way, nan, nan, nan) if gone.moved else None
-
-
-def _tell(options: argparse.Namespace, line: str) -> None:
-    print(again(options).prose(line), file=sys.stderr, flush=True)

@@ -1,0 +1,83 @@
+"""What the servos would measure at some poses, if a joint were as described, turned round, or another one.
+
+The twin's model, base held as the person says; poses alone, no contact. Feeds `judge`, knows no robot.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twind.robot.arrays import Floats
+from twind_calibration.proving.judge import NEAR, ZEROS, Foreseen, foresee, slack
+from twind_calibration.wiggling.body import Body
+
+STRAIN = 0.5  # of what a joint can give: to hold more than that for long heats it
+FEW: Floats = ZEROS[NEAR][[0, len(ZEROS[NEAR]) // 2, -1]]  # enough to plan by
+
+
+class Expected:
+    """Loads of one joint (place in joint order) at poses (k, n), rad, as the servos tell them."""
+
+    def __init__(self, body: Body, poses: Floats, joint: int) -> None:
+        self._body, self._poses, self._joint = body, poses, joint
+
+    def right(self, zeros: Floats = ZEROS) -> Floats:
+        """(d, k) N·m, one row for each error of the joint's zero."""
+        return self._family(zeros, self._body.torque)
+
+    def reversed(self, zeros: Floats = ZEROS) -> Floats:
+        """Likewise, its sign wrong."""
+        return self._family(zeros, lambda pose: self._body.flipped(pose, self._joint))
+
+    def exchanged(self, other: int, zeros: Floats = ZEROS[NEAR]) -> Floats:
+        """Likewise, its servo and that of joint `other` in each other's place."""
+        return self._family(zeros, lambda pose: self._body.exchanged(pose, self._joint, other))
+
+    def bent(self, other: int, zeros: Floats = ZEROS[NEAR]) -> Floats:
+        """Likewise, the sign of joint `other` wrong, which stands where it is not told to be."""
+        return self._family(zeros, lambda pose: self._body.flipped(pose, other))
+
+    def all(self) -> Floats:
+        """(k, n) of every joint, as described."""
+        return np.array([self._body.torque(pose) for pose in self._poses])
+
+    def all_turned(self) -> Floats:
+        """Likewise, the sign of this one wrong."""
+        return np.array([self._body.flipped(pose, self._joint) for pose in self._poses])
+
+    def all_exchanged(self, other: int) -> Floats:
+        """Likewise, the servo of joint `other` in this one's place."""
+        return np.array([self._body.exchanged(pose, self._joint, other) for pose in self._poses])
+
+    def _family(self, zeros: Floats, told: Callable[[Floats], Floats]) -> Floats:
+        rows = np.empty((len(zeros), len(self._poses)))
+        for row, zero in enumerate(zeros):
+            for column, pose in enumerate(self._poses):
+                shifted = pose.copy()
+                shifted[self._joint] += zero
+                rows[row, column] = told(shifted)[self._joint]
+        return rows
+
+
+def swept(pose: Floats, joint: int, places: Floats) -> Floats:
+    """Poses (k, n): one joint at each of its places (k,), the others as in `pose`."""
+    poses = np.tile(pose, (len(places), 1))
+    poses[:, joint] = places
+    return poses
+
+
+def look_ahead(body: Body, pose: Floats, joint: int, places: Floats, friction: float) -> Foreseen:
+    """Before anything moves: what will the joint show, taken to these places (rad) from this pose?"""
+    spec, expected = body.robot.joints[joint], Expected(body, swept(pose, joint, places), joint)
+    room = slack(friction, spec.ratio * spec.type.effort_lsb_nm)
+    return foresee(expected.right(FEW), expected.reversed(FEW), room)
+
+
+def strained(body: Body, pose: Floats) -> list[str]:
+    """Joints that hold much of what they can in this pose, in words; they want support while it lies so."""
+    said = []
+    for spec, load in zip(body.robot.joints, body.torque(pose), strict=True):
+        most = spec.ratio * spec.type.effort_limit_nm
+        if not spec.transmission and abs(load) > STRAIN * most:
+            said.append(f"{spec.name} holds {abs(load):.1f} of its {most:.1f} N·m")
+    return said

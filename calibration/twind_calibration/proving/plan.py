@@ -1,0 +1,151 @@
+"""Which base pose proves which joint, and how its neighbours have to stand: by the model, nothing moves.
+
+From the robot file alone. Bases that are each other's mirror image show the same, so three are looked at.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import radians
+from typing import Any
+
+import numpy as np
+
+from twind.config.located import ConfigError
+from twind.config.robot_file import load_robot
+from twind.config.robot_spec import RobotFile
+from twind.ctl.verb import DONE, Rejected, show
+from twind.robot.arrays import Floats
+from twind.twin.binding import BindingError
+from twind_calibration.again import again
+from twind_calibration.proving.expected import look_ahead, strained
+from twind_calibration.proving.judge import Foreseen
+from twind_calibration.proving.sweep import sweeps
+from twind_calibration.wiggling.body import Body
+
+BASES = ("upright", "back", "left")
+BEND = 1.0  # rad, a neighbour is bent so far at most
+CLEAR = 0.05  # rad that it keeps from its limits
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """How one joint is best shown. `bend` None: as the robot rests."""
+
+    joint: int
+    base: str
+    bend: tuple[int, float] | None  # another joint, rad
+    foreseen: Foreseen
+
+
+def best(body: Body, joint: int, size: float, friction: float) -> Way | None:
+    """The simplest way that proves a joint, else the one that shows most; None: it cannot move.
+
+    At rest before bent, upright before lying. Changes how the body is held.
+    """
+    rest = np.array([body.robot.poses["rest"][name] for name in body.robot.names])
+    found: Way | None = None
+    for bends in ([None], list(_bends(body.robot, joint))):
+        for base in BASES:
+            body.lie(base)
+            for bend in bends:
+                seen = _seen(body, rest, joint, bend, size, friction)
+                if seen is not None and (found is None or seen.apart > found.foreseen.apart):
+                    found = Way(joint, base, bend, seen)
+        if found is None or found.foreseen.observable:
+            return found
+    return found
+
+
+def _seen(
+    body: Body, rest: Floats, joint: int, bend: tuple[int, float] | None, size: float, friction: float
+) -> Foreseen | None:
+    pose, spec = rest.copy(), body.robot.joints[joint]
+    if bend is not None:
+        pose[bend[0]] = bend[1]
+    ways = sweeps(float(rest[joint]), spec.lower, spec.upper, size)
+    if not ways or body.stands_on(joint):
+        return None
+    return look_ahead(body, pose, joint, ways[0].places[[0, len(ways[0].places) // 2, -1]], friction)
+
+
+def _bends(robot: RobotFile, joint: int) -> Iterator[tuple[int, float]]:
+    """Every other joint, either way as far as its limits let it."""
+    for other, spec in enumerate(robot.joints):
+        for angle in (max(-BEND, spec.lower + CLEAR), min(BEND, spec.upper - CLEAR)):
+            if other != joint and abs(angle) > CLEAR:
+                yield other, angle
+
+
+def told_plan(options: argparse.Namespace) -> int:
+    """Print it. Exit code 0. Raises Rejected, ClientError (no --robot, and no daemon)."""
+    robot = _robot(options)
+    try:
+        body = Body(robot)
+    except BindingError as error:
+        raise Rejected(str(error)) from None
+    for name in options.joints:
+        if name not in robot.names:
+            raise Rejected(f"{robot.name} has no joint {name!r}; it has {', '.join(robot.names)}")
+    chosen = [place for place, name in enumerate(robot.names) if name in options.joints or not options.joints]
+    size, friction = radians(options.degrees), float(options.friction)
+    ways = {place: best(body, place, size, friction) for place in chosen}
+    rows = [_row(robot, place, way) for place, way in ways.items()]
+    show(options, {"robot": robot.name, "joints": rows}, again(options).prose("\n".join(_lines(body, rows))))
+    return DONE
+
+
+def _robot(options: argparse.Namespace) -> RobotFile:
+    if options.robot is None:
+        from twind.ctl.verb import observer
+        from twind_calibration.calibrating.ground import ground
+
+        with observer(options) as client:
+            return ground(options, client).robot
+    try:
+        return load_robot(options.robot)
+    except ConfigError as error:
+        raise Rejected(str(error)) from None
+
+
+def _row(robot: RobotFile, place: int, way: Way | None) -> dict[str, Any]:
+    bend = None if way is None or way.bend is None else f"{robot.names[way.bend[0]]}={way.bend[1]:g}"
+    return {
+        "joint": robot.names[place],
+        "observable": way is not None and way.foreseen.observable,
+        "base_pose": None if way is None else way.base,
+        "with": bend,
+        "flip_nm": None if way is None else way.foreseen.flip,
+        "apart_nm": None if way is None else way.foreseen.apart,
+        "slack_nm": None if way is None else way.foreseen.slack,
+    }
+
+
+def _strain(body: Body, base: str, bend: str | None) -> list[str]:
+    """What is to be propped while it is held so."""
+    angles = dict(body.robot.poses["rest"])
+    if bend is not None:
+        name, _, angle = bend.partition("=")
+        angles[name] = float(angle)
+    body.lie(base)
+    said = strained(body, np.array([angles[name] for name in body.robot.names]))
+    return [f"    prop it: {'; '.join(said)}"] if said else []
+
+
+def _lines(body: Body, rows: list[dict[str, Any]]) -> list[str]:
+    """One command for all joints that share base and bend, and who remains."""
+    said, groups = [], dict[tuple[str, str | None], list[dict[str, Any]]]()
+    for row in rows:
+        if row["observable"]:
+            groups.setdefault((row["base_pose"], row["with"]), []).append(row)
+    for (base, bend), members in sorted(groups.items(), key=lambda each: (each[0][1] or "", each[0][0])):
+        words = " ".join(each["joint"] for each in members)
+        said.append(f"`twindctl calibrate prove --base {base}{f' --with {bend}' if bend else ''} {words}`")
+        flips = ", ".join(f"{each['joint']} {each['flip_nm']:.2f}" for each in members)
+        said += [f"    a wrong sign would be off by (N·m): {flips}", *_strain(body, base, bend)]
+    rest = [each for each in rows if not each["observable"]]
+    if rest:
+        said.append("unobservable: within friction whatever the pose, by your eye alone:")
+        most = [f"{each['joint']} {each['flip_nm'] or 0.0:.2f}" for each in rest]
+        said.append(f"    at most (N·m): {', '.join(most)}")
+    return said

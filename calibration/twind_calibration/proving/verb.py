@@ -1,0 +1,191 @@
+"""`twindctl calibrate prove`: one joint after the other, through the daemon; what its load proves."""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from math import nan, radians
+from typing import Any
+
+import numpy as np
+
+from twind.client import Client
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
+from twind.twin.base_pose import BASES
+from twind.twin.binding import BindingError
+from twind_calibration.again import again
+from twind_calibration.calibrating.ground import Ground, ground, now
+from twind_calibration.calibrating.kept import save
+from twind_calibration.calibrating.prove import LEAST, MOST
+from twind_calibration.calibrating.writing import agreed, require_somebody
+from twind_calibration.proving.expected import strained
+from twind_calibration.proving.plan import told_plan
+from twind_calibration.proving.pose import posed, wanted_pose
+from twind_calibration.proving.records import recorded
+from twind_calibration.proving.sweep import sweeps, swept
+from twind_calibration.proving.told import BLIND, Verdict
+from twind_calibration.proving.weighed import weigh
+from twind_calibration.wiggling.body import Body
+from twind_calibration.wiggling.judge import Answer, Motion, answer
+from twind_calibration.wiggling.motion import Gone, allowed, go, goal_of
+from twind_calibration.wiggling.ready import pose, require_armed, seen, tell
+from twind_calibration.wiggling.trace import recorded as watched
+from twind_drivers.clock import Clock, MonotonicClock
+
+AROUND = 0.4  # s that are recorded before and after a move
+MOST_FRICTION = 100.0  # N·m
+
+
+def prove(options: argparse.Namespace) -> int:
+    """Exit code 0: nothing contradicts. Raises Rejected, UsageError, ClientError."""
+    if not LEAST <= options.degrees <= MOST:
+        raise UsageError(f"--degrees {options.degrees:g} is outside {LEAST:g} to {MOST:g}")
+    if not 0.0 <= options.friction <= MOST_FRICTION:
+        raise UsageError(f"--friction {options.friction:g} is outside 0 to {MOST_FRICTION:g} N·m")
+    if options.plan:
+        return told_plan(options)
+    if options.base not in BASES:
+        said = "how is the base held" if options.base is None else f"no base pose {options.base!r}"
+        raise UsageError(f"{said}: say --base {', '.join(BASES)}; --plan says which proves what")
+    require_somebody(options)
+    try:
+        return _prove(options)
+    except Rejected as error:  # what it says to type is typed for the same daemon
+        raise Rejected(again(options).prose(str(error))) from error
+
+
+def _prove(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        session = Session(options, client, MonotonicClock())
+        session.require_ready()
+        verdicts: list[Verdict] = []
+        try:
+            with posed(client, session.goals, take=options.take):
+                for name in session.chosen:
+                    verdicts.append(session.one(name))
+        except KeyboardInterrupt:  # the connection ends, and with it the lease
+            tell(options, "the robot holds where it is: `twindctl status --joints` says where")
+            raise
+        finally:
+            session.keep(verdicts)
+    if not options.json:
+        print(again(options).prose(BLIND), flush=True)
+    return DONE if all(each.good for each in verdicts) else REFUSED
+
+
+class Session:
+    """What is known of robot and daemon while joints are proved."""
+
+    def __init__(self, options: argparse.Namespace, client: Client, clock: Clock) -> None:
+        self._options, self._client, self._clock = options, client, clock
+        self._ground: Ground = ground(options, client)
+        self.names = list(self._ground.robot.names)
+        self.chosen = self._ground.chosen(options.joints, self.names)
+        self.goals = wanted_pose(self._ground.robot, options.pose, options.bends)
+        self._body = _body(self._ground, client, options.base)
+
+    def require_ready(self) -> None:
+        """In live, armed, and held as stated. Raises Rejected, ClientError."""
+        mode = self._client.call("GetStatus")["status"]["mode"]
+        if mode != "live":
+            raise Rejected(f"mode {mode}: only a robot that moves shows its load: `twindctl mode live`")
+        held = f"{self._ground.robot.name} is held, {self._options.base}"
+        if not agreed(self._options, f"{held}, and nothing is in its limbs' way?"):
+            raise Rejected("nothing was moved")
+        self._warn()
+        require_armed(self._options, self._client)
+
+    def _warn(self) -> None:
+        """Of joints that hold much, held so and in this pose."""
+        there = pose(self._client, self.names)
+        for name, angle in self.goals.items():
+            there[self.names.index(name)] = angle
+        if np.isfinite(there).all() and (said := strained(self._body, there)):
+            tell(self._options, f"held so, prop it: {'; '.join(said)}")
+
+    def one(self, name: str) -> Verdict:
+        """Sweep one joint, say what it showed."""
+        verdict = self._one(name)
+        if self._options.json:
+            print(json.dumps(verdict.told(), ensure_ascii=False), flush=True)
+        else:
+            print(again(self._options).prose("\n".join(verdict.lines())), flush=True)
+        return verdict
+
+    def keep(self, verdicts: Sequence[Verdict]) -> None:
+        """Write what was proved into the calibration file. Raises Rejected: it cannot be read or written."""
+        before = self._ground.calibration() if verdicts else None
+        if before is None:
+            return
+        entries = {joint.name: joint.actuator for joint in self._ground.robot.joints}
+        after, new, gone = recorded(before, {entries[each.joint]: each for each in verdicts}, now())
+        if not new and not gone:
+            return
+        save(after, self._ground.path)
+        if self._options.json:
+            print(json.dumps({"written": str(self._ground.path), "new": new, "gone": gone}), flush=True)
+            return
+        said = [f"proof of {', '.join(new)} written"] if new else []
+        said += [f"earlier proof of {', '.join(gone)} taken away"] if gone else []
+        tell(self._options, f"{self._ground.path}: {'; '.join(said)}: `twindctl reload` takes it")
+
+    def _one(self, name: str) -> Verdict:
+        place = self.names.index(name)
+        joint = self._ground.robot.joints[place]
+        who: dict[str, Any] = {
+            "joint": name, "bus": joint.bus, "id": joint.id, "base": self._options.base, "names": self.names,
+        }  # fmt: skip
+        home = goal_of(self._client, name)
+        if home is None:
+            return Verdict(gone=Gone(nan, refused=("nobody knows where it is: it was never heard",)), **who)
+        ways = sweeps(home, joint.lower, joint.upper, radians(self._options.degrees))
+        if not ways:
+            return Verdict(gone=Gone(nan, refused=("its limits leave it no room to move",)), **who)
+        at, refused = allowed(self._client, [way.path(name) for way in ways])
+        if at is None:
+            return Verdict(gone=Gone(nan, refused=refused), **who)
+        way = ways[at]
+        looks = self._looks(place, way.farthest)
+        with observer(self._options) as watching, watched(watching, self.names) as trace:
+            self._rest()
+            gone = go(
+                self._client, self._clock, name, home, way.farthest,
+                take=self._options.take, along=way.path(name),
+            )  # fmt: skip
+            self._rest()
+        stays = None if gone.ended or not gone.moved else trace.visits(place, way.visits)
+        if stays is None:
+            motion = Motion.ENDED if gone.ended else Motion.UNHEARD
+            return Verdict(gone=gone, seen=Answer(motion, way.farthest, nan, nan, nan), looks=looks, **who)
+        shown = swept(way, stays)
+        answered = answer(shown.ends, place, way.farthest)
+        friction = float(self._options.friction)
+        weighed = None if joint.transmission else weigh(self._body, place, shown, friction)
+        verdict = Verdict(gone=gone, seen=answered, weighed=weighed, looks=looks, **who)
+        if not verdict.open:
+            return verdict
+        return replace(verdict, confirmed=seen(self._options, name, looks))
+
+    def _rest(self) -> None:
+        self._clock.sleep_until(self._clock.now() + AROUND)
+
+    def _looks(self, place: int, way: float) -> str:
+        """What is to be seen, said before it moves; the words are of a robot that stands."""
+        position = pose(self._client, self.names)
+        if not np.isfinite(position).all():
+            return ""
+        looks = self._body.looks_like(position, place, way)
+        if not self._options.json:
+            tell(self._options, f"{self.names[place]}: watch, as if it stood: {looks}, and back")
+        return looks
+
+
+def _body(ground: Ground, client: Client, base: str) -> Body:
+    """The daemon's own model. Raises Rejected: the one on the disk is another by now."""
+    try:
+        body = Body(ground.robot, base)
+    except BindingError as error:
+        raise Rejected(str(error)) from None
+    if client.call("GetRobot")["mjcf"] != body.mjcf:
+        raise Rejected(f"{ground.robot.mjcf_path} was changed since the daemon read it: restart the daemon")
+    return body
