@@ -77,7 +77,7 @@ class BodyRig(Rig):
         self.record(trace, 0.1)
         if any(reply.error for reply in self.replies(ticket)):
             return trace
-        self.record(trace, float(time[-1]) + 0.4)
+        self.record(trace, float(time[-1]) + 0.3)
         return trace
 
     def record(self, trace: Trace, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""`twindctl calibrate prove` through a real daemon on virtual servos that MuJoCo moves: proofs, and who gets none."""
+"""`twindctl calibrate prove` through a real daemon on virtual servos: who is proved, and who gets no proof."""
 
 import json
 from collections.abc import Iterator
