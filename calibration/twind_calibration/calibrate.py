@@ -17,6 +17,10 @@ STEPS: dict[str, str] = {
     "zero": "hold the robot in a known pose: where angle 0 is",
     "endstop": "drive one joint against its stop: a finer zero; powered",
     "prove": "small moves against gravity: do signs and places agree with the model",
+    "import": "from servo registers or a LeRobot file, instead of sweep and zero",
+    "show": "the calibration file, or an earlier one",
+    "diff": "what differs between two of them",
+    "rollback": "put an earlier one back",
     "limits": "set the servos' own position limits, the last fence",
 }
 # of the steps whose name is no name of a module, or that share one

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind import link
-from twind.motion.homing import Search
+from twind.motion.homing import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES, Search
 from twind.robot.finding import Code, Finding
 from twind.robot.joints import BusMap
 from twind.safety import gate
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from twind.loop.ports import Port
     from twind.loop.tick import Loop
 
-SHARE, SHARES = 0.12, (0.03, 0.15)  # of the current limit: usual, and what may be asked for
-SPEED, SPEEDS = 0.2, (0.02, 0.5)  # rad/s of the joint
-TIMES, MOST_TIMES = 3, (2, 10)
-MARGIN = 0.2  # rad either side of where the stop should be
+# What may be asked for.
+SHARES = (0.03, 0.15)  # of the current limit
+SPEEDS = (0.02, 0.5)  # rad/s of the joint
+TIMES = (2, 10)
 BACK = 0.1  # rad that it backs off
 LEAD = 0.2  # rad that a goal may be ahead of the joint
 ASTRAY = 0.15  # rad that it may go against its way
@@ -61,7 +61,7 @@ def _asked(command: link.FindStop) -> list[Finding]:
     given = (
         ("current_share of the current limit", command.current_share, SHARES),
         ("speed, rad/s", command.speed, SPEEDS),
-        ("times", command.times, MOST_TIMES),
+        ("times", command.times, TIMES),
     )
     found = []
     for what, value, (least, most) in given:
@@ -107,7 +107,7 @@ def _counted(loop: Loop, command: link.FindStop) -> Sought | list[Finding]:
     count = int(loop.hardware.readings.raw.ticks[joint] + loop.hardware.readings.shift[joint])
     device = next((each for each in port.devices if each.id == bus.ids[row]), None)
     own = None if device is None else device.settings.get("current_limit")
-    share = SHARE if command.current_share is None else command.current_share
+    share = USUAL_SHARE if command.current_share is None else command.current_share
     search = _search(command, spec, int(bus.zero[row]), scale, _cap(share, spec, own))
     end = search.expected + search.way * search.margin
     if (end - count) * search.way <= 0.0:
@@ -135,7 +135,7 @@ def _search(command: link.FindStop, spec: JointSpec, zero: int, scale: float, ca
     stop = spec.stops.at(command.side)
     assert stop is not None
     up = 1 if scale > 0.0 else -1
-    speed = min(SPEED if command.speed is None else command.speed, spec.velocity_limit)
+    speed = min(USUAL_SPEED if command.speed is None else command.speed, spec.velocity_limit)
 
     def counts(angle: float) -> float:
         return angle / abs(scale)
@@ -150,7 +150,7 @@ def _search(command: link.FindStop, spec: JointSpec, zero: int, scale: float, ca
         lead=counts(LEAD),
         astray=counts(ASTRAY),
         still=max(2.0, counts(STILL)),
-        times=TIMES if command.times is None else command.times,
+        times=USUAL_TIMES if command.times is None else command.times,
     )
 
 

@@ -13,6 +13,8 @@ from statistics import median
 
 from twind.robot.finding import Code, Finding
 
+USUAL_SHARE, USUAL_SPEED, USUAL_TIMES = 0.12, 0.2, 3  # of the current limit; rad/s; where nothing is asked
+MARGIN = 0.2  # rad either side of where the stop should be
 PRESSED = 0.15  # s at the cap and standing that are a stop
 LEAST = 5  # readings in that time
 AT_CAP = 0.85  # of the cap, which a current regulated to it flickers around

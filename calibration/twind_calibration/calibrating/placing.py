@@ -20,7 +20,7 @@ class Zero:
     ticks: int
     sigma: float  # ticks
     captures: int
-    method: Literal["jig", "sweep"]
+    method: Literal["jig", "sweep", "endstop"]
 
 
 def by_pose(slot: Slot, sweep: Ticks, mean: float, sigma: float, captures: int, angle: float) -> Zero:
