@@ -12,10 +12,10 @@ from twind_calibration.adoption.calibrated import Entry
 from twind_calibration.adoption.carry import Adoption, prepare
 from twind_calibration.adoption.hand import Setter
 from twind_calibration.adoption.places import choose, look
-from twind_drivers.bus import perform
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.packet import Framer, Instruction
 from twind_drivers.dynamixel.reader import DynamixelReader
+from twind_drivers.perform import perform
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
 from twind_drivers.virtual.muscles import FirstOrder

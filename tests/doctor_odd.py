@@ -14,7 +14,7 @@ from pathlib import Path
 
 import can
 from doctor_ground import BAUD
-from processes import Virtual
+from processes import Virtual, until
 
 from twind.config.robot_file import load_robot
 
@@ -69,6 +69,11 @@ def _frame(id: int, data: bytes) -> can.Message:
     return can.Message(arbitration_id=id, data=data, is_extended_id=False)
 
 
+def started(virtual: Virtual, bus: str) -> bool:
+    """All of a bus have power, and have had it for long enough to answer."""
+    return all(node["listening"] for node in virtual.order(query="state")["buses"][bus]["servos"])
+
+
 @contextmanager
 def wrong_legs(virtual: Virtual) -> Iterator[None]:
     """All that `LEGS` says, for as long as the block lasts."""
@@ -86,6 +91,7 @@ def wrong_legs(virtual: Virtual) -> Iterator[None]:
         virtual.order(fault="supply", bus="r_leg", volts=48.0)
         virtual.order(fault="power", bus="l_leg", on=False)  # what was not stored is forgotten
         virtual.order(fault="power", bus="l_leg", on=True)
+        until(lambda: started(virtual, "l_leg"), 5.0, "what has power again has started")
 
 
 def legs(folder: Path) -> Path:

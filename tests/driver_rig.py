@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from twind_drivers.bus import Ping, PortFull, Read, Reader, Request, Sample, Script, Writer, perform
+from twind_drivers.bus import Ping, PortFull, Read, Reader, Request, Sample, Script, Writer
 from twind_drivers.clock import FakeClock
+from twind_drivers.perform import perform
 
 RATE = 100.0  # Hz
 

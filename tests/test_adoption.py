@@ -12,8 +12,8 @@ from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import Rejected
 from twind.robot.finding import Verdict
 from twind_calibration.adoption.places import RATES, Place, delivered, joint_of, ways
-from twind_drivers.bus import perform
 from twind_drivers.dynamixel.reader import DynamixelReader
+from twind_drivers.perform import perform
 from twind_drivers.virtual.servos import BAUDS
 
 

@@ -15,8 +15,8 @@ from twind_drivers.bus import (
     Script,
     WireClamp,
     Write,
-    perform,
 )
+from twind_drivers.perform import perform
 
 ERRORS = [
     (PortError("/dev/ttyUSB0", "no such port"), "/dev/ttyUSB0: no such port"),

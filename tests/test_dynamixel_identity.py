@@ -6,10 +6,11 @@ from contextlib import suppress
 import pytest
 from dxl_responder import Servos, Wire
 
-from twind_drivers.bus import Device, Ping, Read, perform
+from twind_drivers.bus import Device, Ping, Read
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.identity import supports_fast
 from twind_drivers.dynamixel.reader import DynamixelReader
+from twind_drivers.perform import perform
 
 IDS = (1, 2, 3, 4, 5, 6)
 

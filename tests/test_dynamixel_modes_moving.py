@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from twind_drivers.bus import DeviceRefused, Sample, perform
+from twind_drivers.bus import DeviceRefused, Sample
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
+from twind_drivers.perform import perform
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
 from twind_drivers.virtual.muscles import FirstOrder

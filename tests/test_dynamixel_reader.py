@@ -16,7 +16,6 @@ from twind_drivers.bus import (
     Read,
     Sample,
     Write,
-    perform,
 )
 from twind_drivers.clock import FakeClock, MonotonicClock
 from twind_drivers.dynamixel import packet as p
@@ -24,6 +23,7 @@ from twind_drivers.dynamixel.cyclic import CALM
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.serial_port import SerialTransport
 from twind_drivers.dynamixel.writer import DynamixelWriter
+from twind_drivers.perform import perform
 
 IDS = tuple(range(1, 25))
 FAST, PLAIN = p.Instruction.FAST_SYNC_READ, p.Instruction.SYNC_READ

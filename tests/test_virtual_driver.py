@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from virtual_host import Host
 
-from twind_drivers.bus import Sample, perform
+from twind_drivers.bus import Sample
 from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
+from twind_drivers.perform import perform
 from twind_drivers.virtual.loopback import Loopback
 
 IDS = tuple(range(1, 25))

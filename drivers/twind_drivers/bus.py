@@ -7,8 +7,7 @@ for the rare path), lets `feed` take bytes until it says done or `deadline` pass
 `answer`). What takes several transactions (identify, prepare, torque) is a **script**: a generator that
 yields one request and is sent its reply, so that the loop steps it, one transaction a tick.
 
-The `Reader` exists in mirror and live. The `Writer` exists in live only: a mirror has no object that could
-write.
+The `Reader` exists in mirror and live, the `Writer` in live only: a mirror has no object that could write.
 
     BusError
     ├── PortError          the port could not be opened, or was lost (`lost` is True)
@@ -21,12 +20,12 @@ write.
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import floor
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.clock import Arrivals, Clock
+from twind_drivers.clock import Arrivals
 
 if TYPE_CHECKING:
     from twind_drivers.alone import Alone
@@ -316,9 +315,7 @@ class Reader(Protocol):
 
     def upkeep(self, now: float) -> Query | None:
         """What to ask beside the cyclic reading: the slow registers in turn; once a second, who is parked.
-
-        None: nothing in this turn.
-        """
+        None: nothing in this turn."""
 
     def span(self, query: Request) -> float:
         """Upper bound of the bus time (s) that a transaction takes, its timeout excluded."""
@@ -400,23 +397,3 @@ class Writer(Protocol):
 
         Raises DeviceRefused while its torque is on, unless it is `shut_down` by its hardware error.
         """
-
-
-def perform(reader: Reader, script: Script[T], clock: Clock, writer: Writer | None = None) -> T:
-    """Run a script to its end, blocking: for tools that own the port alone (scan, failsafe, tests)."""
-    try:
-        request = next(script)
-        while True:
-            now = clock.now()
-            if isinstance(request, Ping | Read):
-                reader.begin(request, now)
-            elif writer is not None:
-                writer.begin(request, now)
-            else:
-                raise TypeError(f"{reader.name}: {request} writes, and this bus was opened read-only")
-            while not reader.feed(clock.now()) and clock.now() < reader.deadline:
-                clock.wait([reader.transport], reader.deadline)
-            request = script.send(reader.answer(clock.now()))
-    except StopIteration as stop:
-        result: Any = stop.value
-        return result  # type: ignore[no-any-return]

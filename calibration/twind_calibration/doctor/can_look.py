@@ -10,15 +10,16 @@ from twind.config.robot_spec import JointSpec
 from twind_calibration.doctor.can_line import CanLine
 from twind_calibration.doctor.complaint import CannotLook
 from twind_calibration.doctor.survey import PARAMETERS, CanSurvey, Node, asked
-from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, Read, perform
+from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, Read
 from twind_drivers.can.channel import Line
 from twind_drivers.can.orders import STATE
 from twind_drivers.can.reader import CanReader
+from twind_drivers.perform import perform
 
 LISTEN = 0.12  # s: an ODrive tells its state ten times a second, another master speaks more often
 AFTER = 0.01  # s after an answer in which a second one of the same id would come, or a late one
 TRIES = 3  # of a question that one does not answer
-ROUNDS = 5  # of questions to all, in each of which a second answer must come before it counts
+ROUNDS, MOST = 5, 3  # of questions to all; in so many a second answer must come before it counts
 UNTOLD = 255  # torque of an actuator that does not tell it
 # Bits of a CAN actuator's fault, as the drivers tell them.
 FAULTS = (
@@ -72,10 +73,14 @@ def _state(line: CanLine, id: int) -> tuple[int, int]:
 
 
 def _rounds(line: CanLine) -> tuple[set[int], set[int], int]:
-    """All asked again and again: who answered, late or not; who answered more often than asked, each time
-    (never who tells unasked); how many frames came of nobody."""
+    """All asked again and again: who answered, late or not; who answered more often than asked in most of the
+    rounds (never who tells unasked); how many frames came of nobody.
+
+    Not in each of them: a second answer may come too late, or the two may be one frame on the wire. Nor in
+    any: where nobody was there to acknowledge, questions wait, and are then answered all at once.
+    """
     reader, clock = line.reader, line.clock
-    spoke, more, strangers = np.zeros(len(reader.ids), np.bool_), reader.fleet.replies.copy(), 0
+    spoke, more, strangers = np.zeros(len(reader.ids), np.bool_), np.zeros(len(reader.ids), np.int64), 0
     for _ in range(ROUNDS):
         _ask(line)
         count, wanted = reader.line.heard.count.copy(), reader.line.expect.copy()
@@ -84,8 +89,8 @@ def _rounds(line: CanLine) -> tuple[set[int], set[int], int]:
         count += late.count
         strangers += reader.line.heard.strangers + late.strangers
         spoke |= count > 0
-        more &= count > wanted
-    return _ids(reader, spoke), _ids(reader, more), strangers
+        more += count > wanted
+    return _ids(reader, spoke), _ids(reader, reader.fleet.replies & (more >= MOST)), strangers
 
 
 def _ids(reader: CanReader, rows: Bools) -> set[int]:

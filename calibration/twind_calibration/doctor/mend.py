@@ -16,12 +16,13 @@ from twind_calibration.doctor.daemon import Daemon
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.line import Line
 from twind_calibration.doctor.survey import Servo
-from twind_drivers.bus import BusError, PortError, perform
+from twind_drivers.bus import BusError, PortError
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel.prober import LONGEST_DELAY
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.serial_port import SerialTransport
 from twind_drivers.dynamixel.writer import DynamixelWriter
+from twind_drivers.perform import perform
 
 
 def command(servo: Servo, register: str, value: int) -> str:
