@@ -1,12 +1,14 @@
 """`calibrating`: begun by who holds the lease, ended with it; EEPROM is written then and at no other time."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from eeprom import calibrate, calibrated
 from rig import CLIENT, Rig
 
 from twind import link
+from twind.loop import requests
 from twind.loop.procedures import Procedure, Rank
 from twind.robot.finding import Code
 from twind.robot.modes import Mode, State
@@ -245,3 +247,34 @@ def test_a_register_that_fits_no_longer_is_told_when_it_is_over(connected: Rig) 
     connected.connect()
     connected.lease()
     assert "CALIB_MISMATCH" in codes(connected.call(link.Arm))
+
+
+def test_a_write_that_waits_is_not_made_when_it_is_over(live: Rig) -> None:
+    """Torque of one servo is not known, so that of the one that is written is read first."""
+    live.virtual["main"].servos["status_return_level"][1] = 0  # answers pings only
+    live.seconds(2.0)
+    assert live.loop.energised
+    calibrate(live)
+    ticket = live.send(link.WriteRegister, bus="main", id=7, name="homing_offset", value=100)
+    live.send(link.Calibrate, on=False)
+    live.ticks(40)
+    (reply,) = live.replies(ticket)
+    assert (reply.error, reply.parameters["allowed"]) == ("WrongState", ["calibrating"])
+    assert held(live, "homing_offset") == 0
+
+
+def test_time_that_goes_on_within_a_tick_does_not_end_it(
+    connected: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lease that is renewed later than the tick's own time would look like one of the future."""
+    calibrate(connected)
+    begin = requests.begin
+
+    def later(*arguments: Any) -> None:
+        connected.clock.time += 1e-4  # as on a real machine
+        begin(*arguments)
+
+    monkeypatch.setattr(requests, "begin", later)
+    for value in range(1, 6):
+        assert write(connected, "homing_offset", value).error is None
+        assert connected.loop.state is State.CALIBRATING

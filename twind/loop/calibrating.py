@@ -81,10 +81,14 @@ class Calibrating:
         loop = self._loop
         if not kept or (self.on and loop.lease.renew(command.client, now)):
             return True
-        if self.on:
+        if not self.on:
+            self.refuse(command)
+        else:
             message = "somebody else calibrates: EEPROM is written by who holds the lease"
             loop.say.refuse(command, (Finding(Code.LEASE_MISSING, message=message),))
-        else:
-            state = f"{loop.state.value}, and {command.name} of id {command.id} is EEPROM"
-            loop.say.error(command, "WrongState", state=state, allowed=[State.CALIBRATING.value])
         return False
+
+    def refuse(self, command: link.WriteRegister) -> None:
+        """EEPROM is written while calibrating, and it is not."""
+        state = f"{self._loop.state.value}, and {command.name} of id {command.id} is EEPROM"
+        self._loop.say.error(command, "WrongState", state=state, allowed=[State.CALIBRATING.value])

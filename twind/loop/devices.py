@@ -131,7 +131,8 @@ def _written(loop: Loop, command: link.WriteRegister, port: Port) -> Procedure:
         return
     if not _writable(loop, command, port, "write a register", unknown=True) or port.writer is None:
         return
-    if not loop.calibrating.may_keep(command, _kept(port, command), loop.clock.now()):
+    if _kept(port, command) and not loop.calibrating.on:  # it ended while that was looked at
+        loop.calibrating.refuse(command)
         return
     task: Task[Register] = port.run(port.writer.write(command.id, command.name, command.value))
     yield from _answer(loop, command, port, task, _register, command.name)
