@@ -154,8 +154,8 @@ ENDS: Mapping[str, End] = {
         {Code.FOREIGN_TRAFFIC, Code.BUS_ERRORS},
     ),
     "its cap is not obeyed": (lambda made: made.put("goal_current", 1193), {Code.OVERCURRENT}),
-    "it moves against its way": (lambda made: shove(made, 0.2), {Code.STOP_NOT_FOUND}),
-    "it runs ahead": (lambda made: shove(made, -0.2), {Code.STOP_NOT_FOUND}),
+    "it moves against its way": (lambda made: shove(made, 0.35), {Code.STOP_NOT_FOUND}),
+    "it runs ahead": (lambda made: shove(made, -0.35), {Code.STOP_NOT_FOUND}),
     "its watchdog trips": (lambda made: trip(made), {Code.WATCHDOG_TRIPPED}),
     "a hardware error": (lambda made: made.bus.faults.damage(made.spec.id, 32), {Code.SERVO_ALERT}),
     "it restarts": (
@@ -208,7 +208,7 @@ def energise(made: Homed, row: int) -> None:
 @pytest.mark.parametrize("name", ENDS)
 def test_whatever_ends_it_torque_is_off_and_all_is_undone(name: str) -> None:
     end, expected = ENDS[name]
-    with homed() as made:
+    with homed(start={JOINT: -1.2}) as made:
         made.ready()
         ticket = made.find()
         made.powered(ticket)
@@ -306,6 +306,53 @@ def test_what_is_not_as_it_was_is_told_with_both_values() -> None:
         assert finding["code"] == Code.DEVICE_MISMATCH
         assert str(made.before["min_position_limit"]) in finding["message"] and "100" in finding["message"]
         assert not any(made.torques()) and made.get("operating_mode") == made.before["operating_mode"]
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 3])
+def test_an_estop_while_torque_is_being_taken_off_forgets_nothing(ticks: int) -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        made.powered(ticket)
+        made.send(link.ReleaseLease)
+        made.ticks(ticks)
+        made.call(link.EStop, client=OTHER)
+        assert failed(made, ticket)[0] in (Code.LEASE_LOST, Code.ESTOP)
+
+
+def test_whatever_breaks_inside_torque_goes_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        made.powered(ticket)
+        monkeypatch.setattr("twind.motion.homing.Course.step", lambda *_: 1 / 0)
+        assert failed(made, ticket) == [Code.INTERNAL]
+        assert Code.INTERNAL in made.loop.latches
+
+
+def test_a_daemon_that_was_killed_leaves_a_servo_that_stopped_and_the_next_one_says_what_is_wrong() -> None:
+    with homed() as made:
+        made.ready()
+        made.powered(made.find())
+        made.clock.sleep_until(made.clock.now() + 0.3)  # nobody speaks: its watchdog
+        made.front.end(0.0)
+        made.front = made.new_front()
+        made.loop = made.born(Mode.LIVE)
+        made.seconds(1.0)
+        assert made.get("bus_watchdog") == 255, "nothing would have stopped it"
+        assert made.loop.inherited
+        troubles = [finding.message for finding in made.loop.identity.troubles]
+        assert any("operating" in message and "5" in message for message in troubles), troubles
+        assert made.call(link.Disarm).error is None
+        assert not any(made.torques())
+        made.lease()
+        made.call(link.Calibrate, on=True)
+        how = {"bus": made.spec.bus, "id": made.spec.id, "name": "operating_mode", "value": 3}
+        assert made.call(link.WriteRegister, **how).error is None
+        made.call(link.Calibrate, on=False)
+        made.connect()
+        made.lease()
+        assert made.call(link.Arm).error is None
 
 
 # ------------------------------------------------------------------------------- not begun

@@ -54,7 +54,6 @@ class Debt:
 
     command: link.FindStop
     sought: Sought
-    alone: Alone | None = None
     kept: Any = None  # of the driver: what is given back; None: nothing was written
     shift: int = 0  # counts: calibrated count minus raw, in the mode that it is in now
     powered: float | None = None  # s, when torque was read back on
@@ -93,26 +92,43 @@ class Homing:
         loop = self._loop
         loop.lease.pin(debt.command.client, PIN)
         try:
-            yield from self._found(debt)
-        except Ended as ended:
-            debt.findings = (self._of(debt, ended.finding),)
-        except (BusError, KeyError, ValueError) as error:
-            debt.findings = (Finding(Code.BUS_ERRORS, debt.sought.joint, message=str(error)),)
+            debt.findings = yield from self._outcome(debt)
+            loop.hardware.clear()
+            if loop.energising:
+                debt.findings += yield from self._loosened(debt)
         except GeneratorExit:  # what took over takes the torque: `energising` is set
-            debt.findings = (_cause(loop),)
+            debt.findings = debt.findings or (_cause(loop),)
             loop.unconfirmed = loop.unconfirmed or loop.energising
             loop.hardware.clear()
-            self._end(debt)
             raise
-        loop.hardware.clear()
-        if loop.energising:
-            try:
-                yield from loosen(loop)
-            except BusError as error:
-                message = f"torque could not be read back off: {error}"
-                loop.say.event("error", Code.TORQUE_MISMATCH, message)
-                debt.findings += (Finding(Code.TORQUE_MISMATCH, debt.sought.joint, message=message),)
-        self._end(debt)
+        finally:
+            self._end(debt)
+
+    def _outcome(self, debt: Debt) -> Generator[None, float, tuple[Finding, ...]]:
+        """What went wrong; nothing: it was found."""
+        loop, joint = self._loop, debt.sought.joint
+        try:
+            yield from self._found(debt)
+        except Ended as ended:
+            return (self._of(debt, ended.finding),)
+        except (BusError, KeyError, ValueError) as error:
+            return (Finding(Code.BUS_ERRORS, joint, message=str(error)),)
+        except Exception as error:  # noqa: BLE001 - whatever broke, torque goes off
+            broken = Finding(Code.INTERNAL, joint, message=repr(error))
+            loop.fail(broken, loop.clock.now())
+            return (broken,)
+        return ()
+
+    def _loosened(self, debt: Debt) -> Generator[None, float, tuple[Finding, ...]]:
+        """Torque off, read back; what is to be said of it."""
+        loop = self._loop
+        try:
+            yield from loosen(loop)
+        except BusError as error:
+            message = f"torque could not be read back off: {error}"
+            loop.say.event("error", Code.TORQUE_MISMATCH, message)
+            return (Finding(Code.TORQUE_MISMATCH, debt.sought.joint, message=message),)
+        return ()
 
     @staticmethod
     def _of(debt: Debt, finding: Finding) -> Finding:
@@ -136,16 +152,17 @@ class Homing:
         loop.say.event("info", "HOMING", f"{command.holder}: {name} goes to its {command.side} stop")
         debt.shift = int(loop.hardware.readings.shift[aim.joint])
         yield from self._quiet(debt)
-        debt.alone = alone = writer.alone(aim.id, cap=aim.cap, profile=aim.profile)
+        alone = writer.alone(aim.id, cap=aim.cap, profile=aim.profile)
         kept = yield from self._done(debt, alone.look())
         self.owed, debt.kept = debt, kept
         loop.procedures.beside(self._give_back(debt))
         held = yield from self._pinned(debt, alone, kept)
         now = yield from self._energised(debt, alone, held)
-        yield from self._course(debt, alone, Course(aim.search, float(held), now))
+        yield from self._course(debt, alone, Course(aim.search, float(held), now), now)
 
     def _quiet(self, debt: Debt) -> Generator[None, float, None]:
-        self._report(debt, "waiting", 0.0, self._loop.clock.now())
+        now = self._loop.clock.now()
+        self._report(debt, "waiting", 0.0, now)
         now = yield
         quiet = Quiet(now)
         while (answer := quiet.step(self._look(debt), now)) is not True:
@@ -173,8 +190,7 @@ class Homing:
     def _energised(self, debt: Debt, alone: Alone, held: int) -> Generator[None, float, float]:
         """Torque on, read back, and it did not jump; the time."""
         loop, aim = self._loop, debt.sought
-        now = loop.clock.now()
-        self._require(debt, now)
+        self._require(debt, (yield from ticks(1)))
         loop.energising = True
         yield from self._done(debt, alone.energise())
         debt.powered = loop.clock.now()
@@ -185,8 +201,7 @@ class Homing:
             raise Ended(Finding(Code.STOP_NOT_FOUND, value=jump, bound=aim.jump, message=message))
         return now
 
-    def _course(self, debt: Debt, alone: Alone, course: Course) -> Generator[None, float, None]:
-        now = self._loop.clock.now()
+    def _course(self, debt: Debt, alone: Alone, course: Course, now: float) -> Generator[None, float, None]:
         while True:
             self._require(debt, now)
             goal = course.step(self._look(debt), now)
