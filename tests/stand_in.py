@@ -98,6 +98,7 @@ def overview(now: float, ticks: int = 0, count: int = 24) -> link.Overview:
         voltage=np.full(count, 12.0).tobytes(),
         torque=torque.tobytes(),
         fault_bits=bits.tobytes(),
+        verified=np.array([True] * (count - 1) + [False]).tobytes(),
     )
 
 

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from stand_in import briefing, overview, tick
 
-from twind.ctl.table import render, status_lines
+from twind.ctl.table import joint_lines, render, status_lines
 from twind.front.world import World
 from twind.link import BusInfo
 
@@ -54,3 +54,26 @@ def test_faults_come_after_the_warnings_and_joints_after_both() -> None:
     assert lines[-1].startswith("fault")
     assert lines.index(f"warning  bus_0: {SLOW}") < len(lines) - 1
     assert render(answer).splitlines() == lines
+
+
+def test_who_is_not_verified_is_marked_and_who_is_not_calibrated_is_that_first() -> None:
+    world = World(briefing())
+    world.take(overview(100.0))
+    world.take(tick(100.0, 1))
+    joints = msgspec.json.decode(world.joints())
+    assert [joint["verified"] for joint in joints] == [True] * 23 + [False]
+    rows = joint_lines(joints)
+    assert [place for place, row in enumerate(rows) if "unverified" in row] == [24]
+    assert "silent, unverified" in rows[24]
+    (alone,) = joint_lines([joints[-1] | {"calibrated": False}])[1:]
+    assert "uncalibrated" in alone
+    assert "unverified" not in alone
+
+
+def test_where_no_robot_is_looked_at_nobody_says_who_is_verified() -> None:
+    world = World(briefing())
+    world.take(msgspec.structs.replace(overview(100.0), verified=b""))
+    world.take(tick(100.0, 1))
+    joints = msgspec.json.decode(world.joints())
+    assert {joint["verified"] for joint in joints} == {None}
+    assert not any("verified" in row for row in joint_lines(joints))

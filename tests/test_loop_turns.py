@@ -12,7 +12,6 @@ from rig import Rig
 from turning_world import arm_in
 
 from twind import link
-from twind.robot.modes import State
 from twind.twin.binding import BindingError
 from twind.virtual.truth import JointTruth, Truth
 

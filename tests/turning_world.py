@@ -1,4 +1,4 @@
-"""A planar arm of three serial servos, one in each mode of positions: 3, 4 and 5; a gear and a sign among them."""
+"""A planar arm of three serial servos, one in each mode of positions: 3, 4 and 5; one geared, one reversed."""
 
 from pathlib import Path
 

@@ -327,6 +327,7 @@ class Overview(Base, frozen=True, kw_only=True):
     voltage: bytes  # V
     torque: bytes  # int8 of n joints: 1 on, 0 off, -1 unknown
     fault_bits: bytes  # int16 of n joints: hardware error, bit 8 alert; -1 unknown
+    verified: bytes = b""  # bool of n joints: as calibrated, its turn known; empty: no robot is looked at
 
 
 class Reply(Base, frozen=True, kw_only=True):

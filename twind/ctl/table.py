@@ -65,7 +65,10 @@ def lined_up(rows: Sequence[Sequence[str]], left: Collection[int]) -> list[str]:
 
 def _row(joint: Answer) -> tuple[str, ...]:
     notes = [] if joint["heard"] else ["silent"]
-    notes += [] if joint["calibrated"] else ["uncalibrated"]
+    if not joint["calibrated"]:
+        notes.append("uncalibrated")
+    elif joint.get("verified") is False:
+        notes.append("unverified")
     return (
         joint["name"],
         _number(joint["position"], 3),

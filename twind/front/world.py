@@ -35,6 +35,9 @@ def encode(value: Any) -> bytes:
     return _json.encode(value)
 
 
+Slow = tuple[list[float], list[float], list[bool | None], list[bool | None], list[list[str]]]
+
+
 class JointNow(msgspec.Struct):
     """One joint, as `Joint` of the interface. NaN where unknown."""
 
@@ -52,6 +55,7 @@ class JointNow(msgspec.Struct):
     heard: bool
     torque: bool | None
     calibrated: bool
+    verified: bool | None
     faults: list[str]
 
 
@@ -65,7 +69,7 @@ class World:
         self.overview: Overview | None = None
         self._cache: dict[str, bytes] = {}
         self._slow: dict[str, msgspec.Raw] = {}
-        self._columns: tuple[list[float], list[float], list[bool | None], list[list[str]]] | None = None
+        self._columns: Slow | None = None
 
     def brief(self, briefing: Briefing) -> None:
         """The same robot, with other limits, gains or settings."""
@@ -186,9 +190,24 @@ class World:
         return encode(
             [
                 JointNow(
-                    j.name, j.bus, j.id, p, v, e, g, s, temp, volt, age * 1e3, h != 0, on, j.calibrated, f
+                    j.name,
+                    j.bus,
+                    j.id,
+                    p,
+                    v,
+                    e,
+                    g,
+                    s,
+                    temp,
+                    volt,
+                    age * 1e3,
+                    h != 0,
+                    on,
+                    j.calibrated,
+                    fine,
+                    f,
                 )
-                for j, p, v, e, g, s, age, h, temp, volt, on, f in zip(
+                for j, p, v, e, g, s, age, h, temp, volt, on, fine, f in zip(
                     still,
                     _floats(tick.position),
                     _floats(tick.velocity),
@@ -209,11 +228,12 @@ def _floats(data: bytes) -> list[float]:
     return list(numbers)
 
 
-def _slow_columns(news: Overview) -> tuple[list[float], list[float], list[bool | None], list[list[str]]]:
-    """Temperature, voltage, torque and faults of each joint."""
+def _slow_columns(news: Overview) -> Slow:
+    """Temperature, voltage, torque, verified and faults of each joint."""
     torque = [_TORQUE.get(value) for value in memoryview(news.torque).cast("b").tolist()]
     faults = [_faults(bits) for bits in memoryview(news.fault_bits).cast("h").tolist()]
-    return _floats(news.temperature), _floats(news.voltage), torque, faults
+    verified: list[bool | None] = [each != 0 for each in news.verified]
+    return _floats(news.temperature), _floats(news.voltage), torque, verified or [None] * len(torque), faults
 
 
 def _faults(bits: int) -> list[str]:

@@ -115,6 +115,7 @@ class Publisher:
             voltage=slow.voltage.tobytes(),
             torque=loop.torque_known.tobytes(),
             fault_bits=self._faults().tobytes(),
+            verified=b"" if loop.mode is Mode.SIM else loop.identity.verified.joints.tobytes(),
         )
 
     def _faulty(self) -> list[Finding]:
