@@ -56,9 +56,11 @@ def merged(
     )
 
 
-def written(place: Ground, before: Calibration | None, entries: Sequence[JointCalibration]) -> Calibration:
+def written(
+    place: Ground, before: Calibration | None, entries: Sequence[JointCalibration], method: str = "jig"
+) -> Calibration:
     """Write the file with these entries; what it holds now. Raises Rejected: the daemon would refuse it."""
-    after = merged(place, before, entries)
+    after = merged(place, before, entries, method)
     try:
         text = dump_calibration(after)
         after = read_calibration(text, str(place.path), place.robot)

@@ -1,0 +1,131 @@
+"""`twindctl calibrate import`: read the source and the servos, show what follows, ask, write. Blocks."""
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from twind.client import Client
+from twind.config.calibration_file import DeviceRecord
+from twind.config.located import ConfigError, read_text
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, operator
+from twind.protocol.plain_file import read_plain
+from twind_calibration.again import again
+from twind_calibration.calibrating import draft as drafts
+from twind_calibration.calibrating import lerobot
+from twind_calibration.calibrating.devices import differences, records
+from twind_calibration.calibrating.folding import Convention, Folded, Source, fold, of_motor, of_registers
+from twind_calibration.calibrating.ground import Ground, ground
+from twind_calibration.calibrating.matching import matched, read_map
+from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody, written
+
+
+def take(options: argparse.Namespace) -> int:
+    """Exit code 0: all that were asked for are in the file. Raises Rejected, UsageError, ClientError."""
+    if (options.kind == "lerobot") != (options.file is not None):
+        raise UsageError("--from lerobot takes a --file FILE, --from servo none")
+    if options.map is not None and options.file is None:
+        raise UsageError("--map goes with --from lerobot")
+    try:
+        require_somebody(options)
+        with operator(options) as client:
+            return _take(options, client)
+    except Rejected as error:  # what it says to type is typed for the same daemon
+        raise Rejected(again(options).prose(str(error))) from error
+
+
+def _take(options: argparse.Namespace, client: Client) -> int:
+    place = ground(options, client)
+    every = slots(place.robot)
+    names = [slot.name for slot in every]
+    motors = _motors(options, every)
+    asked = place.chosen(options.joints, names)
+    if motors is not None and options.joints and (absent := [name for name in asked if name not in motors]):
+        raise Rejected(f"{options.file} says nothing of {', '.join(absent)}")
+    chosen = [slot for slot in every if slot.name in asked and (motors is None or slot.name in motors)]
+    zeros = _zeros(options, place, names)
+    draft = drafts.load(place.path, place.robot, names)
+    found = records(client, place.robot, chosen)
+    sources = {name: of_motor(motor, options.make) for name, motor in (motors or {}).items()}
+    folded = [_fold(slot, found, sources, draft, zeros) for slot in chosen]
+    return _write(options, place, draft, folded)
+
+
+def _motors(options: argparse.Namespace, every: Sequence[Slot]) -> dict[str, lerobot.Motor] | None:
+    """Of the file, by actuator; None: the servos themselves are asked."""
+    if options.file is None:
+        return None
+    try:
+        motors = lerobot.read(read_plain(Path(options.file), lerobot.LARGEST), options.file)
+        names = None if options.map is None else read_map(read_text(Path(options.map)), options.map)
+    except OSError as error:
+        raise Rejected(f"{options.file}: {error.strerror}") from None
+    except ConfigError as error:
+        raise Rejected(str(error)) from None
+    return matched(motors, every, names)
+
+
+def _zeros(options: argparse.Namespace, place: Ground, names: Sequence[str]) -> dict[str, Convention]:
+    """Where each actuator's angle 0 was said to be."""
+    said: dict[str, Convention] = dict(options.zero_at)
+    place.chosen([name for name in said if name], names)
+    return {name: said.get(name, said.get("")) for name in names if name in said or "" in said}
+
+
+def _fold(
+    slot: Slot,
+    found: Mapping[str, DeviceRecord],
+    sources: Mapping[str, Source],
+    draft: drafts.Draft,
+    zeros: Mapping[str, Convention],
+) -> Folded:
+    device, swept = found.get(slot.name), draft.swept.get(slot.name)
+    if device is None:
+        return Folded(slot, None, ("nobody answers there",))
+    if slot.name not in zeros:
+        return Folded(slot, None, (f"nobody says where its angle 0 is: --zero-at {slot.name}=TICKS",))
+    source = sources.get(slot.name)
+    if source is None:
+        own = None if swept is None or differences(swept.device, device) else swept.sweep_ticks
+        source = of_registers(slot, device, own)
+    return fold(slot, source, device, zeros[slot.name])
+
+
+def _write(options: argparse.Namespace, place: Ground, draft: drafts.Draft, folded: Sequence[Folded]) -> int:
+    """Show, ask, write, say what comes next; the exit code."""
+    width = max((len(each.slot.name) for each in folded), default=0)
+    for each in folded:
+        print(json.dumps(_told(each)) if options.json else _line(each, width), flush=True)
+    entries = [each.entry for each in folded if each.entry is not None]
+    if not entries:
+        raise Rejected("nothing can be taken: nothing was written")
+    if not agreed(options, f"write {len(entries)} of {len(folded)} joints to {place.path}?"):
+        raise Rejected("nothing was written")
+    after = written(place, place.calibration(), entries, "import")
+    drafts.save(draft.without(each.name for each in entries), place.path, place.robot)
+    next_steps(options, place, after)
+    return DONE if len(entries) == len(folded) else REFUSED
+
+
+def _line(folded: Folded, width: int) -> str:
+    one = folded.entry
+    if one is None:
+        return f"NOT  {folded.slot.name}: {'; '.join(folded.wrong)}"
+    low, high = one.sweep_ticks
+    offset = one.device.homing_offset_ticks
+    kept = f", homing offset {offset} kept" if offset else ""
+    return f"ok   {one.name:<{width}} zero at {one.zero_ticks:>6}, travel {low}..{high}{kept}"
+
+
+def _told(folded: Folded) -> dict[str, Any]:
+    one = folded.entry
+    return {
+        "joint": folded.slot.name,
+        "good": one is not None,
+        "wrong": list(folded.wrong),
+        "zero_ticks": None if one is None else one.zero_ticks,
+        "sweep_ticks": None if one is None else list(one.sweep_ticks),
+        "homing_offset_ticks": None if one is None else one.device.homing_offset_ticks,
+    }

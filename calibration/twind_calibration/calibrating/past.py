@@ -1,0 +1,162 @@
+"""`twindctl calibrate show`, `diff` and `rollback`."""
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from itertools import groupby
+from math import degrees
+from typing import Any
+
+from twind.client import NoDaemon
+from twind.config.calibration_file import Calibration, JointCalibration
+from twind.ctl.table import lined_up
+from twind.ctl.verb import DONE, Rejected, observer, show
+from twind.twin.binding import BindingError, bind
+from twind_calibration.again import again
+from twind_calibration.calibrating import kept
+from twind_calibration.calibrating.archive import CURRENT, Archive
+from twind_calibration.calibrating.compared import Change, changes
+from twind_calibration.calibrating.ground import Ground, ground
+from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody
+from twind_calibration.described import read
+
+HEADS = ("joint", "bus", "id", "zero", "±", "sign", "travel", "deg", "seam", "offset", "method", "proved")
+
+
+def _place(options: argparse.Namespace) -> Ground:
+    """Whose files: as a daemon that runs says, unless they are named; else as the settings do."""
+    named = options.robot or options.config or options.port
+    if not named:
+        try:
+            with observer(options) as client:
+                return ground(options, client)
+        except NoDaemon:
+            pass  # a file that it cannot use may be why
+    described = read(options)
+    if described.calibration is None:
+        raise Rejected(f"{described.robot.name} has no calibration file yet; --calibration FILE names one")
+    return Ground(described.robot, described.calibration.absolute(), named=True)
+
+
+def _archive(place: Ground) -> Archive:
+    return Archive(place.path, place.robot)
+
+
+# ------------------------------------------------------------------------------------------- show
+
+
+def _show(options: argparse.Namespace) -> int:
+    place = _place(options)
+    archive = _archive(place)
+    one, file, earlier = archive.read(options.which), archive.file(options.which), archive.numbers()
+    data = {"file": str(file), **asdict(one), "earlier": list(earlier)}
+    show(options, data, "\n".join(_page(one, str(file), earlier, slots(place.robot))))
+    return DONE
+
+
+def _page(one: Calibration, file: str, earlier: Sequence[int], every: Sequence[Slot]) -> list[str]:
+    rows: list[Sequence[str]] = [HEADS]
+    rows += [_row(slot, one.by_name[slot.name]) for slot in every if slot.name in one.by_name]
+    left = [slot.name for slot in every if slot.name not in one.by_name]
+    lines = [f"{file}: {one.robot}, {one.created}, by {one.tool}", *lined_up(rows, left=(0, 1, 10, 11))]
+    lines += [f"not calibrated: {', '.join(left)}"] if left else []
+    numbers = ", ".join(f"{number:04d}" for number in earlier) or "none"
+    return [*lines, f"earlier files: {numbers}"]
+
+
+def _row(slot: Slot, one: JointCalibration) -> Sequence[str]:
+    low, high = one.sweep_ticks
+    return (
+        *(one.name, one.bus, str(one.id), str(one.zero_ticks), f"{one.zero_sigma_ticks:.1f}"),
+        *(f"{one.sign:+d}", f"{low}..{high}", f"{degrees((high - low) * abs(slot.rad_per_tick)):.1f}"),
+        *(str(one.seam_margin_ticks), str(one.device.homing_offset_ticks), one.method, _proved(one.proof)),
+    )
+
+
+def _proved(proof: Any) -> str:
+    if proof is None:
+        return "no"
+    return str(proof.get("sign", "yes")) if isinstance(proof, Mapping) else str(proof)
+
+
+# ------------------------------------------------------------------------------------------- diff
+
+
+def _diff(options: argparse.Namespace) -> int:
+    place = _place(options)
+    archive = _archive(place)
+    before = options.before or _latest(archive)
+    found = changes(archive.read(before), archive.read(options.after), slots(place.robot))
+    told = [
+        {"joint": each.name, "what": each.what, "before": each.before, "after": each.after}
+        | ({} if each.degrees is None else {"degrees": round(each.degrees, 4)})
+        for each in found
+    ]
+    data = {"before": str(archive.file(before)), "after": str(archive.file(options.after)), "changes": told}
+    lines = [f"{data['before']} -> {data['after']}", *_lines(found)]
+    show(options, data, "\n".join(lines))
+    return DONE
+
+
+def _latest(archive: Archive) -> str:
+    numbers = archive.numbers()
+    if not numbers:
+        raise Rejected(f"{archive.path} has no earlier file to compare with")
+    return str(numbers[-1])
+
+
+def _lines(found: Sequence[Change]) -> list[str]:
+    lines = []
+    for name, own in groupby(found, key=lambda each: each.name):
+        lines += [f"{name}:", *(f"  {each}" for each in own)]
+    return lines or ["nothing differs"]
+
+
+# ------------------------------------------------------------------------------------------- rollback
+
+
+def _rollback(options: argparse.Namespace) -> int:
+    """Put an earlier file back; the one that it replaces becomes the latest earlier one."""
+    require_somebody(options)
+    place = _place(options)
+    archive = _archive(place)
+    earlier, file = archive.read(options.which), archive.file(options.which)
+    try:
+        bind(place.robot, earlier)
+    except BindingError as error:
+        raise Rejected(f"the daemon would refuse {file}: {error}") from None
+    if not options.json:
+        print("\n".join([f"{place.path} -> {file}", *_against_now(archive, earlier, place)]), flush=True)
+    if not agreed(options, f"put {file.name} of {earlier.created} back?"):
+        raise Rejected("nothing was written")
+    kept.save(earlier, place.path)
+    next_steps(options, place, earlier)
+    return DONE
+
+
+def _against_now(archive: Archive, earlier: Calibration, place: Ground) -> list[str]:
+    """What it changes; a file that cannot be read is no reason against."""
+    try:
+        return _lines(changes(archive.read(CURRENT), earlier, slots(place.robot)))
+    except Rejected as error:
+        return [f"what it holds now cannot be used: {error}"]
+
+
+def _within(step: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
+    """What a refusal says to type is typed for the same daemon."""
+
+    def run(options: argparse.Namespace) -> int:
+        try:
+            return step(options)
+        except Rejected as error:
+            raise Rejected(again(options).prose(str(error))) from error
+
+    return run
+
+
+STEPS: Mapping[str, Callable[[argparse.Namespace], int]] = {
+    "show": _within(_show),
+    "diff": _within(_diff),
+    "rollback": _within(_rollback),
+}
