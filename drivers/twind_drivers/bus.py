@@ -158,6 +158,7 @@ class Device:
     # register name in snake case -> value, signed where the register is: homing_offset, drive_mode,
     # operating_mode, min_position_limit, max_position_limit, return_delay_time, status_return_level, ...
     settings: Mapping[str, int] = field(default_factory=dict)
+    unique_id: str | None = None  # what no other device of its family has; None: it tells none
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from twind_drivers.bus import Device
 
 Devices = Mapping[tuple[str, int], Device]
 
+STAMPED = "moving_threshold"  # 24: where a calibration that uses tags has stamped the servo
 PLAUSIBLE_SWEEP = (0.6, 1.3)  # of the described range
 
 # register in `Device.settings` -> field of the record
@@ -95,6 +96,22 @@ def _changed(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> I
         value, recorded = now.settings.get(register), int(getattr(then, name))
         if value != recorded:
             yield differs(register, value, recorded)
+    yield from _stamp(place, then, now)
+
+
+def _stamp(place: int, then: DeviceRecord, now: Device) -> Iterator[Finding]:
+    tag = now.settings.get(STAMPED)
+    if then.tag is not None and tag != then.tag:
+        said = "was not read" if tag is None else f"is {tag}"
+        text = (
+            f"{STAMPED} (24) {said}, its tag was {then.tag} when calibrated: another servo, or a reset one?"
+        )
+        number = None if tag is None else float(tag)
+        yield Finding(Code.CALIB_MISMATCH, place, value=number, bound=float(then.tag), message=text)
+    if then.unique_id is not None and now.unique_id != then.unique_id:
+        text = f"its unique id is {now.unique_id}, was {then.unique_id} when calibrated: another device; "
+        remedy = "put the right one back, or calibrate anew"
+        yield Finding(Code.CALIB_MISMATCH, place, message=text + remedy)
 
 
 def _firmware(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> Iterator[Finding]:

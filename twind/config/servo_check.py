@@ -14,8 +14,8 @@ MAX_OFFSET = 1024  # counts: in position mode a servo ignores a homing offset be
 NEEDED = ("operating_mode", "homing_offset", "drive_mode")  # every model has them
 SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
 MAX_ID = 252  # above it the second id is off (e-manual, address 12)
-TORQUE_AT_BOOT = 0b0001  # startup configuration (60), bit 0
-TORQUE_BY_GOAL = 0b1000  # drive mode (10), bit 3
+TORQUE_AT_BOOT, RAM_AT_BOOT = 0b0001, 0b0010  # startup configuration (60), bits 0 and 1
+TIME_PROFILE, TORQUE_BY_GOAL = 0b0100, 0b1000  # drive mode (10), bits 2 and 3
 
 
 class Doubt(NamedTuple):
@@ -45,6 +45,9 @@ def unfit(joint: JointSpec, device: Device) -> Iterator[str]:
         yield f"homing_offset (20) is {offset}; beyond ±{MAX_OFFSET} position mode ignores it: write 0"
     if drive & TORQUE_BY_GOAL:
         yield f"drive_mode (10) is {drive}: bit 3, torque on by goal update, must be 0"
+    if drive & TIME_PROFILE:
+        why = "bit 2, time-based profile, must be 0: a speed limit written to it would be a time"
+        yield f"drive_mode (10) is {drive}: {why}"
     startup = settings.get("startup_configuration", 0)  # older firmware has no such register
     if startup & TORQUE_AT_BOOT:
         yield f"startup_configuration (60) is {startup}: bit 0, torque on at boot, must be 0"
@@ -92,7 +95,8 @@ def _same_model(found: str | None, wanted: str) -> bool:
 
 
 def doubts(joint: JointSpec, kind: ServoType, device: Device) -> Iterator[Doubt]:
-    """A return delay that costs more time than described; in modes 4 and 5, that it has no limits itself."""
+    """A return delay that costs more time than described; RAM that comes back from a backup; in modes 4 and
+    5, that it has no limits itself."""
     register = device.settings.get("return_delay_time")
     described = kind.return_delay_us
     if register is not None and 2 * register > described:
@@ -102,6 +106,10 @@ def doubts(joint: JointSpec, kind: ServoType, device: Device) -> Iterator[Doubt]
             f"rate at risk; with torque off {remedy}"
         )
         yield Doubt(text, 2.0 * register, float(described))
+    startup = device.settings.get("startup_configuration", 0)
+    if startup & RAM_AT_BOOT:
+        text = f"startup_configuration (60) is {startup}: bit 1, RAM from its backup at boot; write 0"
+        yield Doubt(text, float(startup), 0.0)
     if not kind.fenced(joint.mode):  # goals of many turns (e-manual, registers 48, 52: mode 3 only)
         text = (
             f"in {joint.mode} mode the servo's own position limits (48, 52) do nothing: "

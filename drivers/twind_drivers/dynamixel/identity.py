@@ -18,6 +18,7 @@ SETTINGS = (
     "secondary_shadow_id",
     "secondary_id",
     "homing_offset",
+    "moving_threshold",
     "max_voltage_limit",
     "min_voltage_limit",
     "pwm_limit",
