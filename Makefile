@@ -17,7 +17,8 @@ FILES ?=
 SAMPLE ?=
 CHANGED ?=
 
-.PHONY: demo test test-fast test-slow check format lint types imports bench coverage oracle fuzz mutate clean faults soak kills model \
+.PHONY: demo test test-fast test-slow check computed lived format lint types imports bench coverage oracle fuzz \
+	mutate clean faults soak kills model cast \
 	install uninstall deb
 
 demo: $(VENV)/.ready
@@ -36,9 +37,17 @@ test-slow: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m 'slow and not realtime'
 	$(BIN)/pytest -m 'slow and realtime'
 
-# All tests, fast and slow together, so that they are collected no more often than they must.
+# All tests, fast and slow together, so that they are collected no more often than they must. What is computed
+# fills the time that real processes wait: idle, it gives up the core to whoever wants it (sched(7), SCHED_IDLE).
 check: format lint types imports
-	$(BIN)/pytest -n auto -m 'not realtime'
+	$(MAKE) --no-print-directory --jobs 2 --output-sync=line computed lived
+
+IDLE := $(if $(shell command -v chrt),chrt --idle 0)
+
+computed: $(VENV)/.ready
+	$(IDLE) $(BIN)/pytest -n auto -m 'not realtime'
+
+lived: $(VENV)/.ready
 	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone'
 	$(BIN)/pytest -m alone
 
@@ -86,6 +95,10 @@ kills: $(VENV)/.ready
 
 model: $(VENV)/.ready
 	$(BIN)/python tests/model $(N) $(if $(SEED),--seed $(SEED))
+
+# A terminal recorded: docs/calibration.cast, and what it shows in calibration/README.md.
+cast: $(VENV)/.ready
+	$(BIN)/python tests/calibration_cast.py
 
 # What a machine gets, and where; DESTDIR, WHEELS, PURGE and the rest stand in packaging/install.sh. An interpreter is
 # named to these only where it was named to make: `python3` may be one below /root, which the service does not see.

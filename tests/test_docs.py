@@ -284,34 +284,3 @@ def test_the_files_that_root_copies_are_there_and_the_unit_starts_what_is_instal
         "/var/lib/twind",
         "/run/twind",
     ]
-
-
-@pytest.mark.slow
-@pytest.mark.realtime
-def test_the_calibration_example_makes_a_file_that_live_takes(tmp_path: Path) -> None:
-    (tmp_path / "first_calibration.py").write_text(
-        fenced((ROOT / "calibration" / "README.md").read_text(), "python")[0]
-    )
-    ports_folder = tmp_path / "ports"
-    servos = subprocess.Popen(
-        [sys.executable, "-m", "twind.virtual", "--link", str(ports_folder), "--muscles", "first-order"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    assert servos.stdin is not None and servos.stdout is not None
-    try:
-        while servos.stdout.readline() != b"ready\n":
-            assert servos.poll() is None
-        port = f"main={ports_folder / 'main'}"
-        with daemon(tmp_path, "--mode", "mirror", "--port", port) as environment:
-            wait_for(tmp_path, state="connected")
-            example = f"{shlex.quote(sys.executable)} first_calibration.py h24 . mine {tmp_path / 'twind'}"
-            file = run(example, tmp_path, environment).strip()
-        options = ["--mode", "live", "--calibration", str(tmp_path / file), "--port", port]
-        with daemon(tmp_path, *options) as environment:
-            wait_for(tmp_path, state="connected", faults=[])
-            run("twindctl arm && twindctl disarm", tmp_path, environment)
-    finally:
-        servos.stdin.close()
-        servos.wait(10.0)
-        servos.stdout.close()

@@ -139,6 +139,21 @@ def test_half_a_travel_is_not_done_and_enter_takes_one_that_fits_without_rest() 
     assert hands.travels.travel("l_knee", at_once=True) is not None
 
 
+def test_where_it_hung_at_first_is_no_end_and_three_quarters_are_not_taken_for_all() -> None:
+    hands = Hands(["r_hip_pitch"])
+    hands.pass_(100)
+    hands.go("r_hip_pitch", 1160)  # from 0 to one stop: 74 % of what it should go
+    hands.pass_(100)
+    assert hands.travels.progress("r_hip_pitch").ends == (False, True)
+    hands.go("r_hip_pitch", -1160)
+    hands.pass_(100)
+    assert hands.travels.progress("r_hip_pitch").stage is Stage.MOVING and not hands.travels.over
+    hands.go("r_hip_pitch", -420)
+    hands.pass_(100)
+    low, high = hands.travels.travel("r_hip_pitch") or (0, 0)
+    assert high - low == pytest.approx(1580, abs=60) and hands.travels.over
+
+
 def test_a_travel_that_is_too_wide_is_wrong_unless_it_is_taken_as_it_is() -> None:
     for wide, stage in ((False, Stage.WRONG), (True, Stage.DONE)):
         hands = Hands(["waist_pitch"], wide=wide)

@@ -38,26 +38,35 @@ class Board:
     def __init__(self, out: TextIO | None = None, *, live: bool, rows: int = 24, columns: int = 80) -> None:
         self._out = out or sys.stdout
         self._live, self._rows, self._columns = live, rows, columns
-        self._drawn = 0
+        self._drawn: list[str] = []
 
     def draw(self, lines: Sequence[str]) -> None:
-        """These lines instead of those before; as many as the terminal has room for."""
+        """These lines instead of those before; as many as the terminal has room for. Only news is written."""
         if not self._live:
             return
         room = max(1, self._rows - 2)
         shown = [each[: self._columns - 1] for each in lines[:room]]
         if len(lines) > room:
             shown[-1] = f"... {len(lines) - room + 1} more: make the terminal taller"[: self._columns - 1]
-        self._out.write(self._back() + "".join(f"\x1b[K{each}\n" for each in shown))
+        if shown == self._drawn:
+            return
+        same = len(shown) == len(self._drawn)
+        known = self._drawn if same else [""] * len(shown)
+        rows = ("\n" if now == then else f"\x1b[K{now}\n" for now, then in zip(shown, known, strict=True))
+        self._out.write((f"\r\x1b[{len(shown)}A" if same and shown else self._back()) + "".join(rows))
         self._out.flush()
-        self._drawn = len(shown)
+        self._drawn = shown
+
+    def leave(self) -> None:
+        """What is drawn stays."""
+        self._drawn = []
 
     def say(self, text: str) -> None:
         """A line that stays, above the others. The others are drawn anew next time."""
         self._out.write(f"{self._back()}{text}\n")
         self._out.flush()
-        self._drawn = 0
+        self._drawn = []
 
     def _back(self) -> str:
-        up = f"\x1b[{self._drawn}A" if self._drawn else ""
+        up = f"\x1b[{len(self._drawn)}A" if self._drawn else ""
         return f"\r{up}\x1b[J" if self._live else ""

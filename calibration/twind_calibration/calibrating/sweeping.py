@@ -123,6 +123,7 @@ class Session:
     def cut(self) -> None:
         """Ctrl-C: what was done before is in the draft."""
         self._draw()
+        self._board.leave()
         done = sum(name in self.draft.swept for name in self._asked)
         self._say(
             f"cut short: {done} of {len(self._asked)} are kept in {drafts.path_of(self._place.path)}; "
@@ -148,6 +149,7 @@ class Session:
             )
             return DONE if whole else REFUSED
         self._draw()
+        self._board.leave()
         if not self._asked:
             self._say("every joint has its travel already: --again, or names, sweep them anew")
         for name in left:

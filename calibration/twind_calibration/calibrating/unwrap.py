@@ -101,7 +101,10 @@ class Track:
         self._rests = (None, None)
 
     def _rest(self, time: float) -> None:
-        if abs(self.place - self._anchor) > self._still:
+        """Where it stood before it ever moved is no end that somebody brought it to."""
+        if self.span <= self._still:
+            self._since = time
+        elif abs(self.place - self._anchor) > self._still:
             self._anchor, self._since = self.place, time
         elif time - self._since >= DWELL:
             lower, upper = self._rests
