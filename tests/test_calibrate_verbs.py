@@ -1,0 +1,188 @@
+"""`twindctl calibrate` as a person uses it: real processes, hands, a file that makes the robot go."""
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import Daemon, Virtual, arm, go, robot, until
+
+from twind.config.calibration_file import load_calibration
+from twind.config.robot_file import load_robot
+from twind.ctl.main import main
+
+pytestmark = pytest.mark.realtime
+
+Words = list[str]
+Captured = pytest.CaptureFixture[str]
+ROBOT = load_robot("h24")
+WELL = 3  # ticks
+QUICK = 3.0  # rad/s
+
+
+class Bench:
+    """A specimen of which nothing is known, and a daemon whose state folder is empty at first."""
+
+    def __init__(self, virtual: Virtual, folder: Path) -> None:
+        self.virtual, self.state = virtual, folder / "state"
+        self.state.mkdir()
+        self.file = self.state / "calibration" / "h24.yaml"
+        self.daemon = self.start("mirror")
+
+    def start(self, mode: str) -> Daemon:
+        options = ["--mode", mode, "--robot", "h24", "--port", str(self.virtual.folder / "ports" / "main")]
+        environment = {"STATE_DIRECTORY": str(self.state)}
+        self.daemon = Daemon(self.virtual.folder / "run", *options, environment=environment)
+        self.daemon.reach(state="connected")
+        return self.daemon
+
+    def restart(self, mode: str) -> None:
+        assert self.daemon.end() == 0
+        self.start(mode)
+
+    def hands(self, side: str | None, names: Words | None = None) -> None:
+        """Take joints to the stops of that side, or to their zeros, and hold them there."""
+        beyond = {"lower": -1.0, "upper": 1.0, None: 0.0}[side]
+        pose = {
+            joint.name: (getattr(joint, side) if side else 0.0) + beyond
+            for joint in ROBOT.joints
+            if names is None or joint.name in names
+        }
+        self.virtual.order(fault="hand", pose=pose, speed=QUICK)
+
+    def let_go(self) -> None:
+        self.virtual.order(fault="hand", off=True)
+
+    def there(self) -> None:
+        """Until nobody moves any more."""
+        before: list[Any] = []
+
+        def still() -> bool:
+            nonlocal before
+            time.sleep(0.2)
+            now = [servo["position"] for servo in self.virtual.servos()]
+            moved, before = now != before, now
+            return not moved
+
+        until(still, 20.0, "the hands are there")
+
+    def verb(self, *words: str) -> int:
+        return main(["--socket", str(self.daemon.sockets), "calibrate", *words])
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[Bench]:
+    with robot("h24", "--muscles", "first-order", "--truth-seed", "11") as (virtual, folder):
+        made = Bench(virtual, folder)
+        try:
+            yield made
+        finally:
+            if made.daemon.process.poll() is None:
+                made.daemon.process.kill()
+            made.daemon.process.wait(10)
+
+
+def told(said: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in said.splitlines()]
+
+
+def test_what_makes_no_sense_is_said_before_anybody_moves(bench: Bench, capsys: Captured) -> None:
+    assert bench.verb("zero") == 2
+    assert "standard input is no terminal; add --yes" in capsys.readouterr().err
+    assert bench.verb("zero", "--yes", "--json") == 1
+    assert "nothing was swept yet: `twindctl --socket" in capsys.readouterr().out
+    assert bench.verb("sweep", "l_kne") == 1
+    assert "h24 has no joint 'l_kne'; nearest: l_knee" in capsys.readouterr().err
+    assert bench.verb("limits", "--yes") == 1
+    assert "mode live alone" in capsys.readouterr().err
+    assert main(["--socket", str(bench.state), "calibrate", "sweep"]) == 3
+    assert not list(bench.state.glob("**/*.yaml"))
+
+
+def test_who_moves_instead_of_whom_is_said_and_nothing_is_kept(bench: Bench, capsys: Captured) -> None:
+    mover = threading.Timer(0.3, lambda: bench.hands("upper", ["r_knee"]))
+    mover.start()
+    assert bench.verb("sweep", "l_knee", "--timeout", "4") == 1
+    mover.join()
+    said = capsys.readouterr().out
+    assert "r_knee moved while l_knee, asked for, did not: are their ids swapped" in said
+    assert "not done: l_knee: it was not moved" in said and "0 of 1 swept" in said
+
+
+def test_a_robot_is_swept_zeroed_fenced_and_moves(bench: Bench, capsys: Captured) -> None:
+    before = {entry.name: entry for entry in load_calibration(bench.virtual.calibration, ROBOT).joints}
+
+    # Some first, then the rest: what is done stays done.
+    bench.hands(None)
+    bench.there()
+    legs = [joint.name for joint in ROBOT.joints if joint.name in ROBOT.legs]
+    for names, left in ((legs, "--json"), (None, "--json")):
+        mover = threading.Thread(target=_both_ways, args=(bench, names))
+        mover.start()
+        capsys.readouterr()
+        assert bench.verb("sweep", left, *(names or []), "--timeout", "60") == 0, capsys.readouterr().out
+        mover.join()
+        *events, last = told(capsys.readouterr().out)
+        done = [event["joint"] for event in events if event["event"] == "done"]
+        assert sorted(done) == sorted(last["done"])
+        assert set(done) == set(names or ROBOT.names) - (set() if names else set(legs))
+        assert any(event["event"] == "moving" and 0.0 < event["share"] < 1.3 for event in events)
+        assert last["left"] == {} and Path(last["draft"]).name == ".h24.draft.yaml"
+        assert last["next"].endswith("calibrate zero")
+
+    bench.hands(None)
+    bench.there()
+    assert bench.verb("zero", "l_knee", "--at", "l_knee=1.4", "--yes") == 1  # it does not stand there
+    assert "rad beyond its travel" in capsys.readouterr().out
+    assert not bench.file.exists()
+    assert bench.verb("zero", "--yes") == 0
+    said = capsys.readouterr().out
+    assert f"written: {bench.file}, 24 of 24 joints" in said and "systemctl restart twind" in said
+    assert not list(bench.state.glob("**/.h24.draft.yaml"))
+
+    made = load_calibration(bench.file, ROBOT)
+    for joint in made.joints:
+        apart = (joint.zero_ticks - before[joint.name].zero_ticks + 2048) % 4096 - 2048
+        assert abs(apart) <= WELL, (joint.name, apart)
+        assert joint.method == "jig" and joint.captures == 50 and joint.device == before[joint.name].device
+
+    bench.restart("live")
+    bench.let_go()
+    with bench.daemon.client() as client:
+        arm(client)
+        assert bench.verb("sweep", "l_knee") == 1
+        assert "torque is on" in capsys.readouterr().err
+        point = {"positions": [0.4], "velocities": [0.0], "time_from_start": 1.0}
+        assert go(client, {"joint_names": ["l_knee"], "points": [point]})["phase"] == "succeeded"
+        client.call("Disarm")
+    _fence(bench, capsys)
+
+
+def _both_ways(bench: Bench, names: Words | None) -> None:
+    time.sleep(0.5)
+    for side in ("lower", "upper"):
+        bench.hands(side, names)
+        bench.there()
+        time.sleep(0.6)
+
+
+def _fence(bench: Bench, capsys: Captured) -> None:
+    """The servos' own limits, recorded: the daemon starts with them and arms."""
+    capsys.readouterr()
+    assert bench.verb("limits", "--yes", "--json", "l_knee", "head_yaw") == 0, capsys.readouterr()
+    *rows, last = told(capsys.readouterr().out)
+    assert [row["joint"] for row in rows] == ["head_yaw", "l_knee"] and last["written"] == str(bench.file)
+    made = load_calibration(bench.file, ROBOT).by_name["l_knee"]
+    servo = next(each for each in bench.virtual.servos() if each["id"] == made.id)
+    assert made.device.min_ticks == rows[1]["min_position_limit"]
+    assert servo["id"] == 16
+    assert bench.verb("limits", "--yes", "l_knee") == 0
+    assert "every servo has the limits of its joint" in capsys.readouterr().out
+    bench.restart("live")
+    with bench.daemon.client() as client:
+        arm(client)
+        client.call("Disarm")
+    assert len(list(bench.file.parent.glob("h24.*.yaml"))) == 1  # the earlier one is kept
