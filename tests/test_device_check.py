@@ -10,7 +10,7 @@ from twind.config.calibration_file import fitting
 from twind.config.device_check import check_devices, compare
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
-from twind.robot.finding import Code, Verdict
+from twind.robot.finding import Code, Finding, Verdict
 from twind_drivers.bus import Device
 
 ROBOT = load_robot("h24")
@@ -68,6 +68,27 @@ def test_every_recorded_register_is_compared_with_both_values_named(register: st
         (KNEE, float(value), float(SETTINGS[register]))
     ]
     assert f"{register} is {value}, was {SETTINGS[register]}" in found[0].message
+
+
+@pytest.mark.parametrize("found", [10, 612, None])
+def test_a_servo_without_the_tag_of_its_calibration_is_refused_and_one_with_it_is_not(
+    found: int | None,
+) -> None:
+    joints = [
+        replace(entry, device=replace(entry.device, tag=613)) if place == KNEE else entry
+        for place, entry in enumerate(CALIBRATION.joints)
+    ]
+    tagged = replace(CALIBRATION, joints=tuple(joints))
+
+    def refusals(**settings: int) -> list[Finding]:
+        key = (ROBOT.joints[KNEE].bus, ROBOT.joints[KNEE].id)
+        return list(compare(ROBOT, tagged, {**DEVICES, key: set_to(**settings)(DEVICES[key])}).refusals)
+
+    assert refusals(moving_threshold=613) == []
+    (one,) = refusals() if found is None else refusals(moving_threshold=found)
+    assert (one.code, one.joint, one.bound) == (Code.CALIB_MISMATCH, KNEE, 613.0)
+    said = "was not read" if found is None else f"is {found}"
+    assert f"moving_threshold (24) {said}, its tag was 613" in one.message
 
 
 @pytest.mark.parametrize("register", ["homing_offset", "drive_mode", "operating_mode", "min_position_limit"])
