@@ -16,12 +16,16 @@ from rig import Rig
 from twind import link
 from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import slot_angles, ticks_of
+from twind.config.edited import fingerprint
+from twind.config.files import Sources, describe
+from twind.config.hot import Difference, robot_difference
 from twind.config.robot_spec import RobotFile
 from twind.loop.readings import NOWHERE, efforts, radians, ticks, velocities
 from twind.robot.arrays import Floats
 from twind.robot.trajectory import Trajectory
 from twind.twin.binding import Binding, BindingError, bind, rebound
 from twind.virtual.specimen import buses, calibration, specimen
+from twind.virtual.truth import random_truth
 
 WAIST, ANKLE = ("waist_roll", "waist_yaw"), ("ankle_roll", "ankle_pitch")
 
@@ -264,3 +268,36 @@ def test_what_reaches_too_far_is_held_at_the_joints_hard_limits(rig: Rig) -> Non
     near = rig.loop.hardware.reachable(np.full(5, 3.0))
     assert near[0] == hard.hard_upper[0]
     assert near[2] == hard.hard_upper[2]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_another_specimen_of_it_reads_what_is_true(path: Path, seed: int) -> None:
+    """Zeros anywhere, whole turns off, play: none of it is seen from the joints."""
+    robot = linked.read_robot(path)
+    rig = Rig(str(path), truth=random_truth(robot, seed))
+    rig.arm()
+    move(rig, bent(rig))
+    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.02)  # play of its gears
+    assert rig.truth == pytest.approx(bent(rig), abs=0.02)
+    rig.close()
+
+
+def test_a_table_that_was_written_anew_waits_for_a_restart(path: Path, tmp_path: Path) -> None:
+    robot = linked.linked(tmp_path)
+    other = linked.linked(tmp_path, rods=linked.table(13))
+    assert "transmissions" in robot_difference(robot, other).restart
+    assert robot_difference(robot, linked.linked(tmp_path)) == Difference({}, ())
+    text = linked.ROBOT.replace("ank_in: {bus: leg, id: 5}", "ank_in: {bus: leg, id: 7}")
+    assert robot_difference(robot, linked.linked(tmp_path, text)).restart == ("actuators.ank_in.id",)
+
+
+def test_its_table_is_one_of_the_files_that_it_is_described_by(path: Path, tmp_path: Path) -> None:
+    found = describe(Sources(mode="sim", robot=str(path), config=str(empty(tmp_path))))
+    table = path.parent / "ankle.csv"
+    assert found.files[str(table)] == fingerprint(table)
+
+
+def empty(folder: Path) -> Path:
+    settings = folder / "twind.yaml"
+    settings.write_text("mode: sim\n")
+    return settings

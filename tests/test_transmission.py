@@ -160,13 +160,34 @@ def test_a_table_that_folds_has_no_condition_or_two_places_for_one() -> None:
     assert condition(flat) == math.inf
 
 
-@given(st.sampled_from([math.nan, 1.0001, -1.0001, math.inf, 1.0 + 1e-7]))
-def test_outside_a_table_nothing_is_known(place: float) -> None:
-    law = LinkageTable([[-1.0, 1.0], [-1.0, 0.5, 1.0]], [[x, y] for x in (-1, 1) for y in (-1, 0.5, 1)])
+SQUARE = LinkageTable([[-1.0, 1.0], [-1.0, 0.5, 1.0]], [[x, y] for x in (-1, 1) for y in (-1, 0.5, 1)])
+
+
+@given(st.sampled_from([math.nan, math.inf, -math.inf, 1.0001, -1.0001, 1.0 + 1e-7]), st.booleans())
+def test_outside_a_table_joints_cannot_be_sent(place: float, first: bool) -> None:
+    angles = np.array([place, 0.0] if first else [0.0, place])
+    assert np.isnan(SQUARE.inverse(angles)).all()
+
+
+@given(placed(), st.floats(1e-6, 3.0), st.floats(1e-6, 3.0))
+def test_beyond_a_table_joints_are_beyond_what_it_gives(
+    case: tuple[Transmission, np.ndarray], by: float, also: float
+) -> None:
+    law, _ = case
+    assume(isinstance(law, LinkageTable))
+    assert isinstance(law, LinkageTable)
+    edge = np.array([axis[-1] for axis in law.axes])
+    found = law.forward(edge + np.array([by, also])[: edge.size])
+    assert np.isnan(law.inverse(found)).all()
+    just = law.forward(edge + 1e-7)
+    assert just == pytest.approx(law.forward(edge), abs=1e-5)
+
+
+@pytest.mark.parametrize("place", [math.nan, math.inf, -math.inf])
+def test_what_is_no_angle_has_no_place(place: float) -> None:
     for angles in (np.array([place, 0.0]), np.array([0.0, place])):
-        assert np.isnan(law.forward(angles)).all()
-        assert np.isnan(law.inverse(angles)).all()
-        assert np.isnan(law.jacobian(angles)).all()
+        assert np.isnan(SQUARE.forward(angles)).all()
+        assert np.isnan(SQUARE.jacobian(angles)).all()
 
 
 @pytest.mark.parametrize(

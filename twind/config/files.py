@@ -56,7 +56,7 @@ class Described:
     ports: Mapping[str, str | None]  # by bus
     calibration: Calibration | None
     rate_hz: float
-    files: Mapping[str, str]  # absolute path -> sha256 of robot file, model and calibration as they were read
+    files: Mapping[str, str]  # absolute path -> sha256 of robot file, model, tables, calibration as read
     live_denied: Finding | None  # why this daemon may not write to this robot; None: it may
 
 
@@ -92,6 +92,7 @@ def describe(sources: Sources, settings: Settings | None = None) -> Described:
     calibration = load_calibration(path, robot) if path is not None else None
     files[str(robot.path.absolute())] = robot.text_sha256
     files[str(robot.mjcf_path.absolute())] = hashlib.sha256(robot.mjcf.encode()).hexdigest()
+    files |= {str(each.table.absolute()): each.table_sha256 for each in robot.transmissions if each.table}
     usual = settings.usual_calibration(robot.name)
     denied = live_denied(robot.name, ports, usual, calibrated=calibration is not None)
     if settings.mode == "live" and denied is not None:

@@ -69,6 +69,9 @@ def in_force(old: Described, new: Described, found: Difference) -> Described:
     model = str(old.robot.mjcf_path.absolute())
     if model in files and new.robot.mjcf != robot.mjcf:
         files[model] = old.files[model]
+    if not same(new.robot.transmissions, robot.transmissions):
+        tables = (each.table for each in robot.transmissions if each.table)
+        files |= {path: old.files[path] for path in map(str, (table.absolute() for table in tables))}
     return replace(made, settings=settings, robot=robot, files=files)
 
 

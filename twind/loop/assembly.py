@@ -125,6 +125,7 @@ def brief(
             name=name,
             bus=at[place][0].name,
             id=at[place][0].ids[at[place][1]],
+            actuator=robot.file.joints[place].actuator,
             calibrated=joint_map.calibrated[place],
             lower=float(limits.lower[place]),
             upper=float(limits.upper[place]),

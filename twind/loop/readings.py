@@ -86,12 +86,11 @@ def reach(bus: BusMap) -> tuple[Floats, Floats]:
     return least, most
 
 
-def heard_whole(bus: BusMap, heard: Bools, position: Floats) -> Bools:
-    """Joints (m,) that are known by actuators `heard` (m,): one of a transmission by all of its actuators,
-    where its `position` (m,) is in their table."""
+def heard_whole(bus: BusMap, heard: Bools) -> Bools:
+    """Joints (m,) that are known by actuators `heard` (m,): one of a transmission by all of its actuators."""
     known = heard.copy()
     for each in bus.linked:
-        known[each.rows] = every(heard[each.rows]) and every(np.isfinite(position[each.rows]))
+        known[each.rows] = every(heard[each.rows])
     return known
 
 
@@ -179,10 +178,8 @@ class Readings:
         usual = every(heard) and senses.usual(sample.position, sample.sent, sample.received)
         if not usual:
             heard = self._believe(number, sample)
+            heard = heard_whole(bus, heard) if bus.linked else heard
         position = radians(bus, sample.position)
-        if bus.linked:
-            heard = heard_whole(bus, heard, position)
-            usual = usual and every(heard)
         if usual:
             self.position[places] = position
             self.velocity[places] = velocities(bus, sample.position, sample.velocity)
@@ -207,7 +204,8 @@ class Readings:
         self._shift(number, shift)
         anew = radians(self._buses[number], self.raw.ticks[places])
         for each in self._maps[number].linked:  # theirs do not add up
-            moved[each.rows] = np.where(np.isfinite(moved[each.rows]), anew[each.rows], nan)
+            known = every(self.raw.heard_at[self._maps[number].joints[each.rows]] > -inf)
+            moved[each.rows] = anew[each.rows] if known else nan
         self.position[places] = moved
         self._falling[number] = None
 

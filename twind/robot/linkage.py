@@ -6,7 +6,7 @@ Scalars instead of arrays: a place forward costs some microseconds, a place back
 from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
-from math import nan
+from math import inf, nan
 
 import numpy as np
 
@@ -19,7 +19,7 @@ EXACT = 1e-12  # of a cell: where Newton has arrived
 
 
 class LinkageTable:
-    """Joint angles on a rectangular grid of actuator angles, multilinear between its places, NaN outside.
+    """Joint angles on a rectangular grid of actuator angles, multilinear between its places.
 
     One or two actuators: there det J is linear within a cell, so its sign at the corners is that of the cell.
     Keeps `transmission.Transmission`.
@@ -58,9 +58,14 @@ class LinkageTable:
         return f"table of {' x '.join(map(str, self.shape))} places"
 
     def forward(self, actuators: Floats) -> Floats:
-        """See `Transmission`."""
-        cell, share = self._at(actuators)
-        return np.array(cell.value(share) if cell else [nan] * len(self.axes))
+        """See `Transmission`. Outside straight on from the edge, so outside of what the table gives; where
+        that leads back into it, nobody knows the place: NaN."""
+        cell, share, beyond = self._at(actuators)
+        found = np.array(cell.value(share) if cell else [nan] * len(self.axes))
+        if cell is None or not any(beyond):
+            return found
+        found += np.array(cell.slopes(share)) @ np.array(beyond)
+        return np.full_like(found, nan) if self.preimages(found) else found
 
     def inverse(self, joints: Floats) -> Floats:
         """By Newton, bounded to one cell after the other of those that may hold it."""
@@ -79,8 +84,8 @@ class LinkageTable:
         return [np.array(place) for place in found if place is not None]
 
     def jacobian(self, actuators: Floats) -> Floats:
-        """See `Transmission`; between two cells that of the upper one, NaN outside."""
-        cell, share = self._at(actuators)
+        """See `Transmission`; between two cells that of the upper one, outside that of the nearest edge."""
+        cell, share, _ = self._at(actuators)
         return np.array(cell.slopes(share)) if cell else np.full((len(self.axes), len(self.axes)), nan)
 
     @property
@@ -96,17 +101,18 @@ class LinkageTable:
         middles = [cell.angles([0.5] * len(self.axes)) for cell in self._cells]
         return np.concatenate([grid, np.array(middles)])
 
-    def _at(self, actuators: Floats) -> "tuple[_Cell | None, Numbers]":
-        """The cell of a place and where in it, 0..1; None outside and for NaN."""
-        number, share = 0, []
-        for axis, angle in zip(self.axes, actuators.tolist(), strict=True):
-            if not axis[0] - CLOSE <= angle <= axis[-1] + CLOSE:
-                return None, ()
-            angle = min(max(angle, axis[0]), axis[-1])
+    def _at(self, actuators: Floats) -> "tuple[_Cell | None, Numbers, Numbers]":
+        """The cell of the nearest place, where in it, 0..1, and rad that are missing to it; None for NaN."""
+        number, share, beyond = 0, [], []
+        for axis, wanted in zip(self.axes, actuators.tolist(), strict=True):
+            if not abs(wanted) < inf:
+                return None, (), ()
+            angle = min(max(wanted, axis[0]), axis[-1])
+            beyond.append(wanted - angle if abs(wanted - angle) > CLOSE else 0.0)
             at = min(bisect_right(axis, angle) - 1, len(axis) - 2)
             number = number * (len(axis) - 1) + at
             share.append((angle - axis[at]) / (axis[at + 1] - axis[at]))
-        return self._cells[number], tuple(share)
+        return self._cells[number], tuple(share), tuple(beyond)
 
     def _made_cells(self) -> "list[_Cell]":
         values = np.array(self.values).reshape(*self.shape, len(self.axes))

@@ -1,7 +1,8 @@
 """From actuators to joints where several turn them together: differentials and linkages. Pure.
 
 Angles are rad: of k actuators after zero, sign and ratio, and of the k joints they drive, each in the order
-of the robot file. A place that nobody knows (outside a table, NaN) is NaN, both ways. The arithmetic:
+of the robot file. A place that nobody knows is NaN, and so are actuators that no place of theirs would bring
+to where joints should be. The arithmetic:
 
 position  q = F(a)        a = F⁻¹(q)
 velocity  dq = J da       J = dF/da at the place

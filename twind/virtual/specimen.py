@@ -229,7 +229,8 @@ def _body(made: Specimen, base: str, now: float) -> MujocoMuscles:
     """All of it as it is wired, rubbing and ending where the truth says."""
     rubbing = {name: made.truth.of(name).friction_nm for name in made.robot.names}
     friction = {name: value for name, value in rubbing.items() if value is not None}
-    ends = {name: made.hinge(name).stops for name in made.robot.names}
+    alone = [joint.name for joint in made.robot.joints if not joint.transmission]
+    ends = {name: made.hinge(name).stops for name in alone}
     stops = {name: end for name, end in ends.items() if all(map(math.isfinite, end))}
     return body_of(made.wired, made.zeros, friction=friction, stops=stops, base=base, now=now)
 

@@ -188,7 +188,7 @@ def random_truth(robot: RobotFile, seed: int) -> Truth:
 
 def _random(joint: JointSpec, random: np.random.Generator) -> JointTruth:
     below, above = random.uniform(*LOOSE, 2)
-    stops = (joint.lower - float(below), joint.upper + float(above))
+    stops = (joint.span[0] - float(below), joint.span[1] + float(above))
     turn, start = joint.type.ticks_per_turn, turn_start(joint.type)
     low, high = sorted(ticks_of(joint, 0, stop) for stop in stops)
     one_turn = isinstance(joint.type, CanType) or joint.operating_mode == 3
@@ -197,9 +197,8 @@ def _random(joint: JointSpec, random: np.random.Generator) -> JointTruth:
     else:
         zero = int(random.integers(start, start + turn))
     friction = float(random.uniform(*RUBBING))
+    ends = None if joint.transmission else stops  # its actuators end where their joints do
     if isinstance(joint.type, CanType):
-        return JointTruth(zero_ticks=zero, stops_rad=stops, friction_nm=friction)
+        return JointTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction)
     play, turns = float(random.uniform(0.0, PLAY)), int(random.integers(-WOUND, WOUND + 1))
-    return JointTruth(
-        zero_ticks=zero, stops_rad=stops, friction_nm=friction, backlash_ticks=play, turns=turns
-    )
+    return JointTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction, backlash_ticks=play, turns=turns)

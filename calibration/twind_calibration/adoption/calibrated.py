@@ -16,7 +16,7 @@ from twind_calibration.calibrating.kept import save
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What the calibration file says of one joint. `calibration` None: there is no file."""
+    """What the calibration file says of one joint, by its actuator's name. `calibration` None: no file."""
 
     path: Path | None
     calibration: Calibration | None

@@ -86,8 +86,11 @@ def look(at: Callable[[int], Prober], robot: RobotFile, bus: BusSpec) -> list[Ra
 
 
 def joint_of(robot: RobotFile, name: str) -> JointSpec:
-    """The joint of that name. Raises Rejected: no such joint (the nearest is named), or no serial servo's."""
-    joint = {each.name: each for each in robot.joints}.get(name)
+    """The joint of that name, or that sits on the actuator of that name.
+
+    Raises Rejected: no such joint (the nearest is named), or no serial servo's.
+    """
+    joint = {name: each for each in robot.joints for name in (each.actuator, each.name)}.get(name)
     if joint is None:
         near = get_close_matches(name, robot.names, 1)
         hint = f"nearest: {near[0]}" if near else f"it has {', '.join(robot.names)}"

@@ -167,7 +167,7 @@ def _fence(examined: Examined, servo: Servo) -> Iterator[Found]:
         return
     fence = servo.values[least], servo.values[most]
     entry = _entry(examined, joint)
-    needs = tick_range(joint, 0 if entry is None else entry.zero_ticks, joint.lower, joint.upper)
+    needs = tick_range(joint, 0 if entry is None else entry.zero_ticks, *joint.span)
     tight = fence[1] - fence[0] < needs[1] - needs[0]
     if entry is not None:
         tight = fence[0] > needs[0] or fence[1] < needs[1]
@@ -310,4 +310,4 @@ def _volts(servo: Servo, volts: float) -> Iterator[Found]:
 def _entry(examined: Examined, joint: JointSpec | None) -> JointCalibration | None:
     if joint is None or examined.calibration is None:
         return None
-    return examined.calibration.by_name.get(joint.name)
+    return examined.calibration.by_name.get(joint.actuator)
