@@ -127,6 +127,17 @@ def test_limits_as_delivered_are_no_travel() -> None:
     assert "a whole turn, as delivered: `twindctl calibrate sweep` first" in said
 
 
+def test_a_travel_that_is_too_long_is_taken_when_told_to_and_one_too_short_is_not() -> None:
+    low, high = span(KNEE, 2048)
+    long, short = (
+        of_motor(knee(travel=(low - 500, high + 500)), None),
+        of_motor(knee(travel=(2000, 2100)), None),
+    )
+    assert "`--wide` takes it" in refused(fold(KNEE, long, device(), 2048))
+    taken(fold(KNEE, long, device(), 2048, wide=True))
+    refused(fold(KNEE, short, device(), 2048, wide=True))
+
+
 def test_a_drive_mode_s_other_bits_do_not_count() -> None:
     taken(fold(KNEE, of_motor(knee(drive=4), None), device(drive=0), 2048))
     taken(fold(KNEE, of_motor(knee(drive=5), None), device(drive=1), 2048))

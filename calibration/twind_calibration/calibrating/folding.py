@@ -14,6 +14,7 @@ from twind_calibration.calibrating.lerobot import Motor
 from twind_calibration.calibrating.placing import Zero, misfits, whole
 from twind_calibration.calibrating.slots import Slot
 from twind_calibration.calibrating.travel import judge
+from twind_calibration.calibrating.travels import told
 from twind_calibration.calibrating.unwrap import framed, on_turn
 
 REVERSED = 0b0001  # drive mode (10), bit 0: counts and goals run the other way
@@ -59,8 +60,10 @@ def of_registers(slot: Slot, device: DeviceRecord, sweep: Ticks | None) -> Sourc
     return Source(limits if 0 < limits[1] - limits[0] < turn - 1 else None, device.homing_offset_ticks)
 
 
-def fold(slot: Slot, source: Source, device: DeviceRecord, zero_at: Convention) -> Folded:
-    """The entry of an actuator whose servo is now as `device` says."""
+def fold(
+    slot: Slot, source: Source, device: DeviceRecord, zero_at: Convention, *, wide: bool = False
+) -> Folded:
+    """The entry of an actuator whose servo is now as `device` says. `wide`: its travel may be too long."""
     refused = _refused(slot, source, device)
     if refused or source.travel is None:
         return Folded(slot, None, (refused,))
@@ -73,7 +76,7 @@ def fold(slot: Slot, source: Source, device: DeviceRecord, zero_at: Convention) 
     if source.swept:
         zero = on_turn(zero, turn_band(sweep, turn))
     judged = judge(slot, sweep[1] - sweep[0])
-    wrong = [] if judged.good else [f"{judged.wrong}; likely: {', or '.join(judged.causes)}"]
+    wrong = [] if judged.good or (wide and judged.wide) else [told(judged)]
     wrong += misfits(slot, device, sweep, zero)
     if wrong:
         return Folded(slot, None, tuple(wrong))

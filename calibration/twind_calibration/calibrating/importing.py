@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="[JOINT=]TICKS|middle",
         help="count at joint angle 0, as the source counts, or the middle of the travel; may be repeated",
     )
+    parser.add_argument("--wide", action="store_true", help="take travels over 130 %% of the described range")
     parser.add_argument("--yes", action="store_true", help="do not ask before writing")
     add_common(parser)
 

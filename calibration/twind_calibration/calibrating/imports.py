@@ -49,7 +49,7 @@ def _take(options: argparse.Namespace, client: Client) -> int:
     draft = drafts.load(place.path, place.robot, names)
     found = records(client, place.robot, chosen)
     sources = {name: of_motor(motor, options.make) for name, motor in (motors or {}).items()}
-    folded = [_fold(slot, found, sources, draft, zeros) for slot in chosen]
+    folded = [_fold(slot, found, sources, draft, zeros, wide=options.wide) for slot in chosen]
     return _write(options, place, draft, folded)
 
 
@@ -80,6 +80,8 @@ def _fold(
     sources: Mapping[str, Source],
     draft: drafts.Draft,
     zeros: Mapping[str, Convention],
+    *,
+    wide: bool,
 ) -> Folded:
     device, swept = found.get(slot.name), draft.swept.get(slot.name)
     if device is None:
@@ -90,7 +92,7 @@ def _fold(
     if source is None:
         own = None if swept is None or differences(swept.device, device) else swept.sweep_ticks
         source = of_registers(slot, device, own)
-    return fold(slot, source, device, zeros[slot.name])
+    return fold(slot, source, device, zeros[slot.name], wide=wide)
 
 
 def _write(options: argparse.Namespace, place: Ground, draft: drafts.Draft, folded: Sequence[Folded]) -> int:
@@ -103,6 +105,7 @@ def _write(options: argparse.Namespace, place: Ground, draft: drafts.Draft, fold
         raise Rejected("nothing can be taken: nothing was written")
     if not agreed(options, f"write {len(entries)} of {len(folded)} joints to {place.path}?"):
         raise Rejected("nothing was written")
+    drafts.require_room(place.path)
     after = written(place, place.calibration(), entries, "import")
     drafts.save(draft.without(each.name for each in entries), place.path, place.robot)
     next_steps(options, place, after)
