@@ -286,3 +286,42 @@ def test_what_it_cannot_start_as_asked_is_said_and_ends_with_2(
 ) -> None:
     assert main(options) == 2
     assert says in capsys.readouterr().err
+
+
+def test_a_truth_is_read_or_drawn_and_a_hand_moves_what_nobody_was_told(tmp_path: Path) -> None:
+    (tmp_path / "truth.json").write_text('{"joints": {"l_knee": {"zero_ticks": 4000, "turns": 1}}}')
+    with bench(tmp_path, "--truth", str(tmp_path / "truth.json")) as robot:
+        assert not (tmp_path / "fits.yaml").exists()
+        knee = next(each for each in robot.servos() if each["id"] == 16)
+        assert (knee["encoder"], knee["position"]) == (4000.0, 8096.0)
+        assert robot.order(fault="hand", pose={"l_knee": 0.5}, speed=5.0)["ok"]
+        deadline = time.monotonic() + 5.0
+        while abs(knee["encoder"] - 4000.0) < 325 and time.monotonic() < deadline:
+            knee = next(each for each in robot.servos() if each["id"] == 16)
+        assert abs(knee["encoder"] - 4000.0) == pytest.approx(326, abs=1)
+        assert robot.order(fault="hand", off=True)["ok"]
+        assert "no joint 'tail'" in robot.order(fault="hand", pose={"tail": 0.5})["error"]
+    with virtual(tmp_path, "--truth-seed", "7") as robot:
+        drawn = {
+            joint.id: joint for joint in load_calibration(tmp_path / "fits.yaml", load_robot("h24")).joints
+        }
+        found = {each["id"]: round(each["position"]) for each in robot.servos()}
+        assert all((found[id] - drawn[id].zero_ticks) % 4096 == 0 for id in IDS)
+        assert any(found[id] != drawn[id].zero_ticks for id in IDS), "some count is turns off"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--truth", "t.yaml", "--truth-seed", "1"], "a truth is told or drawn, not both"),
+        (["--truth-seed", "-1"], "--truth-seed -1: it is 0 or more"),
+        (["--servo", "main:1:XM430-W350", "--truth-seed", "1"], "--truth-seed needs --robot"),
+        (["--truth", "/nowhere/t.yaml"], "/nowhere/t.yaml"),
+    ],
+)
+def test_a_truth_that_cannot_be_had_is_refused_before_a_port_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
+) -> None:
+    assert main(["--link", str(tmp_path), "--muscles", "first-order", *options]) == 2
+    assert words in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
