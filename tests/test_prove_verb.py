@@ -1,4 +1,4 @@
-"""`twindctl calibrate prove` through a real daemon on virtual servos: who is proved, and who gets no proof."""
+"""`twindctl calibrate prove` through a real daemon on virtual servos: who is proved, and who gets none."""
 
 import json
 from collections.abc import Iterator

@@ -8,11 +8,11 @@ from collections.abc import Callable
 import numpy as np
 
 from twind.robot.arrays import Floats
-from twind_calibration.proving.judge import NEAR, ZEROS, Foreseen, foresee, slack
+from twind_calibration.proving.judge import ASKED, CLOSE, Foreseen, foresee, refined, slack
 from twind_calibration.wiggling.body import Body
 
 STRAIN = 0.5  # of what a joint can give: to hold more than that for long heats it
-FEW: Floats = ZEROS[NEAR][[0, len(ZEROS[NEAR]) // 2, -1]]  # enough to plan by
+FEW: Floats = CLOSE[[0, len(CLOSE) // 2, -1]]  # enough to plan by
 
 
 class Expected:
@@ -21,19 +21,19 @@ class Expected:
     def __init__(self, body: Body, poses: Floats, joint: int) -> None:
         self._body, self._poses, self._joint = body, poses, joint
 
-    def right(self, zeros: Floats = ZEROS) -> Floats:
-        """(d, k) N·m, one row for each error of the joint's zero."""
+    def right(self, zeros: Floats = ASKED) -> Floats:
+        """(d, k) N·m, rows for errors of the joint's zero between those of `zeros`."""
         return self._family(zeros, self._body.torque)
 
-    def reversed(self, zeros: Floats = ZEROS) -> Floats:
+    def reversed(self, zeros: Floats = ASKED) -> Floats:
         """Likewise, its sign wrong."""
         return self._family(zeros, lambda pose: self._body.flipped(pose, self._joint))
 
-    def exchanged(self, other: int, zeros: Floats = ZEROS[NEAR]) -> Floats:
+    def exchanged(self, other: int, zeros: Floats = CLOSE) -> Floats:
         """Likewise, its servo and that of joint `other` in each other's place."""
         return self._family(zeros, lambda pose: self._body.exchanged(pose, self._joint, other))
 
-    def bent(self, other: int, zeros: Floats = ZEROS[NEAR]) -> Floats:
+    def bent(self, other: int, zeros: Floats = CLOSE) -> Floats:
         """Likewise, the sign of joint `other` wrong, which stands where it is not told to be."""
         return self._family(zeros, lambda pose: self._body.flipped(pose, other))
 
@@ -56,7 +56,7 @@ class Expected:
                 shifted = pose.copy()
                 shifted[self._joint] += zero
                 rows[row, column] = told(shifted)[self._joint]
-        return rows
+        return refined(rows)
 
 
 def swept(pose: Floats, joint: int, places: Floats) -> Floats:

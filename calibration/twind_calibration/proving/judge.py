@@ -20,8 +20,10 @@ from twind.robot.arrays import Bools, Floats
 from twind_calibration.wiggling.judge import UNSURE
 
 GROSS = radians(5.0)  # a zero that is off by more contradicts; jig or stop do better, gravity hardly
-STEP = GROSS / 4.0  # rad between the zero errors that are tried
-ZEROS: Floats = np.linspace(-24.0 * STEP, 24.0 * STEP, 49)  # ± 30 degrees
+FINE = 8  # rows of a family for each that the model is asked for: between them loads are straight lines
+ASKED: Floats = np.linspace(-12.0 * GROSS, 12.0 * GROSS, 49)  # rad, zero errors that the model is asked for
+CLOSE: Floats = ASKED[np.abs(ASKED) <= GROSS + 1e-9]
+ZEROS: Floats = np.linspace(ASKED[0], ASKED[-1], FINE * (len(ASKED) - 1) + 1)  # those of the rows
 NEAR: Bools = np.abs(ZEROS) <= GROSS + 1e-9
 STRETCH = (1.0 - UNSURE, 1.0 + UNSURE)
 LEFT = 0.5  # of friction that the mean of both directions may still hold
@@ -91,6 +93,14 @@ def slack(friction: float, lsb: float) -> float:
     return LEFT * friction + (lsb if np.isfinite(lsb) else 0.0)
 
 
+def refined(family: Floats) -> Floats:
+    """A family (d, k) with FINE rows for one."""
+    rows = np.linspace(0.0, len(family) - 1.0, FINE * (len(family) - 1) + 1)
+    first = np.minimum(rows.astype(np.intp), len(family) - 2)
+    share = (rows - first)[:, None]
+    return np.asarray((1.0 - share) * family[first] + share * family[first + 1])
+
+
 def foresee(right: Floats, reversed: Floats, slack: float) -> Foreseen:
     """Families (d, k), the middle row without a zero error."""
     middle = len(right) // 2
@@ -136,7 +146,7 @@ def _stretched(product: Floats, square: Floats) -> Floats:
 
 
 def judge(up: Floats, down: Floats, right: Floats, reversed: Floats, friction: float, lsb: float) -> Judged:
-    """Loads (k,) come to from below and from above; families (49, k) over ZEROS.
+    """Loads (k,) come to from below and from above; families (d, k) over ZEROS.
 
     `friction` (N·m): the least that is reckoned with; more is, where the directions lie farther apart.
     """
@@ -190,4 +200,4 @@ def _offset(misfits: Floats, room: float) -> tuple[float, float]:
     fitting = ZEROS[misfits <= room]
     if not len(fitting) or fitting[0] == ZEROS[0] or fitting[-1] == ZEROS[-1]:
         return float("nan"), float("nan")
-    return float(fitting[0] + fitting[-1]) / 2.0, float(fitting[-1] - fitting[0]) / 2.0 + STEP
+    return float(fitting[0] + fitting[-1]) / 2.0, float(fitting[-1] - fitting[0]) / 2.0

@@ -7,11 +7,11 @@ import numpy as np
 from twind.robot.arrays import Floats
 from twind_calibration.proving.expected import Expected
 from twind_calibration.proving.identity import Place, by_others, by_own
-from twind_calibration.proving.judge import NEAR, Against, Judged, Proof, fits, judge
+from twind_calibration.proving.judge import NEAR, Against, Judged, Proof, fits, judge, misfits
 from twind_calibration.proving.sweep import Swept
 from twind_calibration.wiggling.body import Body
 
-MOST_NAMED = 4  # joints that are named instead: more than that say nothing
+MOST_NAMED = 4  # joints that are named instead
 BENT = 0.1  # rad: a neighbour that stands nearer to nought is no reason
 
 
@@ -35,7 +35,7 @@ def weigh(body: Body, joint: int, swept: Swept, friction: float) -> Weighed:
         return Weighed(replace(judged, proof=Proof.UNOBSERVABLE, against=Against.NOTHING))
     told = _Told(joint, swept, expected, right[NEAR], _rooms(body, joint, friction, judged.foreseen.slack))
     places = {other: told.place(other) for other in body.twins(joint)}
-    there = tuple(other for other, place in places.items() if place is Place.THERE)
+    there = sorted((other for other, each in places.items() if each is Place.THERE), key=told.misfit)
     if judged.proof is not Proof.CONTRADICTED:
         if told.turned() is Place.THERE:
             judged = replace(judged, proof=Proof.CONTRADICTED, against=Against.OTHERS)
@@ -46,7 +46,12 @@ def weigh(body: Body, joint: int, swept: Swept, friction: float) -> Weighed:
     measured, room = swept.effort[:, joint], judged.foreseen.slack
     standing = np.flatnonzero(np.abs(swept.poses[0]) > BENT).tolist()
     bent = [other for other in standing if other != joint and fits(measured, expected.bent(other), room)]
-    return Weighed(judged, there[:MOST_NAMED], tuple(bent[:MOST_NAMED]))
+    return Weighed(judged, _few(there), _few(bent))
+
+
+def _few(places: list[int]) -> tuple[int, ...]:
+    """Nobody, where too many would do: next to no load fits each that bears none."""
+    return tuple(places) if len(places) <= MOST_NAMED else ()
 
 
 class _Told:
@@ -67,6 +72,11 @@ class _Told:
         )
         changed = Place.UNTOLD if own is Place.HERE else self._changed(self._expected.all_exchanged(other))
         return own if changed is Place.UNTOLD else changed
+
+    def misfit(self, other: int) -> float:
+        """How far its own load is from what it would measure there, N·m."""
+        own = self._swept.effort[:, self._joint]
+        return float(misfits(own, self._expected.exchanged(other)).min())
 
     def turned(self) -> Place:
         """Did the others' loads change the other way? Then its sign is wrong, or theirs are."""
