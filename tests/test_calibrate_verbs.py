@@ -1,6 +1,9 @@
 """`twindctl calibrate` as a person uses it: real processes, hands, a file that makes the robot go."""
 
 import json
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -10,6 +13,7 @@ from typing import Any
 import pytest
 from processes import Daemon, Virtual, arm, go, robot, until
 
+from twind.client import ClientError
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
 from twind.ctl.main import main
@@ -159,6 +163,51 @@ def test_a_robot_is_swept_zeroed_fenced_and_moves(bench: Bench, capsys: Captured
         assert go(client, {"joint_names": ["l_knee"], "points": [point]})["phase"] == "succeeded"
         client.call("Disarm")
     _fence(bench, capsys)
+
+
+def test_in_live_nobody_arms_meanwhile_and_ctrl_c_keeps_what_is_done(bench: Bench, capsys: Captured) -> None:
+    mode = bench.daemon.status()["mode"]
+    assert mode == "live", "after the calibration above"
+    bench.hands(None, ["head_yaw", "l_knee"])
+    bench.there()
+    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(bench.daemon.sockets)]
+    words = ["calibrate", "sweep", "--json", "head_yaw", "l_knee"]
+    sweeping = subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True)
+    assert sweeping.stdout is not None
+    try:
+        until(lambda: bench.daemon.status()["state"] == "calibrating", 20.0, "nobody arms")
+        with bench.daemon.client() as client, pytest.raises(ClientError):
+            arm(client)
+        mover = threading.Thread(target=_both_ways, args=(bench, ["head_yaw"]))
+        mover.start()
+        while '"done"' not in (line := sweeping.stdout.readline()):
+            assert line, "it ended by itself"
+        mover.join()
+        sweeping.send_signal(signal.SIGINT)
+        assert sweeping.wait(20.0) == 130
+    finally:
+        if sweeping.poll() is None:
+            sweeping.kill()
+        sweeping.wait(10.0)
+        sweeping.stdout.close()
+    until(lambda: bench.daemon.status()["state"] == "connected", 20.0, "armed by whoever wants")
+    draft = bench.file.parent / ".h24.draft.yaml"
+    assert "head_yaw" in draft.read_text() and "l_knee" not in draft.read_text()
+
+    before = load_calibration(bench.file, ROBOT)
+    assert bench.verb("zero", "--from-sweep", "--yes") == 0
+    assert "a zero is coarse" in capsys.readouterr().out
+    after = load_calibration(bench.file, ROBOT)
+    then, now = before.by_name["head_yaw"], after.by_name["head_yaw"]
+    assert (now.method, now.captures) == ("sweep", 2) and abs(now.zero_ticks - then.zero_ticks) < 60
+    assert after.by_name["l_knee"] == before.by_name["l_knee"]
+    assert bench.verb("zero", "--from-sweep", "--yes") == 1
+    assert "name those that the ends are to place anew" in capsys.readouterr().err
+
+    with bench.daemon.client() as client:
+        client.call("SetMode", mode="sim")
+    assert bench.verb("sweep", "l_knee") == 1
+    assert "mode sim reads no robot" in capsys.readouterr().err
 
 
 def _both_ways(bench: Bench, names: Words | None) -> None:

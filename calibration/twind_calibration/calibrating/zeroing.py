@@ -129,6 +129,8 @@ def _chosen(
         )
     if not swept:
         raise Rejected("nothing was swept yet: `twindctl calibrate sweep` first, then the zero")
+    if options.from_sweep and not options.joints and not draft.swept:
+        raise Rejected("every joint that was swept has a zero: name those that the ends are to place anew")
     pending = options.joints or list(draft.swept) or list(swept)
     return [slot for slot in every if slot.name in names and slot.name in pending]
 
