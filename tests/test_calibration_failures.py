@@ -2,8 +2,8 @@
 
 Each of the fourteen is planted between a calibration and the next start, or in mid-run: no goal leaves that
 would turn a shaft, and torque is off at the end. What no reading can show (a swapped servo whose zero is near
-the old one, exchanged twins, a wrong sign) is for `twindctl calibrate prove`; of files that are half written
-tests/test_saving.py tells.
+the old one, exchanged twins, a wrong sign) is for `twindctl calibrate prove` (tests/test_proving_servos.py); of
+files that are half written tests/test_saving.py tells.
 """
 
 from collections.abc import Iterator, Mapping
@@ -97,7 +97,7 @@ def names_it(said: list[tuple[str, str, str]], code: str, joint: str, *words: st
 
 @pytest.fixture(scope="module")
 def floating(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The file of an h24 whose left knee is in extended position mode, with gains that no factory gives."""
+    """The file of an h24 whose left knee is in extended position mode."""
     built_in = load_robot("h24")
     text = built_in.path.read_text().replace("mjcf: h24.xml", f"mjcf: {built_in.mjcf_path}")
     head, _, rest = text.partition(f"  {KNEE}:")
@@ -388,9 +388,13 @@ def test_another_firmware_is_warned_of_and_everything_read_anew(plant: Any) -> N
 # ------------------------------------------------------------------- 13: torque that nobody asked for
 
 
-def test_torque_by_goal_is_refused_by_its_bit(plant: Any) -> None:
-    said = plant(PLAIN, JointTruth(drive_mode=8)).refused()
-    assert names_it(said, "DEVICE_MISMATCH", KNEE, "drive_mode (10) is 8", "bit 3")
+@pytest.mark.parametrize(("mode", "bit"), [(8, "bit 3"), (4, "bit 2")])
+def test_a_bit_of_the_drive_mode_that_nobody_may_rely_on_is_refused_by_name(
+    plant: Any, mode: int, bit: str
+) -> None:
+    """3: a goal switches torque on. 2: profiles are times, and a goal is where it should be much later."""
+    said = plant(PLAIN, JointTruth(drive_mode=mode)).refused()
+    assert names_it(said, "DEVICE_MISMATCH", KNEE, f"drive_mode (10) is {mode}", bit)
 
 
 def test_torque_at_boot_is_refused_by_its_bit_and_left_as_it_was_found(plant: Any) -> None:
@@ -411,17 +415,15 @@ def test_torque_at_boot_is_refused_by_its_bit_and_left_as_it_was_found(plant: An
 def test_what_a_change_of_mode_has_reset_is_written_and_read_back_before_torque(plant: Any) -> None:
     rig = plant(PLAIN, PLAIN)
     rig.arm()
-    row, keys = rig.names.index(KNEE), ("position_p_gain", "profile_velocity", "goal_pwm", "goal_current")
-    servos = rig.virtual["main"].servos
-    usual = {key: int(servos[key][row]) for key in keys}
+    row, servos = rig.names.index("r_knee"), rig.virtual["main"].servos
+    assert servos["position_p_gain"][row] == 1600
     assert rig.call(link.Disarm, ticks=800).error is None
-    servos.registers.put("position_p_gain", 123, row)
-    servos.registers.put("profile_velocity", 7, row)
-    for mode in (4, 3):
+    for mode in (4, 3):  # somebody tries something, and puts it back
         servos.registers.put("operating_mode", mode, row)
         servos.power.reset_mode(row)
     servos.changed()
+    assert servos["position_p_gain"][row] == 800, "as from the factory"
     rig.seconds(0.5)
     rig.lease()
     assert rig.call(link.Arm).error is None
-    assert {key: int(servos[key][row]) for key in keys} == usual
+    assert servos["position_p_gain"][row] == 1600
