@@ -34,12 +34,22 @@ ARGUMENTS = {
 BOUND = 1.0  # s within which an e-stop is answered, whatever the others do
 
 
-@pytest.fixture
-def own(tmp_path: Path) -> Iterator[StandIn]:
-    stand_in = StandIn(tmp_path)
+def begun(folder: Path) -> Iterator[StandIn]:
+    stand_in = StandIn(folder)
     yield stand_in
     assert stand_in.front.poll() is None
     assert stand_in.close() == 0
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[StandIn]:
+    yield from begun(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def unheard(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
+    """One for all calls that never leave the front."""
+    yield from begun(tmp_path_factory.mktemp("unheard"))
 
 
 def said(loop: StandIn, event: str, patience: float = 2.0) -> str:
@@ -65,12 +75,12 @@ def stopped(loop: StandIn, name: str = "observe") -> float:
 
 
 @pytest.mark.parametrize("method", sorted(METHODS.keys() - OBSERVER))
-def test_an_observer_may_not_and_the_loop_never_hears_of_it(own: StandIn, method: str) -> None:
-    with Raw(own, "observe") as client:
+def test_an_observer_may_not_and_the_loop_never_hears_of_it(unheard: StandIn, method: str) -> None:
+    with Raw(unheard, "observe") as client:
         answer = client.call(method, **ARGUMENTS.get(method, {}))
     assert answer["error"] == f"{CONTROL}.NotAllowed"
     assert answer["parameters"] == {"role": "observer", "method": method}
-    assert not own.commands
+    assert not unheard.commands
 
 
 def test_a_wrong_role_is_told_once_with_its_code_who_it_was_and_to_those_who_watch(own: StandIn) -> None:
