@@ -19,8 +19,8 @@ from twind.front import reload
 from twind.robot.finding import Code, Finding
 
 pytestmark = pytest.mark.realtime
-LINE = "head_yaw:         {id: 1, limits_rad: [-1.5, 1.5]}"
-NARROW = {LINE: "head_yaw:         {id: 1, limits_rad: [-0.3, 0.3]}"}
+LINE = "head_yaw:         {id: 1, limits_rad: [-1.5, 1.5]"
+NARROW = {LINE: "head_yaw:         {id: 1, limits_rad: [-0.3, 0.3]"}
 KEY = "joints.head_yaw.limits_rad"
 
 

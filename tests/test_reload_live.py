@@ -23,8 +23,8 @@ from test_hot import files
 from twind.client import CallError, Refused
 
 pytestmark = pytest.mark.realtime
-LINE = "head_yaw:         {id: 1, limits_rad: [-1.5, 1.5]}"
-NARROW = {LINE: "head_yaw:         {id: 1, limits_rad: [-0.3, 0.3]}"}
+LINE = "head_yaw:         {id: 1, limits_rad: [-1.5, 1.5]"
+NARROW = {LINE: "head_yaw:         {id: 1, limits_rad: [-0.3, 0.3]"}
 PATH = {
     "joint_names": ["head_yaw"],
     "points": [{"positions": [0.4], "velocities": [0.0], "time_from_start": 3.0}],
