@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from difflib import get_close_matches
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ class Ground:
     robot: RobotFile
     path: Path  # of the calibration file
     named: bool  # the daemon was told this file by name: it does not start without it
+    rate_hz: float = nan  # of its readings; NaN: nobody asked
 
     @property
     def individual(self) -> str:
@@ -74,15 +76,17 @@ def ground(options: argparse.Namespace, client: Client) -> Ground:
     told = client.call("GetRobot")["robot"]
     parameters = client.call("GetParameters")["parameters"]
     robot = _robot(told)
+    rate = float(parameters.get("rate_hz") or robot.rate_hz)
     if options.calibration:
         path = Path(options.calibration).absolute()
         if path.suffix != ".yaml":
             raise UsageError(f"--calibration {options.calibration}: a calibration file is named NAME.yaml")
-        return Ground(robot, path, named=True)
+        return Ground(robot, path, named=True, rate_hz=rate)
     if parameters.get("calibration"):
-        return Ground(robot, Path(parameters["calibration"]), named=True)
+        return Ground(robot, Path(parameters["calibration"]), named=True, rate_hz=rate)
     individual = parameters.get("individual") or robot.name
-    return Ground(robot, usual_calibration(Path(parameters["state_dir"]), individual), named=False)
+    path = usual_calibration(Path(parameters["state_dir"]), individual)
+    return Ground(robot, path, named=False, rate_hz=rate)
 
 
 def _robot(told: dict[str, Any]) -> RobotFile:

@@ -56,10 +56,9 @@ def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
         return DONE
     drafts.require_room(place.path)  # before anybody moves anything
     session.draft = draft
-    rate = client.call("GetParameters")["parameters"]["rate_hz"] or place.robot.rate_hz
     with limp(client, clock, take=options.take) as keep, observer(options) as watching:
         session.records = records(client, place.robot, every)
-        with readings(watching, rate) as stream:
+        with readings(watching, place.rate_hz) as stream:
             try:
                 session.begin()
                 for reading in stream:
@@ -152,6 +151,7 @@ class Session:
         self._board.leave()
         if not self._asked:
             self._say("every joint has its travel already: --again, or names, sweep them anew")
+            return DONE
         for name in left:
             self._say(f"not done: {name}: {self._why(name)}")
         where = f", kept in {drafts.path_of(self._place.path)}" if done else ""

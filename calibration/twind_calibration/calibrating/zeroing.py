@@ -98,10 +98,9 @@ def _zero(options: argparse.Namespace, client: Client) -> int:
         held: Mapping[str, Capture] = {}
         if angles is not None:
             _ask(options, angles, len(chosen))
-            rate = client.call("GetParameters")["parameters"]["rate_hz"] or place.robot.rate_hz
             keep()
             with observer(options) as watching:
-                held = _captured(watching, rate, chosen, options.samples)
+                held = _captured(watching, place.rate_hz, chosen, options.samples)
     placed = [_place(slot, swept, found, held, angles) for slot in chosen]
     return _write(options, place, calibration, draft, placed)
 
