@@ -17,7 +17,8 @@ SETTINGS, ROBOT = (
     table(part, *HEADING) for part in TEXT.split("\n## CAN buses\n")[0].split("\n## Robot file\n")
 )
 LATER = set(re.findall(r"`(\w+)`", TEXT.rsplit("Refused by name", 1)[1]))
-NAMES = {"buses": "BUS", "types": "TYPE", "joints": "JOINT", "poses": "POSE"}
+NAMES = {"buses": "BUS", "types": "TYPE", "joints": "JOINT", "poses": "POSE", "actuators": "ACTUATOR"}
+NAMES |= {"transmissions": "TRANSMISSION"}
 
 FILE = """\
 format: twind-robot/1
@@ -31,9 +32,23 @@ defaults: {type: small, bus: main}
 joints:
   yaw: {id: 1, limits_rad: [-1.0, 1.0], registers: {shutdown: 52}}
   knee: {type: large, bus: leg, id: 1, limits_rad: [-1.0, 1.0]}
+  elbow: {id: 2, limits_rad: [-1.0, 1.0], stop_rad: {upper: 1.1}, homing: {side: upper}}
+  roll: {limits_rad: [-0.1, 0.1]}
+  toe: {limits_rad: [-0.1, 0.1]}
+actuators: {a: {id: 3, registers: {shutdown: 52}}, b: {type: large, bus: leg, id: 2}}
+transmissions:
+  one: {kind: differential, actuators: [a], joints: {roll: [0.5]}}
+  two: {kind: linkage_table, actuators: [b], joints: [toe], table: toe.csv}
 poses: {rest: {yaw: 0.0}}
 collision: {}
 """
+
+
+def described(folder: Path) -> None:
+    """A robot in which every key may stand."""
+    (folder / "one.xml").write_text("<mujoco/>")
+    (folder / "one.yaml").write_text(FILE)
+    (folder / "toe.csv").write_text("b_rad,toe_rad\n-1.0,-0.5\n1.0,0.5\n")
 
 
 def documented(rows: list[list[str]]) -> set[str]:
@@ -60,6 +75,8 @@ def _spelled(path: str) -> str:
         parts[1] = NAMES[parts[0]]
     if parts[0] == "poses" and len(parts) == 3:
         parts[2] = "JOINT"
+    if parts[0] == "transmissions" and parts[2:3] == ["joints"]:
+        parts[3:] = ["JOINT"] * len(parts[3:])
     if "registers" in parts[:-1]:
         parts[-1] = "REGISTER"
     return ".".join(parts)
@@ -78,16 +95,14 @@ def test_every_key_of_the_settings_is_on_the_page(tmp_path: Path, monkeypatch: p
 
 
 def test_every_key_of_the_robot_file_is_on_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "one.xml").write_text("<mujoco/>")
-    (tmp_path / "one.yaml").write_text(FILE)
+    described(tmp_path)
     keys = asked(monkeypatch, lambda: read_robot(tmp_path / "one.yaml"))
     keys = {key for key in _leaves(keys) if key.rsplit(".", 1)[-1] not in LATER}
     assert _leaves(keys) == documented(ROBOT)
 
 
 def test_the_defaults_of_the_page_are_those_of_the_code(tmp_path: Path) -> None:
-    (tmp_path / "one.xml").write_text("<mujoco/>")
-    (tmp_path / "one.yaml").write_text(FILE)
+    described(tmp_path)
     robot, page = read_robot(tmp_path / "one.yaml"), {key.strip("`"): usual for key, _, usual, _ in ROBOT}
     bus, kind, joint = robot.buses[0], robot.joints[0].type, robot.joints[0]
     assert page["support"] == f"`{robot.support}`"

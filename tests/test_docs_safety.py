@@ -13,7 +13,7 @@ from twind.robot.finding import Code
 from twind.robot.modes import State
 from twind.safety import gate, guard, lease, senses, stream
 from twind.safety.states import TABLE, Event
-from twind.twin import binding
+from twind.twin import reach
 from twind_drivers.dynamixel import budget
 from twind_drivers.dynamixel import damping as soft
 
@@ -143,7 +143,7 @@ NUMBERS = {
     "trajectory points, least distance": ms(GATE.min_dt),
     "trajectory judged beside the tick": f"{submissions.SLICE} points a tick",
     "front's share of a verdict, oldest": f"{submissions.STALE_VERDICT:g} s",
-    "hard limit beyond the robot file's": f"{binding.BEYOND:g} rad",
+    "hard limit beyond the robot file's": f"{reach.BEYOND:g} rad",
     "measured beyond the hard limit: fault": f"{GUARD.beyond_hard:g} rad",
     "start jump": f"{GATE.start_jump:g} rad",
     "brake: always allowed": f"{GATE.brake_floor:g} rad/s",
