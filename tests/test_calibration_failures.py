@@ -2,8 +2,8 @@
 
 Each of the fourteen is planted between a calibration and the next start, or in mid-run: no goal leaves that
 would turn a shaft, and torque is off at the end. What no reading can show (a swapped servo whose zero is near
-the old one, exchanged twins, a wrong sign) is for `twindctl calibrate prove` (tests/test_proving_servos.py); of
-files that are half written tests/test_saving.py tells.
+the old one, exchanged twins, a wrong sign) is for `twindctl calibrate prove` (tests/test_proving_servos.py).
+Of files that are half written tests/test_saving.py tells.
 """
 
 from collections.abc import Iterator, Mapping
