@@ -244,6 +244,19 @@ def test_a_pose_is_split_among_the_buses_and_off_lets_go_of_all() -> None:
     assert {joint: angle(made, virtual, joint, 2.0) for joint in wish} == pytest.approx(wish, abs=0.003)
 
 
+def test_an_encoder_that_stands_still_within_the_play_shows_no_speed() -> None:
+    made, virtual = robot(False, l_knee=JointTruth(backlash_ticks=40.0))
+    servos, row = virtual["main"].servos, made.robot.names.index("l_knee")
+    virtual["main"].faults.hand(pose={"l_knee": 0.5}, speed=1.0)
+    seen = []
+    for step in range(1, 11):
+        before = servos.muscles.position[row]
+        virtual["main"].advance(0.01 * step)
+        seen.append((servos.muscles.position[row] != before, servos.muscles.velocity[row] != 0.0))
+    assert (False, False) in seen and (True, True) in seen
+    assert all(moved == fast for moved, fast in seen)
+
+
 def test_who_is_turned_over_hangs_another_way_and_no_body_no_base_is_said() -> None:
     made, virtual = robot(True)
     bus = virtual["main"]

@@ -17,7 +17,8 @@ class Slack:
         """`play` (m,): ticks, from one side to the other."""
         self._muscles, self._half = muscles, play / 2.0
         self.position = muscles.position.copy()
-        self.velocity, self.current, self.pwm = muscles.velocity, muscles.current, muscles.pwm
+        self.velocity = muscles.velocity.copy()  # of the encoder too: none while the play is used up
+        self.current, self.pwm = muscles.current, muscles.pwm
         self.stall = muscles.stall
 
     def drive(self, drive: Drive) -> None:
@@ -43,5 +44,7 @@ class Slack:
     def advance(self, now: float) -> None:
         """See `Muscles.advance`."""
         self._muscles.advance(now)
-        place = self._muscles.position
+        place, before = self._muscles.position, self.position.copy()
         np.clip(self.position, place - self._half, place + self._half, out=self.position)
+        moved = (self.position != before) | (self._half == 0.0)
+        np.multiply(self._muscles.velocity, moved, out=self.velocity)
