@@ -255,6 +255,9 @@ def test_an_encoder_that_stands_still_within_the_play_shows_no_speed() -> None:
         seen.append((servos.muscles.position[row] != before, servos.muscles.velocity[row] != 0.0))
     assert (False, False) in seen and (True, True) in seen
     assert all(moved == fast for moved, fast in seen)
+    virtual["main"].advance(2.0)
+    virtual["main"].advance(2.1)
+    assert servos.muscles.velocity[row] == 0.0, "arrived"
 
 
 def test_who_is_turned_over_hangs_another_way_and_no_body_no_base_is_said() -> None:

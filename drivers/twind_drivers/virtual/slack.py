@@ -16,7 +16,7 @@ class Slack:
     def __init__(self, muscles: Muscles, play: NDArray[np.float64]) -> None:
         """`play` (m,): ticks, from one side to the other."""
         self._muscles, self._half = muscles, play / 2.0
-        self.position = muscles.position.copy()
+        self.position, self._seen = muscles.position.copy(), muscles.position.copy()
         self.velocity = muscles.velocity.copy()  # of the encoder too: none while the play is used up
         self.current, self.pwm = muscles.current, muscles.pwm
         self.stall = muscles.stall
@@ -45,6 +45,10 @@ class Slack:
         """See `Muscles.advance`."""
         self._muscles.advance(now)
         place, before = self._muscles.position, self.position.copy()
+        if np.array_equal(place, self._seen):  # no time has passed, or nothing turns
+            self.velocity[self._muscles.velocity == 0.0] = 0.0
+            return
+        self._seen[:] = place
         np.clip(self.position, place - self._half, place + self._half, out=self.position)
         moved = (self.position != before) | (self._half == 0.0)
         np.multiply(self._muscles.velocity, moved, out=self.velocity)
