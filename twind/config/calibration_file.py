@@ -16,7 +16,7 @@ from pathlib import Path
 from twind.config.counts import ticks_of, turn_start
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import JointSpec, RobotFile
-from twind.config.saving import save_text
+from twind.config.saving import Rights, save_text
 from twind.config.section import Plain, Section
 from twind_drivers.bus import Device
 
@@ -294,12 +294,14 @@ def written(head: Mapping[str, Plain], joints: Mapping[str, Mapping[str, Plain]]
     return "\n".join(lines) + "\n"
 
 
-def save_calibration(calibration: Calibration, folder: Path, individual: str) -> Path:
+def save_calibration(
+    calibration: Calibration, folder: Path, individual: str, rights: Rights | None = None
+) -> Path:
     """Write `folder/individual.yaml`, the earlier one kept as numbered history: old or new, never mixed.
 
     Raises ConfigError (a name that is no file name, a file that does not read back), OSError (disk full).
     """
-    return save_text(folder, individual, dump_calibration(calibration), HISTORY)
+    return save_text(folder, individual, dump_calibration(calibration), HISTORY, rights)
 
 
 def device_entries(device: DeviceRecord) -> dict[str, Plain]:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from twind.config.calibration_file import Calibration, save_calibration
 from twind.config.located import ConfigError
+from twind.config.saving import Rights
 from twind.ctl.verb import Rejected
 
 
@@ -20,16 +21,7 @@ def save(calibration: Calibration, path: Path) -> None:
     try:
         if path.suffix != ".yaml":
             raise OSError("its name does not end in .yaml")
-        before = _before(path)
-        save_calibration(calibration, path.parent, path.stem)
-        if before is None:
-            folder = path.parent.stat()
-            owner, group = folder.st_uid, folder.st_gid
-        else:
-            path.chmod(stat.S_IMODE(before.st_mode))
-            owner, group = before.st_uid, before.st_gid
-        if os.geteuid() == 0:  # else the daemon's user could read it no more
-            os.chown(path, owner, group)
+        save_calibration(calibration, path.parent, path.stem, _rights(path))
     except FileNotFoundError:
         raise Rejected(f"{path}: there is no folder {path.parent}: `mkdir -p {path.parent}`") from None
     except PermissionError as error:
@@ -38,8 +30,14 @@ def save(calibration: Calibration, path: Path) -> None:
         raise Rejected(f"{path} cannot be written: {error}") from None
 
 
-def _before(path: Path) -> os.stat_result | None:
+def _rights(path: Path) -> Rights | None:
+    """As they were; only root gives a file away, so that the daemon's user can read it still."""
     try:
-        return path.stat()
+        before: os.stat_result | None = path.stat()
     except FileNotFoundError:
-        return None
+        before = None
+    whose = before or path.parent.stat()
+    owner, group = (whose.st_uid, whose.st_gid) if os.geteuid() == 0 else (-1, -1)
+    if before is None:
+        return Rights(owner=owner, group=group) if os.geteuid() == 0 else None
+    return Rights(stat.S_IMODE(before.st_mode), owner, group)
