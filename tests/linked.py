@@ -113,3 +113,16 @@ def write(folder: Path, text: str = ROBOT, rods: str | None = None, body: str = 
 def linked(folder: Path, text: str = ROBOT, rods: str | None = None) -> RobotFile:
     """The robot, read."""
     return read_robot(write(folder, text, rods))
+
+
+CAN_ROBOT = (
+    ROBOT.replace("leg: {kind: dynamixel2, baud: 1000000}", "leg: {kind: can}")
+    .replace(
+        "defaults:",
+        "  dm: {device: DM4340, gains: {kp: 60.0, kd: 2.0}, velocity_limit_rad_s: 4.0}\ndefaults:",
+    )
+    .replace("ank_in: {bus: leg, id: 5}", "ank_in: {type: dm, bus: leg, id: 5}")
+    .replace(
+        "ank_out: {bus: leg, id: 6, sign: -1}", "ank_out: {type: dm, bus: leg, id: 6, sign: -1, ratio: 1.5}"
+    )
+)

@@ -94,9 +94,20 @@ def test_it_arms_moves_reads_what_is_true_and_disarms(rig: Rig) -> None:
     assert rig.truth == pytest.approx(np.zeros(5), abs=2e-3)
 
 
+def test_an_ankle_of_can_actuators_goes_where_it_is_sent_too(tmp_path: Path) -> None:
+    rig = Rig(str(linked.write(tmp_path, linked.CAN_ROBOT)))
+    rig.arm()
+    move(rig, bent(rig))
+    assert rig.truth == pytest.approx(bent(rig), abs=5e-3)
+    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=2e-3)
+    assert rig.call(link.Disarm, ticks=2000).error is None
+    rig.close()
+
+
 @pytest.mark.slow
-def test_a_body_behind_its_transmissions_goes_where_it_is_sent(path: Path) -> None:
-    rig = Body(str(path))
+@pytest.mark.parametrize("text", [linked.ROBOT, linked.CAN_ROBOT], ids=["servos", "can"])
+def test_a_body_behind_its_transmissions_goes_where_it_is_sent(tmp_path: Path, text: str) -> None:
+    rig = Body(str(linked.write(tmp_path, text)))
     rig.arm()
     worst = move(rig, bent(rig))
     assert worst < 2e-3
