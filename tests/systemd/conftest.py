@@ -6,6 +6,7 @@ from typing import Any
 import installed
 import pytest
 from machine import Machine, why_not
+from service import Robot
 
 
 @pytest.fixture(scope="session")
@@ -19,6 +20,14 @@ def machine() -> Iterator[Machine]:
         yield made
     finally:
         made.down()
+
+
+@pytest.fixture(scope="module")
+def robot(machine: Machine, request: pytest.FixtureRequest) -> Iterator[Robot]:
+    """A robot of 24 servos for one file, at an adapter of root:dialout 0660."""
+    made = Robot(machine, request.module.__name__)
+    yield made
+    made.close()
 
 
 @pytest.hookimpl(wrapper=True)

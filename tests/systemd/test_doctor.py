@@ -29,14 +29,6 @@ def codes(said: Json) -> set[str]:
 
 
 @pytest.fixture(scope="module")
-def robot(machine: Machine) -> Iterator[Robot]:
-    """A robot at an adapter of root:dialout 0660."""
-    made = Robot(machine, "examined")
-    yield made
-    made.close()
-
-
-@pytest.fixture(scope="module")
 def served(machine: Machine, robot: Robot) -> Iterator[Service]:
     """A service in live mode on it."""
     file = settings(machine, "twind", robot.settings())

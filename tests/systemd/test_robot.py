@@ -25,14 +25,6 @@ MOVED = 100  # ticks that a joint has moved at least, of the 4096 of a turn
 
 
 @pytest.fixture(scope="module")
-def robot(machine: Machine) -> Iterator[Robot]:
-    """A robot of 24 servos."""
-    made = Robot(machine, "body")
-    yield made
-    made.close()
-
-
-@pytest.fixture(scope="module")
 def live(machine: Machine, robot: Robot) -> Iterator[Service]:
     """`twind@body`, which may write to it."""
     settings(machine, "body", robot.settings())
