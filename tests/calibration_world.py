@@ -1,6 +1,6 @@
 """A virtual robot of which nothing is known but its robot file, and the hands that move its limp joints."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from rig import Rig
@@ -56,7 +56,7 @@ def restarted(rig: Rig, calibration: Calibration | None, mode: Mode) -> None:
 
 
 def hands(rig: Rig, pose: Mapping[str, float]) -> None:
-    """Take every joint there, on whatever bus it is; stops are felt."""
+    """Take the slot of every joint there, on whatever bus it is; stops are felt."""
     for bus in rig.robot.buses:
         own = {joint.name: pose[joint.name] for joint in rig.robot.joints if joint.bus == bus.name}
         rig.virtual[bus.name].faults.hand(pose=own, speed=QUICK)
@@ -73,16 +73,14 @@ def heard(rig: Rig) -> dict[str, Sample]:
     }
 
 
-def swept(rig: Rig, *, each: Callable[[], None] = lambda: None) -> Travels:
-    """Every joint taken to both its stops, half a second at each; `each` is called before every reading."""
+def swept(rig: Rig, beyond: float = 1.0) -> Travels:
+    """Every actuator taken `beyond` (rad) both ends of what is described, or to its stop; a rest at each."""
     every = slots(rig.robot)
     travels = Travels(every, [slot.name for slot in every])
     news = []
-    for side in ("lower", "upper"):
-        beyond = {"lower": -1.0, "upper": 1.0}[side]
-        hands(rig, {joint.name: getattr(joint, side) + beyond for joint in rig.robot.joints})
+    for side, way in (("upper", beyond), ("lower", -beyond)):
+        hands(rig, {slot.joint.name: getattr(slot, side) + way for slot in every})
         for _ in range(360):
-            each()
             rig.ticks(1)
             news += travels.take(heard(rig))
     assert not [one for one in news if one.what != "done"], news
@@ -92,7 +90,7 @@ def swept(rig: Rig, *, each: Callable[[], None] = lambda: None) -> Travels:
 
 def held(rig: Rig, pose: Mapping[str, float]) -> dict[str, Capture]:
     """50 readings of every joint in a pose."""
-    hands(rig, pose)
+    hands(rig, slot_angles(rig.robot, pose))
     rig.seconds(3.0)
     readings: dict[str, list[int]] = {slot.name: [] for slot in slots(rig.robot)}
     for _ in range(50):

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import linked
 import numpy as np
 import pytest
 from calibration_world import (
@@ -106,6 +107,19 @@ def test_turns_that_are_lost_between_sweep_and_zero_change_nothing(tmp_path: Pat
     truth = random_truth(load_robot(robot), 3)
     rig, found = calibrated(robot, truth, power_cut, {"l_knee": 1.2, "r_elbow": -0.7, "head_yaw": -0.4})
     try:
+        assert max(map(abs, off(rig, found).values())) <= WELL
+    finally:
+        rig.close()
+
+
+def test_motors_of_a_transmission_are_calibrated_by_their_own_names(tmp_path: Path) -> None:
+    path = linked.write(tmp_path)
+    rig = uncalibrated(str(path), random_truth(load_robot(str(path)), 1))
+    try:
+        travels = swept(rig, 0.05)  # a slot alone feels no stop: those are of the joints
+        pose = dict.fromkeys(rig.robot.names, 0.0) | {"waist_roll": 0.1, "ankle_pitch": -0.2}
+        found = measured(rig, travels, held(rig, pose), pose)
+        assert set(found.by_name) == {"waist_a", "waist_b", "ank_in", "ank_out", "knee"}
         assert max(map(abs, off(rig, found).values())) <= WELL
     finally:
         rig.close()

@@ -25,8 +25,9 @@ from twind_drivers.dynamixel.serial_port import SerialTransport
 STOP = "stop the daemon (`{0}`, or Ctrl-C where it runs)"
 PATIENCE = 5.0  # s for an answer of a daemon
 CALIBRATE = (
-    "{0} is not calibrated: live refuses to arm (CALIB_MISSING) until a calibration file has it "
-    "({1}); mirror shows it already, marked uncalibrated"
+    "{0} is not calibrated: live refuses to arm (CALIB_MISSING) until it is. With the daemon running: "
+    "`twindctl calibrate sweep {0}`, then `twindctl calibrate zero {0}` ({1}); mirror shows it already, "
+    "marked uncalibrated"
 )
 At = Callable[[int], Setter]
 
@@ -87,7 +88,7 @@ def _adopt(options: argparse.Namespace, described: Described, opened: dict[str, 
         _say(options, f"cut short: `twindctl adopt {name}` once more finds the servo and ends it")
         raise
     adopted = f"{name} has its servo: {chosen.home} on bus {chosen.bus.name}, torque off"
-    text = f"{adopted}\n{CALIBRATE.format(name, page(CALIBRATION))}"
+    text = again(options).prose(f"{adopted}\n{CALIBRATE.format(name, page(CALIBRATION))}")
     show(options, adoption.told("adopted"), text)
     return DONE
 

@@ -18,6 +18,7 @@ from twind_calibration.calibrating.devices import records
 from twind_calibration.calibrating.draft import Swept
 from twind_calibration.calibrating.ground import Ground, ground, now
 from twind_calibration.calibrating.limp import limp
+from twind_calibration.calibrating.options import named
 from twind_calibration.calibrating.raw import Reading, readings
 from twind_calibration.calibrating.slots import Slot, slots
 from twind_calibration.calibrating.travels import News, Stage, Travels, told
@@ -126,7 +127,7 @@ class Session:
         done = sum(name in self.draft.swept for name in self._asked)
         self._say(
             f"cut short: {done} of {len(self._asked)} are kept in {drafts.path_of(self._place.path)}; "
-            "`twindctl calibrate sweep` goes on with the others"
+            f"`twindctl calibrate sweep{named(self._options)}` goes on with the others"
         )
 
     def close(self) -> int:
@@ -134,7 +135,7 @@ class Session:
         left = [name for name in self._asked if name not in self.draft.swept]
         done = [name for name in self._asked if name in self.draft.swept]
         whole = not left
-        next = f"twindctl calibrate {'zero' if whole else 'sweep'}"
+        next = f"twindctl calibrate {'zero' if whole else 'sweep'}{named(self._options)}"
         if self._options.json:
             print(
                 json.dumps(

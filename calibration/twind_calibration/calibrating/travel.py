@@ -58,7 +58,7 @@ def _causes(slot: Slot, radians: float, share: float, others: Sequence[Slot]) ->
     if like:
         more = "" if len(like) <= NAMED else f" or {len(like) - NAMED} more"
         found.append(f"the wrong joint: it goes as far as {', '.join(like[:NAMED])}{more} should")
-    found.append(f"limits_rad of {slot.name} are not those of this robot")
+    found.append(f"limits_rad of {slot.joint.name} are not those of this robot")
     return tuple(found)
 
 
