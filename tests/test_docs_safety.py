@@ -13,7 +13,7 @@ from twind.robot.finding import Code
 from twind.robot.modes import State
 from twind.safety import gate, guard, lease, senses, stream
 from twind.safety.states import TABLE, Event
-from twind.twin import reach
+from twind.twin import binding, reach
 from twind_drivers.dynamixel import budget
 from twind_drivers.dynamixel import damping as soft
 
@@ -159,6 +159,7 @@ NUMBERS = {
     "arming: first reading of temperature and supply waited for": f"{arming.FIRST:g} s",
     "arming: still moving": f"{arming.STILL:g} ticks of the encoder, {arming.TRIES} tries",
     "arming: jump at torque-on": f"{arming.JUMP:g} rad",
+    "turn: beyond the measured travel, at most": f"{binding.ASTRAY:g} rad",
     "way to the rest pose, wanted within": f"{release.WAY:g} s",
     "settling, to torque off; then DAMP": f"{release.SETTLE:g} s",
     "way to the rest pose, given up": f"after {release.WAYS} tries",
