@@ -1,6 +1,7 @@
 """`twindctl calibrate prove` through a real daemon on virtual servos: who is proved, and who gets none."""
 
 import json
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -27,10 +28,19 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Virtual,
 
 
 def proved(one: Daemon, capsys: Captured, *words: str) -> tuple[int, list[dict[str, Any]]]:
-    """Exit code, and its lines of JSON."""
-    capsys.readouterr()
-    code = main(["--socket", str(one.sockets), "--json", "calibrate", "prove", "--yes", *words])
-    return code, [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    """Exit code, and its lines of JSON; once more where the machine had no time for the servos."""
+    deadline = time.monotonic() + 60.0
+    while True:
+        capsys.readouterr()
+        code = main(["--socket", str(one.sockets), "--json", "calibrate", "prove", "--yes", *words])
+        told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+        open_ones = [each for each in told if each.get("proof", "") is None]
+        assert not open_ones or time.monotonic() < deadline, told
+        if not open_ones:
+            return code, told
+        with one.client() as client:
+            client.call("Reset")
+            arm(client)
 
 
 def test_who_is_proved_is_written_down_and_who_is_contradicted_is_not(

@@ -333,8 +333,8 @@ def test_what_the_ground_carries_or_nobody_heard_proves_nothing() -> None:
 
 def test_a_joint_that_holds_much_is_named_with_what_it_holds() -> None:
     nothing = np.zeros(len(H24.names))
-    assert strained(Body(H24), nothing) == []
-    assert strained(Body(H24, "back"), nothing) == ["waist_pitch holds 3.9 of its 4.1 N·m"]
+    assert strained(Body(H24), nothing) == {}
+    assert list(strained(Body(H24, "back"), nothing).values()) == ["waist_pitch holds 3.9 of its 4.1 N·m"]
 
 
 # ------------------------------------------------------------------------------------- the way

@@ -73,11 +73,11 @@ def look_ahead(body: Body, pose: Floats, joint: int, places: Floats, friction: f
     return foresee(expected.right(FEW), expected.reversed(FEW), room)
 
 
-def strained(body: Body, pose: Floats) -> list[str]:
-    """Joints that hold much of what they can in this pose, in words; they want support while it lies so."""
-    said = []
-    for spec, load in zip(body.robot.joints, body.torque(pose), strict=True):
+def strained(body: Body, pose: Floats) -> dict[int, str]:
+    """Joints that hold much of what they can in this pose, and the words for it: they want to be propped."""
+    found = {}
+    for place, (spec, load) in enumerate(zip(body.robot.joints, body.torque(pose), strict=True)):
         most = spec.ratio * spec.type.effort_limit_nm
         if not spec.transmission and abs(load) > STRAIN * most:
-            said.append(f"{spec.name} holds {abs(load):.1f} of its {most:.1f} N·m")
-    return said
+            found[place] = f"{spec.name} holds {abs(load):.1f} of its {most:.1f} N·m"
+    return found

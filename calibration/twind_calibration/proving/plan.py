@@ -36,37 +36,44 @@ class Way:
     base: str
     bend: tuple[int, float] | None  # another joint, rad
     foreseen: Foreseen
+    strains: bool  # it holds much of what it can
+
+    @property
+    def good(self) -> bool:
+        """It proves the joint, and the joint bears it."""
+        return self.foreseen.observable and not self.strains
 
 
 def best(body: Body, joint: int, size: float, friction: float) -> Way | None:
     """The simplest way that proves a joint, else the one that shows most; None: it cannot move.
 
-    At rest before bent, upright before lying. Changes how the body is held.
+    At rest before bent, without straining it before the other. Changes how the body is held.
     """
     rest = np.array([body.robot.poses["rest"][name] for name in body.robot.names])
-    found: Way | None = None
+    found: list[Way] = []
     for bends in ([None], list(_bends(body.robot, joint))):
         for base in BASES:
             body.lie(base)
             for bend in bends:
                 seen = _seen(body, rest, joint, bend, size, friction)
-                if seen is not None and (found is None or seen.apart > found.foreseen.apart):
-                    found = Way(joint, base, bend, seen)
-        if found is None or found.foreseen.observable:
-            return found
-    return found
+                found += [] if seen is None else [Way(joint, base, bend, *seen)]
+        if any(way.good for way in found):
+            break
+    return max(found, key=lambda way: (way.good, way.foreseen.apart), default=None)
 
 
 def _seen(
     body: Body, rest: Floats, joint: int, bend: tuple[int, float] | None, size: float, friction: float
-) -> Foreseen | None:
+) -> tuple[Foreseen, bool] | None:
+    """What it shows, and whether it strains the joint."""
     pose, spec = rest.copy(), body.robot.joints[joint]
     if bend is not None:
         pose[bend[0]] = bend[1]
-    ways = sweeps(float(rest[joint]), spec.lower, spec.upper, size)
-    if not ways or body.stands_on(joint):
+    ways = sweeps(float(pose[joint]), spec.lower, spec.upper, size)
+    if not ways or body.stands_on(joint) or spec.transmission:
         return None
-    return look_ahead(body, pose, joint, ways[0].places[[0, len(ways[0].places) // 2, -1]], friction)
+    ahead = look_ahead(body, pose, joint, ways[0].places[[0, len(ways[0].places) // 2, -1]], friction)
+    return ahead, joint in strained(body, pose)
 
 
 def _bends(robot: RobotFile, joint: int) -> Iterator[tuple[int, float]]:
@@ -128,7 +135,7 @@ def _strain(body: Body, base: str, bend: str | None) -> list[str]:
         name, _, angle = bend.partition("=")
         angles[name] = float(angle)
     body.lie(base)
-    said = strained(body, np.array([angles[name] for name in body.robot.names]))
+    said = strained(body, np.array([angles[name] for name in body.robot.names])).values()
     return [f"    prop it: {'; '.join(said)}"] if said else []
 
 

@@ -165,6 +165,8 @@ class Verdict:
         return [said[0], *(f"             {each}" for each in said[1:])]
 
     def _load(self) -> str:
+        if not self.measured:
+            return "not judged" if self.gone.ended else "not heard while it moved"
         if self.weighed is None or not isfinite(self.weighed.judged.misfit):
             return "its load is not known: no torque is told, or the ground or a transmission shares it"
         judged = self.weighed.judged

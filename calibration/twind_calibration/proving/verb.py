@@ -63,14 +63,20 @@ def _prove(options: argparse.Namespace) -> int:
             with posed(client, session.goals, take=options.take):
                 for name in session.chosen:
                     verdicts.append(session.one(name))
+                    if verdicts[-1].proof is None and not session.armed():
+                        break  # what took the torque off, or latched, is told; the others would be refused
         except KeyboardInterrupt:  # the connection ends, and with it the lease
             tell(options, "the robot holds where it is: `twindctl status --joints` says where")
             raise
         finally:
             session.keep(verdicts)
+    measured = {each.joint for each in verdicts if each.proof is not None}
+    left = [name for name in session.chosen if name not in measured]
     if not options.json:
         print(again(options).prose(BLIND), flush=True)
-    return DONE if all(each.good for each in verdicts) else REFUSED
+        if left:
+            print(f"not done, the same once more with: {' '.join(left)}", flush=True)
+    return DONE if not left and all(each.good for each in verdicts) else REFUSED
 
 
 class Session:
@@ -101,7 +107,12 @@ class Session:
         for name, angle in self.goals.items():
             there[self.names.index(name)] = angle
         if np.isfinite(there).all() and (said := strained(self._body, there)):
-            tell(self._options, f"held so, prop it: {'; '.join(said)}")
+            tell(self._options, f"held so, prop it: {'; '.join(said.values())}")
+
+    def armed(self) -> bool:
+        """Still, and nothing latched."""
+        status = self._client.call("GetStatus")["status"]
+        return bool(status["armed"]) and not status["faults"]
 
     def one(self, name: str) -> Verdict:
         """Sweep one joint, say what it showed."""
