@@ -26,7 +26,7 @@ from twind_calibration.calibrating.travels import Travels
 from twind_calibration.calibrating.unwrap import Sample, framed, on_turn
 from twind_calibration.calibrating.writing import merged
 
-QUICK = 3.0  # rad/s of a hand
+QUICK = 5.0  # rad/s of a hand
 WELL = 3  # ticks of 4096 that a zero may be off
 
 
@@ -80,7 +80,7 @@ def swept(rig: Rig, beyond: float = 1.0) -> Travels:
     news = []
     for side, way in (("upper", beyond), ("lower", -beyond)):
         hands(rig, {slot.joint.name: getattr(slot, side) + way for slot in every})
-        for _ in range(360):
+        for _ in range(200):
             rig.ticks(1)
             news += travels.take(heard(rig))
     assert not [one for one in news if one.what != "done"], news
@@ -91,7 +91,7 @@ def swept(rig: Rig, beyond: float = 1.0) -> Travels:
 def held(rig: Rig, pose: Mapping[str, float]) -> dict[str, Capture]:
     """50 readings of every joint in a pose."""
     hands(rig, slot_angles(rig.robot, pose))
-    rig.seconds(3.0)
+    rig.seconds(1.5)
     readings: dict[str, list[int]] = {slot.name: [] for slot in slots(rig.robot)}
     for _ in range(50):
         rig.ticks(1)

@@ -49,7 +49,7 @@ def calibrated(
 def arms_and_moves(rig: Rig, calibration: Calibration) -> None:
     """With that file in live: everybody is believed, arms, and goes where it is sent."""
     hands(rig, dict.fromkeys(rig.robot.names, 0.05))
-    rig.seconds(2.0)
+    rig.seconds(0.5)
     for bus in rig.robot.buses:
         rig.virtual[bus.name].faults.hand(off=True)
     restarted(rig, calibration, Mode.LIVE)
@@ -100,9 +100,9 @@ def test_turns_that_are_lost_between_sweep_and_zero_change_nothing(tmp_path: Pat
 
     def power_cut(rig: Rig) -> None:
         rig.virtual["main"].faults.power(on=False)
-        rig.seconds(1.0)
+        rig.seconds(0.5)
         rig.virtual["main"].faults.power(on=True)
-        rig.seconds(2.0)
+        rig.seconds(1.0)
 
     truth = random_truth(load_robot(robot), 3)
     rig, found = calibrated(robot, truth, power_cut, {"l_knee": 1.2, "r_elbow": -0.7, "head_yaw": -0.4})
