@@ -85,6 +85,8 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
 
     if not loop.hardware.connected:
         found.append(Finding(Code.HW_DISCONNECTED, message="not every bus is open and identified"))
+    if loop.joints.calibrated[joint] and not loop.identity.verified.joints[joint] and not found:
+        against("not verified since its bus was identified: `twindctl status`", Code.CALIB_MISMATCH)
     if loop.torque_off is not True:
         against("torque is on somewhere, or not known yet: disarm first", Code.TORQUE_MISMATCH)
     if spec.stops.at(command.side) is None:
