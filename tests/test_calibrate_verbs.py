@@ -164,6 +164,39 @@ def test_a_robot_is_swept_zeroed_fenced_and_moves(bench: Bench, capsys: Captured
     _fence(bench, capsys)
 
 
+class Slow:
+    """A person at a terminal who takes longer than a lease lasts."""
+
+    def __init__(self, *answers: str) -> None:
+        self._answers = list(answers)
+
+    def isatty(self) -> bool:
+        return True
+
+    def readline(self) -> str:
+        time.sleep(1.3)
+        return self._answers.pop(0)
+
+
+def test_a_person_may_take_their_time(
+    bench: Bench, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert bench.daemon.status()["mode"] == "live", "after the calibration above"
+    before = bench.file.read_text()
+    monkeypatch.setattr(sys, "stdin", Slow("\n", "n\n"))
+    bench.hands(None, ["l_knee"])
+    bench.there()
+    assert bench.verb("zero", "l_knee") == 1
+    said = capsys.readouterr()
+    assert "hold the robot in its zero pose (every joint at 0 rad): 1 joints are read" in said.out
+    assert "write 1 of 1 joints to" in said.out and "nothing was written" in said.err
+    assert bench.file.read_text() == before
+    monkeypatch.setattr(sys, "stdin", Slow("y\n"))
+    assert bench.verb("limits", "waist_yaw") == 0
+    assert "waist_yaw" in capsys.readouterr().out and bench.file.read_text() != before
+    bench.restart("live")
+
+
 def test_in_live_nobody_arms_meanwhile_and_ctrl_c_keeps_what_is_done(bench: Bench, capsys: Captured) -> None:
     mode = bench.daemon.status()["mode"]
     assert mode == "live", "after the calibration above"

@@ -124,11 +124,22 @@ def require_room(calibration: Path) -> None:
     """Its folder is there, made if need be, and may be written. Raises Rejected."""
     folder = calibration.parent
     try:
-        folder.mkdir(mode=0o750, parents=True, exist_ok=True)
+        _made(folder)
     except OSError as error:
         raise Rejected(f"{folder} cannot be made: {error.strerror}; try with sudo") from None
     if not os.access(folder, os.W_OK | os.X_OK):
         raise Rejected(f"{folder} may not be written by this user; try with sudo")
+
+
+def _made(folder: Path) -> None:
+    """A folder that root makes belongs to whom the one above it belongs: the daemon has to enter it."""
+    if folder.is_dir():
+        return
+    _made(folder.parent)
+    folder.mkdir(mode=0o750)
+    if os.geteuid() == 0:
+        above = folder.parent.stat()
+        os.chown(folder, above.st_uid, above.st_gid)
 
 
 def save(draft: Draft, calibration: Path, robot: RobotFile) -> Path:

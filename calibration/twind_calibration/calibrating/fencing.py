@@ -11,7 +11,7 @@ from twind.ctl.verb import DONE, REFUSED, Rejected, operator
 from twind_calibration.again import again
 from twind_calibration.calibrating.devices import differences, records
 from twind_calibration.calibrating.ground import Ground, ground
-from twind_calibration.calibrating.limp import limp
+from twind_calibration.calibrating.limp import limp, require_limp
 from twind_calibration.calibrating.placing import fence
 from twind_calibration.calibrating.slots import Slot, slots
 from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody, written
@@ -68,14 +68,15 @@ def _limits(options: argparse.Namespace, client: Client) -> int:
     if not fences:
         _say(options, "every servo has the limits of its joint, or a mode that knows none")
         return DONE
+    require_limp(client, clock)
+    found = records(client, place.robot, [each.slot for each in fences])
+    for each in fences:
+        _require_same(each, found)
+    for each in fences:
+        _say(options, each.line(width))
+    if not agreed(options, f"write these limits to {len(fences)} servos?"):
+        raise Rejected("nothing was written")
     with limp(client, clock, take=options.take) as keep:
-        found = records(client, place.robot, [each.slot for each in fences])
-        for each in fences:
-            _require_same(each, found)
-        for each in fences:
-            _say(options, each.line(width))
-        if not agreed(options, f"write these limits to {len(fences)} servos?"):
-            raise Rejected("nothing was written")
         return _carry_out(options, client, place, calibration, fences, keep)
 
 

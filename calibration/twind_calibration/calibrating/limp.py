@@ -21,16 +21,21 @@ def limp(client: Client, clock: Clock, *, take: bool) -> Iterator[Callable[[], N
 
     Raises Rejected (mode sim, a joint with torque or of which nobody knows), ClientError.
     """
-    mode = client.call("GetStatus")["status"]["mode"]
-    if mode == "sim":
-        raise Rejected("mode sim reads no robot: `twindctl mode mirror`")
-    _require_off(client, clock)
-    if mode != "live":
+    if require_limp(client, clock) != "live":
         yield lambda: None
         return
     with calibrating(client, take=take):
         _require_off(client, clock)  # nobody armed meanwhile
         yield _renewing(client, clock)
+
+
+def require_limp(client: Client, clock: Clock) -> str:
+    """Torque is off now; the mode. Whoever asks a person first asks this before. Raises as `limp`."""
+    mode: str = client.call("GetStatus")["status"]["mode"]
+    if mode == "sim":
+        raise Rejected("mode sim reads no robot: `twindctl mode mirror`")
+    _require_off(client, clock)
+    return mode
 
 
 def _renewing(client: Client, clock: Clock) -> Callable[[], None]:

@@ -16,7 +16,7 @@ from twind_calibration.calibrating import draft as drafts
 from twind_calibration.calibrating.captures import Capture, capture
 from twind_calibration.calibrating.devices import differences, records
 from twind_calibration.calibrating.ground import Ground, ground
-from twind_calibration.calibrating.limp import limp
+from twind_calibration.calibrating.limp import limp, require_limp
 from twind_calibration.calibrating.placing import TOLERANCE, Zero, by_ends, by_pose, misfits, whole
 from twind_calibration.calibrating.raw import readings
 from twind_calibration.calibrating.slots import Slot, slots
@@ -93,11 +93,13 @@ def _zero(options: argparse.Namespace, client: Client) -> int:
     swept = _swept(draft, calibration)
     chosen = _chosen(options, place, every, draft, swept)
     angles = None if options.from_sweep else _angles(options, place, chosen)
+    require_limp(client, clock)
+    if angles is not None:
+        _ask(options, angles, len(chosen))  # a lease does not last as long as a person may take
     with limp(client, clock, take=options.take) as keep:
         found = records(client, place.robot, chosen)
         held: Mapping[str, Capture] = {}
         if angles is not None:
-            _ask(options, angles, len(chosen))
             keep()
             with observer(options) as watching:
                 held = _captured(watching, place.rate_hz, chosen, options.samples)
