@@ -241,7 +241,7 @@ def recorded(device: Device) -> DeviceRecord:
     return DeviceRecord(
         model_number=device.model_number,
         firmware=device.firmware,
-        unique_id=None,
+        unique_id=device.unique_id,
         homing_offset_ticks=settings["homing_offset"],
         drive_mode=settings["drive_mode"],
         operating_mode=settings["operating_mode"],

@@ -208,4 +208,5 @@ def _scan(loop: Loop, command: link.Scan, port: Port) -> Procedure:
             model_name=device.model_name,
             firmware=device.firmware,
             settings=dict(device.settings),
+            unique_id=device.unique_id,
         )

@@ -37,7 +37,8 @@ def records(client: Client, robot: RobotFile, slots: Sequence[Slot]) -> dict[str
 def _record(slot: Slot, told: Mapping[str, Any]) -> DeviceRecord:
     settings = {name: int(value) for name, value in (told.get("settings") or {}).items()}
     firmware = int(told.get("firmware") or 0)
-    device = Device(slot.joint.id, int(told["model"]), told.get("model_name"), firmware, settings)
+    name, unique = told.get("model_name"), told.get("unique_id")
+    device = Device(slot.joint.id, int(told["model"]), name, firmware, settings, unique)
     try:
         return recorded(device)
     except KeyError as error:
