@@ -312,3 +312,18 @@ def empty(folder: Path) -> Path:
     settings = folder / "twind.yaml"
     settings.write_text("mode: sim\n")
     return settings
+
+
+def test_limp_joints_beyond_their_table_are_known_and_keep_everybody_from_arming(rig: Rig) -> None:
+    rig.connect()
+    for actuator in (5, 6):  # both rods pushed 1.3 rad, where the table ends at 1.15
+        rig.virtual["leg"].faults.hand(id=actuator, rad=1.3, speed=3.0)
+    rig.seconds(1.0)
+    state, pitch = rig.loop.measured, rig.names.index("ankle_pitch")
+    assert state.heard.all()
+    assert state.position[pitch] > linked.ankle(1.15, 1.15)[0]
+    rig.lease()
+    reply = rig.call(link.Arm)
+    told = {finding["joint"] for finding in reply.parameters["findings"]}
+    assert pitch in told
+    assert rig.loop.state == "connected"
