@@ -100,6 +100,9 @@ def test_a_p_series_has_its_own_turn() -> None:
     assert host.read(1, 580, 4) == 1_003_846 * 2 + 5
     reboot(host)
     assert host.read(1, 580, 4) == 5
+    host.muscles.position[0] = -400_000
+    reboot(host)
+    assert host.read(1, 580, 4) == -400_000, "its one turn lies around 0 (e-manual, -501,923..501,923)"
 
 
 def test_a_boot_ends_a_trip_of_the_watchdog() -> None:

@@ -59,6 +59,11 @@ class Power:
         self.boots_at = np.full(count, inf)  # s, when a rebooting servo is back; inf: it runs
         self.direction, self.shift = np.ones(count), np.zeros(count)  # register = direction * encoder + shift
         self._turn = [table.facts.counts_per_turn or TURN for table in memory.tables]
+        facts = [table.facts for table in memory.tables]
+        half = [turn // 2 for turn in self._turn]
+        self._begin = [  # the first count of the one turn that is left: 0, of the P series -501923
+            0 if each.centre is None else each.centre - most for each, most in zip(facts, half, strict=True)
+        ]
         self._base = np.zeros(count)  # whole turns in `shift`
         self._forgets = [temper.forgets_offset for temper in tempers]
         seeds = (temper.seam_seed for temper in tempers)
@@ -138,7 +143,7 @@ class Power:
         self._base[row] = 0.0
         self._frame(row)
         count = np.rint(self._muscles.position[row]) * self.direction[row] + slip
-        self._base[row] = -np.floor(count / turn) * turn
+        self._base[row] = -np.floor((count - self._begin[row]) / turn) * turn
         self._frame(row)
 
     def wind(self, row: int, turns: int) -> None:
