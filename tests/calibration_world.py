@@ -22,7 +22,7 @@ from twind_calibration.calibrating.captures import Capture, capture
 from twind_calibration.calibrating.ground import Ground
 from twind_calibration.calibrating.placing import by_pose, misfits, whole
 from twind_calibration.calibrating.slots import slots
-from twind_calibration.calibrating.travels import Travels
+from twind_calibration.calibrating.travels import News, Travels
 from twind_calibration.calibrating.unwrap import Sample, framed, on_turn
 from twind_calibration.calibrating.writing import merged
 
@@ -75,17 +75,22 @@ def heard(rig: Rig) -> dict[str, Sample]:
 
 def swept(rig: Rig, beyond: float = 1.0) -> Travels:
     """Every actuator taken `beyond` (rad) both ends of what is described, or to its stop; a rest at each."""
-    every = slots(rig.robot)
-    travels = Travels(every, [slot.name for slot in every])
-    news = []
+    travels = Travels(slots(rig.robot), [slot.name for slot in slots(rig.robot)])
+    news = moved(rig, travels, beyond)
+    assert not [one for one in news if one.what != "done"], news
+    assert travels.over
+    return travels
+
+
+def moved(rig: Rig, travels: Travels, beyond: float = 1.0) -> list[News]:
+    """What is told while hands do that."""
+    every, news = slots(rig.robot), []
     for side, way in (("upper", beyond), ("lower", -beyond)):
         hands(rig, {slot.joint.name: getattr(slot, side) + way for slot in every})
         for _ in range(200):
             rig.ticks(1)
             news += travels.take(heard(rig))
-    assert not [one for one in news if one.what != "done"], news
-    assert travels.over
-    return travels
+    return news
 
 
 def held(rig: Rig, pose: Mapping[str, float]) -> dict[str, Capture]:

@@ -8,11 +8,14 @@ import linked
 import numpy as np
 import pytest
 from calibration_world import (
+    QUICK,
     WELL,
     hands,
+    heard,
     held,
     many_turns,
     measured,
+    moved,
     off,
     restarted,
     swept,
@@ -20,11 +23,14 @@ from calibration_world import (
 )
 from rig import Rig
 
-from twind.config.calibration_file import Calibration
+from twind.config.calibration_file import Calibration, DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.robot.modes import Mode
-from twind.virtual.truth import Truth, random_truth
+from twind.virtual.truth import JointTruth, Truth, random_truth
+from twind_calibration.calibrating.placing import by_pose, misfits
 from twind_calibration.calibrating.slots import slots
+from twind_calibration.calibrating.travels import Travels
+from twind_calibration.calibrating.unwrap import framed
 
 pytestmark = pytest.mark.slow
 
@@ -108,6 +114,39 @@ def test_turns_that_are_lost_between_sweep_and_zero_change_nothing(tmp_path: Pat
     rig, found = calibrated(robot, truth, power_cut, {"l_knee": 1.2, "r_elbow": -0.7, "head_yaw": -0.4})
     try:
         assert max(map(abs, off(rig, found).values())) <= WELL
+    finally:
+        rig.close()
+
+
+def test_swapped_ids_are_named_while_one_joint_is_moved_and_a_flipped_sign_by_its_zero() -> None:
+    truth = Truth(
+        {"l_elbow": JointTruth(swapped_with="l_hip_roll"), "r_hip_pitch": JointTruth(sign=1, zero_ticks=2000)}
+    )
+    rig = uncalibrated("h24", truth)
+    try:
+        travels = Travels(slots(rig.robot), ["l_elbow"])
+        news = []
+        rig.virtual["main"].faults.hand(pose={"l_elbow": -2.0}, speed=QUICK)
+        for _ in range(80):
+            rig.ticks(1)
+            news += travels.take(heard(rig))
+        assert [each.text.split(",")[0] for each in news] == ["l_hip_roll moved while l_elbow"]
+        rig.virtual["main"].faults.hand(off=True)
+        hip = next(slot for slot in slots(rig.robot) if slot.name == "r_hip_pitch")
+        whole = Travels(slots(rig.robot), rig.robot.names)
+        told = {each.name: each for each in moved(rig, whole)}
+        assert told["l_hip_roll"].what == "wrong"
+        assert "the wrong joint: it goes as far as l_elbow" in told["l_hip_roll"].text
+        track = whole.travel("r_hip_pitch")
+        assert track is not None
+        [read] = [
+            each for name, each in held(rig, dict.fromkeys(rig.robot.names, 0.0)).items() if name == hip.name
+        ]
+        sweep = framed(*track, 0, 4096)
+        zero = by_pose(hip, sweep, read.mean, read.sigma, read.count, 0.0)
+        record = DeviceRecord(1020, 47, None, 0, 0, 3, 0, 4095)
+        [wrong] = misfits(hip, record, sweep, zero.ticks)
+        assert "with sign 1 they would fit: is its sign wrong" in wrong
     finally:
         rig.close()
 
