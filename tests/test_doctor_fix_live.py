@@ -1,4 +1,4 @@
-"""`twindctl doctor --fix` beside a running daemon: EEPROM is written in a calibration of its own, and left."""
+"""`twindctl doctor --fix` beside a running daemon: EEPROM is written in a calibration of its own."""
 
 from typing import Any
 
