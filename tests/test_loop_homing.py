@@ -4,6 +4,7 @@ What is undone is read in the servos themselves, past the bus and the daemon's w
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 from homing_world import JOINT, Homed, homed
 
 from twind import link
+from twind.config.actuator import CAN
 from twind.config.counts import ticks_of
+from twind.config.robot_file import load_robot
 from twind.motion import homing
 from twind.robot.finding import Code
 from twind.robot.modes import Mode
@@ -79,8 +82,15 @@ def test_counts_are_those_of_the_calibration_whatever_turn_the_servo_is_on(turns
         made.undone()
 
 
-def test_afterwards_the_robot_is_identified_and_arms_as_before() -> None:
-    with homed() as made:
+@pytest.mark.parametrize("end", [-1.6, -1.9])
+def test_afterwards_the_robot_is_identified_and_arms_where_it_is(end: float) -> None:
+    with homed(truth={"stops_rad": (end, 1.6)}) as made:
+        stops = replace(made.spec.stops, lower=end)
+        made.spec = replace(made.spec, stops=stops)
+        joints = tuple(made.spec if each.name == JOINT else each for each in made.robot.joints)
+        made.loop.parts = replace(
+            made.loop.parts, one=replace(made.one, file=replace(made.robot, joints=joints))
+        )
         made.ready(odd=False)
         assert codes(made.last(made.find(times=2, speed=0.5))) == []
         made.undone()
@@ -399,6 +409,18 @@ def test_a_leg_of_a_robot_that_stands_freely_is_refused() -> None:
         reply = made.last(made.find())
         assert reply.error == "Refused" and "support: gantry" in reply.parameters["findings"][0]["message"]
         made.undone()
+
+
+@pytest.mark.parametrize("robot", ["h24-mixed"])
+def test_a_can_actuator_is_refused_by_its_name(robot: str) -> None:
+    name = next(joint.name for joint in load_robot(robot).joints if joint.type.BUS == CAN)
+    with homed(joint=name, robot=robot, start={}) as made:
+        made.connect()
+        made.lease()
+        assert made.call(link.Calibrate, on=True).error is None
+        reply = made.last(made.find())
+        assert reply.error == "Refused"
+        assert any("is not driven against a stop" in each["message"] for each in reply.parameters["findings"])
 
 
 def test_a_joint_that_swings_is_not_driven() -> None:

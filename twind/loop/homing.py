@@ -111,7 +111,9 @@ class Homing:
             yield from self._found(debt)
         except Ended as ended:
             return (self._of(debt, ended.finding),)
-        except (BusError, KeyError, ValueError) as error:
+        except ValueError as error:  # its model has no such mode, or not so little current
+            return (Finding(Code.STOP_NOT_FOUND, joint, message=str(error)),)
+        except BusError as error:
             return (Finding(Code.BUS_ERRORS, joint, message=str(error)),)
         except Exception as error:  # noqa: BLE001 - whatever broke, torque goes off
             broken = Finding(Code.INTERNAL, joint, message=repr(error))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind import link
+from twind.config.actuator import SERIAL
 from twind.motion.homing import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES, Search
 from twind.robot.finding import Code, Finding
 from twind.robot.joints import BusMap
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 SHARES = (0.03, 0.15)  # of the current limit
 SPEEDS = (0.02, 0.5)  # rad/s of the joint
 TIMES = (2, 10)
-BACK = 0.1  # rad that it backs off
+BACK, INSIDE = 0.1, 0.02  # rad that it backs off; and so far inside its limits, that it can be armed there
 LEAD = 0.2  # rad that a goal may be ahead of the joint
 ASTRAY = 0.15  # rad that it may go against its way
 STILL = 0.006  # rad that a standing joint may flicker, two counts at least
@@ -91,6 +92,8 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
         against("torque is on somewhere, or not known yet: disarm first", Code.TORQUE_MISMATCH)
     if spec.stops.at(command.side) is None:
         against(f"the robot file has no stop_rad.{command.side} of it: nobody knows where that stop is")
+    if robot.bus(spec.bus).kind != SERIAL:
+        against(f"a {spec.type.device} is not driven against a stop: move it there by hand, and sweep it")
     if spec.transmission:
         against(f"transmission {spec.transmission} turns it: its stop is not that of one actuator")
     if robot.support not in ("fixed", "gantry") and spec.name in robot.legs:
@@ -148,7 +151,7 @@ def _search(command: link.FindStop, spec: JointSpec, zero: int, scale: float, ca
         margin=counts(MARGIN),
         speed=counts(speed),
         cap=cap,
-        back=counts(BACK),
+        back=counts(max(BACK, abs(stop - (spec.lower if command.side == "lower" else spec.upper)) + INSIDE)),
         lead=counts(LEAD),
         astray=counts(ASTRAY),
         still=max(2.0, counts(STILL)),
