@@ -53,8 +53,8 @@ def proved(rig: BodyRig, body: Body, name: str) -> Verdict:
     )
 
 
-def test_a_rough_joint_is_proved_on_its_back_and_upright_it_is_not() -> None:
-    with hung({"l_hip_pitch": JointTruth(friction_nm=0.15)}) as rig:
+def test_a_rough_joint_with_play_is_proved_on_its_back_and_upright_it_is_not() -> None:
+    with hung({"l_hip_pitch": JointTruth(friction_nm=0.15, backlash_ticks=4.0)}) as rig:
         upright = proved(rig, UPRIGHT, "l_hip_pitch")
         assert upright.proof is Proof.UNOBSERVABLE
         assert upright.record("2026-11-22T09:00:00Z") is None

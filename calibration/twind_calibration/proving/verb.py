@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from twind.client import Client
+from twind.config.robot_spec import JointSpec
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.twin.base_pose import BASES
 from twind.twin.binding import BindingError
@@ -18,17 +19,18 @@ from twind_calibration.calibrating.ground import Ground, ground, now
 from twind_calibration.calibrating.kept import save
 from twind_calibration.calibrating.prove import LEAST, MOST
 from twind_calibration.calibrating.writing import agreed, require_somebody
-from twind_calibration.proving.expected import strained
+from twind_calibration.proving.expected import look_ahead, strained
 from twind_calibration.proving.plan import told_plan
 from twind_calibration.proving.pose import posed, wanted_pose
 from twind_calibration.proving.records import recorded
-from twind_calibration.proving.sweep import sweeps, swept
+from twind_calibration.proving.sweep import Sweep, sweeps, swept
 from twind_calibration.proving.told import BLIND, Verdict
 from twind_calibration.proving.weighed import weigh
 from twind_calibration.wiggling.body import Body
 from twind_calibration.wiggling.judge import Answer, Motion, answer
 from twind_calibration.wiggling.motion import Gone, allowed, go, goal_of
 from twind_calibration.wiggling.ready import pose, require_armed, seen, tell
+from twind_calibration.wiggling.trace import Stay
 from twind_calibration.wiggling.trace import recorded as watched
 from twind_drivers.clock import Clock, MonotonicClock
 
@@ -128,8 +130,9 @@ class Session:
         before = self._ground.calibration() if verdicts else None
         if before is None:
             return
-        entries = {joint.name: joint.actuator for joint in self._ground.robot.joints}
-        after, new, gone = recorded(before, {entries[each.joint]: each for each in verdicts}, now())
+        own = {joint.name: joint.actuator for joint in self._ground.robot.joints if not joint.transmission}
+        proofs = {own[each.joint]: each for each in verdicts if each.joint in own}
+        after, new, gone = recorded(before, proofs, now())
         if not new and not gone:
             return
         save(after, self._ground.path)
@@ -146,48 +149,60 @@ class Session:
         who: dict[str, Any] = {
             "joint": name, "bus": joint.bus, "id": joint.id, "base": self._options.base, "names": self.names,
         }  # fmt: skip
-        home = goal_of(self._client, name)
+        way, refused = self._way(joint)
+        if way is None:
+            return Verdict(gone=Gone(nan, refused=refused), **who)
+        who["looks"] = self._looks(place, way)
+        gone, stays = self._sweep(place, way)
+        if stays is None:
+            motion = Motion.ENDED if gone.ended else Motion.UNHEARD
+            return Verdict(gone=gone, seen=Answer(motion, way.farthest, nan, nan, nan), **who)
+        shown, friction = swept(way, stays), float(self._options.friction)
+        weighed = None if joint.transmission else weigh(self._body, place, shown, friction)
+        verdict = Verdict(gone=gone, seen=answer(shown.ends, place, way.farthest), weighed=weighed, **who)
+        if not verdict.open:
+            return verdict
+        return replace(verdict, confirmed=seen(self._options, name, verdict.looks))
+
+    def _way(self, joint: JointSpec) -> tuple[Sweep | None, tuple[str, ...]]:
+        """The first way that the gate lets it go, else why not."""
+        home = goal_of(self._client, joint.name)
         if home is None:
-            return Verdict(gone=Gone(nan, refused=("nobody knows where it is: it was never heard",)), **who)
+            return None, ("nobody knows where it is: it was never heard",)
         ways = sweeps(home, joint.lower, joint.upper, radians(self._options.degrees))
         if not ways:
-            return Verdict(gone=Gone(nan, refused=("its limits leave it no room to move",)), **who)
-        at, refused = allowed(self._client, [way.path(name) for way in ways])
-        if at is None:
-            return Verdict(gone=Gone(nan, refused=refused), **who)
-        way = ways[at]
-        looks = self._looks(place, way.farthest)
+            return None, ("its limits leave it no room to move",)
+        at, refused = allowed(self._client, [way.path(joint.name) for way in ways])
+        return (None if at is None else ways[at]), refused
+
+    def _sweep(self, place: int, way: Sweep) -> tuple[Gone, list[Stay] | None]:
+        """How it went, and its stays; None: they were not all heard."""
+        name = self.names[place]
         with observer(self._options) as watching, watched(watching, self.names) as trace:
             self._rest()
             gone = go(
-                self._client, self._clock, name, home, way.farthest,
+                self._client, self._clock, name, way.home, way.farthest,
                 take=self._options.take, along=way.path(name),
             )  # fmt: skip
             self._rest()
-        stays = None if gone.ended or not gone.moved else trace.visits(place, way.visits)
-        if stays is None:
-            motion = Motion.ENDED if gone.ended else Motion.UNHEARD
-            return Verdict(gone=gone, seen=Answer(motion, way.farthest, nan, nan, nan), looks=looks, **who)
-        shown = swept(way, stays)
-        answered = answer(shown.ends, place, way.farthest)
-        friction = float(self._options.friction)
-        weighed = None if joint.transmission else weigh(self._body, place, shown, friction)
-        verdict = Verdict(gone=gone, seen=answered, weighed=weighed, looks=looks, **who)
-        if not verdict.open:
-            return verdict
-        return replace(verdict, confirmed=seen(self._options, name, looks))
+        return gone, None if gone.ended or not gone.moved else trace.visits(place, way.visits)
 
     def _rest(self) -> None:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
-    def _looks(self, place: int, way: float) -> str:
-        """What is to be seen, said before it moves; the words are of a robot that stands."""
-        position = pose(self._client, self.names)
-        if not np.isfinite(position).all():
+    def _looks(self, place: int, way: Sweep) -> str:
+        """What is to be seen, and what a wrong sign would show, said before it moves.
+
+        The words are of a robot that stands.
+        """
+        there = pose(self._client, self.names)
+        if not np.isfinite(there).all():
             return ""
-        looks = self._body.looks_like(position, place, way)
+        looks = self._body.looks_like(there, place, way.farthest)
         if not self._options.json:
-            tell(self._options, f"{self.names[place]}: watch, as if it stood: {looks}, and back")
+            ahead = look_ahead(self._body, there, place, way.places, float(self._options.friction))
+            shows = f"a wrong sign would be {ahead.flip:.2f} N·m off"
+            tell(self._options, f"{self.names[place]}: {shows}; watch, as if it stood: {looks}, and back")
         return looks
 
 
