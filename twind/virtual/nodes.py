@@ -62,7 +62,8 @@ def device(spec: NodeSpec) -> Device:
         "min_position_limit": -span,
         "max_position_limit": span,
     }
-    return Device(spec.id, number_of(spec.model), spec.model, spec.firmware, settings)
+    unique = f"{spec.number:016x}" if spec.spoken() == "robstride" else None
+    return Device(spec.id, number_of(spec.model), spec.model, spec.firmware, settings, unique)
 
 
 def unloaded(places: Sequence[int], *, now: float = 0.0) -> FirstOrderCan:

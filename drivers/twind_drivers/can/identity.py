@@ -11,6 +11,7 @@ from twind_drivers.can.orders import STATE, decode
 from twind_drivers.can.units import counts
 
 TRIES = 2  # that are not answered, after which somebody is silent, or does not have a register
+CHIP = ("mcu_high", "mcu_low")  # halves of its processor's number, where it tells it: no two have the same
 TOLD = {"position_range": "pmax_milli", "velocity_range": "vmax_milli", "torque_range": "tmax_milli"}
 
 
@@ -69,5 +70,7 @@ def _device(fleet: Fleet, id: int, values: Mapping[str, float]) -> Device:
     whole = {name: int(value) for name, value in known.items() if value == int(value) and name not in TOLD}
     described = model(fleet.actuators[row].model)
     firmware = int(known.get("firmware", 0)) & 0xFF
+    chip = [known[half] for half in CHIP if half in known]
+    unique = "".join(f"{int(half):08x}" for half in chip) if len(chip) == len(CHIP) else None
     # Which model it is no actuator tells: number and name are those that it is described as.
-    return Device(id, described.number, described.name, firmware, {**whole, **settings})
+    return Device(id, described.number, described.name, firmware, {**whole, **settings}, unique)

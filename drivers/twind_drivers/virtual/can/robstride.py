@@ -142,8 +142,7 @@ class RobStride(Node):
 
     def _order(self, kind: int, data: bytes, now: float) -> Sequence[Message]:
         if kind == GET_ID:
-            chip = bytes([self.id, self.spec.firmware & 0xFF, 0x30, 0x31, 0x32, 0x33, 0x34, 0x35])
-            return [Message(EXTENDED | self.id << 8 | 0xFE, chip)]
+            return [Message(EXTENDED | self.id << 8 | 0xFE, self.spec.number.to_bytes(8, "little"))]
         if kind == READ:
             return [self._read(data)]
         if kind == ENABLE:

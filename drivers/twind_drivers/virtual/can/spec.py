@@ -32,6 +32,13 @@ class NodeSpec:
     family: str = ""  # one of FAMILIES; empty: by the model's name
     forgets_zero: bool = False  # a zero that was set over the bus is lost at power-off (CyberGear)
     hinge: Hinge | None = None  # the joint that it turns
+    chip: int = 0  # 64-bit number of its processor, which a RobStride tells; 0: one by its id and firmware
+
+    @property
+    def number(self) -> int:
+        """The 64-bit number of its processor."""
+        made = bytes([self.id & 0xFF, self.firmware & 0xFF, 0x30, 0x31, 0x32, 0x33, 0x34, 0x35])
+        return self.chip or int.from_bytes(made, "little")
 
     def gains(self) -> tuple[float, float]:
         """What its Kp (N·m/rad) and Kd (N·m·s/rad) fields span from 0: the three big RobStrides have more."""
