@@ -1,5 +1,6 @@
 """A robot whose stops are known, being calibrated: a whole loop, real bytes, hard stops."""
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -12,6 +13,8 @@ from twind.virtual.truth import JointTruth, Truth
 from twind_drivers.dynamixel.tables import table
 
 JOINT = "head_yaw"
+OTHER = 9  # a client that holds nothing
+RAD = 4096 / (2.0 * math.pi)  # counts
 SETTINGS = (
     "operating_mode",
     "drive_mode",
@@ -126,3 +129,22 @@ def homed(**how: Any) -> Iterator[Homed]:
         yield made
     finally:
         made.close()
+
+
+def codes(reply: link.Reply) -> list[str]:
+    return [finding["code"] for finding in reply.parameters.get("findings") or ()]
+
+
+def failed(made: Homed, ticket: int) -> list[str]:
+    """It ended badly, is told so, and everything is undone; the codes."""
+    reply = made.last(ticket)
+    assert reply.error is None and reply.parameters["phase"] == "failed", reply
+    assert reply.parameters.get("ticks") is None
+    made.undone()
+    return codes(reply)
+
+
+def energise(made: Homed, row: int) -> None:
+    """Its torque comes on, by nobody we know."""
+    made.bus.servos.torque(row, True)
+    made.bus.servos.changed()

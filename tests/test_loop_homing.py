@@ -3,13 +3,13 @@
 What is undone is read in the servos themselves, past the bus and the daemon's word.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from homing_world import JOINT, Homed, homed
+from homing_world import JOINT, OTHER, RAD, Homed, codes, energise, failed, homed
 
 from twind import link
 from twind.config.actuator import CAN
@@ -19,23 +19,6 @@ from twind.motion import homing
 from twind.robot.finding import Code
 from twind.robot.modes import Mode
 from twind.virtual.specimen import buses
-
-OTHER = 9  # a client that holds nothing
-RAD = 4096 / (2.0 * np.pi)
-
-
-def codes(reply: link.Reply) -> list[str]:
-    return [finding["code"] for finding in reply.parameters.get("findings") or ()]
-
-
-def failed(made: Homed, ticket: int) -> list[str]:
-    """It ended badly, is told so, and everything is undone; the codes."""
-    reply = made.last(ticket)
-    assert reply.error is None and reply.parameters["phase"] == "failed", reply
-    assert reply.parameters.get("ticks") is None
-    made.undone()
-    return codes(reply)
-
 
 # ------------------------------------------------------------------------------- found
 
@@ -151,218 +134,6 @@ def test_goals_keep_inside_the_window_on_the_wire() -> None:
         end = made.stop() - round(homing.MARGIN * RAD)
         assert end - 2 <= min(goals) <= end + 2, "it did not look to the end of its window, or went beyond"
         made.undone()
-
-
-# ------------------------------------------------------------------------------- every way it ends
-
-End = tuple[Callable[[Homed], Any], set[Code]]
-STOPPED = {Code.ESTOP, Code.NOT_ARMED}
-ENDS: Mapping[str, End] = {
-    "its servo falls silent": (lambda made: made.bus.faults.silence(made.spec.id), {Code.STATE_STALE}),
-    "another master speaks": (
-        lambda made: [(made.bus.faults.foreign(3), made.ticks(5)) for _ in range(4)],
-        {Code.FOREIGN_TRAFFIC, Code.BUS_ERRORS},
-    ),
-    "its cap is not obeyed": (lambda made: made.put("goal_current", 1193), {Code.OVERCURRENT}),
-    "it moves against its way": (lambda made: shove(made, 0.35), {Code.STOP_NOT_FOUND}),
-    "it runs ahead": (lambda made: shove(made, -0.35), {Code.STOP_NOT_FOUND}),
-    "its watchdog trips": (lambda made: trip(made), {Code.WATCHDOG_TRIPPED}),
-    "a hardware error": (lambda made: made.bus.faults.damage(made.spec.id, 32), {Code.SERVO_ALERT}),
-    "it restarts": (
-        lambda made: made.bus.faults.brown_out(made.spec.id),
-        {Code.STATE_STALE, Code.SERVO_REBOOTED, Code.TORQUE_MISMATCH, Code.STOP_NOT_FOUND},
-    ),
-    "its torque goes off": (lambda made: made.put("torque_enable", 0), {Code.TORQUE_MISMATCH}),
-    "another joint has torque": (lambda made: energise(made, 5), {Code.TORQUE_MISMATCH}),
-    "its shaft is held fast": (lambda made: made.bus.faults.lock(made.spec.id), {Code.STOP_NOT_FOUND}),
-    "its encoder is frozen": (lambda made: made.bus.faults.freeze(made.spec.id), {Code.STOP_NOT_FOUND}),
-    "the machine slept": (lambda made: made.clock.sleep_until(made.clock.now() + 0.5), {Code.TIME_GAP}),
-    "the lease is given back": (lambda made: made.call(link.ReleaseLease), {Code.LEASE_LOST}),
-    "the lease is taken": (
-        lambda made: made.call(link.AcquireLease, client=OTHER, take=True),
-        {Code.LEASE_LOST},
-    ),
-    "the front is lost": (lambda made: setattr(made.loop.link, "lost", True), {Code.LEASE_LOST}),
-    "an e-stop": (lambda made: made.call(link.EStop, client=OTHER), STOPPED),
-    "an e-stop that cuts": (lambda made: made.call(link.EStop, client=OTHER, level="cut"), STOPPED),
-    "somebody disarms": (lambda made: made.call(link.Disarm, client=OTHER), STOPPED),
-    "a fault inside": (
-        lambda made: made.loop.fail(made.loop.parts.guard.bars or fault(), made.clock.now()),
-        {Code.INTERNAL},
-    ),
-    "writing is inhibited": (lambda made: made.loop.inhibit(fault(), made.clock.now()), {Code.INTERNAL}),
-}
-
-
-def fault() -> Any:
-    from twind.robot.finding import Finding
-
-    return Finding(Code.INTERNAL, message="made up")
-
-
-def shove(made: Homed, angle: float) -> None:
-    """Something moves the shaft by so much (rad)."""
-    made.bus.servos.muscles.position[made.row] += angle * RAD
-
-
-def trip(made: Homed) -> None:
-    made.bus.servos.tripped[made.row] = True
-    made.put("bus_watchdog", 255)
-
-
-def energise(made: Homed, row: int) -> None:
-    made.bus.servos.torque(row, True)
-    made.bus.servos.changed()
-
-
-@pytest.mark.parametrize("name", ENDS)
-def test_whatever_ends_it_torque_is_off_and_all_is_undone(name: str) -> None:
-    end, expected = ENDS[name]
-    with homed(start={JOINT: -1.2}) as made:
-        made.ready()
-        ticket = made.find()
-        made.powered(ticket)
-        end(made)
-        if name == "its servo falls silent":
-            made.ticks(30)
-            made.bus.faults.silence(made.spec.id, False)
-        found = failed(made, ticket)
-        assert set(found) & expected, found
-        assert made.loop.homing.owed is None and not made.loop.energising
-
-
-def test_a_client_that_goes_ends_it() -> None:
-    with homed() as made:
-        made.ready()
-        made.powered(made.find())
-        made.front.outer.send(link.encode(link.Gone(client=7)))
-        made.seconds(3.0)
-        made.undone()
-        assert made.loop.state == "connected"
-
-
-@pytest.mark.parametrize("truth", [(-2.6, 1.6), (-1.0, 1.6)])
-def test_a_stop_elsewhere_is_none(truth: tuple[float, float]) -> None:
-    with homed(truth={"stops_rad": truth}) as made:
-        made.ready()
-        assert failed(made, made.find(speed=0.5)) == [Code.STOP_NOT_FOUND]
-
-
-def test_captures_that_differ_are_refused() -> None:
-    with homed() as made:
-        made.ready()
-        ticket = made.find(more=True, speed=0.5)
-        while (
-            made.replies(ticket)[-1:] == [] or made.replies(ticket)[-1].parameters["phase"] != "backing off"
-        ):
-            made.ticks(1)
-        muscles = made.bus.servos.muscles
-        muscles.fence(muscles._lower - 9.0, muscles._upper + 9.0)
-        assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
-
-
-def test_a_daemon_that_is_told_to_end_undoes_it_first() -> None:
-    with homed() as made:
-        made.ready()
-        made.powered(made.find())
-        made.loop.stop_wanted = True
-        for _ in range(300):
-            made.ticks(1)
-            if made.loop.finished:
-                break
-        assert made.loop.finished
-        assert not any(made.torques()) and made.settings() == made.before
-
-
-def test_an_adapter_that_goes_and_comes_back_finds_it_undone() -> None:
-    with homed() as made:
-        made.ready()
-        ticket = made.find()
-        made.powered(ticket)
-        made.bus.faults.unplug()
-        reply = made.last(ticket)
-        assert reply.parameters["phase"] == "failed"
-        assert Code.DEVICE_MISMATCH in codes(reply), "nobody was told that it is not as it was"
-        made.bus.faults.replug()
-        made.seconds(3.0)
-        made.undone()
-
-
-@pytest.mark.parametrize("ticks", [2, 12, 14, 18, 22, 26, 30, 40, 60])
-@pytest.mark.parametrize("how", ["estop", "gone"])
-def test_ended_at_any_step_it_is_undone(ticks: int, how: str) -> None:
-    with homed() as made:
-        made.ready()
-        ticket = made.find()
-        made.ticks(ticks)
-        if how == "estop":
-            made.call(link.EStop, client=OTHER)
-            failed(made, ticket)
-        else:
-            made.front.outer.send(link.encode(link.Gone(client=7)))
-            made.seconds(3.0)
-            made.undone()
-
-
-def test_what_is_not_as_it_was_is_told_with_both_values() -> None:
-    with homed() as made:
-        made.ready()
-        ticket = made.find(times=2, speed=0.5)
-        made.powered(ticket)
-        made.put("min_position_limit", 100)
-        reply = made.last(ticket)
-        assert reply.parameters["phase"] == "failed" and reply.parameters.get("ticks") is None
-        [finding] = reply.parameters["findings"]
-        assert finding["code"] == Code.DEVICE_MISMATCH
-        assert str(made.before["min_position_limit"]) in finding["message"] and "100" in finding["message"]
-        assert not any(made.torques()) and made.get("operating_mode") == made.before["operating_mode"]
-
-
-@pytest.mark.parametrize("ticks", [1, 2, 3])
-def test_an_estop_while_torque_is_being_taken_off_forgets_nothing(ticks: int) -> None:
-    with homed() as made:
-        made.ready()
-        ticket = made.find()
-        made.powered(ticket)
-        made.send(link.ReleaseLease)
-        made.ticks(ticks)
-        made.call(link.EStop, client=OTHER)
-        assert failed(made, ticket)[0] in (Code.LEASE_LOST, Code.ESTOP)
-
-
-def test_whatever_breaks_inside_torque_goes_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    with homed() as made:
-        made.ready()
-        ticket = made.find()
-        made.powered(ticket)
-        monkeypatch.setattr("twind.motion.homing.Course.step", lambda *_: 1 / 0)
-        assert failed(made, ticket) == [Code.INTERNAL]
-        assert Code.INTERNAL in made.loop.latches
-
-
-def test_a_daemon_that_was_killed_leaves_a_servo_that_stopped_and_the_next_one_says_what_is_wrong() -> None:
-    with homed() as made:
-        made.ready()
-        made.powered(made.find())
-        made.clock.sleep_until(made.clock.now() + 0.3)  # nobody speaks: its watchdog
-        made.front.end(0.0)
-        made.front = made.new_front()
-        made.loop = made.born(Mode.LIVE)
-        made.seconds(1.0)
-        assert made.get("bus_watchdog") == 255, "nothing would have stopped it"
-        assert made.loop.inherited
-        troubles = [finding.message for finding in made.loop.identity.troubles]
-        assert any("operating" in message and "5" in message for message in troubles), troubles
-        assert made.call(link.Disarm).error is None
-        assert not any(made.torques())
-        made.lease()
-        made.call(link.Calibrate, on=True)
-        how = {"bus": made.spec.bus, "id": made.spec.id, "name": "operating_mode", "value": 3}
-        assert made.call(link.WriteRegister, **how).error is None
-        made.call(link.Calibrate, on=False)
-        made.connect()
-        made.lease()
-        assert made.call(link.Arm).error is None
 
 
 # ------------------------------------------------------------------------------- not begun
