@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from linked import linked
 
 from twind.config.calibration_file import Calibration, dump_calibration, read_calibration
 from twind.config.robot_file import load_robot
@@ -224,6 +225,15 @@ def test_a_plan_needs_no_robot_and_says_what_to_type(tmp_path: Path, capsys: Cap
     assert "by your eye alone:\n    at most (N·m): l_ankle_roll 0.06" in said
     assert main(["--json", *words, "l_kne"]) == 1
     assert "no joint 'l_kne'" in json.loads(capsys.readouterr().out)["parameters"]["message"]
+
+
+def test_joints_of_a_transmission_are_planned_for_nobody(tmp_path: Path, capsys: Captured) -> None:
+    robot = linked(tmp_path)
+    assert main(["calibrate", "prove", "--plan", "--robot", str(robot.path)]) == 0
+    said = capsys.readouterr().out
+    *_, last = said.splitlines()
+    assert last.startswith("not judged, turned by a transmission or without room: waist_roll, ")
+    assert "knee" not in last
 
 
 # ------------------------------------------------------------------------------------- what makes no sense

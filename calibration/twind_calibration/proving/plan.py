@@ -150,9 +150,12 @@ def _lines(body: Body, rows: list[dict[str, Any]]) -> list[str]:
         said.append(f"`twindctl calibrate prove --base {base}{f' --with {bend}' if bend else ''} {words}`")
         flips = ", ".join(f"{each['joint']} {each['flip_nm']:.2f}" for each in members)
         said += [f"    a wrong sign would be off by (N·m): {flips}", *_strain(body, base, bend)]
-    rest = [each for each in rows if not each["observable"]]
+    rest = [each for each in rows if each["flip_nm"] is not None and not each["observable"]]
     if rest:
         said.append("unobservable: within friction whatever the pose, by your eye alone:")
-        most = [f"{each['joint']} {each['flip_nm'] or 0.0:.2f}" for each in rest]
+        most = [f"{each['joint']} {each['flip_nm']:.2f}" for each in rest]
         said.append(f"    at most (N·m): {', '.join(most)}")
+    beyond = [each["joint"] for each in rows if each["flip_nm"] is None]
+    if beyond:
+        said.append(f"not judged, turned by a transmission or without room: {', '.join(beyond)}")
     return said

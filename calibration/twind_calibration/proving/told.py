@@ -168,7 +168,9 @@ class Verdict:
         if not self.measured:
             return "not judged" if self.gone.ended else "not heard while it moved"
         if self.weighed is None or not isfinite(self.weighed.judged.misfit):
-            return "its load is not known: no torque is told, or the ground or a transmission shares it"
+            return (
+                "its load is not judged: no torque is told, the ground bears it, or a transmission turns it"
+            )
         judged = self.weighed.judged
         ahead = judged.foreseen
         if self.proof is Proof.UNOBSERVABLE:
