@@ -3,127 +3,22 @@
 Each of the fourteen is planted between a calibration and the next start, or in mid-run: no goal leaves that
 would turn a shaft, and torque is off at the end. What no reading can show (a swapped servo whose zero is near
 the old one, exchanged twins, a wrong sign) is for `twindctl calibrate prove` (tests/test_proving_servos.py).
-Of files that are half written tests/test_saving.py tells.
+Of files that are half written tests/test_saving.py tells; turns and seams are in test_calibration_turns.py.
 """
 
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from eeprom import calibrate, calibrated
-from rig import Rig
+from planted import KNEE, OPEN, PLAIN, Planted, floating, names_it, plant
 
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.robot.modes import State
-from twind.virtual.specimen import calibration, specimen
-from twind.virtual.truth import JointTruth, Truth
+from twind.virtual.truth import JointTruth
 
-KNEE = "l_knee"
-TURN = 4096
-
-
-class Planted(Rig):
-    """A robot that was calibrated as `before` and is found as `found`. Every tick is watched."""
-
-    def __init__(
-        self,
-        before: Mapping[str, JointTruth],
-        found: Mapping[str, JointTruth],
-        robot: str = "h24",
-        **how: Any,
-    ) -> None:
-        self.energised: set[str] = set()  # joints that had torque at any tick
-        self.moved = 0.0  # ticks, the furthest that any shaft was from where it began
-        self._began: np.ndarray | None = None
-        then = calibration(specimen(load_robot(robot), truth=Truth(before)))
-        super().__init__(robot, truth=Truth(found), calibrated=then, **how)
-
-    def ticks(self, count: int) -> None:
-        """Let `count` ticks pass, looking after each."""
-        for _ in range(count):
-            super().ticks(1)
-            self.look()
-
-    def look(self) -> None:
-        """Who has torque, and who has moved?"""
-        on = self.register("torque_enable") != 0
-        self.energised |= {self.names[row] for row in np.flatnonzero(on)}
-        if self._began is None:
-            self._began = self.counts
-        self.moved = max(self.moved, float(np.abs(self.counts - self._began).max()))
-
-    def hand(self, **pose: float) -> None:
-        """Somebody takes limp joints there, and lets go of them."""
-        faults = self.virtual["main"].faults
-        faults.hand(pose=pose, speed=3.0)
-        self.seconds(1.5)
-        faults.hand(off=True)
-        self._began, self.moved = None, 0.0
-
-    def id_of(self, joint: str) -> int:
-        return self.robot.joints[self.names.index(joint)].id
-
-    def refused(self, *, ticks: int = 150) -> list[tuple[str, str, str]]:
-        """Code, joint and words of all that the daemon has against torque, after it was asked for it.
-
-        Nobody had torque meanwhile, and nothing moved.
-        """
-        self.ticks(ticks)
-        self.call(link.AcquireLease)
-        reply = self.call(link.Arm)
-        assert reply.error is not None, "armed"
-        self.ticks(20)
-        assert not self.loop.armed
-        assert self.energised == set(), "torque was on"
-        assert self.moved <= 1.0, "something moved"
-        return self.said(reply.parameters.get("findings", ()))
-
-    def said(self, findings: Any = ()) -> list[tuple[str, str, str]]:
-        """Of a reply, and of every event so far."""
-        found = [(str(each["code"]), each["joint"], each["message"]) for each in findings]
-        for event in self.events():
-            found += [(str(each.code), each.joint, each.message) for each in event.findings]
-        return [(code, "" if at is None else self.names[at], text) for code, at, text in found]
-
-
-def names_it(said: list[tuple[str, str, str]], code: str, joint: str, *words: str) -> bool:
-    """Does anything that was said name all that?"""
-    return any((kind, at) == (code, joint) and all(word in text for word in words) for kind, at, text in said)
-
-
-@pytest.fixture(scope="module")
-def floating(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The file of an h24 whose left knee is in extended position mode."""
-    built_in = load_robot("h24")
-    text = built_in.path.read_text().replace("mjcf: h24.xml", f"mjcf: {built_in.mjcf_path}")
-    head, _, rest = text.partition(f"  {KNEE}:")
-    text = f"{head}  {KNEE}:{rest.replace('{', '{mode: extended_position, ', 1)}"
-    path: Path = tmp_path_factory.mktemp("floating") / "h24.yaml"
-    path.write_text(text)
-    return str(path)
-
-
-@pytest.fixture
-def plant() -> Iterator[Any]:
-    """Makes planted robots, and puts them away."""
-    made: list[Planted] = []
-
-    def one(before: JointTruth, found: JointTruth, robot: str = "h24", **how: Any) -> Planted:
-        made.append(Planted({KNEE: before}, {KNEE: found}, robot, **how))
-        return made[-1]
-
-    yield one
-    for each in made:
-        each.close()
-
-
-PLAIN = JointTruth()
-OPEN = {"min_position_limit": 0, "max_position_limit": 4095}  # as delivered: no fingerprint
-
+__all__ = ["floating", "plant"]
 
 # ------------------------------------------------------------------- 1: offsets beyond what counts
 
@@ -140,117 +35,6 @@ def test_an_offset_that_fell_back_to_0_is_refused_with_what_it_was(plant: Any) -
     before, found = JointTruth(homing_offset=1000), JointTruth(homing_offset=2900, forgets_offset=True)
     rig = plant(before, found)
     assert names_it(rig.refused(), "CALIB_MISMATCH", KNEE, "homing_offset is 0, was 1000")
-
-
-# ------------------------------------------------------------------- 2: the jump at torque-on
-
-
-def test_a_count_that_will_fall_a_turn_at_torque_on_is_expected_to_and_nothing_jumps(plant: Any) -> None:
-    """The forum's case: a goal of what is read without torque would be a full turn."""
-    truth = JointTruth(zero_ticks=700, homing_offset=-512, registers=OPEN)
-    rig = plant(truth, replace(truth, turns=1))
-    rig.connect()
-    row = rig.names.index(KNEE)
-    assert int(rig.loop.hardware.readings.raw.ticks[row]) == 700 - 512 + TURN, "beyond every goal it takes"
-    rig.arm()
-    rig.seconds(0.5)
-    assert rig.virtual["main"].servos["goal_position"][row] == 700 - 512
-    assert int(rig.loop.hardware.readings.raw.ticks[row]) == 700 - 512
-    assert rig.moved <= 2.0
-
-
-def test_beyond_the_count_at_which_it_would_fall_a_joint_gets_no_torque(plant: Any) -> None:
-    """Offset -512: from 3584 on, torque-on would take a turn off, and no goal goes there."""
-    truth = JointTruth(zero_ticks=TURN - 60, homing_offset=-512, registers=OPEN)
-    rig = plant(truth, truth)
-    rig.connect()
-    rig.hand(l_knee=0.3)
-    assert int(rig.loop.hardware.readings.raw.ticks[rig.names.index(KNEE)]) > 3584
-    assert names_it(rig.refused(), "OUT_OF_LIMIT", KNEE, "move it inside by hand")
-
-
-def test_a_count_that_jumps_at_torque_on_all_the_same_loses_it_again(
-    plant: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A firmware that counts otherwise than the manual says."""
-    rig = plant(PLAIN, PLAIN)
-    power, row = rig.virtual["main"].servos.power, rig.names.index(KNEE)
-    collapse = power.collapse
-
-    def odd(at: int, *, slip: int = 0) -> None:
-        collapse(at, slip=slip)
-        if at == row:
-            power.wind(at, 1)
-
-    rig.connect()
-    monkeypatch.setattr(power, "collapse", odd)
-    rig.lease()
-    reply = rig.call(link.Arm)
-    assert reply.error == "Refused"
-    rig.seconds(0.5)
-    assert names_it(rig.said(reply.parameters["findings"]), "ARM_FAILED", KNEE, "jumped at torque-on")
-    assert (rig.register("torque_enable") == 0).all()
-    assert rig.loop.state is State.CONNECTED
-
-
-# ------------------------------------------------------------------- 3, 4: turns that are lost or found
-
-
-@pytest.mark.parametrize("turns", [-2, -1, 0, 1, 2])
-@pytest.mark.parametrize("zero", [2048, 4090, 20])
-def test_whatever_turn_a_joint_wakes_up_on_its_angle_is_the_same(
-    plant: Any, floating: str, turns: int, zero: int
-) -> None:
-    """Extended mode; also where the travel crosses the encoder's seam."""
-    rig = plant(JointTruth(zero_ticks=zero), JointTruth(zero_ticks=zero, turns=turns), floating)
-    rig.connect()
-    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
-    rig.arm()
-    rig.seconds(0.3)
-    assert rig.moved <= 2.0
-
-
-def test_a_joint_that_is_on_no_turn_of_its_travel_is_refused(plant: Any, floating: str) -> None:
-    rig = plant(PLAIN, JointTruth(zero_ticks=specimen(load_robot("h24")).zeros[KNEE] + 2000), floating)
-    assert names_it(
-        rig.refused(), "CALIB_MISMATCH", KNEE, "neither that nor a turn beside it is in its travel"
-    )
-
-
-def test_a_limp_joint_that_restarts_is_where_it_was_and_is_verified_anew(plant: Any, floating: str) -> None:
-    """Its count begins at one turn again."""
-    rig = plant(JointTruth(zero_ticks=2048), JointTruth(zero_ticks=2048, turns=1), floating)
-    rig.connect()
-    row = rig.names.index(KNEE)
-    rig.virtual["main"].faults.brown_out(rig.id_of(KNEE))
-    verified = []
-    for _ in range(300):
-        rig.ticks(1)
-        verified.append(bool(rig.loop.identity.verified.joints[row]))
-    assert verified[0] and not all(verified) and verified[-1]
-    assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
-    rig.arm()
-    rig.seconds(0.3)
-    assert rig.moved <= 2.0
-
-
-def test_a_boot_one_tick_beside_the_seam_makes_no_turn(plant: Any, floating: str) -> None:
-    """Near tick 0 the count comes back a turn away, or not, by the noise of each boot."""
-    assert load_robot("h24").poses["rest"][KNEE] == 0.0
-    truth = JointTruth(zero_ticks=0, seam_seed=0)
-    rig = plant(truth, truth, floating)
-    rig.connect()
-    row, seen = rig.names.index(KNEE), set()
-    for _ in range(4):
-        rig.virtual["main"].faults.brown_out(rig.id_of(KNEE))
-        rig.seconds(0.7)
-        assert rig.loop.state is State.CONNECTED
-        seen.add(int(rig.loop.hardware.readings.raw.ticks[row]) // TURN)
-        assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
-    assert len(seen) == 2, "both sides of the seam were seen"
-    rig.arm()
-    rig.seconds(0.3)
-    assert rig.moved <= 2.0
 
 
 # ------------------------------------------------------------------- 5: EEPROM under torque
@@ -294,27 +78,6 @@ def test_exchanged_ids_are_refused_where_the_zeros_are_apart() -> None:
     said = rig.refused()
     assert any(names_it(said, "CALIB_MISMATCH", joint, "travel") for joint in (KNEE, "r_knee"))
     rig.close()
-
-
-# ------------------------------------------------------------------- 8: travel across the seam
-
-
-@pytest.mark.parametrize("turns", [0, 1])
-def test_a_joint_moves_across_the_seam_of_its_encoder(plant: Any, floating: str, turns: int) -> None:
-    truth = JointTruth(zero_ticks=4000, turns=turns)
-    rig = plant(truth, truth, floating)
-    entry = rig.calibration.by_name[KNEE]
-    assert entry.seam_margin_ticks == 0
-    rig.arm()
-    row = rig.names.index(KNEE)
-    before, steps = rig.loop.measured.position[row], []
-    rig.submit(rig.path(KNEE, [0.6], [1.0]))
-    for _ in range(160):
-        rig.ticks(1)
-        steps.append(float(rig.loop.measured.position[row] - before))
-        before = rig.loop.measured.position[row]
-    assert rig.truth[row] == pytest.approx(0.6, abs=0.01)
-    assert np.abs(steps).max() < 0.05, "no step of a turn"
 
 
 # ------------------------------------------------------------------- 9: a reverse bit, and its offset

@@ -58,9 +58,9 @@ class Power:
         self._memory, self._registers, self._muscles = memory, registers, muscles
         self.boots_at = np.full(count, inf)  # s, when a rebooting servo is back; inf: it runs
         self.direction, self.shift = np.ones(count), np.zeros(count)  # register = direction * encoder + shift
-        self._turn = [table.facts.counts_per_turn or TURN for table in memory.tables]
+        self.turn = [table.facts.counts_per_turn or TURN for table in memory.tables]
         facts = [table.facts for table in memory.tables]
-        half = [turn // 2 for turn in self._turn]
+        half = [turn // 2 for turn in self.turn]
         self._begin = [  # the first count of the one turn that is left: 0, of the P series -501923
             0 if each.centre is None else each.centre - most for each, most in zip(facts, half, strict=True)
         ]
@@ -139,7 +139,7 @@ class Power:
 
         `slip`: ticks that the encoder is off while the turn is chosen.
         """
-        turn = self._turn[row]
+        turn = self.turn[row]
         self._base[row] = 0.0
         self._frame(row)
         count = np.rint(self._muscles.position[row]) * self.direction[row] + slip
@@ -148,8 +148,12 @@ class Power:
 
     def wind(self, row: int, turns: int) -> None:
         """The count goes on by whole turns, as it does when a limp shaft is turned all the way round."""
-        self._base[row] += turns * self._turn[row]
+        self._base[row] += turns * self.turn[row]
         self._frame(row)
+
+    def encoder(self, row: int, count: float) -> float:
+        """Where the bare encoder is when the present position shows `count`, as things are now."""
+        return float((count - self.shift[row]) * self.direction[row])
 
     def goal_is_present(self, row: int) -> None:
         """The goal register takes the present position."""
@@ -169,7 +173,7 @@ class Power:
     def _frame(self, row: int) -> None:
         offset = int(self._registers["homing_offset"][row])
         inert = self._registers["operating_mode"][row] == 3 and abs(offset) > OFFSET_IN_MODE_3
-        if inert and self._turn[row] == TURN:
+        if inert and self.turn[row] == TURN:
             offset = 0
             if self._forgets[row]:
                 self._registers.put("homing_offset", 0, row)

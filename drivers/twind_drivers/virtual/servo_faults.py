@@ -14,7 +14,7 @@ class ServoFaults:
 
     def __init__(self, bus: str, servos: Servos) -> None:
         self._bus, self._servos = bus, servos
-        self.hands = Hands(servos.hinges, servos.turn.tolist(), servos.encoder, servos.grip)
+        self.hands = Hands(servos.hinges, servos.power.turn, servos.power.encoder, servos.grip)
 
     def silence(self, id: int | None = None, on: bool = True) -> None:
         """Pull the connector of one servo or (None) of all: it hears and says nothing, keeps its power.

@@ -280,15 +280,6 @@ class Servos:
         self._check(self.now)
         self.changed()
 
-    @property
-    def turn(self) -> NDArray[np.float64]:
-        """(m,) ticks of one turn of the shaft."""
-        return np.asarray(self._firmware.turn, np.float64)
-
-    def encoder(self, row: int, count: float) -> float:
-        """Where the bare encoder is when the present position shows `count`, as things are now."""
-        return float((count - self.shift[row]) * self.direction[row])
-
     def block(self, row: int, on: bool) -> None:
         """Something holds this shaft fast, or lets it go."""
         self._blocked[row] = on
