@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from twind.config.calibration_file import DeviceRecord, JointCalibration
@@ -215,6 +215,7 @@ def test_another_shape_is_refused_with_words(data: bytes, why: str) -> None:
     assert why in told(data)
 
 
+@settings(max_examples=40)
 @given(st.binary(max_size=60) | st.recursive(st.none() | st.integers() | st.text(), st.lists).map(file))
 def test_whatever_the_file_holds_it_is_read_or_refused(data: bytes) -> None:
     with contextlib.suppress(Rejected):
