@@ -58,7 +58,7 @@ class Peer:
     def close(self) -> None:
         with contextlib.suppress(OSError):  # closed twice
             self._listener.shutdown(socket.SHUT_RDWR)  # wakes `accept`
-        self._thread.join(2.0)
+        self._thread.join(60.0)
         self._listener.close()
 
 
@@ -171,7 +171,7 @@ def test_a_stream_left_early_closes_the_connection(start: Start, tmp_path: Path)
     with Client(tmp_path) as client:
         for _ in client.stream("Monitor", topics=["state"]):
             break
-        peer._thread.join(2.0)
+        peer._thread.join(60.0)
         assert not peer._thread.is_alive()  # it saw end-of-file
 
 
