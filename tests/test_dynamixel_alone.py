@@ -173,6 +173,26 @@ def test_a_servo_that_does_not_take_a_register_gets_no_torque(address: int) -> N
     assert bus.servos.get(HERE, 64, 1) == 0
 
 
+def test_a_servo_that_is_in_that_mode_already_stays_in_it() -> None:
+    bus = bench(modes=[3, 5, 3], current_caps=[None, 500, None])
+    alone, kept = driven(bus)
+    assert bus.servos.get(HERE, 102, 2) == CAP
+    bus.writer.together()
+    bus.servos.put(HERE, 102, 500, 2)
+    kept.ram["goal_current"] = 500  # type: ignore[attr-defined]
+    bus.run(alone.give_back(kept))
+    assert bus.servos.get(HERE, 11, 1) == 5 and bus.servos.get(HERE, 64, 1) == 0
+
+
+def test_what_a_servo_refuses_is_told_in_its_words() -> None:
+    bus = bench()
+    alone = bus.writer.alone(HERE, cap=CAP, profile=PROFILE)
+    kept = bus.run(alone.look())
+    bus.servos.error[HERE] = 7  # Access Error
+    with pytest.raises(DeviceRefused, match=r"Operating Mode \(11\) = 5"):
+        bus.run(alone.enter(kept))
+
+
 def test_a_time_based_profile_is_left_out() -> None:
     bus = bench()
     bus.servos.put(HERE, 10, 4, 1)

@@ -3,7 +3,7 @@
 What is undone is read in the servos themselves, past the bus and the daemon's word.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,9 +14,10 @@ from homing_world import JOINT, OTHER, RAD, Homed, codes, energise, failed, home
 from twind import link
 from twind.config.actuator import CAN
 from twind.config.counts import ticks_of
+from twind.config.homing import Stops
 from twind.config.robot_file import load_robot
 from twind.motion import homing
-from twind.robot.finding import Code
+from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode
 from twind.virtual.specimen import buses
 
@@ -68,12 +69,7 @@ def test_counts_are_those_of_the_calibration_whatever_turn_the_servo_is_on(turns
 @pytest.mark.parametrize("end", [-1.6, -1.9])
 def test_afterwards_the_robot_is_identified_and_arms_where_it_is(end: float) -> None:
     with homed(truth={"stops_rad": (end, 1.6)}) as made:
-        stops = replace(made.spec.stops, lower=end)
-        made.spec = replace(made.spec, stops=stops)
-        joints = tuple(made.spec if each.name == JOINT else each for each in made.robot.joints)
-        made.loop.parts = replace(
-            made.loop.parts, one=replace(made.one, file=replace(made.robot, joints=joints))
-        )
+        described(made, stops=replace(made.spec.stops, lower=end))
         made.ready(odd=False)
         assert codes(made.last(made.find(times=2, speed=0.5))) == []
         made.undone()
@@ -213,6 +209,41 @@ def test_a_servo_that_says_no_to_the_mode_is_left_as_it_is() -> None:
         assert reply.error == "Refused" or codes(reply)
         made.put("torque_enable", 0)
         made.undone()
+
+
+def described(made: Homed, **changes: Any) -> None:
+    """The robot file says something else of its joint."""
+    made.spec = replace(made.spec, **changes)
+    joints = tuple(made.spec if each.name == JOINT else each for each in made.robot.joints)
+    made.loop.parts = replace(made.loop.parts, one=replace(made.one, file=replace(made.robot, joints=joints)))
+
+
+NOT_BEGUN: Mapping[str, tuple[Callable[[Homed], Any], str]] = {
+    "somebody has torque": (lambda made: (energise(made, 5), made.ticks(30)), "torque is on somewhere"),
+    "a bus is asked anew": (lambda made: made.loop.hardware.ports[0].identify(), "open and identified"),
+    "a restart": (
+        lambda made: made.loop.identity.verified.mar([Finding(Code.INTERNAL, made.place)]),
+        "restarted",
+    ),
+    "turned with others": (lambda made: described(made, transmission="waist"), "transmission waist"),
+    "no stop there": (lambda made: described(made, stops=Stops(upper=1.6)), "no stop_rad.lower"),
+    "beyond it": (lambda made: described(made, stops=Stops(lower=-1.0)), "beyond where the stop should be"),
+    "too slow": (lambda made: setattr(made.loop, "period", 0.05), "the loop runs at 20 Hz"),
+}
+
+
+@pytest.mark.parametrize("name", NOT_BEGUN)
+def test_what_speaks_against_it_is_said_and_nothing_is_written(name: str) -> None:
+    wrong, said = NOT_BEGUN[name]
+    with homed() as made:
+        made.ready()
+        wrong(made)
+        ticket = made.find()
+        made.ticks(1)
+        reply = made.replies(ticket)[-1]
+        assert reply.error == "Refused"
+        assert any(said in each["message"] for each in reply.parameters["findings"]), reply.parameters
+        assert made.settings() == made.before and not made.get("torque_enable")
 
 
 class Bodily(Homed):

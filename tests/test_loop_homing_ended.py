@@ -214,3 +214,70 @@ def test_a_daemon_that_was_killed_leaves_a_servo_that_stopped_and_the_next_one_s
         made.connect()
         made.lease()
         assert made.call(link.Arm).error is None
+
+
+def until(made: Homed, done: Callable[[], bool]) -> None:
+    for _ in range(300):
+        if done():
+            return
+        made.ticks(1)
+    raise AssertionError("never")
+
+
+def test_a_jump_when_torque_comes_on_ends_it() -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        until(made, lambda: bool(made.get("torque_enable")))
+        shove(made, 0.3)
+        made.bus.faults.lock(made.spec.id)
+        assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
+
+
+def test_a_joint_that_begins_to_move_before_torque_gets_none() -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        until(made, lambda: made.get("operating_mode") == 5)
+        while not [reply for reply in made.replies(ticket) if not reply.continues]:
+            shove(made, -0.003)
+            made.ticks(1)
+            assert not made.get("torque_enable")
+        assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
+
+
+def test_a_count_that_is_no_whole_turn_off_in_the_other_mode_ends_it() -> None:
+    with homed() as made:
+        made.ready()
+        made.put("homing_offset", 2000)  # inert in mode 3, live in mode 5 (e-manual, "Homing Offset (20)")
+        made.before["homing_offset"] = 2000
+        assert failed(made, made.find()) == [Code.CALIB_MISMATCH]
+
+
+def test_a_bus_that_is_asked_anew_who_is_there_ends_it() -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        made.powered(ticket)
+        made.loop.hardware.ports[0].identify()
+        assert failed(made, ticket) == [Code.HW_DISCONNECTED]
+
+
+def test_a_servo_of_which_torque_off_cannot_be_read_is_told_and_undone_when_it_answers() -> None:
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        made.powered(ticket)
+        made.bus.faults.silence(made.spec.id)
+        made.seconds(3.0)
+        made.bus.faults.silence(made.spec.id, False)
+        assert {Code.STATE_STALE, Code.TORQUE_MISMATCH} <= set(failed(made, ticket))
+
+
+def test_a_servo_that_has_no_such_mode_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    with homed() as made:
+        made.ready()
+        monkeypatch.setattr(
+            "twind_drivers.dynamixel.alone.mode_of", lambda *_: (_ for _ in ()).throw(ValueError("no mode 5"))
+        )
+        assert failed(made, made.find()) == [Code.STOP_NOT_FOUND]

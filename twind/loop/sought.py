@@ -31,6 +31,7 @@ BACK, INSIDE = 0.1, 0.02  # rad that it backs off; and so far inside its limits,
 LEAD = 0.2  # rad that a goal may be ahead of the joint
 ASTRAY = 0.15  # rad that it may go against its way
 STILL = 0.006  # rad that a standing joint may flicker, two counts at least
+SLACK = 8  # counts that it may hang further away than it did when this was asked for
 SLOWEST = 0.025  # s, the longest period of a loop that looks often enough
 HASTE = 2.0  # of the goals' speed that the servo's own profile allows
 
@@ -120,7 +121,7 @@ def _counted(loop: Loop, command: link.FindStop) -> Sought | list[Finding]:
         message = "counts beyond where the stop should be already: wrong stop_rad, side or coarse zero?"
         return [Finding(Code.STOP_NOT_FOUND, joint, value=beyond, bound=search.margin, message=message)]
     away = search.expected - search.way * (search.margin + search.back + search.still)
-    ends = (end, away, float(count))
+    ends = (end, away, count - search.way * SLACK)
     rate = HASTE * search.speed * tau / spec.type.ticks_per_turn  # rad/s of the servo
     return Sought(
         joint=joint,

@@ -41,13 +41,14 @@ class Touch:
         assert isinstance(kind, ServoType)
         share = USUAL_SHARE if self.share is None else self.share
         most, pull = share * kind.current_limit_a, share * kind.effort_limit_nm
-        strength = f"at most {most:.2f} A" + (f", about {pull:.2f} N·m" if isfinite(pull) else "")
+        strength = f"{share:.0%} of its current limit" + (f", {most:.2f} A" if isfinite(most) else "")
+        strength += f", about {pull:.2f} N·m" if isfinite(pull) else ""
         way = "" if at is None else f", {abs(self.stop - at):.2f} rad from where it is"
         speed = USUAL_SPEED if self.speed is None else self.speed
         return (
             f"{self.slot.name} will move by itself: to its {self.side} stop at {self.stop:+.3f} rad{way}, "
-            f"no further than {MARGIN:g} rad beyond, at {speed:g} rad/s, with {strength} ({share:.0%} of its "
-            f"limit), {self.times or USUAL_TIMES} times. All others are limp: the robot must hang or lie"
+            f"no further than {MARGIN:g} rad beyond, at {speed:g} rad/s, with at most {strength}, "
+            f"{self.times or USUAL_TIMES} times. All others are limp: the robot must hang or lie"
         )
 
 
