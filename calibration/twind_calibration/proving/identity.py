@@ -28,11 +28,15 @@ def by_own(measured: Floats, right: Floats, exchanged: Floats, slack: float) -> 
 
 
 def by_others(measured: Floats, right: Floats, exchanged: Floats, slack: Floats, others: Bools) -> Place:
-    """By how the load of the joints `others` (n,) changed; loads (k, n), slack (n,)."""
+    """By how the load of the joints `others` (n,) changed; loads (k, n), slack (n,).
+
+    Whose load does not change says nothing: it may be propped, or stick.
+    """
     found = Place.UNTOLD
     for joint in np.flatnonzero(others):
         one, two, three = (_changes(loads[:, joint]) for loads in (measured, right, exchanged))
-        if not np.isfinite(one.sum()) or apart(two[None], three[None]) <= 2.0 * slack[joint]:
+        speaks = np.sqrt(np.mean(one**2)) > slack[joint]  # False for NaN
+        if not speaks or apart(two[None], three[None]) <= 2.0 * slack[joint]:
             continue
         told = _place(one, two[None], three[None], float(slack[joint]))
         if told is Place.THERE:
