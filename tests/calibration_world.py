@@ -49,6 +49,7 @@ def uncalibrated(robot: str, truth: Truth) -> Rig:
 def restarted(rig: Rig, calibration: Calibration | None, mode: Mode) -> None:
     """The daemon ends, and another one begins on the same servos."""
     rig.loop.close()
+    rig.front.end(rig.clock.now())
     rig.one = Robot(rig.robot, calibration, bind(rig.robot, calibration))
     rig.front = rig.new_front()
     rig.loop = rig.born(mode)

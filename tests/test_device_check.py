@@ -185,7 +185,7 @@ def test_no_devices_at_all_refuse_every_joint() -> None:
 )
 def test_implausible_travel_is_warned_of(share: float, warned: bool) -> None:
     joint, entry = ROBOT.joints[KNEE], CALIBRATION.joints[KNEE]
-    ticks = round(share * (joint.upper - joint.lower) / (2 * 3.141592653589793) * 4096)
+    ticks = round(share * joint.reach / (2 * 3.141592653589793) * 4096)
     joints = list(CALIBRATION.joints)
     joints[KNEE] = replace(entry, sweep_ticks=(2000, 2000 + ticks))
     verdict = compare(ROBOT, replace(CALIBRATION, joints=tuple(joints)), DEVICES)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from twind.config.calibration_file import DeviceRecord, dump_calibration, read_calibration
 from twind.config.counts import tick_range, ticks_of
+from twind.config.homing import Stops
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.saving import draft_of
@@ -68,19 +69,20 @@ def test_the_cause_is_named_ratio_joint_or_an_end_that_was_left_out() -> None:
     assert "its ratio: 2 instead of 1 would fit" in causes("waist_pitch", 2.0)
     assert "its ratio: 0.5 instead of 1 would fit" in causes("l_hip_yaw", 0.5)
     assert "it was not moved to both its ends" in causes("l_hip_yaw", 0.3)
-    assert "the wrong joint: it goes as far as l_ankle_pitch" in causes("waist_pitch", 2.0)
+    assert "the wrong joint: it goes as far as l_shoulder_roll" in causes("waist_pitch", 2.0)
     assert "limits_rad of waist_pitch are not those of this robot" in causes("waist_pitch", 1.5)
 
 
 def test_a_whole_turn_is_refused_whatever_it_is_of() -> None:
-    wide = replace(KNEE, lower=-3.1, upper=3.1)
+    wide = replace(KNEE, joint=replace(KNEE.joint, stops=Stops(-3.1, 3.1)))
     assert judge(wide, TURN - 1).good
     judged = judge(wide, TURN)
     assert "after a power-up nobody can tell which turn" in judged.wrong and not judged.wide
 
 
 def test_a_nan_range_is_refused() -> None:
-    assert not judge(replace(KNEE, upper=float("nan")), 1000).good
+    unknown = replace(KNEE.joint, upper=float("nan"), stops=Stops())
+    assert not judge(replace(KNEE, joint=unknown), 1000).good
 
 
 # ------------------------------------------------------------------------------------------- who moves
@@ -119,7 +121,7 @@ def test_a_joint_is_done_when_it_rested_at_both_ends_and_the_sweep_when_all_are(
     hands.sweep("l_knee", 1500)
     assert hands.travels.progress("l_knee").stage is Stage.DONE and not hands.travels.over
     assert hands.travels.progress("head_pitch").stage is Stage.STILL
-    hands.sweep("head_pitch", 1060)
+    hands.sweep("head_pitch", 1120)
     assert hands.travels.over and [each.split()[0] for each in hands.news] == ["done", "done"]
     low, high = hands.travels.travel("l_knee") or (0, 0)
     assert 1440 <= high - low <= 1500
@@ -206,7 +208,7 @@ def test_a_pose_finds_the_zero_on_whatever_turn_it_reads(
     slot: Slot, zero: int, share: float, turns: int, wrapped: bool
 ) -> None:
     sweep = true_sweep(slot, zero)
-    angle = slot.lower + share * slot.range
+    angle = slot.lower + share * (slot.upper - slot.lower)
     reading = ticks_of(slot.joint, zero, angle) + turns * TURN
     found = by_pose(slot, sweep, float(reading % TURN if wrapped else reading), 0.5, 50, angle)
     assert abs((found.ticks - zero + TURN // 2) % TURN - TURN // 2) <= 1

@@ -123,9 +123,9 @@ def _firmware(place: int, joint: JointSpec, then: DeviceRecord, now: Device) -> 
 
 def _travel(place: int, joint: JointSpec, entry: JointCalibration) -> Iterator[Finding]:
     travel = (entry.sweep_ticks[1] - entry.sweep_ticks[0]) * abs(rad_per_tick(joint))
-    share = travel / (joint.span[1] - joint.span[0])
+    share = travel / joint.reach
     if not PLAUSIBLE_SWEEP[0] <= share <= PLAUSIBLE_SWEEP[1]:
         low, high = (f"{100 * bound:.0f}" for bound in PLAUSIBLE_SWEEP)
-        text = f"travel is {100 * share:.0f} % of the limits, not {low}..{high} %: wrong joint?"
+        text = f"travel is {100 * share:.0f} % of the described, not {low}..{high} %: wrong joint?"
         bound = PLAUSIBLE_SWEEP[0] if share < PLAUSIBLE_SWEEP[0] else PLAUSIBLE_SWEEP[1]
         yield Finding(Code.CALIB_MISMATCH, place, value=share, bound=bound, message=text)

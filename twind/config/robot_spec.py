@@ -89,6 +89,12 @@ class JointSpec:
         return (self.lower, self.upper) if self.travel is None else self.travel
 
     @property
+    def reach(self) -> float:
+        """How far the slot should turn from end to end, rad: from stop to stop where both are described."""
+        low, high = self.stops.lower, self.stops.upper
+        return self.span[1] - self.span[0] if low is None or high is None else high - low
+
+    @property
     def operating_mode(self) -> int:
         """What the actuator must say: a servo in its register 11, a CAN actuator that it takes commands."""
         return self.type.operating_mode(self.mode)

@@ -17,8 +17,8 @@ class Slot:
 
     @property
     def range(self) -> float:
-        """Rad that it should go."""
-        return self.upper - self.lower
+        """Rad that it should go from end to end."""
+        return self.joint.reach
 
     @property
     def rad_per_tick(self) -> float:

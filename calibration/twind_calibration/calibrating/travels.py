@@ -9,7 +9,7 @@ from twind_calibration.calibrating.travel import Judged, Strayed, judge, strayed
 from twind_calibration.calibrating.unwrap import Sample, Track
 
 NEAR = 0.03  # rad: a joint that rested so close to the end of its travel rested at it
-ALL = 0.9  # of the described range: below it a rest may be one half-way, only a person says it is all
+ALL = 0.9  # of the way between its limits: below it a rest may be one half-way, and only a person knows
 
 
 class Stage(StrEnum):
@@ -101,7 +101,7 @@ class Travels:
         """It rested at both ends of the travel that it has now."""
         track = self._tracks[name]
         judged = self._judge(self._slots[name], track.span)
-        if judged.good and judged.share >= ALL:
+        if judged.good and judged.radians >= ALL * (self._slots[name].upper - self._slots[name].lower):
             low, high = self._kept.get(name, (0, 0))
             if track.span > high - low:
                 self._kept[name] = (track.low, track.high)
