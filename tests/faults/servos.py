@@ -200,7 +200,8 @@ def _gathers(world: World, row: int) -> float:
 
 
 def lost_turn(world: World) -> None:
-    """After a power cycle a servo has lost its homing offset, or shows another turn: nobody is armed."""
+    """After a power cycle a servo has lost its homing offset: nobody is armed. Or it shows another turn:
+    that is put right, and it is held where it stands."""
     rig = world.live()
     world.joint = int(world.random.integers(24))
     world.id = world.id_of(world.joint)
@@ -210,6 +211,7 @@ def lost_turn(world: World) -> None:
     keep = int(np.asarray(bus.servos["homing_offset"])[row])
     turn = float(world.random.choice([-4096.0, 4096.0]))
     world.ticks(int(world.random.integers(1, 50)))
+    angle = float(rig.loop.measured.position[world.joint])
     world.obey({"fault": "power", "on": False})
     world.seconds(0.3)
     shaft = bus.servos.muscles.position
@@ -225,16 +227,21 @@ def lost_turn(world: World) -> None:
         bus.servos.changed()
     world.begun = world.now
     world.until(lambda: rig.loop.state is State.CONNECTED, 4.0)
-    world.seconds(0.5)
+    world.seconds(1.5)
     world.begun = world.now
     world.call(link.AcquireLease)
     reply = world.call(link.Arm)
     codes = {each["code"] for each in (reply.parameters or {}).get("findings", [])}
     codes |= {event.code for event in world.events}
-    world.claim(reply.error is not None, "armed with a servo that lost its place")
-    world.claim(bool(codes & set(world.fault.codes)), f"refused for {sorted(codes)}")
     world.outcome.delay = 0.0
-    world.claim(not world.trace.torque(0.0).any(), "torque was on")
+    if not offset and reply.error is None:
+        away = abs(float(rig.loop.measured.position[world.joint]) - angle)
+        world.claim(away < 0.01 and abs(float(shaft[row]) - place - turn) < 5, "not held where it stands")
+        world.call(link.Disarm)
+    else:
+        world.claim(reply.error is not None, "armed with a servo that lost its place")
+        world.claim(bool(codes & set(world.fault.codes)), f"refused for {sorted(codes)}")
+        world.claim(not world.trace.torque(0.0).any(), "torque was on")
     world.obey({"fault": "power", "on": False})
     world.seconds(0.3)
     shaft[row] = place
