@@ -165,6 +165,16 @@ def test_evidence_that_is_no_proof_is_called_plausible() -> None:
     assert judged("back", "l_ankle_pitch").proof is Proof.UNOBSERVABLE
 
 
+def test_a_load_that_fits_both_signs_is_unobservable_though_a_better_one_would_have_told() -> None:
+    """An elbow that tells next to nothing: 0.6 of its load, and that of the other sign, are as near."""
+    one, joint = body(), place("l_elbow")
+    one.lie("back")
+    expected, nothing = Expected(one, at_places(np.zeros(24), joint, PLACES), joint), np.zeros(4)
+    found = judge(nothing, nothing, expected.right(), expected.reversed(), FRICTION, LSB)
+    assert found.foreseen.visible and not found.foreseen.observable
+    assert found.proof is Proof.UNOBSERVABLE
+
+
 @pytest.mark.parametrize("off", [-0.4, -0.2, 0.2, 0.4])
 def test_a_zero_that_is_grossly_off_contradicts_where_the_span_tells(off: float) -> None:
     found = judged("upright", "l_hip_pitch", off=off)
@@ -316,6 +326,18 @@ def test_a_neighbour_with_the_wrong_sign_is_named() -> None:
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
     assert found.judged.proof is Proof.CONTRADICTED
     assert found.bent == (elbow,)
+
+
+def test_upright_the_waist_feels_a_hip_that_goes_the_wrong_way_and_the_hip_itself_does_not() -> None:
+    one, joint = Body(H24), place("l_hip_pitch")
+    poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
+    loads = np.array([one.flipped(each, joint) for each in poses])
+    found = weigh(one, joint, measured_by(loads, poses), FRICTION)
+    assert (found.judged.proof, found.judged.against) == (Proof.CONTRADICTED, Against.OTHERS)
+    assert found.judged.misfit < 0.01, "its own load fits"
+    loads[:, place("waist_pitch")] = 0.0  # propped
+    alone = weigh(one, joint, measured_by(loads, poses), FRICTION)
+    assert alone.judged.proof is Proof.UNOBSERVABLE
 
 
 def test_a_propped_joint_is_no_witness() -> None:
