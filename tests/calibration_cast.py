@@ -21,6 +21,7 @@ from twind.config.robot_file import load_robot
 ROOT = Path(__file__).parent.parent
 CAST, PAGE = ROOT / "docs" / "calibration.cast", ROOT / "calibration" / "README.md"
 BEGIN, END = "<!-- shown by make cast -->\n```text\n", "\n```\n"
+WHOLE = ("24 of 24 swept", "24 of 24 joints", "armed: 24 joints", "succeeded at 100%", "disarmed")
 MOST = 16  # lines that one command may say in the transcript
 FOLDER = Path("/tmp/twind-cast")
 QUICK = 3.0  # rad/s
@@ -122,6 +123,11 @@ def main() -> int:
             terminal.close()
     finally:
         robot.close()
+    shown = "".join(text for _, text in terminal.events)
+    missing = [said for said in WHOLE if said not in shown]
+    if missing:  # a machine that is busy loses answers of the virtual servos, and a motion ends
+        print(f"nothing was written: the recording does not say {', '.join(missing)}; try again")
+        return 1
     save(CAST, terminal.events, "twind: the calibration of a robot")
     page = PAGE.read_text()
     begin = page.index(BEGIN) + len(BEGIN)
