@@ -66,6 +66,12 @@ def test_nobody_is_verified_before_everybody_was_identified(arm: Rig) -> None:
     assert verified(arm) == [True] * 3
 
 
+def test_before_its_turn_is_known_nobody_says_that_a_joint_is_out_of_its_limits(arm: Rig) -> None:
+    arm.connect()
+    assert arm.events(Code.OUT_OF_LIMIT) == []
+    assert arm.events(Code.CALIB_MISMATCH) == []
+
+
 def test_in_mirror_they_are_marked_and_in_sim_nobody_says(path: str) -> None:
     rig = made(path, (0, 1, 0), mode=Mode.MIRROR)
     rig.connect()

@@ -47,6 +47,13 @@ class Verified:
                 found[finding.joint] = False
         return found
 
+    @property
+    def unjudged(self) -> Bools:
+        """Whose turn nobody has looked at yet: what they read says nothing of where they are."""
+        waiting = ~self._told
+        waiting[[_joint(each) for found in self._unfit.values() for each in found]] = False
+        return waiting
+
     def findings(self) -> list[Finding]:
         """Why joints are not, as far as nobody else says it; while torque is ours nothing."""
         loop = self._loop

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twind.robot.arrays import some
+from twind.robot.modes import Mode
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety.facts import Facts
@@ -56,7 +58,10 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
 
 def _obeying(loop: Loop, target: JointState) -> JointState:
     """The same, but that nobody counts as heard who gets no goals: a bus that was lost and is back does not
-    follow, and the others must not be damped for it (R15)."""
+    follow, and the others must not be damped for it (R15). Before torque nobody is anywhere whose turn is not
+    known (R14)."""
+    if loop.mode is Mode.LIVE and not loop.armed and some(unjudged := loop.identity.verified.unjudged):
+        return replace(target, position=np.where(unjudged, np.nan, target.position))
     if not loop.armed or all(port.holding for port in loop.hardware.ports):
         return target
     return replace(target, heard=target.heard & loop.hardware.held)
