@@ -37,17 +37,10 @@ test-slow: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m 'slow and not realtime'
 	$(BIN)/pytest -m 'slow and realtime'
 
-# All tests, fast and slow together, so that they are collected no more often than they must. What is computed
-# fills the time that real processes wait: idle, it gives up the core to whoever wants it (sched(7), SCHED_IDLE).
+# All tests, fast and slow together, so that they are collected no more often than they must. One group after the
+# other: even idle computing beside them disturbs those whose claim is timing.
 check: format lint types imports
-	$(MAKE) --no-print-directory --jobs 2 --output-sync=line computed lived
-
-IDLE := $(if $(shell command -v chrt),chrt --idle 0)
-
-computed: $(VENV)/.ready
-	$(IDLE) $(BIN)/pytest -n auto -m 'not realtime'
-
-lived: $(VENV)/.ready
+	$(BIN)/pytest -n auto -m 'not realtime'
 	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone'
 	$(BIN)/pytest -m alone
 

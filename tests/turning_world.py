@@ -1,4 +1,4 @@
-"""A planar arm of three serial servos, one in each mode of positions: 3, 4 and 5; one geared, one reversed."""
+"""A planar arm of three serial servos, in each mode of positions: 3, 4 and 5; one geared, one reversed."""
 
 from pathlib import Path
 
