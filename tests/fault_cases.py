@@ -170,6 +170,8 @@ CASES: Mapping[str, Sequence[Case]] = {
         Case(_plain(), (0.55, 0.6), FAULT, ("TX_BACKLOG", STALE, BUS), 0.06, back_on("stall")),
     ],
     "silence": _silence(),
+    # A hand slips where torque is on.
+    "hand": [Case(lambda random: {"id": one(random), "to": int(random.integers(500, 3500))}, (0.2, 0.5))],
     "damage": [
         Case(lambda random: {"id": one(random), "bits": 4}, (0.1, 0.2), FAULT, ("SERVO_ALERT",), 0.03),
         Case(lambda random: {"id": one(random), "bits": 1}, (0.1, 0.2), FAULT, ("SERVO_ALERT",), 0.03),

@@ -100,7 +100,7 @@ class Rig:
             self.robot = replace(self.robot, rate_hz=rate_hz)
         if support is not None:
             self.robot = replace(self.robot, support=support)
-        self.made = specimen(self.robot, truth=truth)
+        self.made, self._stops = specimen(self.robot, truth=truth), truth is not None
         self.zeros = self.made.zeros
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
@@ -154,7 +154,8 @@ class Rig:
             rate, nodes = self.robot.bus(bus).baud, self.made.nodes[bus]
             return can_bus(bus, nodes, shafts, Line(), bitrate=rate, now=self.clock.now())
         muscles = self._muscles(np.array(ticks, np.float64), now=self.clock.now())
-        fence(muscles, [spec.hinge for spec in self.made.servos[bus]])
+        if self._stops:  # a body of MuJoCo has its own
+            fence(muscles, [spec.hinge for spec in self.made.servos[bus]])
         baud, now = self.robot.bus(bus).baud, self.clock.now()
         return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now)
 

@@ -42,7 +42,7 @@ def obey(rig: Rig, orders: Sequence[Order]) -> None:
 
 
 def test_every_fault_that_can_be_ordered_has_its_cases() -> None:
-    assert CASES.keys() == FAULTS.keys()
+    assert CASES.keys() == FAULTS.keys() - {"lay"}  # turned over is a body: these joints have none
     assert all(CASES.values())
 
 
