@@ -173,6 +173,21 @@ def test_a_servo_that_does_not_take_a_register_gets_no_torque(address: int) -> N
     assert bus.servos.get(HERE, 64, 1) == 0
 
 
+@pytest.mark.parametrize("prepared", [False, True])
+def test_a_servo_that_is_in_another_mode_by_then_gets_no_torque(prepared: bool) -> None:
+    bus = bench()
+    alone = bus.writer.alone(HERE, cap=CAP, profile=PROFILE)
+    kept = bus.run(alone.look())
+    bus.run(alone.enter(kept))
+    alone.bound(1500, 2500)
+    if prepared:
+        bus.run(alone.prepare(kept, 2000))
+    bus.servos.put(HERE, 11, 3, 1)
+    with pytest.raises(DeviceRefused, match=r"Operating Mode \(11\): wrote 5, reads 3"):
+        bus.run(alone.energise() if prepared else alone.prepare(kept, 2000))
+    assert bus.servos.get(HERE, 64, 1) == 0
+
+
 def test_a_servo_that_is_in_that_mode_already_stays_in_it() -> None:
     bus = bench(modes=[3, 5, 3], current_caps=[None, 500, None])
     alone, kept = driven(bus)

@@ -234,13 +234,14 @@ def test_a_jump_when_torque_comes_on_ends_it() -> None:
         assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
 
 
-def test_a_joint_that_begins_to_move_before_torque_gets_none() -> None:
-    with homed() as made:
+@pytest.mark.parametrize("moves", [-0.003, 0.003])  # rad a tick: on its way, and out of its window
+def test_a_joint_that_begins_to_move_before_torque_gets_none(moves: float) -> None:
+    with homed(start={JOINT: -0.6}) as made:
         made.ready()
         ticket = made.find()
         until(made, lambda: made.get("operating_mode") == 5)
         while not [reply for reply in made.replies(ticket) if not reply.continues]:
-            shove(made, -0.003)
+            shove(made, moves)
             made.ticks(1)
             assert not made.get("torque_enable")
         assert failed(made, ticket) == [Code.STOP_NOT_FOUND]

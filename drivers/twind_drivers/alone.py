@@ -14,6 +14,7 @@ class Alone(Protocol):
     """
 
     id: int
+    watchdog: int  # what its watchdog reads while it has torque
 
     def bound(self, lower: int, upper: int) -> None:
         """Goals that may be sent from now on; none before (R22). Raises ValueError."""
@@ -24,6 +25,9 @@ class Alone(Protocol):
     def look(self) -> Script[Any]:
         """What it is set to, to be given back. Refused while its torque is on, or with a hardware error."""
 
+    def left(self, kept: Any) -> str:
+        """What it is left with where it is not given back, in words."""
+
     def enter(self, kept: Any) -> Script[None]:
         """Into the mode in which it obeys a current cap, read back."""
 
@@ -31,7 +35,7 @@ class Alone(Protocol):
         """Cap, gains, slow profile, goal := `tick`, its watchdog: before torque, read back."""
 
     def energise(self) -> Script[None]:
-        """Torque on, read back."""
+        """Torque on, read back; none where it is not in that mode any more."""
 
     def give_back(self, kept: Any) -> Script[Restart]:
         """Torque off, everything as it was, read back. DeviceRefused names what differs."""

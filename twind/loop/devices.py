@@ -40,12 +40,23 @@ def _port(loop: Loop, command: link.Command, name: str | None, id: int | None = 
     return None
 
 
-def _writable(loop: Loop, command: link.Command, port: Port, what: str, *, unknown: bool = False) -> bool:
-    """Only in live, only while nobody has torque. `unknown`: somebody's torque need not be known."""
+def _writable(
+    loop: Loop,
+    command: link.WriteRegister | link.Reboot,
+    port: Port,
+    what: str,
+    *,
+    unknown: bool = False,
+) -> bool:
+    """Only in live, only while nobody has torque, and never to whom a search for a stop still owes its
+    settings. `unknown`: somebody's torque need not be known."""
     if loop.mode is not Mode.LIVE or port.writer is None:
         loop.say.error(
             command, "WrongState", state=f"mode {loop.mode.value}", allowed=[f"mode live, to {what}"]
         )
+        return False
+    if given_back := loop.homing.busy(port.name, command.id):
+        loop.say.error(command, "Busy", what=given_back)
         return False
     on = loop.torque_on or bool((loop.hardware.slow.torque[loop.hardware.open] == 1).any())
     if on or (loop.energised and not unknown):

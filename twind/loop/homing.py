@@ -8,22 +8,23 @@ beside and was begun before anything was written; that one answers.
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from twind import link
-from twind.loop.procedures import Procedure, Rank, ticks
-from twind.loop.sought import Sought, sought
+from twind.loop.giving_back import Debt, answer, clamped, give_back, leave, release
+from twind.loop.procedures import Procedure, Rank
+from twind.loop.sought import sought
 from twind.loop.torque import loosen
-from twind.motion.homing import AGREE, Course, Look, Phase, Quiet
+from twind.motion.homing import AGREE, LOST, Course, Look, Quiet
 from twind.robot.arrays import some
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import State
 from twind.safety.device_rules import TRIPPED
 from twind.safety.states import LATCHED
-from twind_drivers.bus import BusError, DeviceRefused, Script
+from twind_drivers.bus import BusError, Script, WireClamp
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -35,9 +36,6 @@ REPORT = 0.25  # s between two reports of progress
 SWINGS = 5  # times that goal := present is tried of a joint that moves
 READ = 3  # ticks until readings are newer than what was just written
 OFF_TURN = 16  # part of a turn that counts may be off a whole one when the mode changes
-REFUSALS = 3  # times that a servo may refuse what it is given back
-PAUSE = 25  # ticks between two tries
-ANSWER = 3.0  # s after its end by which the caller is answered, given back or not
 
 
 class Ended(Exception):
@@ -46,20 +44,6 @@ class Ended(Exception):
     def __init__(self, finding: Finding) -> None:
         super().__init__(finding.message)
         self.finding = finding
-
-
-@dataclass(eq=False)
-class Debt:
-    """One search: what was asked, what the servo was before, and how it came out."""
-
-    command: link.FindStop
-    sought: Sought
-    kept: Any = None  # of the driver: what is given back; None: nothing was written
-    shift: int = 0  # counts: calibrated count minus raw, in the mode that it is in now
-    powered: float | None = None  # s, when torque was read back on
-    over: bool = False  # the search has ended, and torque of ours with it, or is being taken
-    captures: list[float] = field(default_factory=list)
-    findings: tuple[Finding, ...] = ()
 
 
 class Homing:
@@ -80,11 +64,36 @@ class Homing:
         if self.owed is not None or loop.procedures.rank is not None:
             loop.say.error(command, "Busy", what="a joint is driven against its stop, or being given back")
             return
+        if (asking := next((port.name for port in loop.hardware.ports if port.busy), None)) is not None:
+            what = f"somebody reads, writes, scans or reboots on bus {asking}: try again"
+            loop.say.error(command, "Busy", what=what)
+            return
         found = sought(loop, command, now)
         if isinstance(found, list):
             loop.say.refuse(command, found)
             return
-        loop.procedures.own(Rank.HOME, lambda: self._search(Debt(command, found)))
+        device = next(each for each in found.port.devices if each.id == found.id)
+        loop.procedures.own(Rank.HOME, lambda: self._search(Debt(command, found, device)))
+
+    def findings(self) -> list[Finding]:
+        """Why the joint that is owed is not what it was calibrated as."""
+        owed = self.owed
+        if owed is None:
+            return []
+        message = f"driven against its stop, and not given back yet: it has {owed.left}"
+        return [Finding(Code.CALIB_MISMATCH, owed.sought.joint, message=message)]
+
+    def busy(self, bus: str | None = None, id: int | None = None) -> str:
+        """What is waited for before somebody else changes anything, of that device; empty: nothing."""
+        owed = self.owed
+        if owed is None or (bus, id) not in ((None, None), (owed.sought.port.name, owed.sought.id)):
+            return ""
+        return f"{self._loop.joints.names[owed.sought.joint]} is given back its mode and settings"
+
+    def leave(self) -> None:
+        """The daemon ends: what is still owed is told."""
+        if self.owed is not None:
+            leave(self._loop, self.owed)
 
     # ------------------------------------------------------------------------------- the search
 
@@ -113,6 +122,8 @@ class Homing:
             return (self._of(debt, ended.finding),)
         except ValueError as error:  # its model has no such mode, or not so little current
             return (Finding(Code.STOP_NOT_FOUND, joint, message=str(error)),)
+        except WireClamp as error:
+            return (clamped(loop, debt, error),)
         except BusError as error:
             return (Finding(Code.BUS_ERRORS, joint, message=str(error)),)
         except Exception as error:  # noqa: BLE001 - whatever broke, torque goes off
@@ -142,8 +153,8 @@ class Homing:
         self._loop.lease.unpin(debt.command.client, PIN)
         debt.over = True
         if debt.kept is None:  # nobody runs beside it
-            self._release(debt)
-            self._answer(debt)
+            release(self._loop, debt)
+            answer(self._loop, debt)
 
     def _found(self, debt: Debt) -> Generator[None, float, None]:
         """Everything from the first look to the last capture. Raises Ended, BusError, ValueError."""
@@ -154,10 +165,12 @@ class Homing:
         loop.say.event("info", "HOMING", f"{command.holder}: {name} goes to its {command.side} stop")
         debt.shift = int(loop.hardware.readings.shift[aim.joint])
         yield from self._quiet(debt)
+        loop.hardware.clear()  # nothing that waits may land between what makes it safe and the torque
         alone = writer.alone(aim.id, cap=aim.cap, profile=aim.profile)
         kept = yield from self._done(debt, alone.look())
+        debt.left, debt.watchdog = alone.left(kept), alone.watchdog
         self.owed, debt.kept = debt, kept
-        loop.procedures.beside(self._give_back(debt))
+        loop.procedures.beside(give_back(loop, debt))
         held = yield from self._pinned(debt, alone, kept)
         now = yield from self._energised(debt, alone, held)
         yield from self._course(debt, alone, Course(aim.search, float(held), now), now)
@@ -172,17 +185,30 @@ class Homing:
                 raise Ended(answer)
             now = yield
             self._require(debt, now)
+        debt.looked_after = True
+
+    def _newer(self, debt: Debt) -> Generator[None, float, float]:
+        """Wait for a reading newer than all that was written so far; the time. Raises Ended."""
+        since, passed, now = self._loop.clock.now(), 0, 0.0
+        while passed < READ or not self._look(debt).at > since:
+            now = yield
+            self._require(debt, now)
+            passed += 1
+        return now
 
     def _pinned(self, debt: Debt, alone: Alone, kept: Any) -> Generator[None, float, int]:
         """In its other mode, with goal := present read back; the count (calibrated) that it is to hold."""
         aim, before = debt.sought, self._count(debt)
         yield from self._done(debt, alone.enter(kept))
-        yield from ticks(READ)
+        yield from self._newer(debt)
         debt.shift = _frame(before, before_raw := self._raw(debt), aim.turn)
         alone.bound(aim.lower - debt.shift, aim.upper - debt.shift)
         for _ in range(SWINGS):
             held = self._count(debt)
+            if not aim.lower <= held <= aim.upper:
+                break
             yield from self._done(debt, alone.prepare(kept, held - debt.shift))
+            yield from self._newer(debt)
             if abs(self._count(debt) - held) <= AGREE:
                 return held
         moved = float(abs(self._count(debt) - before_raw - debt.shift))
@@ -192,11 +218,10 @@ class Homing:
     def _energised(self, debt: Debt, alone: Alone, held: int) -> Generator[None, float, float]:
         """Torque on, read back, and it did not jump; the time."""
         loop, aim = self._loop, debt.sought
-        self._require(debt, (yield from ticks(1)))
         loop.energising = True
         yield from self._done(debt, alone.energise())
         debt.powered = loop.clock.now()
-        now = yield from ticks(READ)
+        now = yield from self._newer(debt)
         jump = float(abs(self._count(debt) - held))
         if not jump <= aim.jump:
             message = "counts: it jumped when torque came on"
@@ -204,6 +229,7 @@ class Homing:
         return now
 
     def _course(self, debt: Debt, alone: Alone, course: Course, now: float) -> Generator[None, float, None]:
+        debt.looked_after = False  # the course does that itself
         while True:
             self._require(debt, now)
             goal = course.step(self._look(debt), now)
@@ -232,6 +258,9 @@ class Homing:
         yield from loop.parts.guard.bars
         if not loop.hardware.connected:
             yield Finding(Code.HW_DISCONNECTED, message="a bus was lost, or is asked anew who is there")
+        if debt.looked_after and not (age := now - self._look(debt).at) <= LOST:
+            message = "s since its last reading: check cable and power"
+            yield Finding(Code.STATE_STALE, value=age, bound=LOST, message=message)
         slow = loop.hardware.slow
         on = slow.torque == 1
         on[joint] = False
@@ -246,6 +275,9 @@ class Homing:
         if slow.watchdog[joint] == TRIPPED:
             message = "its watchdog tripped: nobody spoke on its bus for too long"
             yield Finding(Code.WATCHDOG_TRIPPED, joint, value=float(TRIPPED), message=message)
+        elif (watchdog := float(slow.watchdog[joint])) != debt.watchdog:
+            message = "its watchdog is another than was set: nobody would stop it if the daemon died"
+            yield Finding(Code.DEVICE_MISMATCH, joint, value=watchdog, bound=debt.watchdog, message=message)
         if slow.fault[joint] > 0:
             value = float(slow.fault[joint])
             yield Finding(Code.SERVO_ALERT, joint, value=value, bound=0.0, message="hardware error")
@@ -260,60 +292,6 @@ class Homing:
             raise task.error
         return task.result  # type: ignore[return-value]
 
-    # ------------------------------------------------------------------------------- given back
-
-    def _give_back(self, debt: Debt) -> Procedure:
-        """Once it is over and torque is off: as it was, read back, identified anew. Then the answer."""
-        loop, port, refusals = self._loop, debt.sought.port, 0
-        while not debt.over:
-            yield
-        until, told = loop.clock.now() + ANSWER, False
-        while True:
-            if self._free(debt):
-                error = yield from self._restored(debt)
-                if error is None:
-                    break
-                refusals += isinstance(error, DeviceRefused)
-                if refusals >= REFUSALS:
-                    debt.findings += (_unrestored(debt, str(error)),)
-                    break
-            if loop.clock.now() > until and not told:
-                told = True
-                waits = "torque or bus do not allow it yet; it is tried again until they do"
-                self._answer(debt, _unrestored(debt, waits))
-            yield from ticks(PAUSE)
-        self._release(debt)
-        port.identify()
-        while not told and not loop.hardware.connected and loop.clock.now() < until:
-            yield  # so that whoever is answered may go on at once
-        if not told:
-            self._answer(debt)
-
-    def _free(self, debt: Debt) -> bool:
-        """Nobody else writes there, and no torque of ours is left."""
-        loop, port = self._loop, debt.sought.port
-        calm = loop.procedures.rank in (None, Rank.SHUTDOWN) and not loop.armed and not loop.energising
-        return calm and port.writer is not None and port.reader is not None and not port.full
-
-    def _restored(self, debt: Debt) -> Generator[None, float, Exception | None]:
-        """One try; what was wrong with it."""
-        port, aim = debt.sought.port, debt.sought
-        assert port.writer is not None
-        try:
-            alone = port.writer.alone(aim.id, cap=aim.cap, profile=aim.profile)
-        finally:
-            port.writer.together()  # what is given back is judged as everybody's is
-        task = port.run(alone.give_back(debt.kept))
-        while not task.done:
-            yield
-        return task.error
-
-    def _release(self, debt: Debt) -> None:
-        writer = debt.sought.port.writer
-        if writer is not None:
-            writer.together()
-        self.owed = None
-
     # ------------------------------------------------------------------------------- what is said
 
     def _report(self, debt: Debt, phase: str, progress: float, now: float) -> None:
@@ -321,19 +299,6 @@ class Homing:
         if debt.command.more and (phase != last or not now - at < REPORT):
             self._told = (now, phase)
             self._loop.say.reply(debt.command, continues=True, phase=phase, progress=progress)
-
-    def _answer(self, debt: Debt, *more: Finding) -> None:
-        """The last answer: captures, or why there are none; nothing is found where anything is wrong."""
-        loop, findings = self._loop, [*debt.findings, *more]
-        name = loop.joints.names[debt.sought.joint]
-        if findings:
-            said = f"{name}: its stop was not found: {findings[0].message}"
-            loop.say.event("warning", findings[0].code, said, findings)
-            loop.say.reply(debt.command, phase=Phase.FAILED.value, progress=1.0, findings=findings)
-            return
-        counts = [round(count) for count in debt.captures]
-        loop.say.event("info", "HOMING", f"{name}: its stop is at {counts}; torque is off")
-        loop.say.reply(debt.command, phase=Phase.FOUND.value, progress=1.0, ticks=counts)
 
     # ------------------------------------------------------------------------------- what is read
 
@@ -365,8 +330,3 @@ def _cause(loop: Loop) -> Finding:
     if loop.stop_wanted:
         return Finding(Code.NOT_ARMED, message="the daemon ends")
     return Finding(Code.NOT_ARMED, message=f"the robot went to {loop.state.value}: disarmed, or a bus lost")
-
-
-def _unrestored(debt: Debt, why: str) -> Finding:
-    message = f"its mode and settings are not as they were: {why}"
-    return Finding(Code.DEVICE_MISMATCH, debt.sought.joint, message=message)

@@ -112,6 +112,7 @@ def shutdown(loop: Loop, now: float) -> Procedure:
     until = loop.clock.now() + AWAITED
     while loop.homing.owed is not None and loop.clock.now() < until:
         yield  # what was driven against its stop is given back
+    loop.homing.leave()
     loop.finished = True
 
 

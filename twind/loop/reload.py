@@ -150,6 +150,8 @@ def at_rest(loop: Loop) -> tuple[Finding, ...]:
     why = None
     if loop.procedures.rank is not None:
         why = f"{loop.procedures.rank.name.lower()} is under way: wait for its end"
+    elif what := loop.homing.busy():
+        why = f"{what}: wait for its end"
     elif loop.executor.motion not in (Motion.IDLE, Motion.HOLDING) or _still_stopping(loop):
         why = "a motion is under way: `twindctl stop`, or wait for its end"
     elif loop.submissions.busy:

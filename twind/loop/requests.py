@@ -87,6 +87,9 @@ def _set_mode(loop: Loop, command: link.SetMode, now: float) -> None:
         loop.say.error(command, "NotFound", what="mode", name=command.mode, known=known)
         return
     wanted = Mode(command.mode)
+    if wanted is not loop.mode and (what := loop.homing.busy()):
+        loop.say.error(command, "Busy", what=what)
+        return
     refusal = mode_change(loop.mode, wanted, loop.state, loop.executor.motion)
     to_live = loop.mode is Mode.MIRROR and wanted is Mode.LIVE  # where torque found on can be taken off
     if refusal is None and loop.energised and wanted is not loop.mode and not to_live:

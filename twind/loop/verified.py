@@ -60,6 +60,7 @@ class Verified:
         if loop.armed or loop.mode is Mode.SIM or not loop.hardware.connected:
             return []
         found = [finding for findings in self._unfit.values() for finding in findings]
+        found += loop.homing.findings()
         turns, readings = loop.joints.turns, loop.hardware.readings
         if turns is not None and every(self._told):
             found += strayed(readings.raw.ticks, readings.shift, turns)

@@ -71,7 +71,7 @@ class AloneServo:
         mode = mode_of(where, table, CURRENT_BASED)
         check_cap(where, table, mode, cap)
         self._servo = replace(own[id], mode=mode, cap=cap, acceleration=None)
-        self._profile, self._watchdog, self._cap = profile, watchdog, cap
+        self._profile, self.watchdog, self._cap = profile, watchdog, cap
         self._closed = {
             servo.id: dict.fromkeys(fences(servo.table, servo.mode, 0, 0, servo.cap), (0, -1))
             for servo in servos
@@ -116,6 +116,13 @@ class AloneServo:
             raise self._refused("Drive Mode (10)", f"is {eeprom['drive_mode']}: bits 1 and 3 must be 0")
         return Kept(eeprom, ram)
 
+    def left(self, kept: Kept) -> str:
+        """The mode, and what its change resets."""
+        was = kept.eeprom["operating_mode"]
+        return (
+            f"Operating Mode (11) {CURRENT_BASED} (was {was}) and gains, profile and Goal Current of a search"
+        )
+
     def enter(self, kept: Kept) -> Script[None]:
         """Into mode 5, read back. Raises DeviceRefused, NoReply."""
         if kept.eeprom["operating_mode"] != CURRENT_BASED:
@@ -139,18 +146,21 @@ class AloneServo:
             "profile_acceleration": 0,
             "profile_velocity": 0 if timed else self._profile,
             "goal_position": tick,
-            "bus_watchdog": self._watchdog,
+            "bus_watchdog": self.watchdog,
         }
         yield from self._write("bus_watchdog", 0)  # one that has tripped takes no goals
         for name, value in wanted.items():
             yield from self._write(name, value)
-        yield from self._same(wanted | {"torque_enable": 0})
+        yield from self._same(wanted | {"operating_mode": CURRENT_BASED, "torque_enable": 0})
 
     def energise(self) -> Script[None]:
-        """Torque on, read back. Raises DeviceRefused, NoReply."""
+        """Torque on, read back, in the mode that obeys the cap alone. Raises DeviceRefused, NoReply."""
+        mode = {"operating_mode": CURRENT_BASED}
+        yield from self._same(mode)
         self._reader.registers.torque[self._reader.ids.index(self.id)] = -1
         yield from self._write("torque_enable", 1)
-        yield from self._same({"torque_enable": 1, "goal_current": self._cap, "bus_watchdog": self._watchdog})
+        cap = {"goal_current": self._cap, "bus_watchdog": self.watchdog}
+        yield from self._same({"torque_enable": 1} | mode | cap)
 
     def give_back(self, kept: Kept) -> Script[Restart]:
         """Torque and watchdog off, mode and RAM settings as they were, all read back, EEPROM compared.
