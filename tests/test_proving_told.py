@@ -194,7 +194,7 @@ def test_a_saved_file_keeps_who_may_read_it_and_a_first_one_needs_its_folder(tmp
     ("name", "base", "bent"),
     [
         ("l_hip_pitch", "back", None),
-        ("r_knee", "back", None),
+        ("r_knee", "back", "r_knee"),  # in the middle of its travel
         ("l_hip_roll", "left", None),
         ("l_hip_yaw", "left", "l_hip_pitch"),
         ("waist_pitch", "upright", "l_hip_pitch"),
@@ -217,11 +217,11 @@ def test_a_plan_needs_no_robot_and_says_what_to_type(tmp_path: Path, capsys: Cap
     words = ["--socket", str(tmp_path), "calibrate", "prove", "--plan", "--robot", "h24"]
     assert main([*words, "l_knee", "waist_pitch", "l_ankle_roll"]) == 0
     said = capsys.readouterr().out
-    assert f"twindctl --socket {tmp_path} calibrate prove --base back l_knee`" in said
+    assert f"twindctl --socket {tmp_path} calibrate prove --base back --with l_knee=1.05 l_knee`" in said
     assert (
         "calibrate prove --base upright --with l_hip_pitch=-1 waist_pitch`" in said
     )  # lying it bears too much
-    assert "prop it: waist_pitch holds 3.9 of its 4.1 N·m" in said
+    assert "prop it: waist_pitch holds 3.6 of its 4.1 N·m" in said
     assert "by your eye alone:\n    at most (N·m): l_ankle_roll 0.06" in said
     assert main(["--json", *words, "l_kne"]) == 1
     assert "no joint 'l_kne'" in json.loads(capsys.readouterr().out)["parameters"]["message"]

@@ -7,8 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from twind.config.calibration_file import JointCalibration
 from twind.robot.arrays import Floats
-from twind_calibration.proving.judge import ASKED, CLOSE, Foreseen, foresee, refined, slack
+from twind_calibration.proving.judge import ASKED, CLOSE, GROSS, Foreseen, Wrong, foresee, refined, slack
+from twind_calibration.proving.mirror import STEP, Mirror, mirror, offsets
 from twind_calibration.wiggling.body import Body
 
 STRAIN = 0.5  # of what a joint can give: to hold more than that for long heats it
@@ -25,9 +27,9 @@ class Expected:
         """(d, k) N·m, rows for errors of the joint's zero between those of `zeros`."""
         return self._family(zeros, self._body.torque)
 
-    def reversed(self, zeros: Floats = ASKED) -> Floats:
-        """Likewise, its sign wrong."""
-        return self._family(zeros, lambda pose: self._body.flipped(pose, self._joint))
+    def wrong(self, sums: Mirror, zeros: Floats = CLOSE, step: float = STEP) -> Wrong:
+        """Likewise, its sign wrong; `sums` and `step` (rad) as in `mirror`."""
+        return Wrong(self._reversed(zeros), self._reversed(offsets(sums, step)))
 
     def exchanged(self, other: int, zeros: Floats = CLOSE) -> Floats:
         """Likewise, its servo and that of joint `other` in each other's place."""
@@ -49,6 +51,9 @@ class Expected:
         """Likewise, the servo of joint `other` in this one's place."""
         return np.array([self._body.exchanged(pose, self._joint, other) for pose in self._poses])
 
+    def _reversed(self, zeros: Floats) -> Floats:
+        return self._family(zeros, lambda pose: self._body.flipped(pose, self._joint))
+
     def _family(self, zeros: Floats, told: Callable[[Floats], Floats]) -> Floats:
         rows = np.empty((len(zeros), len(self._poses)))
         for row, zero in enumerate(zeros):
@@ -66,11 +71,21 @@ def swept(pose: Floats, joint: int, places: Floats) -> Floats:
     return poses
 
 
-def look_ahead(body: Body, pose: Floats, joint: int, places: Floats, friction: float) -> Foreseen:
-    """Before anything moves: what will the joint show, taken to these places (rad) from this pose?"""
+def look_ahead(
+    body: Body,
+    pose: Floats,
+    joint: int,
+    places: Floats,
+    friction: float,
+    entry: JointCalibration | None = None,
+) -> Foreseen:
+    """Before anything moves: what will the joint show, taken to these places (rad) from this pose?
+
+    `entry`: its calibration; None: as if it had been swept from end to end.
+    """
     spec, expected = body.robot.joints[joint], Expected(body, swept(pose, joint, places), joint)
     room = slack(friction, spec.ratio * spec.type.effort_lsb_nm)
-    return foresee(expected.right(FEW), expected.reversed(FEW), room)
+    return foresee(expected.right(FEW), expected.wrong(mirror(spec, entry), FEW, GROSS), room)
 
 
 def strained(body: Body, pose: Floats) -> dict[int, str]:

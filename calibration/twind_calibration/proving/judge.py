@@ -7,7 +7,8 @@ per ampere is known to 40 %.
 
 A limb that hangs has a load odd in its angle: turned round, place and load both flip, and the very same is
 measured. Where the two families come nearer to each other than friction leaves room for, the sign cannot be
-told, however well the load fits.
+told, however well the load fits. A wrong sign may have brought a wrong zero with it: that of `mirror` is
+tried as well.
 """
 
 from dataclasses import dataclass
@@ -54,11 +55,24 @@ class Against(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class Wrong:
+    """What a wrong sign would measure, N·m; a row (k,) for each zero, each within 5 degrees."""
+
+    near: Floats  # (d, k), its zero as it is told
+    mirrored: Floats  # (e, k), its zero where the same travel would have placed it with that sign
+
+    @property
+    def all(self) -> Floats:
+        """(d + e, k)."""
+        return np.vstack((self.near, self.mirrored))
+
+
+@dataclass(frozen=True, slots=True)
 class Foreseen:
     """What the model says before anything moves. N·m, rms over the places."""
 
     span: float  # between the largest and the smallest load
-    flip: float  # between right and wrong sign, as described
+    flip: float  # between the load as described and the nearest that a wrong sign measures
     apart: float  # what is left of it whatever the zero (within 5 degrees) and the torque per ampere
     slack: float  # what a measured load may be off
 
@@ -101,14 +115,13 @@ def refined(family: Floats) -> Floats:
     return np.asarray((1.0 - share) * family[first] + share * family[first + 1])
 
 
-def foresee(right: Floats, reversed: Floats, slack: float) -> Foreseen:
-    """Families (d, k), the middle row without a zero error."""
-    middle = len(right) // 2
-    flip = right[middle] - reversed[middle]
+def foresee(right: Floats, wrong: Wrong, slack: float) -> Foreseen:
+    """`right`: (d, k), the middle row without a zero error."""
+    described, every = right[len(right) // 2], wrong.all
     return Foreseen(
-        span=float(np.ptp(right[middle])),
-        flip=float(np.sqrt(np.mean(flip**2))),
-        apart=apart(right, reversed),
+        span=float(np.ptp(described)),
+        flip=float(np.sqrt(((every - described) ** 2).mean(axis=1)).min()),
+        apart=apart(right, every),
         slack=slack,
     )
 
@@ -145,19 +158,19 @@ def _stretched(product: Floats, square: Floats) -> Floats:
     return found
 
 
-def judge(up: Floats, down: Floats, right: Floats, reversed: Floats, friction: float, lsb: float) -> Judged:
-    """Loads (k,) come to from below and from above; families (d, k) over ZEROS.
+def judge(up: Floats, down: Floats, right: Floats, wrong: Wrong, friction: float, lsb: float) -> Judged:
+    """Loads (k,) come to from below and from above; `right` (d, k) over ZEROS.
 
     `friction` (N·m): the least that is reckoned with; more is, where the directions lie farther apart.
     """
     measured, rubbed = (up + down) / 2.0, float(np.abs(up - down).mean()) / 2.0
     room = slack(max(friction, rubbed) if np.isfinite(rubbed) else friction, lsb)
-    foreseen = foresee(right[NEAR], reversed[NEAR], room)
-    if not np.isfinite(measured.sum() + right.sum() + reversed.sum()):
+    foreseen = foresee(right[NEAR], wrong, room)
+    if not np.isfinite(measured.sum() + right.sum() + wrong.all.sum()):
         nan = float("nan")
         return Judged(Proof.UNOBSERVABLE, Against.NOTHING, foreseen, nan, nan, nan, nan, nan, nan)
-    all_right, all_reversed = misfits(measured, right), misfits(measured, reversed)
-    proof, against = _verdict(measured, right, all_right, all_reversed[NEAR], foreseen)
+    all_right = misfits(measured, right)
+    proof, against = _verdict(measured, right, all_right, wrong, foreseen)
     offset, unsure = _offset(all_right, room)
     middle = right[len(right) // 2]
     square = float(middle @ middle)
@@ -167,7 +180,7 @@ def judge(up: Floats, down: Floats, right: Floats, reversed: Floats, friction: f
         foreseen=foreseen,
         slope_ratio=float(middle @ measured) / square if square > len(middle) * room**2 else float("nan"),
         misfit=float(all_right[NEAR].min()),
-        misfit_reversed=float(all_reversed[NEAR].min()),
+        misfit_reversed=float(misfits(measured, wrong.all).min()),
         offset=offset,
         offset_unsure=unsure,
         friction=rubbed,
@@ -175,21 +188,23 @@ def judge(up: Floats, down: Floats, right: Floats, reversed: Floats, friction: f
 
 
 def _verdict(
-    measured: Floats, right: Floats, wide: Floats, reversed: Floats, foreseen: Foreseen
+    measured: Floats, right: Floats, wide: Floats, wrong: Wrong, foreseen: Foreseen
 ) -> tuple[Proof, Against]:
-    """`wide`: misfits of a right sign over ZEROS; `reversed`: of a wrong one, near."""
+    """`wide`: misfits of a right sign over ZEROS. A sign is doubted after a zero that would do as well."""
     room = foreseen.slack
-    is_right, is_reversed = bool((wide[NEAR] <= room).any()), bool((reversed <= room).any())
-    if is_right and is_reversed:
-        return Proof.UNOBSERVABLE, Against.NOTHING
-    if is_right:
+    near, mirrored = fits(measured, wrong.near, room), fits(measured, wrong.mirrored, room)
+    if (wide[NEAR] <= room).any():
+        if near or mirrored:
+            return Proof.UNOBSERVABLE, Against.NOTHING
         if foreseen.observable:
             return Proof.PROVED, Against.NOTHING
         return Proof.PLAUSIBLE if foreseen.visible else Proof.UNOBSERVABLE, Against.NOTHING
-    if is_reversed:
+    if near:
         return Proof.CONTRADICTED, Against.SIGN
     if (wide <= room).any():
         return Proof.CONTRADICTED, Against.ZERO
+    if mirrored:
+        return Proof.CONTRADICTED, Against.SIGN
     if fits(measured, -right[NEAR], room):
         return Proof.CONTRADICTED, Against.CURRENT
     return Proof.CONTRADICTED, Against.NEITHER

@@ -34,7 +34,7 @@ class Way:
 
     joint: int
     base: str
-    bend: tuple[int, float] | None  # another joint, rad
+    bend: tuple[int, float] | None  # a joint, rad
     foreseen: Foreseen
     strains: bool  # it holds much of what it can
 
@@ -47,11 +47,12 @@ class Way:
 def best(body: Body, joint: int, size: float, friction: float) -> Way | None:
     """The simplest way that proves a joint, else the one that shows most; None: it cannot move.
 
-    At rest before bent, without straining it before the other. Changes how the body is held.
+    At rest before bent, itself before others, without straining it before the other. Changes how the body is
+    held.
     """
     rest = np.array([body.robot.poses["rest"][name] for name in body.robot.names])
     found: list[Way] = []
-    for bends in ([None], list(_bends(body.robot, joint))):
+    for bends in ([None], _middle(body.robot, joint), list(_bends(body.robot, joint))):
         for base in BASES:
             body.lie(base)
             for bend in bends:
@@ -74,6 +75,13 @@ def _seen(
         return None
     ahead = look_ahead(body, pose, joint, ways[0].places[[0, len(ways[0].places) // 2, -1]], friction)
     return ahead, joint in strained(body, pose)
+
+
+def _middle(robot: RobotFile, joint: int) -> list[tuple[int, float]]:
+    """The joint itself in the middle of its travel: a mirrored one stands there too, and its load differs."""
+    spec = robot.joints[joint]
+    middle = round((spec.lower + spec.upper) / 2.0, 2)
+    return [(joint, middle)] if abs(middle) > CLEAR else []
 
 
 def _bends(robot: RobotFile, joint: int) -> Iterator[tuple[int, float]]:

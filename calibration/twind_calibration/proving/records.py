@@ -1,11 +1,29 @@
-"""What a calibration file keeps of a proof. Pure."""
+"""What a calibration file keeps of a proof, and whether it is the one that is in force. Pure."""
 
+import json
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.section import Plain
 from twind_calibration.proving.told import Verdict
+
+
+def measured(calibration: Calibration | None) -> dict[str, Any]:
+    """What was measured of each actuator, as JSON tells it: everything but its proof."""
+    joints = () if calibration is None else calibration.joints
+    return {each.name: json.loads(json.dumps(asdict(replace(each, proof=None)))) for each in joints}
+
+
+def in_force(told: Any) -> dict[str, Any]:
+    """Likewise of what the daemon goes by: `calibration` of GetRobot."""
+    return {} if told is None else {each["name"]: {**each, "proof": None} for each in told["joints"]}
+
+
+def unlike(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """The actuators that were measured otherwise, or in one of the two alone."""
+    return [name for name in {**one, **other} if one.get(name) != other.get(name)]
 
 
 def recorded(

@@ -15,7 +15,7 @@ from twind_calibration.wiggling.told import CAUSES
 SAYS = {
     Against.MOTION: "it does not move as it is told to, or not alone",
     Against.SIGN: "THE LOAD FITS THE OTHER SIGN. Before the sign is touched: is it the right servo?",
-    Against.ZERO: "its zero is grossly off: measure it again (`twindctl calibrate zero`)",
+    Against.ZERO: "its zero is grossly off: measure it in a pose (`twindctl calibrate zero --pose NAME`)",
     Against.CURRENT: "its torque is told the wrong way round: drive mode (10), bit 0",
     Against.OTHERS: "others' loads change as if its sign were wrong, or theirs: is it the right servo?",
     Against.PLACE: "another joint was moved",

@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import nan, radians
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from twind.client import Client
+from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.robot_spec import JointSpec
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.twin.base_pose import BASES
@@ -19,10 +20,11 @@ from twind_calibration.calibrating.ground import Ground, ground, now
 from twind_calibration.calibrating.kept import save
 from twind_calibration.calibrating.prove import LEAST, MOST
 from twind_calibration.calibrating.writing import agreed, require_somebody
+from twind_calibration.instances import restart
 from twind_calibration.proving.expected import look_ahead, strained
 from twind_calibration.proving.plan import told_plan
 from twind_calibration.proving.pose import posed, wanted_pose
-from twind_calibration.proving.records import recorded
+from twind_calibration.proving.records import in_force, measured, recorded, unlike
 from twind_calibration.proving.sweep import Sweep, sweeps, swept
 from twind_calibration.proving.told import BLIND, Verdict
 from twind_calibration.proving.weighed import weigh
@@ -72,8 +74,8 @@ def _prove(options: argparse.Namespace) -> int:
             raise
         finally:
             session.keep(verdicts)
-    measured = {each.joint for each in verdicts if each.proof is not None}
-    left = [name for name in session.chosen if name not in measured]
+    done = {each.joint for each in verdicts if each.proof is not None}
+    left = [name for name in session.chosen if name not in done]
     if not options.json:
         print(again(options).prose(BLIND), flush=True)
         if left:
@@ -90,7 +92,10 @@ class Session:
         self.names = list(self._ground.robot.names)
         self.chosen = self._ground.chosen(options.joints, self.names)
         self.goals = wanted_pose(self._ground.robot, options.pose, options.bends)
-        self._body = _body(self._ground, client, options.base)
+        told = client.call("GetRobot")
+        self._body = _body(self._ground, told["mjcf"], options.base)
+        self._in_force = in_force(told["calibration"])
+        self._entries = self._calibrated()
 
     def require_ready(self) -> None:
         """In live, armed, and held as stated. Raises Rejected, ClientError."""
@@ -126,13 +131,26 @@ class Session:
         return verdict
 
     def keep(self, verdicts: Sequence[Verdict]) -> None:
-        """Write what was proved into the calibration file. Raises Rejected: it cannot be read or written."""
-        before = self._ground.calibration() if verdicts else None
-        if before is None:
+        """Write what was proved into the calibration file.
+
+        Raises Rejected: it cannot be read or written, or holds another zero by now than what was proved.
+        """
+        if not verdicts:
             return
+        before = self._ground.calibration()
+        other = unlike(measured(before), self._in_force)
         own = {joint.name: joint.actuator for joint in self._ground.robot.joints if not joint.transmission}
         proofs = {own[each.joint]: each for each in verdicts if each.joint in own}
-        after, new, gone = recorded(before, proofs, now())
+        if before is not None:
+            kept = {name: each for name, each in proofs.items() if name not in other}
+            self._write(*recorded(before, kept, now()))
+        if lost := [name for name in proofs if name in other]:
+            raise Rejected(
+                f"{self._ground.path}: {', '.join(lost)} calibrated anew meanwhile: what was proved holds of "
+                f"what it said before, and is not kept. {self._anew()}"
+            )
+
+    def _write(self, after: Calibration, new: list[str], gone: list[str]) -> None:
         if not new and not gone:
             return
         save(after, self._ground.path)
@@ -143,6 +161,19 @@ class Session:
         said += [f"earlier proof of {', '.join(gone)} taken away"] if gone else []
         tell(self._options, f"{self._ground.path}: {'; '.join(said)}: `twindctl reload` takes it")
 
+    def _calibrated(self) -> Mapping[str, JointCalibration]:
+        """By actuator. Raises Rejected: the daemon goes by another calibration than that of the file."""
+        file = self._ground.calibration()
+        if names := unlike(measured(file), self._in_force):
+            raise Rejected(
+                f"{self._ground.path} is not what the daemon goes by: {', '.join(names)} measured otherwise. "
+                f"{self._anew()}"
+            )
+        return {} if file is None else file.by_name
+
+    def _anew(self) -> str:
+        return f"Restart the daemon (`{restart(self._options.socket)}`), then once more"
+
     def _one(self, name: str) -> Verdict:
         place = self.names.index(name)
         joint = self._ground.robot.joints[place]
@@ -152,13 +183,14 @@ class Session:
         way, refused = self._way(joint)
         if way is None:
             return Verdict(gone=Gone(nan, refused=refused), **who)
-        who["looks"] = self._looks(place, way)
+        entry = self._entries.get(joint.actuator)
+        who["looks"] = self._looks(place, way, entry)
         gone, stays = self._sweep(place, way)
         if stays is None:
             motion = Motion.ENDED if gone.ended else Motion.UNHEARD
             return Verdict(gone=gone, seen=Answer(motion, way.farthest, nan, nan, nan), **who)
         shown, friction = swept(way, stays), float(self._options.friction)
-        weighed = None if joint.transmission else weigh(self._body, place, shown, friction)
+        weighed = None if joint.transmission else weigh(self._body, place, shown, friction, entry)
         verdict = Verdict(gone=gone, seen=answer(shown.ends, place, way.farthest), weighed=weighed, **who)
         if not verdict.open:
             return verdict
@@ -190,7 +222,7 @@ class Session:
     def _rest(self) -> None:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
-    def _looks(self, place: int, way: Sweep) -> str:
+    def _looks(self, place: int, way: Sweep, entry: JointCalibration | None) -> str:
         """What is to be seen, and what a wrong sign would show, said before it moves.
 
         The words are of a robot that stands.
@@ -200,18 +232,19 @@ class Session:
             return ""
         looks = self._body.looks_like(there, place, way.farthest)
         if not self._options.json:
-            ahead = look_ahead(self._body, there, place, way.places, float(self._options.friction))
+            friction = float(self._options.friction)
+            ahead = look_ahead(self._body, there, place, way.places, friction, entry)
             shows = f"a wrong sign would be {ahead.flip:.2f} N·m off"
             tell(self._options, f"{self.names[place]}: {shows}; watch, as if it stood: {looks}, and back")
         return looks
 
 
-def _body(ground: Ground, client: Client, base: str) -> Body:
+def _body(ground: Ground, mjcf: str, base: str) -> Body:
     """The daemon's own model. Raises Rejected: the one on the disk is another by now."""
     try:
         body = Body(ground.robot, base)
     except BindingError as error:
         raise Rejected(str(error)) from None
-    if client.call("GetRobot")["mjcf"] != body.mjcf:
+    if mjcf != body.mjcf:
         raise Rejected(f"{ground.robot.mjcf_path} was changed since the daemon read it: restart the daemon")
     return body

@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twind.config.calibration_file import JointCalibration
 from twind.robot.arrays import Floats
 from twind_calibration.proving.expected import Expected
 from twind_calibration.proving.identity import Place, by_others, by_own
 from twind_calibration.proving.judge import NEAR, Against, Judged, Proof, fits, judge, misfits
+from twind_calibration.proving.mirror import mirror
 from twind_calibration.proving.sweep import Swept
 from twind_calibration.wiggling.body import Body
 
@@ -25,12 +27,19 @@ class Weighed:
     untold: tuple[int, ...] = ()  # exchanged with these the same would have been measured
 
 
-def weigh(body: Body, joint: int, swept: Swept, friction: float) -> Weighed:
-    """Of the joint that was swept. Its own sign and zero first; then whose servo it is."""
+def weigh(
+    body: Body, joint: int, swept: Swept, friction: float, entry: JointCalibration | None = None
+) -> Weighed:
+    """Of the joint that was swept. Its own sign and zero first; then whose servo it is.
+
+    `entry`: its calibration, by which a wrong sign would have another zero; None: as if its travel was swept
+    from end to end.
+    """
     spec, expected = body.robot.joints[joint], Expected(body, swept.poses, joint)
     lsb = spec.ratio * spec.type.effort_lsb_nm
     right = expected.right()
-    judged = judge(swept.up[:, joint], swept.down[:, joint], right, expected.reversed(), friction, lsb)
+    wrong = expected.wrong(mirror(spec, entry))
+    judged = judge(swept.up[:, joint], swept.down[:, joint], right, wrong, friction, lsb)
     if not np.isfinite(swept.poses).all() or body.stands_on(joint):
         return Weighed(replace(judged, proof=Proof.UNOBSERVABLE, against=Against.NOTHING))
     told = _Told(joint, swept, expected, right[NEAR], _rooms(body, joint, friction, judged.foreseen.slack))
