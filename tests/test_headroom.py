@@ -56,6 +56,14 @@ def test_a_reading_that_is_old_or_of_no_age_refuses(age: float, fine: bool) -> N
     assert refused(w.condition(age=second(0.1, age))) == expected
 
 
+def test_a_joint_moves_with_all_the_motors_that_turn_it() -> None:
+    hot, first = w.condition(temperature=second(35.0, 90.0)), np.array([True, False])
+    pair = replace(hot, together=(np.array([0, 1]),))
+    assert refused(hot, first) == []
+    assert refused(pair, first) == [(Code.THERMAL_HEADROOM, 1)]
+    assert refused(replace(hot, together=(np.array([1]),)), first) == []
+
+
 def test_only_the_joints_that_move_count() -> None:
     hot = w.condition(temperature=second(35.0, 90.0), voltage=second(12.0, 5.0))
     assert refused(hot, np.array([True, False])) == []

@@ -6,64 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from laws import placed, tables
 
+from twind.robot.cells import Cell
 from twind.robot.linkage import LinkageTable
 from twind.robot.transmission import (
-    MOST_CONDITION,
     Differential,
     Transmission,
     back,
     condition,
     fair,
     forth,
-    span,
 )
-
-SIZES = st.floats(-3.0, 3.0).map(lambda x: round(x, 3))
-
-
-@st.composite
-def differentials(draw: st.DrawFn) -> Differential:
-    """Well conditioned ones, of one to three joints."""
-    count = draw(st.integers(1, 3))
-    rows = np.array(draw(st.lists(SIZES, min_size=count**2, max_size=count**2))).reshape(count, count)
-    assume(abs(np.linalg.det(rows)) > 1e-2 and np.linalg.cond(rows) < MOST_CONDITION)
-    return Differential(rows.tolist())
-
-
-def warped(x: float, y: float, bend: float, turn: float) -> tuple[float, float]:
-    """A smooth map of the plane that does not fold within |x|, |y| <= 1."""
-    u, v = x + bend * math.sin(y) * 0.3, y - bend * x * x * 0.2
-    c, s = math.cos(turn), math.sin(turn)
-    return 0.6 * (c * u - s * v), 0.4 * (s * u + c * v)
-
-
-@st.composite
-def tables(draw: st.DrawFn) -> LinkageTable:
-    """One or two actuators, uneven grids, mirrored or not."""
-    axes = [
-        sorted(draw(st.sets(st.integers(-50, 50), min_size=2, max_size=6)))
-        for _ in range(draw(st.integers(1, 2)))
-    ]
-    grid = [[place / 50.0 for place in axis] for axis in axes]
-    way = draw(st.sampled_from([1.0, -1.0]))
-    if len(grid) == 1:
-        return LinkageTable(grid, [[way * (x + 0.3 * math.sin(2.0 * x))] for x in grid[0]])
-    bend, turn = draw(st.floats(0.0, 1.0)), draw(st.floats(0.0, 6.0))
-    rows = [warped(x, y, bend, turn) for x in grid[0] for y in grid[1]]
-    return LinkageTable(grid, [[a, way * b] for a, b in rows])
-
-
-@st.composite
-def placed(draw: st.DrawFn) -> tuple[Transmission, np.ndarray]:
-    """A transmission and a place of its actuators."""
-    law: Transmission = draw(st.one_of(differentials(), tables()))
-    if isinstance(law, LinkageTable):
-        shares = [draw(st.floats(0.0, 1.0)) for _ in law.axes]
-        ends = [(axis[0], axis[-1]) for axis in law.axes]
-        return law, np.array([a + s * (b - a) for s, (a, b) in zip(shares, ends, strict=True)])
-    assert isinstance(law, Differential)
-    return law, np.array([draw(st.floats(-3.0, 3.0)) for _ in law.rows])
 
 
 @given(placed())
@@ -207,11 +161,16 @@ def test_what_is_no_table_is_refused(axes: list[list[float]], values: list[list[
         LinkageTable(axes, values)
 
 
-@given(placed())
-def test_the_span_of_a_box_holds_whatever_lies_in_it(case: tuple[Transmission, np.ndarray]) -> None:
-    law, place = case
-    centre = law.forward(place)
-    lower, upper = centre - 0.01, centre + 0.01
-    low, high = span(law, lower, upper)
-    assume(np.isfinite(low).all() and np.isfinite(high).all())
-    assert (place >= low - 1e-6).all() and (place <= high + 1e-6).all()
+def test_a_place_of_a_large_table_is_sought_in_a_few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    """64 x 64 places are as quick as 8 x 8, also where the cells are long and lie askew."""
+    axis = np.linspace(-1.0, 1.0, 64).tolist()
+    rows = [[(a + b) / 2 + 0.01 * math.sin(a), 0.03 * (a - b) / 2] for a in axis for b in axis]
+    law, tried, solved = LinkageTable([axis, axis], rows), [], []
+    hold, solve = Cell.may_hold, Cell.solve
+    monkeypatch.setattr(Cell, "may_hold", lambda cell, wanted: tried.append(cell) or hold(cell, wanted))
+    monkeypatch.setattr(Cell, "solve", lambda cell, wanted: solved.append(cell) or solve(cell, wanted))
+    for place in np.random.default_rng(0).uniform(-0.9, 0.9, (50, 2)):
+        before = len(tried), len(solved)
+        assert law.inverse(law.forward(place)) == pytest.approx(place, abs=1e-7)
+        assert len(tried) - before[0] <= 12
+        assert len(solved) - before[1] == 1

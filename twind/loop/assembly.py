@@ -71,6 +71,7 @@ def build(
             can=_can(robot.file, binding),
             support=robot.file.support,
             ratings=binding.ratings,
+            linked=binding.joint_map.linked,
         ),
         lease=Lease(),
         health=Health(len(ports), thresholds.latency_warn),

@@ -6,9 +6,11 @@ from dataclasses import replace
 from itertools import groupby
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from twind.loop import damping, release
 from twind.loop.procedures import Rank
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Floats, whole
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode, Motion
 from twind.robot.trajectory import Reference
@@ -65,9 +67,16 @@ def _act(loop: Loop, judgement: Judgement, now: float) -> None:
         loop.procedures.own(Rank.FAULT, lambda: release.fault(loop, now, causes))
     elif judgement.here and loop.procedures.rank is None:
         target = loop.measured if loop.mode is Mode.LIVE else loop.simulated
-        loop.executor.give_in(judgement.here, loop.hardware.reachable(target.position), causes)
+        loop.executor.give_in(_all_of(loop, judgement.here), loop.hardware.reachable(target.position), causes)
     elif loop.executor.motion is not Motion.HOLDING:
         loop.executor.stop("aborted", causes)
+
+
+def _all_of(loop: Loop, joints: tuple[int, ...]) -> list[int]:
+    """With those that their motors turn too: as commanded, these would push the motors on."""
+    named = np.zeros(len(loop.joints), np.bool_)
+    named[list(joints)] = True
+    return np.flatnonzero(whole(named, loop.joints.together)).tolist()
 
 
 def _slow(loop: Loop, judgement: Judgement) -> None:

@@ -314,7 +314,13 @@ class Loop:
             reference=reference,
             busy=self.submissions.busy,
             bars=self.parts.guard.bars,
-            condition=Condition(slow.temperature, slow.voltage, now - slow.health_time, self.parts.ratings),
+            condition=Condition(
+                slow.temperature,
+                slow.voltage,
+                now - slow.health_time,
+                self.parts.ratings,
+                self.joints.together,
+            ),
         )
 
     def may_arm(self, client: int, now: float) -> Verdict:

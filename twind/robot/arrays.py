@@ -1,5 +1,6 @@
 """Names for the arrays that the whole house passes around."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,14 @@ def some(flags: Bools | NDArray[np.integer[Any]]) -> bool:
     return bool(np.count_nonzero(flags))
 
 
+def whole(flags: Bools, groups: Sequence[Ints]) -> Bools:
+    """`flags` (n,), and where one of a group is set all of it: places that belong together."""
+    found = flags.copy()
+    for places in groups:
+        found[places] = some(flags[places])
+    return found
+
+
 def same(array: NDArray[Any], before: bytes) -> bool:
     """Bit for bit what `tobytes` gave before: a fifth of the time of comparing element by element."""
     return array.tobytes() == before
@@ -30,3 +39,9 @@ def frozen(array: Floats | list[float]) -> Floats:
     copy = np.array(array, np.float64)
     copy.setflags(write=False)
     return copy
+
+
+def corners(lower: Floats, upper: Floats) -> Floats:
+    """Of the box lower..upper (k,): (2**k, k)."""
+    ends = np.meshgrid(*zip(lower.tolist(), upper.tolist(), strict=True), indexing="ij")
+    return np.stack(ends, axis=-1).reshape(-1, len(lower))

@@ -48,6 +48,16 @@ class JointMap:
         return len(self.names)
 
     @cached_property
+    def linked(self) -> tuple[Linked, ...]:
+        """The transmissions of all buses; their rows are places in this order."""
+        return tuple(replace(each, rows=bus.joints[each.rows]) for bus in self.buses for each in bus.linked)
+
+    @property
+    def together(self) -> tuple[Ints, ...]:
+        """Places of the joints of each transmission."""
+        return tuple(each.rows for each in self.linked)
+
+    @cached_property
     def _places(self) -> dict[str, int]:
         return {name: place for place, name in enumerate(self.names)}
 

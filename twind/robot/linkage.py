@@ -4,18 +4,15 @@ Scalars instead of arrays: a place forward costs some microseconds, a place back
 """
 
 from bisect import bisect_right
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import pairwise, product
 from math import inf, nan
 
 import numpy as np
 
-from twind.robot.arrays import Floats
-
-Numbers = tuple[float, ...]
-STEPS = 20  # of Newton within one cell: three or four do
-CLOSE = 1e-9  # of a cell, or rad: what rounding may put on its other side
-EXACT = 1e-12  # of a cell: where Newton has arrived
+from twind.robot.arrays import Bools, Floats, corners
+from twind.robot.cells import CLOSE, Cell, Finder, Numbers
 
 
 class LinkageTable:
@@ -24,8 +21,6 @@ class LinkageTable:
     One or two actuators: there det J is linear within a cell, so its sign at the corners is that of the cell.
     Keeps `transmission.Transmission`.
     """
-
-    curved = True
 
     def __init__(self, axes: Sequence[Sequence[float]], values: Sequence[Sequence[float]]) -> None:
         """`axes`: ascending actuator angles; `values`: the k joint angles of each place, last axis fastest.
@@ -45,8 +40,8 @@ class LinkageTable:
         if not np.isfinite(np.array(self.values)).all() or not all(map(np.isfinite, self.axes[0])):
             raise ValueError("every number of a table must be finite")
         self._cells = self._made_cells()
-        boxes = np.array([[cell.low, cell.high] for cell in self._cells])
-        self._low, self._high = boxes[:, 0], boxes[:, 1]
+        self._finder = Finder(self._cells)
+        self._lines = _Lines(self.axes, self.values) if len(self.axes) == 2 else None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, LinkageTable) and (self.axes, self.values) == (other.axes, other.values)
@@ -65,28 +60,55 @@ class LinkageTable:
         if cell is None or not any(beyond):
             return found
         found += np.array(cell.slopes(share)) @ np.array(beyond)
-        return np.full_like(found, nan) if self.preimages(found) else found
+        return found if np.isnan(self.inverse(found)).all() else np.full_like(found, nan)
 
     def inverse(self, joints: Floats) -> Floats:
         """By Newton, bounded to one cell after the other of those that may hold it."""
-        found = self.preimages(joints)
-        return found[0] if found else np.full(len(self.axes), nan)
+        found = next(self._preimages(joints), None)
+        return np.full(len(self.axes), nan) if found is None else np.array(found)
 
     def preimages(self, joints: Floats) -> list[Floats]:
         """All actuator angles that give these joint angles: one, where the table can be inverted.
 
         A place on the edge of several cells is found in each of them.
         """
-        slack = CLOSE * (self._high - self._low)
-        inside = ((joints >= self._low - slack) & (joints <= self._high + slack)).all(axis=1)
-        wanted = [float(joint) for joint in joints]
-        found = (self._cells[number].solve(wanted) for number in np.flatnonzero(inside).tolist())
-        return [np.array(place) for place in found if place is not None]
+        return [np.array(place) for place in self._preimages(joints)]
+
+    def extremes(self, lower: Floats, upper: Floats) -> Floats:
+        """See `Transmission`: the corners of the box, and where its edges cross the lines of the grid.
+
+        Within a cell both actuator angles only rise or only fall all along an edge (s and t are there on one
+        branch of c + x s + y t + z s t = const), and no place inside the box goes beyond all of its edges.
+        """
+        found = [self.inverse(corner) for corner in corners(lower, upper)]
+        if self._lines is not None:
+            for joint, other in ((0, 1), (1, 0)):
+                for edge in (lower[joint], upper[joint]):
+                    found += self._crossings(self._lines, joint, edge, (lower[other], upper[other]))
+        return np.array(found)
+
+    def _crossings(self, lines: "_Lines", joint: int, edge: float, ends: tuple[float, float]) -> list[Floats]:
+        """Actuator angles where one joint stands at `edge`, the other within `ends`, on a line of the grid.
+
+        Where that edge of a box has left the table, and comes back, there is one more that nobody knows.
+        """
+        actuators, across, outer = lines.crossed(joint, edge, ends)
+        found = list(actuators)
+        for at in np.flatnonzero(outer[:-1] & outer[1:]).tolist():
+            between = np.full(2, edge)
+            between[1 - joint] = 0.5 * (across[at] + across[at + 1])
+            found.append(self.inverse(between))
+        return found
 
     def jacobian(self, actuators: Floats) -> Floats:
         """See `Transmission`; between two cells that of the upper one, outside that of the nearest edge."""
         cell, share, _ = self._at(actuators)
         return np.array(cell.slopes(share)) if cell else np.full((len(self.axes), len(self.axes)), nan)
+
+    @cached_property
+    def slopes(self) -> Floats:
+        """See `Transmission`: worked out once, a table has thousands of places."""
+        return np.array([self.jacobian(place) for place in self.places])
 
     @property
     def places(self) -> Floats:
@@ -101,7 +123,7 @@ class LinkageTable:
         middles = [cell.angles([0.5] * len(self.axes)) for cell in self._cells]
         return np.concatenate([grid, np.array(middles)])
 
-    def _at(self, actuators: Floats) -> "tuple[_Cell | None, Numbers, Numbers]":
+    def _at(self, actuators: Floats) -> tuple[Cell | None, Numbers, Numbers]:
         """The cell of the nearest place, where in it, 0..1, and rad that are missing to it; None for NaN."""
         number, share, beyond = 0, [], []
         for axis, wanted in zip(self.axes, actuators.tolist(), strict=True):
@@ -114,70 +136,52 @@ class LinkageTable:
             share.append((angle - axis[at]) / (axis[at + 1] - axis[at]))
         return self._cells[number], tuple(share), tuple(beyond)
 
-    def _made_cells(self) -> "list[_Cell]":
+    def _preimages(self, joints: Floats) -> Iterator[Numbers]:
+        wanted = joints.tolist()
+        for cell in self._finder.near(wanted):
+            found = cell.solve(wanted) if cell.may_hold(wanted) else None
+            if found is not None:
+                yield found
+
+    def _made_cells(self) -> list[Cell]:
         values = np.array(self.values).reshape(*self.shape, len(self.axes))
         cells = []
         for index in np.ndindex(*[length - 1 for length in self.shape]):
             corner = tuple(axis[at] for axis, at in zip(self.axes, index, strict=True))
             size = tuple(axis[at + 1] - axis[at] for axis, at in zip(self.axes, index, strict=True))
             block = values[tuple(slice(at, at + 2) for at in index)].reshape(-1, len(self.axes))
-            cells.append(_Cell(corner, size, block.tolist()))
+            cells.append(Cell(corner, size, block.tolist()))
         return cells
 
 
-class _Cell:
-    """One cell of a table: value = c + x s + y t + z s t, s, t in 0..1 across it; of one axis y = z = 0."""
+class _Lines:
+    """The lines of a grid of two axes, from each place to the next."""
 
-    def __init__(self, corner: Numbers, size: Numbers, block: list[list[float]]) -> None:
-        """`block`: the values at its corners, last axis fastest."""
-        self.corner, self.size = corner, size
-        self.low, self.high = ([edge(column) for column in zip(*block, strict=True)] for edge in (min, max))
-        if len(corner) == 1:
-            self._terms = [(a, b - a, 0.0, 0.0) for a, b in zip(*block, strict=True)]
-        else:
-            self._terms = [(a, c - a, b - a, d - c - b + a) for a, b, c, d in zip(*block, strict=True)]
+    def __init__(self, axes: Sequence[Numbers], values: Sequence[Numbers]) -> None:
+        """`values`: the joint angles of each place, last axis fastest."""
+        rows, columns = (len(axis) for axis in axes)
+        place = np.arange(rows * columns).reshape(rows, columns)
+        ends = [
+            np.concatenate([place[:-1].ravel(), place[:, :-1].ravel()]),
+            np.concatenate([place[1:].ravel(), place[:, 1:].ravel()]),
+        ]
+        self.actuators = np.array(list(product(*axes)))[ends]  # (2, lines, 2), rad at both ends
+        self.joints = np.array(values)[ends]
+        self._rise = self.joints[1] - self.joints[0]
+        row, column = np.divmod(ends[0], columns)
+        along = np.arange(len(row)) < (rows - 1) * columns  # the first axis
+        self.outer: Bools = np.where(along, np.isin(column, (0, columns - 1)), np.isin(row, (0, rows - 1)))
 
-    def angles(self, share: Sequence[float]) -> Numbers:
-        """Actuator angles at a share of the cell."""
-        return tuple(a + s * w for a, s, w in zip(self.corner, share, self.size, strict=True))
-
-    def value(self, share: Sequence[float]) -> list[float]:
-        """Joint angles there."""
-        s, t = share[0], share[-1] if len(share) == 2 else 0.0
-        return [c + x * s + y * t + z * s * t for c, x, y, z in self._terms]
-
-    def slopes(self, share: Sequence[float]) -> list[list[float]]:
-        """dq/da there."""
-        if len(share) == 1:
-            return [[self._terms[0][1] / self.size[0]]]
-        (s, t), (width, height) = share, self.size
-        return [[(x + z * t) / width, (y + z * s) / height] for _, x, y, z in self._terms]
-
-    def solve(self, wanted: list[float]) -> Numbers | None:
-        """Actuator angles within this cell that give these joint angles; None: there are none."""
-        share = [0.5] * len(self.corner)
-        for _ in range(STEPS):
-            step = self._newton(share, wanted)
-            if step is None:
-                return None
-            share = [min(max(s + d, -0.5), 1.5) for s, d in zip(share, step, strict=True)]
-            if max(map(abs, step)) < EXACT:
-                break
-        inside = all(-CLOSE <= s <= 1.0 + CLOSE for s in share)
-        wrong = self._newton(share, wanted) if inside else None
-        if wrong is None or max(map(abs, wrong)) > CLOSE:
-            return None
-        return self.angles([min(max(s, 0.0), 1.0) for s in share])
-
-    def _newton(self, share: list[float], wanted: list[float]) -> list[float] | None:
-        """The next step, in shares of the cell; None where there is none."""
-        miss = [w - v for w, v in zip(wanted, self.value(share), strict=True)]
-        if len(share) == 1:
-            slope = self._terms[0][1]
-            return [miss[0] / slope] if slope else None
-        s, t = share
-        (a, b), (c, d) = ((x + z * t, y + z * s) for _, x, y, z in self._terms)
-        det = a * d - b * c
-        if not det:
-            return None
-        return [(d * miss[0] - b * miss[1]) / det, (a * miss[1] - c * miss[0]) / det]
+    def crossed(self, joint: int, edge: float, ends: tuple[float, float]) -> tuple[Floats, Floats, Bools]:
+        """Where one joint stands at `edge` and the other, in order, within `ends`: actuator angles (m, 2),
+        that other's angle (m,), and whether the table ends there. A line is straight for the joints too."""
+        start, rise = self.joints[0], self._rise
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            share = (edge - start[:, joint]) / rise[:, joint]
+        met = (share >= -CLOSE) & (share <= 1.0 + CLOSE)  # where it runs along one it meets those across
+        share = np.where(met, np.clip(share, 0.0, 1.0), 0.0)
+        across = start[:, 1 - joint] + share * rise[:, 1 - joint]
+        rows = np.flatnonzero(met & (across >= ends[0]) & (across <= ends[1]))
+        rows = rows[np.argsort(across[rows])]
+        low, high = self.actuators[:, rows]
+        return low + share[rows, None] * (high - low), across[rows], self.outer[rows]

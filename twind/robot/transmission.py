@@ -17,10 +17,9 @@ from typing import Protocol
 
 import numpy as np
 
-from twind.robot.arrays import Floats, Ints
+from twind.robot.arrays import Floats, Ints, corners
 
 MOST_CONDITION = 100.0  # beyond it one per cent of an actuator's angle or torque may be all of a joint's
-EDGE = 13  # places along each edge of a box of joint angles
 
 
 class Transmission(Protocol):
@@ -40,14 +39,16 @@ class Transmission(Protocol):
         """Actuator angles (m, k) at which `jacobian` takes its extreme values."""
 
     @property
-    def curved(self) -> bool:
-        """Whether a box of joint angles maps into more than what its corners span."""
+    def slopes(self) -> Floats:
+        """The Jacobians there (m, k, k)."""
+
+    def extremes(self, lower: Floats, upper: Floats) -> Floats:
+        """Actuator angles (m, k), among them the least and the largest of each while the joints are anywhere
+        in lower..upper (k,); NaN where some place in there is not known."""
 
 
 class Differential:
     """joint = C · actuator, with C invertible."""
-
-    curved = False
 
     def __init__(self, rows: Sequence[Sequence[float]]) -> None:
         """`rows` of C, one per joint. Raises ValueError: not square, not finite, not invertible."""
@@ -85,17 +86,26 @@ class Differential:
         """See `Transmission`."""
         return self._matrix
 
+    def extremes(self, lower: Floats, upper: Floats) -> Floats:
+        """See `Transmission`: the corners, since all is linear."""
+        return corners(lower, upper) @ self._back.T
+
     @property
     def places(self) -> Floats:
         """Any: the matrix is the same everywhere."""
         return np.zeros((1, len(self.rows)))
 
+    @property
+    def slopes(self) -> Floats:
+        """The matrix alone."""
+        return self._matrix[None]
+
 
 @dataclass(frozen=True)
 class Linked:
-    """A transmission among the joints of one bus. Arrays are (k,), in the order of the transmission."""
+    """A transmission among the joints of a bus, or of all. Arrays are (k,), in its own order."""
 
-    rows: Ints  # of its actuators on the bus, each the seat of one of its joints
+    rows: Ints  # of its actuators among them, each the seat of one of its joints
     law: Transmission
     lower: Floats  # rad: within lower..upper of its joints every place is within the counts of its actuators
     upper: Floats
@@ -107,6 +117,11 @@ class Linked:
     def angles(self, position: Floats) -> None:
         """Of a bus (m,), in place: the other way round."""
         position[self.rows] = self.law.inverse(position[self.rows])
+
+    def speeds(self, angles: Floats, velocity: Floats) -> None:
+        """Of a bus (m,), in place: what its joints turn at becomes its actuators', standing at `angles`."""
+        jacobian = self.law.jacobian(angles[self.rows])
+        velocity[self.rows] = np.linalg.solve(jacobian, velocity[self.rows])
 
     def velocity(self, angles: Floats, speeds: Floats) -> None:
         """Of a bus (m,), in place: what its actuators turn at, standing at `angles`, becomes its joints'."""
@@ -122,19 +137,19 @@ class Linked:
 
 def condition(law: Transmission) -> float:
     """The worst condition number of its Jacobian; inf where it cannot be inverted."""
-    numbers = [float(np.linalg.cond(law.jacobian(place))) for place in law.places]
-    return max(numbers) if np.isfinite(numbers).all() else float("inf")
+    numbers = np.linalg.cond(law.slopes)
+    return float(numbers.max()) if np.isfinite(numbers).all() else float("inf")
 
 
 def forth(law: Transmission) -> Floats:
     """(k, k): how far each joint (row) moves at most per rad of each actuator, by amount."""
-    found: Floats = np.max([np.abs(law.jacobian(place)) for place in law.places], axis=0)
+    found: Floats = np.abs(law.slopes).max(axis=0)
     return found
 
 
 def back(law: Transmission) -> Floats:
     """(k, k): how far each actuator (row) must move at most per rad of each joint, by amount."""
-    found: Floats = np.max([np.abs(np.linalg.inv(law.jacobian(place))) for place in law.places], axis=0)
+    found: Floats = np.abs(np.linalg.inv(law.slopes)).max(axis=0)
     return found
 
 
@@ -144,20 +159,12 @@ def fair(share: Floats, bound: Floats, own: Floats) -> Floats:
     share @ result <= bound and result <= `own` (k,): each joint as much as it may alone, all less in one
     proportion. NaN bounds give NaN.
     """
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         alone = np.minimum((bound[:, None] / share).min(axis=0), own)
         return np.asarray(alone * np.minimum(1.0, (bound / (share @ alone)).min()))
 
 
 def span(law: Transmission, lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
-    """Least and largest actuator angles (k,) while the joints stay in lower..upper (k,); NaN: not known.
-
-    They are taken at the edge of that box: of a matrix at its corners, of a table at places along it.
-    """
-    lines = [
-        np.linspace(low, high, EDGE if law.curved else 2) for low, high in zip(lower, upper, strict=True)
-    ]
-    box = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, len(lines))
-    edge = box[((box == lower) | (box == upper)).any(axis=1)]
-    angles = np.array([law.inverse(place) for place in edge])
+    """Least and largest actuator angles (k,) while the joints stay in lower..upper (k,); NaN: not known."""
+    angles = law.extremes(lower, upper)
     return angles.min(axis=0), angles.max(axis=0)

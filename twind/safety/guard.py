@@ -12,6 +12,7 @@ from twind.robot.finding import Finding
 from twind.robot.limits import Limits
 from twind.robot.modes import State
 from twind.robot.ratings import Ratings
+from twind.robot.transmission import Linked
 from twind.safety.bus_rules import BusRules
 from twind.safety.device_rules import DeviceRules
 from twind.safety.facts import MOVING, REACTING, Facts, Judgement, Key, Reaction, Said, Thresholds, Traffic
@@ -54,10 +55,11 @@ class Guard:
         can: Mapping[str, Sequence[int]] | None = None,
         support: str = "free",
         ratings: Ratings | None = None,
+        linked: Sequence[Linked] = (),
     ) -> None:
         """`buses`: their names, in the order of `Facts.traffic`. `can`: the joints of each of them that is a
         CAN bus. `support`: of the robot file. `ratings`: what the motors bear; without them nobody's supply,
-        heat or load has a bound."""
+        heat or load has a bound. `linked`: whose actuators turn joints together."""
         self._bounds = bounds = thresholds if thresholds is not None else Thresholds()
         rated = ratings if ratings is not None else Ratings.unknown(len(limits.lower))
         free = support not in ("fixed", "gantry")
@@ -67,9 +69,9 @@ class Guard:
         self._buses, self._lines = BusRules(buses, bounds), LineRules(buses, lines, free, bounds)
         on_can = frozenset(joint for joints in lines.values() for joint in joints)
         self._devices = DeviceRules(rated.leg, free, bounds, on_can)
-        self._tracking, self._heat = TrackingRules(limits, bounds), HeatRules(rated, bounds)
+        self._tracking, self._heat = TrackingRules(limits, bounds, linked), HeatRules(rated, bounds)
         self._currents, self._volts = CurrentRules(rated, bounds), VoltageRules(rated, bounds)
-        self._free = free
+        self._free, self._linked = free, linked
         self._present: set[Key] = set()  # said of the last tick, and told then or before
         self._told: dict[Key, float] = {}  # s, when each was last told
         self.bars: tuple[Finding, ...] = ()  # of the last tick: why nobody may arm now
@@ -79,7 +81,7 @@ class Guard:
         buses have been through, is remembered."""
         self._goals = GoalRules(limits, self._bounds)
         self._readings = ReadingRules(limits, self._bounds, self._free)
-        self._tracking = TrackingRules(limits, self._bounds)
+        self._tracking = TrackingRules(limits, self._bounds, self._linked)
 
     def judge(self, facts: Facts) -> Judgement:
         """The reaction to this tick's facts, and what to tell. Never raises for bad numbers."""

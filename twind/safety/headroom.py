@@ -1,10 +1,11 @@
 """Is there room to begin: temperature and supply of the joints to move or to arm (S27)? Pure."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from twind.robot.arrays import Bools, Floats
+from twind.robot.arrays import Bools, Floats, Ints, whole
 from twind.robot.finding import Code, Finding
 from twind.robot.ratings import Ratings
 
@@ -19,10 +20,14 @@ class Condition:
     voltage: Floats  # V, NaN never read
     age: Floats  # s since both were read; inf never
     ratings: Ratings
+    together: Sequence[
+        Ints
+    ] = ()  # places of joints that motors turn together: none moves without all of them
 
 
 def headroom(condition: Condition, chosen: Bools, oldest: float) -> list[Finding]:
-    """S27 of the joints `chosen`. A reading older than `oldest` (s), of another age or not there refuses.
+    """S27 of the motors that turn the joints `chosen`. A reading older than `oldest` (s), of another age or
+    not there refuses.
 
     Where nothing is known of a model's bounds (they are infinite) nothing is judged: its servos may have no
     such register, and must not be barred for ever.
@@ -36,7 +41,7 @@ def headroom(condition: Condition, chosen: Bools, oldest: float) -> list[Finding
         (Code.THERMAL_HEADROOM, hot, warm, ratings.hot, "°C: too hot to begin; let it cool"),
         (Code.VOLTAGE_LOW, weak, low, ratings.low_settle, "V: too low to begin; charge it, check the supply"),
     ):
-        for joint in np.flatnonzero(chosen & wrong):
+        for joint in np.flatnonzero(whole(chosen, condition.together) & wrong):
             last, most, age = float(value[joint]), float(bound[joint]), float(condition.age[joint])
             if not (np.isfinite(last) and np.isfinite(age)):
                 found.append(Finding(code, int(joint), value=last, bound=most, message=UNREAD))

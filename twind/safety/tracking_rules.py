@@ -1,10 +1,11 @@
 """Does every joint go where it is told: rules R15, R16 and R25. Pure.
 
 A servo that moves is behind its goal by the lag of its own loop: R15 allows for `Thresholds.lag` at the
-goal's speed. What takes long to go wrong is looked at every `Thresholds.look`.
+goal's speed. What takes long to go wrong is looked at every `Thresholds.look`. An encoder is an actuator's:
+where several turn joints together, it is their angles that are looked at.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import isfinite
 
 import numpy as np
@@ -13,25 +14,31 @@ from twind.robot.arrays import Bools, Floats, every
 from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
 from twind.robot.state import JointState
+from twind.robot.transmission import Linked
 from twind.safety.device_rules import ALERT, TRIPPED
 from twind.safety.facts import MOVING, Facts, Reaction, Said, Thresholds, held, hold, hold_here
 from twind.safety.goal_rules import ROUNDING
 
+STILL = 1e-9  # rad, less than any count: the very same, worked out from joints
 NEVER = np.inf  # s: a condition that does not hold has begun then
 
 
 class TrackingRules:
     """Remembers per joint: since when it is off, or apart from the model, and where it last changed."""
 
-    def __init__(self, limits: Limits, bounds: Thresholds) -> None:
+    def __init__(self, limits: Limits, bounds: Thresholds, linked: Sequence[Linked] = ()) -> None:
+        """`linked`: whose actuators turn joints together."""
         count = len(limits.lower)
+        self._linked = linked
         self._bounds, self._velocity = bounds, limits.velocity
         self._fastest = bounds.overspeed * limits.velocity + bounds.overspeed_slack
         self._slowest = float(self._fastest.min(initial=np.inf)) ** 2  # (rad/s)², of the slowest joint
         self._off_since, self._drift_since = np.full((2, count), NEVER)
         self._fast = np.zeros(count, np.int64)  # readings in a row
-        self._place: Floats | None = None  # rad, the last reading looked at; None: nothing moves
-        self._goal = np.zeros(count)  # rad, the goal when the position last changed, ...
+        self._place: Floats | None = (
+            None  # rad, of actuators, the last reading looked at; None: nothing moves
+        )
+        self._goal = np.zeros(count)  # rad, their goal when that last changed, ...
         self._turned = np.zeros(count)  # s, ... and when
         self._looked = -NEVER  # s
 
@@ -91,18 +98,19 @@ class TrackingRules:
         if facts.motion not in MOVING:
             self._place = None
             return
+        place, goal, velocity = self._of_actuators(measured, goal)
         if self._place is None:
             changed = np.ones(len(goal), np.bool_)
         else:
-            changed = (measured.position != self._place) | ~measured.heard
-        self._place = measured.position
+            changed = ~(np.abs(place - self._place) <= STILL) | ~measured.heard
+        self._place = place
         np.copyto(self._goal, goal, where=changed)
         self._turned[changed] = facts.now
         moved = np.abs(goal - self._goal)
         bounds = self._bounds
         if every(moved < bounds.frozen_moved):
             return
-        turning = np.abs(measured.velocity) >= bounds.frozen_turning
+        turning = np.abs(velocity) >= bounds.frozen_turning
         load = np.full(len(moved), np.nan) if facts.load is None else facts.load
         idle = (load >= bounds.frozen_load[0]) & (load <= bounds.frozen_load[1])
         works = ((moved >= bounds.frozen_moved) & turning) | ((moved >= bounds.frozen_far) & idle)
@@ -112,6 +120,17 @@ class TrackingRules:
             message = "s with the very same position while its motor works: encoder, horn, gear?"
             finding = Finding(Code.SENSE_FROZEN, joint, value=value, bound=bound, message=message)
             yield Said(finding, hold(facts), latches=True)
+
+    def _of_actuators(self, measured: JointState, goal: Floats) -> tuple[Floats, Floats, Floats]:
+        """Where the actuators stand, where they are to, and what they turn at; NaN: not known."""
+        place, velocity = measured.position, measured.velocity
+        if self._linked:
+            place, goal, velocity = place.copy(), goal.copy(), velocity.copy()
+        for each in self._linked:
+            each.angles(place)
+            each.angles(goal)
+            each.speeds(place, velocity)
+        return place, goal, velocity
 
     # ------------------------------------------------------------------------------------------- R16, R25
 
