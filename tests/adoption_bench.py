@@ -12,6 +12,7 @@ from twind_calibration.adoption.calibrated import Entry
 from twind_calibration.adoption.carry import Adoption, prepare
 from twind_calibration.adoption.hand import Setter
 from twind_calibration.adoption.places import choose, look
+from twind_calibration.calibrating.draft import Draft
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.packet import Framer, Instruction
 from twind_drivers.dynamixel.reader import DynamixelReader
@@ -96,6 +97,11 @@ def fresh(id: int = 1, model: str = "XM430-W350", firmware: int = 47, **settings
     return ServoSpec(id, model, settings, firmware)
 
 
+def uncalibrated(robot: RobotFile, joint: str) -> Entry:
+    """What is known of a joint of which nothing is."""
+    return Entry(robot, Path("bench.yaml"), None, Draft(), joint)
+
+
 class Bench:
     """Servos on a wire, each at another count and powered at another time."""
 
@@ -118,7 +124,7 @@ class Bench:
         chosen = choose(self.robot, heard, name)
         if chosen is None:
             return None
-        return prepare(chosen, self.port.at, entry or Entry(None, None, chosen.joint.name))
+        return prepare(chosen, self.port.at, entry or uncalibrated(self.robot, chosen.joint.name))
 
     def adopt(self, name: str | None = None, entry: Entry | None = None) -> Adoption | None:
         """All of it."""

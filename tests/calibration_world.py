@@ -10,7 +10,6 @@ from twind.config.calibration_file import (
     dump_calibration,
     read_calibration,
     recorded,
-    turn_band,
 )
 from twind.config.counts import slot_angles
 from twind.config.robot_file import load_robot
@@ -20,11 +19,12 @@ from twind.twin.binding import bind
 from twind.virtual.truth import Truth
 from twind_calibration.calibrating.captures import Capture, capture
 from twind_calibration.calibrating.ground import Ground
-from twind_calibration.calibrating.placing import by_pose, misfits, whole
+from twind_calibration.calibrating.placing import travel_of
 from twind_calibration.calibrating.slots import slots
 from twind_calibration.calibrating.travels import News, Travels
-from twind_calibration.calibrating.unwrap import Sample, framed, on_turn
+from twind_calibration.calibrating.unwrap import Sample
 from twind_calibration.calibrating.writing import merged
+from twind_calibration.calibrating.zeroing import Swept, place_slot
 
 QUICK = 5.0  # rad/s of a hand
 WELL = 3  # ticks of 4096 that a zero may be off
@@ -116,14 +116,12 @@ def measured(
     angles, entries = slot_angles(rig.robot, pose), []
     for slot in slots(rig.robot):
         record = recorded(found[slot.joint.bus, slot.joint.id])
-        travel, read = travels.travel(slot.name), captures[slot.name]
-        assert travel is not None and not read.wrong, (slot.name, read)
-        turn = slot.joint.type.ticks_per_turn
-        sweep = framed(*travel, slot.start + record.homing_offset_ticks, turn)
-        zero = by_pose(slot, sweep, read.mean, read.sigma, read.count, angles[slot.joint.name])
-        stands = on_turn(round(read.mean), turn_band(sweep, turn))
-        assert misfits(slot, record, sweep, zero.ticks, stands) == [], slot.name
-        entries.append(whole(slot, record, sweep, zero))
+        travel = travels.travel(slot.name)
+        assert travel is not None, slot.name
+        known = Swept(record, travel_of(slot, record, travel))
+        placed = place_slot(slot, known, record, captures[slot.name], angles[slot.joint.name])
+        assert placed.entry is not None, (slot.name, placed.wrong)
+        entries.append(placed.entry)
     made = merged(Ground(rig.robot, Path("h24.yaml"), named=False), None, entries)
     return read_calibration(dump_calibration(made), "h24.yaml", rig.robot)
 

@@ -1,5 +1,7 @@
 """`twindctl adopt` cut short: nothing loses a servo, and no old calibration outlives one. In process."""
 
+from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,9 @@ from twind.ctl.verb import Rejected
 from twind.robot.finding import Code
 from twind_calibration.adoption.calibrated import entry_of
 from twind_calibration.adoption.places import RATES, Place, joint_of, ways
+from twind_calibration.calibrating import draft as drafts
+from twind_calibration.calibrating.draft import Swept
+from twind_calibration.described import read
 from twind_drivers.bus import Device
 
 
@@ -107,7 +112,7 @@ def calibrated(robot: RobotFile, folder: Path) -> Path:
 def test_the_old_servos_calibration_goes_before_the_first_write(robot: RobotFile, tmp_path: Path) -> None:
     path = calibrated(robot, tmp_path)
     bench = Bench(robot, [settled(1), settled(9), fresh()])
-    adoption = there(bench.look(entry=entry_of(robot, path, "wrist")))
+    adoption = there(bench.look(entry=entry_of(robot, path, "wrist", path)))
     assert "its entry is taken out" in adoption.lines()[-1]
     assert "wrist" in load_calibration(path, robot).by_name  # not by looking
     bench.port.left = 0
@@ -117,7 +122,7 @@ def test_the_old_servos_calibration_goes_before_the_first_write(robot: RobotFile
     left = load_calibration(path, robot)
     assert sorted(left.by_name) == ["elbow", "thumb"]
     bench.port.left = float("inf")
-    bench.adopt(entry=entry_of(robot, path, "wrist"))
+    bench.adopt(entry=entry_of(robot, path, "wrist", path))
     same = {"return_delay_time": 10, "shutdown": 53, "current_limit": 600, "startup_configuration": 0}
     held = {"homing_offset": 0, "drive_mode": 0, "operating_mode": 3, "secondary_shadow_id": 255}
     ends = {"min_position_limit": 0, "max_position_limit": 4095}
@@ -128,6 +133,53 @@ def test_the_old_servos_calibration_goes_before_the_first_write(robot: RobotFile
     assert [(each.code, robot.names[each.joint or 0]) for each in refused] == [(Code.CALIB_MISSING, "wrist")]
 
 
+@pytest.mark.parametrize("calibrated_too", [True, False])
+def test_what_was_swept_of_the_old_servo_goes_with_it(
+    robot: RobotFile, tmp_path: Path, calibrated_too: bool
+) -> None:
+    """Of the same model and settings: nothing else would keep `zero` from taking it for that of the new one."""
+    path = calibrated(robot, tmp_path)
+    device = load_calibration(path, robot).by_name["wrist"].device
+    swept = Swept(device, (1000, 3000), "2026-11-21T09:14:03Z")
+    drafts.change(path, robot, lambda known: known.joined("wrist", swept).joined("elbow", swept))
+    if not calibrated_too:
+        path.unlink()
+    entry = entry_of(robot, path if calibrated_too else None, "wrist", path)
+    bench = Bench(robot, [settled(1), settled(9), fresh()])
+    adoption = there(bench.look(entry=entry))
+    assert "wrist was swept, 2026-11-21T09:14:03Z: its travel is taken out" in adoption.lines()[-1]
+    assert "wrist" in drafts.load(path, robot).swept  # not by looking
+    bench.port.left = 0
+    with pytest.raises(Killed):
+        adoption.carry_out()
+    assert set(drafts.load(path, robot).swept) == {"elbow"}
+    assert path.exists() == calibrated_too
+    bench.port.left = float("inf")
+    bench.adopt(entry=entry_of(robot, path if calibrated_too else None, "wrist", path))
+    assert is_home(bench, 2)
+
+
+def test_where_no_calibration_is_yet_its_draft_is_looked_for_where_it_would_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    files = Namespace(config=None, robot="h24", calibration=None, port=["/dev/null"], socket=None)
+    described = read(files)
+    assert described.calibration is None
+    assert described.usual == tmp_path / "calibration" / "h24.yaml"
+
+
+def test_what_others_calibrated_since_it_was_looked_at_stays(robot: RobotFile, tmp_path: Path) -> None:
+    path = calibrated(robot, tmp_path)
+    entry = entry_of(robot, path, "wrist", path)
+    known = load_calibration(path, robot)
+    elbow = replace(known.by_name["elbow"], zero_ticks=2060)
+    others = [elbow if each.name == "elbow" else each for each in known.joints]
+    save_calibration(replace(known, joints=tuple(others)), tmp_path, "bench")
+    entry.strike_out()
+    assert load_calibration(path, robot).by_name["elbow"] == elbow
+
+
 def test_a_calibrated_joint_with_its_servo_keeps_its_calibration_and_its_registers(
     robot: RobotFile, tmp_path: Path
 ) -> None:
@@ -136,12 +188,12 @@ def test_a_calibrated_joint_with_its_servo_keeps_its_calibration_and_its_registe
     bench = Bench(robot, [settled(1), settled(9), settled(7, min_position_limit=100)])
     held = bench.eeprom(2)
     with pytest.raises(Rejected, match=r"nothing to adopt\. .*min_position_limit \(52\): 100 -> 0.* doctor"):
-        bench.adopt("wrist", entry_of(robot, path, "wrist"))
+        bench.adopt("wrist", entry_of(robot, path, "wrist", path))
     assert (path.read_bytes(), bench.eeprom(2), bench.port.writes) == (before, held, [])
     path.chmod(0o644)
-    entry_of(robot, path, "wrist").strike_out()  # as the refusal says
+    entry_of(robot, path, "wrist", path).strike_out()  # as the refusal says
     assert path.stat().st_mode & 0o777 == 0o644, "who could read it still can"
-    bench.adopt("wrist", entry_of(robot, path, "wrist"))
+    bench.adopt("wrist", entry_of(robot, path, "wrist", path))
     assert is_home(bench, 2) and bench.value(2, "min_position_limit") == 0
 
 
@@ -153,19 +205,19 @@ def test_a_calibration_that_cannot_be_written_stops_it_before_the_first_write(
     path.rename(odd)
     bench = Bench(robot, [settled(1), settled(9), fresh()])
     with pytest.raises(Rejected, match=r"entry of wrist must go .* does not end in \.yaml"):
-        bench.adopt(entry=entry_of(robot, odd, "wrist"))
+        bench.adopt(entry=entry_of(robot, odd, "wrist", path))
     assert bench.port.writes == []
 
 
 def test_a_file_without_the_joint_is_left_alone(robot: RobotFile, tmp_path: Path) -> None:
     path = calibrated(robot, tmp_path)
-    entry_of(robot, path, "wrist").strike_out()
+    entry_of(robot, path, "wrist", path).strike_out()
     before = path.read_bytes()
-    entry_of(robot, path, "wrist").strike_out()
-    entry_of(robot, None, "wrist").strike_out()
+    entry_of(robot, path, "wrist", path).strike_out()
+    entry_of(robot, None, "wrist", path).strike_out()
     assert path.read_bytes() == before
     for name in ("elbow", "thumb"):
-        entry_of(robot, path, name).strike_out()
+        entry_of(robot, path, name, path).strike_out()
     assert load_calibration(path, robot).joints == ()
 
 
@@ -173,4 +225,4 @@ def test_a_calibration_file_that_cannot_be_read_is_named(robot: RobotFile, tmp_p
     path = tmp_path / "bench.yaml"
     path.write_text("format: nonsense\n")
     with pytest.raises(Rejected, match="Until it can be read nobody knows what it says of wrist"):
-        entry_of(robot, path, "wrist")
+        entry_of(robot, path, "wrist", path)

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +25,7 @@ ROBOT = load_robot("h24")
 SLOTS = slots(ROBOT)
 KNEE = next(slot for slot in SLOTS if slot.name == "l_knee")
 TURN = 4096
+BEYOND = re.compile("cross its encoder's seam|leave the counts")  # of its limits: no mode position then
 DEVICE = DeviceRecord(1020, 46, None, 0, 0, 3, 0, 4095)
 
 
@@ -60,7 +62,7 @@ def test_a_count_under_one_offset_is_the_same_place_under_another(
     low, high = span(slot, zero + then)
     motor = Motor("m", slot.joint.id, 0, then, low, high)
     folded = fold(slot, of_motor(motor, DYNAMIXEL), device(now), zero + then)
-    assume("cross its encoder's seam" not in "; ".join(folded.wrong))
+    assume(not BEYOND.search("; ".join(folded.wrong)))
     entry = taken(folded)
     assert (entry.zero_ticks - (zero + now)) % TURN == 0
     assert entry.sweep_ticks[0] - entry.zero_ticks == low - (zero + then)
@@ -74,7 +76,7 @@ def test_the_offset_that_is_on_the_servo_needs_nobody_s_word(zero: int, offset: 
     low, high = span(KNEE, zero)
     motor = Motor("m", KNEE.joint.id, 0, offset, low, high)
     folded = fold(KNEE, of_motor(motor, None), device(offset), zero)
-    assume("cross its encoder's seam" not in "; ".join(folded.wrong))
+    assume(not BEYOND.search("; ".join(folded.wrong)))
     assert taken(folded).zero_ticks == zero
 
 

@@ -21,7 +21,7 @@ from test_calibration_file import ROBOT, made
 
 from twind.config import saving
 from twind.config.calibration_file import dump_calibration, load_calibration
-from twind.config.saving import Rights, draft_of, save_draft, save_text
+from twind.config.saving import Rights, alone, draft_of, save_text
 
 
 def text(zero: int) -> str:
@@ -127,9 +127,13 @@ def test_when_it_returns_it_is_on_the_disk(recording: Recording) -> None:
 
 
 def test_a_draft_is_old_or_new_as_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    save_draft(tmp_path, "h24", OLD)
+    def save_draft(text: str) -> None:
+        with alone(tmp_path) as folder:
+            folder.save_draft("h24", text)
+
+    save_draft(OLD)
     name = draft_of(tmp_path, "h24").name
-    drafted = recorded(tmp_path, lambda: save_draft(tmp_path, "h24", NEW), saving, monkeypatch)
+    drafted = recorded(tmp_path, lambda: save_draft(NEW), saving, monkeypatch)
     left = [held[name] for count in range(len(drafted.calls) + 1) for held in drafted.aftermaths(count)]
     assert set(left) == {OLD.encode(), NEW.encode()}
     assert {held[name] for held in drafted.aftermaths(len(drafted.calls))} == {NEW.encode()}

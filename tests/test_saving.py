@@ -28,6 +28,7 @@ class Disk:
     def __init__(self, folder: Path, calls: int) -> None:
         self.folder, self.left, self.order = folder, calls, list[str]()
         self.unsynced: dict[int, str] = {}
+        self.opened: set[int] = set()
         self.lost: list[str] = []
 
     def __getattr__(self, name: str) -> Any:
@@ -41,6 +42,10 @@ class Disk:
             self.left -= 1
             self.order.append(name)
             result = real(*args, **kwargs)
+            if name == "open":
+                self.opened.add(result)
+            elif name == "close":
+                self.opened.discard(args[0])
             if name == "open" and kwargs.get("dir_fd") is not None:
                 self.unsynced[result] = args[0]
             elif name == "fsync":
@@ -56,6 +61,9 @@ class Disk:
             path = self.folder / name
             path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         self.unsynced.clear()
+        for fd in self.opened:
+            os.close(fd)  # nobody holds anything any more
+        self.opened.clear()
         raise PowerCut
 
 

@@ -25,6 +25,7 @@ from twind_calibration.calibrating.placing import (
     by_pose,
     fence,
     misfits,
+    spread,
     whole,
 )
 from twind_calibration.calibrating.slots import Slot, slots
@@ -165,6 +166,16 @@ def test_a_travel_that_is_too_wide_is_wrong_unless_it_is_taken_as_it_is() -> Non
         assert (hands.travels.travel("waist_pitch", at_once=True) is not None) is wide
 
 
+def test_a_travel_that_was_done_and_grows_too_wide_is_one_no_more() -> None:
+    hands = Hands(["l_knee"])
+    hands.sweep("l_knee", 1500)
+    assert hands.travels.travel("l_knee") is not None
+    hands.go("l_knee", 2400)
+    hands.pass_(50)
+    assert hands.travels.progress("l_knee").stage is Stage.WRONG
+    assert hands.travels.travel("l_knee") is None and hands.travels.travel("l_knee", at_once=True) is None
+
+
 def test_who_moves_instead_of_whom_is_named_once() -> None:
     hands = Hands(["l_knee"])
     hands.go("r_knee", 900)
@@ -225,7 +236,9 @@ def test_the_ends_of_the_travel_tell_the_zero_too_and_how_far_they_differ(slot: 
     uneven = by_ends(slot, sweep, slot.lower - 0.1, slot.upper)
     assert uneven.sigma == pytest.approx(slot.ticks(0.05), abs=2)
     one = by_ends(slot, sweep, None, slot.upper)
-    assert abs((one.ticks - zero + TURN // 2) % TURN - TURN // 2) <= 2 and one.captures == 1
+    assert abs((one.ticks - zero + TURN // 2) % TURN - TURN // 2) <= 2
+    assert spread(whole(slot, DEVICE, sweep, one)) is None, "nobody knows"
+    assert spread(whole(slot, DEVICE, sweep, found)) == found.sigma
     with pytest.raises(ValueError):
         by_ends(slot, sweep, None, None)
 
@@ -250,12 +263,24 @@ def test_limits_across_the_seam_are_refused_in_position_mode_alone() -> None:
     assert "cross its encoder's seam, which mode position cannot" in seam
     extended = replace(KNEE, joint=replace(KNEE.joint, mode="extended_position"))
     assert misfits(extended, DEVICE, sweep, zero) == []
-    assert fence(extended, zero, DEVICE) is None
+    assert fence(extended, zero) is None
 
 
-def test_the_fence_is_the_limits_rounded_inwards_and_within_the_turn() -> None:
-    assert fence(KNEE, 2051, DEVICE) == tick_range(KNEE.joint, 2051, KNEE.lower, KNEE.upper)
-    assert fence(KNEE, 10, DEVICE) == (0, tick_range(KNEE.joint, 10, -0.1, 2.2)[1])
+def test_the_fence_is_the_limits_rounded_inwards() -> None:
+    assert fence(KNEE, 2051) == tick_range(KNEE.joint, 2051, KNEE.lower, KNEE.upper)
+
+
+@pytest.mark.parametrize(("offset", "zero"), [(-512, -300), (512, 2900)])
+def test_limits_beyond_the_counts_of_position_mode_are_refused_and_never_cut(offset: int, zero: int) -> None:
+    """A homing offset moves the counts, and goals and limits stay within 0..4095."""
+    device = replace(DEVICE, homing_offset_ticks=offset)
+    first, last = fence(KNEE, zero) or (0, 0)
+    assert first < 0 or last > 4095
+    [wrong] = misfits(KNEE, device, (first - 40, last + 40), zero)
+    assert f"{first}..{last} leave the counts 0..4095" in wrong and f"(20) is {offset}, write 0" in wrong
+    inside = replace(DEVICE, homing_offset_ticks=-100)
+    first, last = fence(KNEE, 2048) or (0, 0)
+    assert misfits(KNEE, inside, (first - 40, last + 40), 2048) == []
 
 
 # ------------------------------------------------------------------------------------------- the files
@@ -274,22 +299,23 @@ def test_a_draft_reads_back_as_it_was_written(travels: dict[str, tuple[int, int]
             for name, (first, span) in travels.items()
         }
     )
-    assert drafts.read(drafts.dump(draft, ROBOT), "draft", ROBOT, list(NAMED)) == draft
+    assert drafts.read(drafts.dump(draft, ROBOT), "draft", ROBOT) == draft
 
 
 def test_a_draft_is_bound_to_the_description_and_leaves_with_its_last_joint(tmp_path: Path) -> None:
     path = tmp_path / "h24.yaml"
     swept = Swept(DEVICE, (1, 2000), "2026-11-21T09:14:03Z")
-    assert drafts.load(path, ROBOT, NAMED) == Draft()
-    kept = drafts.save(Draft({"l_knee": swept}), path, ROBOT)
-    assert kept == draft_of(tmp_path, "h24") and kept.name == ".h24.draft.yaml"
-    assert drafts.load(path, ROBOT, NAMED).swept == {"l_knee": swept}
+    assert drafts.load(path, ROBOT) == Draft()
+    drafts.change(path, ROBOT, lambda known: known.joined("l_knee", swept))
+    kept = draft_of(tmp_path, "h24")
+    assert kept.exists() and kept.name == ".h24.draft.yaml"
+    assert drafts.load(path, ROBOT).swept == {"l_knee": swept}
     other = replace(ROBOT, joints=(replace(ROBOT.joints[0], sign=-1), *ROBOT.joints[1:]))
     with pytest.raises(Rejected, match="joints, ids, signs or ratios changed since"):
-        drafts.load(path, other, NAMED)
+        drafts.load(path, other)
     with pytest.raises(ConfigError, match="unknown"):
-        drafts.read(drafts.dump(Draft({"l_tail": swept}), ROBOT), "draft", ROBOT, NAMED)
-    drafts.save(drafts.load(path, ROBOT, NAMED).without(["l_knee"]), path, ROBOT)
+        drafts.read(drafts.dump(Draft({"l_tail": swept}), ROBOT), "draft", ROBOT)
+    drafts.change(path, ROBOT, lambda known: known.without(["l_knee"]))
     assert not kept.exists()
 
 

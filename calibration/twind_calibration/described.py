@@ -24,6 +24,7 @@ class Described:
     robot: RobotFile
     ports: Mapping[str, str | None]  # by bus; None: nobody says
     calibration: Path | None  # None: none was named, and the individual has none yet
+    usual: Path  # where the individual's stands when no file is named
     sockets: Path  # where its daemon would listen
 
     def port(self, bus: str) -> str:
@@ -57,7 +58,8 @@ def read(options: argparse.Namespace) -> Described:
         refuse_wrong(robot, ports)
         source = None if settings.source == "defaults" else settings.source
         sockets = sockets_of(source, str(settings.socket_dir), SERVICE.parent)
-        return Described(robot, ports, settings.calibration_path(robot.name), Path(sockets))
+        usual = settings.usual_calibration(robot.name)
+        return Described(robot, ports, settings.calibration_path(robot.name), usual, Path(sockets))
     except Unfit as error:
         raise UsageError(str(error)) from None
     except ConfigError as error:

@@ -24,6 +24,7 @@ FORMAT = "twind-calibration/1"
 METHODS = ("jig", "endstop", "sweep", "gravity", "import")
 MAX_TICKS = 2**31 - 1
 HISTORY = 20  # earlier files kept beside the current one
+STAMPED = "moving_threshold"  # 24: where a calibration that uses tags has stamped the servo
 SWEEP_MARGIN = 0.08  # rad, travel of a fitting calibration beyond the described limits
 
 _STAMP = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
@@ -235,8 +236,11 @@ def fitting(
     return replace(calibration, sha256=text_hash(dump_calibration(calibration)))
 
 
-def recorded(device: Device) -> DeviceRecord:
-    """What a calibration keeps of a device. Raises KeyError: a setting that it did not tell."""
+def recorded(device: Device, *, tagged: bool = False) -> DeviceRecord:
+    """What a calibration keeps of a device; `tagged`: its tag as well, which only a stamped one has.
+
+    Raises KeyError: a setting that it did not tell.
+    """
     settings = device.settings
     return DeviceRecord(
         model_number=device.model_number,
@@ -247,6 +251,7 @@ def recorded(device: Device) -> DeviceRecord:
         operating_mode=settings["operating_mode"],
         min_ticks=settings["min_position_limit"],
         max_ticks=settings["max_position_limit"],
+        tag=settings[STAMPED] if tagged else None,
     )
 
 

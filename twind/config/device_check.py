@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from twind.config import can_check, servo_check
 from twind.config.actuator import CanType, ServoType
-from twind.config.calibration_file import Calibration, DeviceRecord, JointCalibration
+from twind.config.calibration_file import STAMPED, Calibration, DeviceRecord, JointCalibration
 from twind.config.counts import rad_per_tick
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.servo_check import Doubt
@@ -16,7 +16,6 @@ from twind_drivers.bus import Device
 
 Devices = Mapping[tuple[str, int], Device]
 
-STAMPED = "moving_threshold"  # 24: where a calibration that uses tags has stamped the servo
 PLAUSIBLE_SWEEP = (0.6, 1.3)  # of the described range
 
 # register in `Device.settings` -> field of the record

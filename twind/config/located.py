@@ -43,6 +43,16 @@ class ConfigError(Exception):
         self.file, self.line, self.column, self.path = file, mark.line, mark.column, path
         self.message = message
 
+    @property
+    def absent(self) -> bool:
+        """Nothing stands there."""
+        return isinstance(self.__cause__, FileNotFoundError | NotADirectoryError)
+
+    @property
+    def forbidden(self) -> bool:
+        """It is not for this user to read."""
+        return isinstance(self.__cause__, PermissionError)
+
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
@@ -100,7 +110,7 @@ def read_text(path: Path) -> str:
         raise ConfigError(str(path), start, "", str(error.strerror)) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        raise ConfigError(str(path), start, "", f"cannot be read: {reason}") from None
+        raise ConfigError(str(path), start, "", f"cannot be read: {reason}") from error
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:

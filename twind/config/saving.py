@@ -1,11 +1,22 @@
-"""Files that must be old or new, never mixed: written beside, synced, read back, renamed, folder synced."""
+"""Files that must be old or new, never mixed: written beside, synced, read back, renamed, folder synced.
 
+One program at a time saves into a folder. Who makes a file anew of what it holds reads it `alone` as well.
+"""
+
+import contextlib
+import errno
+import fcntl
 import os
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from twind.config.section import file_error
+from twind_drivers.clock import MonotonicClock
+
+PATIENCE = 30.0  # s to wait for another program that saves there
+PAUSE = 0.02  # s between two looks
 
 _NAME = re.compile(r"[a-z0-9_-]{1,64}")
 _FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
@@ -20,27 +31,61 @@ class Rights:
     group: int = -1
 
 
-def save_text(folder: Path, name: str, text: str, history: int, rights: Rights | None = None) -> Path:
-    """Make `folder/name.yaml` hold `text`; the earlier one becomes `name.0001.yaml` and up, `history` kept.
+@dataclass(frozen=True, slots=True)
+class Folder:
+    """A folder into which nobody else saves (`alone`)."""
 
-    A power cut at any point leaves the old or the new file, and none of the earlier ones less, but for the
-    oldest beyond `history` once the new one is safe. `rights` None: mode 0640, less what the umask takes.
-    Raises ConfigError (a name that is not 1 to 64 of a-z 0-9 _ -, bytes that read back differently), OSError
-    (no folder, disk full, no permission): then the old file stands, whatever is left beside it.
+    path: Path
+    _directory: int  # its descriptor, locked
+
+    def save_text(self, name: str, text: str, history: int, rights: Rights | None = None) -> Path:
+        """Make `name.yaml` hold `text`; the earlier one becomes `name.0001.yaml` and up, `history` kept.
+
+        A power cut at any point leaves the old or the new file, and none of the earlier ones less, but for
+        the oldest beyond `history` once the new one is safe. `rights` None: mode 0640, less what the umask
+        takes. Raises ConfigError (a name that is not 1 to 64 of a-z 0-9 _ -, bytes that read back
+        differently), OSError (disk full, no permission): then the old file stands, whatever is beside it.
+        """
+        _require_name(self.path, name)
+        current, fresh = f"{name}.yaml", f".{name}.yaml.new"
+        _write(self._directory, fresh, text.encode(), rights)
+        _keep(self._directory, name, current)
+        _rename(self._directory, fresh, current)
+        for number in _numbers(self._directory, name)[:-history]:
+            os.unlink(_numbered(name, number), dir_fd=self._directory)
+        return self.path / current
+
+    def save_draft(self, name: str, text: str, rights: Rights | None = None) -> Path:
+        """Make the draft of `name.yaml` hold `text`: old or new, never mixed, and no history.
+
+        Raises as `save_text`.
+        """
+        _require_name(self.path, name)
+        path = draft_of(self.path, name)
+        fresh = f"{path.name}.new"
+        _write(self._directory, fresh, text.encode(), rights)
+        _rename(self._directory, fresh, path.name)
+        return path
+
+
+@contextlib.contextmanager
+def alone(folder: Path) -> Iterator[Folder]:
+    """Hold a folder: whoever else saves there waits. Not to be held twice by one program.
+
+    Raises OSError: no folder, no permission to read it, somebody else saves there for half a minute.
     """
-    _require_name(folder, name)
-    current, fresh = f"{name}.yaml", f".{name}.yaml.new"
     directory = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        _write(directory, fresh, text.encode(), rights)
-        _keep(directory, name, current)
-        os.replace(fresh, current, src_dir_fd=directory, dst_dir_fd=directory)
-        os.fsync(directory)
-        for number in _numbers(directory, name)[:-history]:
-            os.unlink(_numbered(name, number), dir_fd=directory)
+        _lock(directory)
+        yield Folder(folder, directory)
     finally:
         os.close(directory)
-    return folder / current
+
+
+def save_text(folder: Path, name: str, text: str, history: int, rights: Rights | None = None) -> Path:
+    """`Folder.save_text`, of a text that owes nothing to what is there. Raises as it and as `alone`."""
+    with alone(folder) as held:
+        return held.save_text(name, text, history, rights)
 
 
 def draft_of(folder: Path, name: str) -> Path:
@@ -48,22 +93,19 @@ def draft_of(folder: Path, name: str) -> Path:
     return folder / f".{name}.draft.yaml"
 
 
-def save_draft(folder: Path, name: str, text: str) -> Path:
-    """Make the draft of `folder/name.yaml` hold `text`: old or new, never mixed, and no history.
-
-    Raises as `save_text`.
-    """
-    _require_name(folder, name)
-    path = draft_of(folder, name)
-    fresh = f"{path.name}.new"
-    directory = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        _write(directory, fresh, text.encode(), None)
-        os.replace(fresh, path.name, src_dir_fd=directory, dst_dir_fd=directory)
-        os.fsync(directory)
-    finally:
-        os.close(directory)
-    return path
+def _lock(directory: int) -> None:
+    """It goes with the descriptor, so that who is killed leaves none behind."""
+    clock = MonotonicClock()
+    deadline = clock.now() + PATIENCE
+    while True:
+        try:
+            fcntl.flock(directory, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if clock.now() > deadline:
+                why = f"another program saves there, for {PATIENCE:g} s now; is it stopped (Ctrl-Z)?"
+                raise BlockingIOError(errno.EAGAIN, why) from None
+        clock.sleep_until(clock.now() + PAUSE)
 
 
 def _require_name(folder: Path, name: str) -> None:
@@ -86,6 +128,11 @@ def _write(directory: int, name: str, data: bytes, rights: Rights | None) -> Non
             raise file_error(name, "reads back other than it was written: check the disk")
     finally:
         os.close(fd)
+
+
+def _rename(directory: int, fresh: str, name: str) -> None:
+    os.replace(fresh, name, src_dir_fd=directory, dst_dir_fd=directory)
+    os.fsync(directory)
 
 
 def _keep(directory: int, name: str, current: str) -> None:

@@ -41,9 +41,7 @@ class Adoption:
             said.append(f"  id (7): {chosen.place.id} -> {chosen.home.id}")
         if chosen.place.baud != chosen.home.baud:
             said.append(f"  baud rate (8): {chosen.place.baud} -> {chosen.home.baud}")
-        if self.entry.there:
-            said.append(f"  {joint.name} is {self.entry}: its entry is taken out, the earlier file is kept")
-        return said
+        return [*said, *(f"  {line}" for line in self.entry.lines())]
 
     def told(self, state: str) -> dict[str, Any]:
         """The same for programs. `state`: planned, adopted or there."""

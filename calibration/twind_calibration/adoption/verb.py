@@ -72,7 +72,7 @@ def _adopt(options: argparse.Namespace, described: Described, opened: dict[str, 
         show(options, {"state": "complete"}, f"nothing to adopt: all {count} joints have their servo")
         return DONE
     name = chosen.joint.name
-    entry = entry_of(robot, described.calibration, chosen.joint.actuator)
+    entry = entry_of(robot, described.calibration, chosen.joint.actuator, described.usual)
     adoption = prepare(chosen, opened[chosen.bus.name], entry)
     if adoption.nothing:
         text = f"{name} has its servo, {chosen.home}, and that holds what it must; {adoption.entry}"

@@ -4,7 +4,7 @@ Bound to the robot file's description like the calibration itself; each actuator
 """
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,9 +17,10 @@ from twind.config.calibration_file import (
 )
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import RobotFile
-from twind.config.saving import draft_of, save_draft
+from twind.config.saving import draft_of
 from twind.config.section import Plain, Section
 from twind.ctl.verb import Rejected
+from twind_calibration.calibrating import kept
 from twind_calibration.calibrating.ground import TOOL, now
 
 FORMAT = "twind-calibration-draft/1"
@@ -40,14 +41,23 @@ class Draft:
 
     swept: Mapping[str, Swept] = field(default_factory=dict)
 
+    @property
+    def devices(self) -> dict[str, DeviceRecord]:
+        """As each was when it was swept."""
+        return {name: one.device for name, one in self.swept.items()}
+
     def joined(self, name: str, one: Swept) -> "Draft":
         """With one more, or the same one anew."""
         return replace(self, swept={**self.swept, name: one})
 
     def without(self, names: Iterable[str]) -> "Draft":
-        """Those are whole."""
+        """Nothing is known of those any more."""
         gone = set(names)
         return replace(self, swept={name: one for name, one in self.swept.items() if name not in gone})
+
+    def after(self, then: "Draft", whole: Iterable[str]) -> "Draft":
+        """Those became whole by what `then` says of them; what was swept since stays."""
+        return self.without(name for name in whole if self.swept.get(name) == then.swept.get(name))
 
 
 def dump(draft: Draft, robot: RobotFile) -> str:
@@ -70,8 +80,8 @@ def dump(draft: Draft, robot: RobotFile) -> str:
     return written(head, joints)
 
 
-def read(text: str, file: str, robot: RobotFile, names: Iterable[str]) -> Draft:
-    """The draft that `text` holds, of actuators called `names`. Raises ConfigError."""
+def read(text: str, file: str, robot: RobotFile) -> Draft:
+    """The draft that `text` holds. Raises ConfigError."""
     top = Section(file, parse(text, file))
     if top.text("format") != FORMAT:
         raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
@@ -82,7 +92,7 @@ def read(text: str, file: str, robot: RobotFile, names: Iterable[str]) -> Draft:
     top.text("created")
     top.text("tool")
     section = top.section("joints")
-    section.close(also=names)
+    section.close(also={joint.actuator for joint in robot.joints})
     draft = Draft({name: _swept(section.section(name)) for name in section})
     top.close()
     return draft
@@ -102,21 +112,19 @@ def path_of(calibration: Path) -> Path:
     return draft_of(calibration.parent, calibration.stem)
 
 
-def load(calibration: Path, robot: RobotFile, names: Iterable[str]) -> Draft:
+def load(calibration: Path, robot: RobotFile) -> Draft:
     """The draft beside a calibration file; an empty one where there is none.
 
-    Raises Rejected: it is of another description, or broken. Moving it away begins a new one.
+    Raises Rejected: it is another user's, of another description, or broken. Moving it away begins a new one.
     """
     path = path_of(calibration)
     try:
-        return read(read_text(path), str(path), robot, names)
+        return read(read_text(path), str(path), robot)
     except ConfigError as error:
-        try:
-            absent = not path.exists()
-        except OSError:
-            absent = False
-        if absent:
+        if error.absent:
             return Draft()
+        if error.forbidden:
+            raise Rejected(f"{error}; try with sudo") from None
         raise Rejected(f"{error}. What was swept must be swept again: remove {path}") from None
 
 
@@ -142,18 +150,18 @@ def _made(folder: Path) -> None:
         os.chown(folder, above.st_uid, above.st_gid)
 
 
-def save(draft: Draft, calibration: Path, robot: RobotFile) -> Path:
-    """Write it, or remove it when nothing is left in it. Raises Rejected: it cannot be written."""
+def change(calibration: Path, robot: RobotFile, act: Callable[[Draft], Draft]) -> Draft:
+    """Make the draft what `act` makes of it, as it is by now: others may sweep meanwhile. What it holds then.
+
+    It has the rights of the calibration file, and is removed when nothing is left in it. Raises Rejected as
+    `load`, and: it cannot be written.
+    """
     path = path_of(calibration)
-    try:
-        if not draft.swept:
-            path.unlink(missing_ok=True)
-            return path
-        return save_draft(calibration.parent, calibration.stem, dump(draft, robot))
-    except FileNotFoundError:
-        folder = calibration.parent
-        raise Rejected(f"{path}: there is no folder {folder}: `mkdir -p {folder}`") from None
-    except PermissionError as error:
-        raise Rejected(f"{path} cannot be written: {error.strerror}; try with sudo") from None
-    except (OSError, ConfigError) as error:
-        raise Rejected(f"{path} cannot be written: {error}") from None
+    with kept.alone(calibration) as folder:
+        draft = act(load(calibration, robot))
+        with kept.refusing(path):
+            if draft.swept:
+                folder.save_draft(calibration.stem, dump(draft, robot), kept.rights(calibration))
+            else:
+                path.unlink(missing_ok=True)
+    return draft

@@ -114,7 +114,8 @@ def _require_ready(client: Client, place: Ground, touch: Touch, entry: JointCali
     mode = client.call("GetStatus")["status"]["mode"]
     if mode != "live":
         raise Rejected(f"mode {mode} moves no robot: `twindctl mode live`, then again")
-    found = records(client, place.robot, [touch.slot]).get(touch.slot.name)
+    known = {touch.slot.name: entry.device}
+    found = records(client, place.robot, [touch.slot], known).get(touch.slot.name)
     changed = ["nobody answers there"] if found is None else differences(entry.device, found)
     if changed:
         raise Rejected(

@@ -1,20 +1,34 @@
-"""`twindctl calibrate limits`: registers of servos and the record of them, written together. Blocks."""
+"""`twindctl calibrate limits`: registers of servos and the record of them, written together. Blocks.
+
+What a servo holds decides what is written to it, whatever its record says: so the same command brings both to
+agreement after whatever ended it half-way.
+"""
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from twind.client import CallError, Client
+from twind.client import CallError, Client, ClientError
 from twind.config.calibration_file import Calibration, DeviceRecord, JointCalibration
-from twind.ctl.verb import DONE, REFUSED, Rejected, operator
+from twind.config.saving import Folder
+from twind.ctl.verb import DONE, Rejected, operator
 from twind_calibration.again import again
-from twind_calibration.calibrating.devices import differences, records
+from twind_calibration.calibrating import kept
+from twind_calibration.calibrating.devices import FENCE, differences, of_file, records
 from twind_calibration.calibrating.ground import Ground, ground
 from twind_calibration.calibrating.limp import limp, require_limp
-from twind_calibration.calibrating.placing import fence
+from twind_calibration.calibrating.options import named
+from twind_calibration.calibrating.placing import fence, misfits
 from twind_calibration.calibrating.slots import Slot, slots
-from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody, written
+from twind_calibration.calibrating.writing import (
+    agreed,
+    next_steps,
+    require_somebody,
+    unchanged,
+    written,
+)
 from twind_drivers.clock import MonotonicClock
 
 LEAST, MOST = "min_position_limit", "max_position_limit"
@@ -26,24 +40,32 @@ class Fence:
 
     slot: Slot
     entry: JointCalibration
+    held: tuple[int, int]  # by the servo
     wanted: tuple[int, int]
 
     @property
-    def now(self) -> tuple[int, int]:
-        """As recorded, which is what the servo holds."""
+    def recorded(self) -> tuple[int, int]:
+        """By the calibration file."""
         return self.entry.device.min_ticks, self.entry.device.max_ticks
 
     @property
     def writes(self) -> list[tuple[str, int]]:
-        """In an order in which the lower limit never passes the upper one."""
+        """What differs, in an order in which the lower limit never passes the upper one."""
         low, high = (LEAST, self.wanted[0]), (MOST, self.wanted[1])
-        return [high, low] if self.wanted[0] > self.now[0] else [low, high]
+        order = [high, low] if self.wanted[0] > self.held[0] else [low, high]
+        held = dict(zip((LEAST, MOST), self.held, strict=True))
+        return [(name, value) for name, value in order if held[name] != value]
+
+    def entry_with(self, held: tuple[int, int]) -> JointCalibration:
+        """Its entry when the servo holds that."""
+        return replace(self.entry, device=replace(self.entry.device, min_ticks=held[0], max_ticks=held[1]))
 
     def line(self, width: int) -> str:
         """For a person."""
-        then, now = (f"{first}..{last}" for first, last in (self.now, self.wanted))
+        then, now = (f"{first}..{last}" for first, last in (self.held, self.wanted))
         radians = f"{self.slot.lower:g}..{self.slot.upper:g} rad"
-        return f"{self.slot.name:<{width}} {then:>12} -> {now:<12} {radians}"
+        other = "" if self.held == self.recorded else f"; recorded as {self.recorded[0]}..{self.recorded[1]}"
+        return f"{self.slot.name:<{width}} {then:>12} -> {now:<12} {radians}{other}"
 
 
 def limits(options: argparse.Namespace) -> int:
@@ -63,25 +85,26 @@ def _limits(options: argparse.Namespace, client: Client) -> int:
     calibration = place.calibration()
     if calibration is None:
         raise Rejected(f"{place.path} is not there: `twindctl calibrate sweep`, then `zero`, first")
-    fences = _fences(options, place, calibration)
+    chosen = _chosen(options, place, calibration)
+    require_limp(client, clock)
+    found = records(client, place.robot, chosen, of_file(calibration))
+    fences = fences_of(chosen, calibration, found)
     width = max((len(each.slot.name) for each in fences), default=0)
     if not fences:
         _say(options, "every servo has the limits of its joint, or a mode that knows none")
         return DONE
-    require_limp(client, clock)
-    found = records(client, place.robot, [each.slot for each in fences])
-    for each in fences:
-        _require_same(each, found)
     for each in fences:
         _say(options, each.line(width))
     if not agreed(options, f"write these limits to {len(fences)} servos?"):
         raise Rejected("nothing was written")
-    with limp(client, clock, take=options.take) as keep:
-        return _carry_out(options, client, place, calibration, fences, keep)
+    with kept.alone(place.path) as folder:  # a limit is written from a zero that nobody replaces meanwhile
+        unchanged(place, calibration, [each.slot.name for each in fences])
+        with limp(client, clock, take=options.take) as keep:
+            return carry_out(options, client, place, calibration, fences, keep, folder)
 
 
-def _fences(options: argparse.Namespace, place: Ground, calibration: Calibration) -> list[Fence]:
-    """Those that differ. Raises Rejected: one that was named is not calibrated."""
+def _chosen(options: argparse.Namespace, place: Ground, calibration: Calibration) -> list[Slot]:
+    """Raises Rejected: one that was named is not calibrated."""
     every = slots(place.robot)
     names = place.chosen(options.joints, [slot.name for slot in every])
     missing = [name for name in names if name not in calibration.by_name]
@@ -89,80 +112,105 @@ def _fences(options: argparse.Namespace, place: Ground, calibration: Calibration
         raise Rejected(
             f"not calibrated: {', '.join(missing)}: `twindctl calibrate sweep`, then `zero`, first"
         )
-    found = []
-    for slot in every:
-        entry = calibration.by_name.get(slot.name)
-        if entry is None or slot.name not in names:
+    return [slot for slot in every if slot.name in names and slot.name in calibration.by_name]
+
+
+def fences_of(
+    chosen: Sequence[Slot], calibration: Calibration, found: Mapping[str, DeviceRecord]
+) -> list[Fence]:
+    """Those whose servo or record has other limits. Raises Rejected: one that they are not written to."""
+    fences = []
+    for slot in chosen:
+        entry, device = calibration.by_name[slot.name], found.get(slot.name)
+        wanted = fence(slot, entry.zero_ticks)
+        if wanted is None:
             continue
-        wanted = fence(slot, entry.zero_ticks, entry.device)
-        if wanted is not None and wanted != (entry.device.min_ticks, entry.device.max_ticks):
-            found.append(Fence(slot, entry, wanted))
-    return found
+        now = device or entry.device
+        each = Fence(slot, entry, (now.min_ticks, now.max_ticks), wanted)
+        if not each.held == each.recorded == each.wanted:
+            _require_fit(each, device)
+            fences.append(each)
+    return fences
 
 
-def _require_same(each: Fence, found: Mapping[str, DeviceRecord]) -> None:
-    """Raises Rejected: the servo is not as its calibration has it."""
-    device = found.get(each.slot.name)
-    changed = ["nobody answers there"] if device is None else differences(each.entry.device, device)
+def _require_fit(each: Fence, device: DeviceRecord | None) -> None:
+    """Raises Rejected: the servo is not as its calibration has it, limits aside, or has no room for them."""
+    entry, name = each.entry, each.slot.name
+    changed = ["nobody answers there"] if device is None else differences(entry.device, device, but=FENCE)
     if changed:
         raise Rejected(
-            f"{each.slot.name} is not as it was calibrated: {', '.join(changed)}: put that right first, or "
+            f"{name} is not as it was calibrated: {', '.join(changed)}: put that right first, or "
             "calibrate it anew"
         )
+    if wrong := misfits(each.slot, entry.device, entry.sweep_ticks, entry.zero_ticks):
+        raise Rejected(f"{name}: {'; '.join(wrong)}")
 
 
-def _carry_out(
+def carry_out(
     options: argparse.Namespace,
     client: Client,
     place: Ground,
     calibration: Calibration,
     fences: Sequence[Fence],
     keep: Callable[[], None],
+    folder: Folder,
 ) -> int:
     """Each servo whole, then the file; what was written is recorded whatever ends it."""
     entries: list[JointCalibration] = []
-    failed = ""
     try:
         for each in fences:
             keep()
-            try:
-                low, high = _write(client, each)
-            except CallError as error:
-                failed = f"{each.slot.name}: {error}"
-                entries += _as_it_is(client, place, each)
-                break
-            device = replace(each.entry.device, min_ticks=low, max_ticks=high)
-            entries.append(replace(each.entry, device=device))
-            told = {"joint": each.slot.name, LEAST: low, MOST: high}
+            least, most = _write(client, each)
+            entries.append(each.entry_with((least, most)))
             if options.json:
-                print(json.dumps(told), flush=True)
-    finally:
-        if entries:
-            after = written(place, calibration, entries)
-    if failed:
-        raise Rejected(
-            f"{failed}; {len(entries)} of {len(fences)} servos were written, and recorded as they are"
-        )
-    next_steps(options, place, after)
-    return DONE if len(entries) == len(fences) else REFUSED
+                print(json.dumps({"joint": each.slot.name, LEAST: least, MOST: most}), flush=True)
+    except BaseException as error:  # Ctrl-C and a closed pipe as well
+        for each in fences[len(entries) :][:1]:
+            entries += _as_it_is(client, place, each)
+        why = _cut_short(options, place, calibration, fences, entries, folder)
+        if isinstance(error, CallError):
+            raise Rejected(f"{each.slot.name}: {error}. {why}") from error
+        print(again(options).prose(f"cut short: {why}"), file=sys.stderr, flush=True)
+        raise
+    next_steps(options, place, written(place, calibration, entries, held=folder))
+    return DONE
 
 
 def _write(client: Client, each: Fence) -> tuple[int, int]:
-    """Both registers, as they read back."""
-    joint, found = each.slot.joint, {LEAST: each.now[0], MOST: each.now[1]}
+    """What differs; both limits, as they read back."""
+    joint, held = each.slot.joint, dict(zip((LEAST, MOST), each.held, strict=True))
     for name, value in each.writes:
         answer = client.call("WriteRegister", bus=joint.bus, id=joint.id, name=name, value=value)
-        found[name] = int(answer["register"]["value"])
-    return found[LEAST], found[MOST]
+        held[name] = int(answer["register"]["value"])
+    return held[LEAST], held[MOST]
 
 
 def _as_it_is(client: Client, place: Ground, each: Fence) -> list[JointCalibration]:
-    """The entry with what the servo holds now; none where it does not tell."""
+    """The entry with what the servo holds now; none where nobody tells."""
+    client.close()  # an answer of the call that was broken off may be under way
     try:
         device = records(client, place.robot, [each.slot]).get(each.slot.name)
-    except (CallError, Rejected):
+    except (ClientError, Rejected):
         return []
-    return [] if device is None else [replace(each.entry, device=device)]
+    return [] if device is None else [each.entry_with((device.min_ticks, device.max_ticks))]
+
+
+def _cut_short(
+    options: argparse.Namespace,
+    place: Ground,
+    calibration: Calibration,
+    fences: Sequence[Fence],
+    entries: Sequence[JointCalibration],
+    folder: Folder,
+) -> str:
+    """Record what is known; what is so now, and what goes on."""
+    if entries:
+        written(place, calibration, entries, held=folder)
+    names = " ".join(each.slot.name for each in fences)
+    return (
+        f"{len(entries)} of {len(fences)} servos are recorded as they are; `twindctl calibrate limits {names}"
+        f"{named(options)}` brings servos and file to agreement"
+    )
 
 
 def _say(options: argparse.Namespace, text: str) -> None:

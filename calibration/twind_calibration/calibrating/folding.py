@@ -41,6 +41,7 @@ class Folded:
     slot: Slot
     entry: JointCalibration | None
     wrong: tuple[str, ...] = ()
+    note: str = ""  # what a person should know of it all the same
 
 
 def of_motor(motor: Motor, make: str | None) -> Source:

@@ -44,19 +44,14 @@ class Ground:
         try:
             return load_calibration(self.path, self.robot)
         except ConfigError as error:
-            if self._absent():
+            if error.absent:
                 return None
+            if error.forbidden:
+                raise Rejected(f"{error}; try with sudo") from None
             raise Rejected(
                 f"{error}. Put an earlier file back (`twindctl calibrate rollback`), or move this one away: "
                 "what is measured then begins a new file"
             ) from None
-
-    def _absent(self) -> bool:
-        """Nobody can say of a folder that may not be entered: then it is taken to be there."""
-        try:
-            return not self.path.exists()
-        except OSError:
-            return False
 
     def chosen(self, names: Sequence[str], known: Sequence[str]) -> list[str]:
         """The actuators that were named, each once and in the robot's order; all where none was.

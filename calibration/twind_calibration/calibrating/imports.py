@@ -3,18 +3,19 @@
 import argparse
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from twind.client import Client
-from twind.config.calibration_file import DeviceRecord
+from twind.config.calibration_file import Calibration, DeviceRecord
 from twind.config.located import ConfigError, read_text
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, operator
 from twind.protocol.plain_file import read_plain
 from twind_calibration.again import again
 from twind_calibration.calibrating import draft as drafts
 from twind_calibration.calibrating import lerobot
-from twind_calibration.calibrating.devices import differences, records
+from twind_calibration.calibrating.devices import differences, of_file, records
 from twind_calibration.calibrating.folding import Convention, Folded, Source, fold, of_motor, of_registers
 from twind_calibration.calibrating.ground import Ground, ground
 from twind_calibration.calibrating.matching import matched, read_map
@@ -46,11 +47,11 @@ def _take(options: argparse.Namespace, client: Client) -> int:
         raise Rejected(f"{options.file} says nothing of {', '.join(absent)}")
     chosen = [slot for slot in every if slot.name in asked and (motors is None or slot.name in motors)]
     zeros = _zeros(options, place, names)
-    draft = drafts.load(place.path, place.robot, names)
-    found = records(client, place.robot, chosen)
+    calibration, draft = place.calibration(), drafts.load(place.path, place.robot)
+    found = records(client, place.robot, chosen, of_file(calibration) | draft.devices)
     sources = {name: of_motor(motor, options.make) for name, motor in (motors or {}).items()}
     folded = [_fold(slot, found, sources, draft, zeros, wide=options.wide) for slot in chosen]
-    return _write(options, place, draft, folded)
+    return _write(options, place, calibration, draft, folded)
 
 
 def _motors(options: argparse.Namespace, every: Sequence[Slot]) -> dict[str, lerobot.Motor] | None:
@@ -88,14 +89,29 @@ def _fold(
         return Folded(slot, None, ("nobody answers there",))
     if slot.name not in zeros:
         return Folded(slot, None, (f"nobody says where its angle 0 is: --zero-at {slot.name}=TICKS",))
-    source = sources.get(slot.name)
+    source, note = sources.get(slot.name), ""
     if source is None:
-        own = None if swept is None or differences(swept.device, device) else swept.sweep_ticks
-        source = of_registers(slot, device, own)
-    return fold(slot, source, device, zeros[slot.name], wide=wide)
+        changed = [] if swept is None else differences(swept.device, device)
+        source = of_registers(slot, device, None if swept is None or changed else swept.sweep_ticks)
+        note = _limits(source, changed)
+    return replace(fold(slot, source, device, zeros[slot.name], wide=wide), note=note)
 
 
-def _write(options: argparse.Namespace, place: Ground, draft: drafts.Draft, folded: Sequence[Folded]) -> int:
+def _limits(source: Source, changed: Sequence[str]) -> str:
+    """What a person is told of a travel that was not swept."""
+    if source.swept:
+        return ""
+    without = f"; not what was swept, its servo is not as it was then: {', '.join(changed)}"
+    return f"the travel is its position limits (52, 48){without if changed else ''}"
+
+
+def _write(
+    options: argparse.Namespace,
+    place: Ground,
+    calibration: Calibration | None,
+    draft: drafts.Draft,
+    folded: Sequence[Folded],
+) -> int:
     """Show, ask, write, say what comes next; the exit code."""
     width = max((len(each.slot.name) for each in folded), default=0)
     for each in folded:
@@ -106,20 +122,22 @@ def _write(options: argparse.Namespace, place: Ground, draft: drafts.Draft, fold
     if not agreed(options, f"write {len(entries)} of {len(folded)} joints to {place.path}?"):
         raise Rejected("nothing was written")
     drafts.require_room(place.path)
-    after = written(place, place.calibration(), entries, "import")
-    drafts.save(draft.without(each.name for each in entries), place.path, place.robot)
+    after = written(place, calibration, entries, "import")
+    whole = [each.name for each in entries]
+    drafts.change(place.path, place.robot, lambda known: known.after(draft, whole))
     next_steps(options, place, after)
     return DONE if len(entries) == len(folded) else REFUSED
 
 
 def _line(folded: Folded, width: int) -> str:
     one = folded.entry
+    note = f"; {folded.note}" if folded.note else ""
     if one is None:
-        return f"NOT  {folded.slot.name}: {'; '.join(folded.wrong)}"
+        return f"NOT  {folded.slot.name}: {'; '.join(folded.wrong)}{note}"
     low, high = one.sweep_ticks
     offset = one.device.homing_offset_ticks
     kept = f", homing offset {offset} kept" if offset else ""
-    return f"ok   {one.name:<{width}} zero at {one.zero_ticks:>6}, travel {low}..{high}{kept}"
+    return f"ok   {one.name:<{width}} zero at {one.zero_ticks:>6}, travel {low}..{high}{kept}{note}"
 
 
 def _told(folded: Folded) -> dict[str, Any]:
@@ -128,6 +146,7 @@ def _told(folded: Folded) -> dict[str, Any]:
         "joint": folded.slot.name,
         "good": one is not None,
         "wrong": list(folded.wrong),
+        "note": folded.note,
         "zero_ticks": None if one is None else one.zero_ticks,
         "sweep_ticks": None if one is None else list(one.sweep_ticks),
         "homing_offset_ticks": None if one is None else one.device.homing_offset_ticks,

@@ -3,34 +3,59 @@
 The one place where verbs write it. Old or new, never mixed; the earlier file stays as numbered history.
 """
 
+import contextlib
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
-from twind.config.calibration_file import Calibration, save_calibration
+from twind.config import saving
+from twind.config.calibration_file import HISTORY, Calibration, dump_calibration
 from twind.config.located import ConfigError
-from twind.config.saving import Rights
+from twind.config.saving import Folder, Rights
 from twind.ctl.verb import Rejected
 
 
-def save(calibration: Calibration, path: Path) -> None:
+@contextlib.contextmanager
+def alone(path: Path) -> Iterator[Folder]:
+    """The folder of the file at `path`, held: what it says now it says until this is left.
+
+    No person is asked meanwhile: others wait. Raises Rejected: no folder, or somebody else has it.
+    """
+    with contextlib.ExitStack() as stack:
+        with refusing(path):
+            folder = stack.enter_context(saving.alone(path.parent))
+        yield folder
+
+
+def save(calibration: Calibration, path: Path, held: Folder | None = None) -> None:
     """Make the file at `path` hold it. A first file, written by root, is given to whom its folder belongs.
 
-    Raises Rejected that names the file, why it was not written, and the remedy.
+    `held`: its folder, of whom made the calibration of what the file holds. Raises Rejected that names the
+    file, why it was not written, and the remedy.
     """
-    try:
+    with contextlib.nullcontext(held) if held is not None else alone(path) as folder, refusing(path):
         if path.suffix != ".yaml":
             raise OSError("its name does not end in .yaml")
-        save_calibration(calibration, path.parent, path.stem, _rights(path))
+        folder.save_text(path.stem, dump_calibration(calibration), HISTORY, rights(path))
+
+
+@contextlib.contextmanager
+def refusing(path: Path) -> Iterator[None]:
+    """What keeps `path` from being written, as Rejected with the remedy."""
+    try:
+        yield
     except FileNotFoundError:
         raise Rejected(f"{path}: there is no folder {path.parent}: `mkdir -p {path.parent}`") from None
     except PermissionError as error:
         raise Rejected(f"{path} cannot be written: {error.strerror}; try with sudo") from None
-    except (OSError, ConfigError) as error:
+    except OSError as error:
+        raise Rejected(f"{path} cannot be written: {error.strerror or error}") from None
+    except ConfigError as error:
         raise Rejected(f"{path} cannot be written: {error}") from None
 
 
-def _rights(path: Path) -> Rights | None:
+def rights(path: Path) -> Rights | None:
     """As they were; only root gives a file away, so that the daemon's user can read it still."""
     try:
         before: os.stat_result | None = path.stat()

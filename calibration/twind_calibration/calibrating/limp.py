@@ -1,6 +1,7 @@
 """A robot whose joints a person may move: nobody has torque, and nobody gives it while they do.
 
-In mirror this daemon cannot; in live it is kept in the state calibrating, by the lease of this connection.
+The daemon is kept in the state calibrating by the lease of this connection: nobody arms, and the mode stays.
+In mirror too, or somebody else would say `mode live` and arm while hands are on the robot.
 """
 
 import contextlib
@@ -21,21 +22,17 @@ def limp(client: Client, clock: Clock, *, take: bool) -> Iterator[Callable[[], N
 
     Raises Rejected (mode sim, a joint with torque or of which nobody knows), ClientError.
     """
-    if require_limp(client, clock) != "live":
-        yield lambda: None
-        return
+    require_limp(client, clock)
     with calibrating(client, take=take):
         _require_off(client, clock)  # nobody armed meanwhile
         yield _renewing(client, clock)
 
 
-def require_limp(client: Client, clock: Clock) -> str:
-    """Torque is off now; the mode. Whoever asks a person first asks this before. Raises as `limp`."""
-    mode: str = client.call("GetStatus")["status"]["mode"]
-    if mode == "sim":
+def require_limp(client: Client, clock: Clock) -> None:
+    """Torque is off now. Whoever asks a person first asks this before. Raises as `limp`."""
+    if client.call("GetStatus")["status"]["mode"] == "sim":
         raise Rejected("mode sim reads no robot: `twindctl mode mirror`")
     _require_off(client, clock)
-    return mode
 
 
 def _renewing(client: Client, clock: Clock) -> Callable[[], None]:

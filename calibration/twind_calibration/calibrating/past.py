@@ -16,7 +16,9 @@ from twind_calibration.again import again
 from twind_calibration.calibrating import kept
 from twind_calibration.calibrating.archive import CURRENT, Archive
 from twind_calibration.calibrating.compared import Change, changes
+from twind_calibration.calibrating.devices import FENCE
 from twind_calibration.calibrating.ground import Ground, ground
+from twind_calibration.calibrating.placing import spread
 from twind_calibration.calibrating.slots import Slot, slots
 from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody
 from twind_calibration.described import read
@@ -68,10 +70,15 @@ def _page(one: Calibration, file: str, earlier: Sequence[int], every: Sequence[S
 def _row(slot: Slot, one: JointCalibration) -> Sequence[str]:
     low, high = one.sweep_ticks
     return (
-        *(one.name, one.bus, str(one.id), str(one.zero_ticks), f"{one.zero_sigma_ticks:.1f}"),
+        *(one.name, one.bus, str(one.id), str(one.zero_ticks), _spread(one)),
         *(f"{one.sign:+d}", f"{low}..{high}", f"{degrees((high - low) * abs(slot.rad_per_tick)):.1f}"),
         *(str(one.seam_margin_ticks), str(one.device.homing_offset_ticks), one.method, _proved(one.proof)),
     )
+
+
+def _spread(one: JointCalibration) -> str:
+    known = spread(one)
+    return "?" if known is None else f"{known:.1f}"
 
 
 def _proved(proof: Any) -> str:
@@ -130,9 +137,30 @@ def _rollback(options: argparse.Namespace) -> int:
         print("\n".join([f"{place.path} -> {file}", *_against_now(archive, earlier, place)]), flush=True)
     if not agreed(options, f"put {file.name} of {earlier.created} back?"):
         raise Rejected("nothing was written")
+    fenced = _fenced_since(archive, earlier)
     kept.save(earlier, place.path)
     next_steps(options, place, earlier)
+    if fenced and not options.json:
+        command = again(options).prose(f"`twindctl calibrate limits {' '.join(fenced)}`")
+        print(
+            f"the servos' own position limits were others then: {', '.join(fenced)}. Nobody arms until they "
+            f"are those of the file: restart the daemon, {command}, and restart it again"
+        )
     return DONE
+
+
+def _fenced_since(archive: Archive, earlier: Calibration) -> list[str]:
+    """Whose position limits the file that is in force records otherwise; `limits` puts that right."""
+    try:
+        now = archive.read(CURRENT).by_name
+    except Rejected:
+        return []
+    return [
+        each.name
+        for each in earlier.joints
+        if (one := now.get(each.name)) is not None
+        and any(getattr(each.device, name) != getattr(one.device, name) for name in FENCE)
+    ]
 
 
 def _against_now(archive: Archive, earlier: Calibration, place: Ground) -> list[str]:

@@ -6,7 +6,7 @@ from typing import Literal
 from twind.config.calibration_file import DeviceRecord, JointCalibration, seam_margin, turn_band
 from twind.config.counts import tick_range
 from twind_calibration.calibrating.slots import Slot
-from twind_calibration.calibrating.unwrap import on_turn
+from twind_calibration.calibrating.unwrap import framed, on_turn
 
 TOLERANCE = 0.15  # rad: the described limits may lie so far outside the swept travel, a pose as well
 
@@ -23,6 +23,11 @@ class Zero:
     method: Literal["jig", "sweep", "endstop"]
 
 
+def travel_of(slot: Slot, device: DeviceRecord, seen: Ticks) -> Ticks:
+    """Lowest and highest count as they were seen -> in the frame of the calibration file."""
+    return framed(*seen, slot.start + device.homing_offset_ticks, slot.joint.type.ticks_per_turn)
+
+
 def by_pose(slot: Slot, sweep: Ticks, mean: float, sigma: float, captures: int, angle: float) -> Zero:
     """Of a joint that stands at `angle` (rad) and reads `mean`, on whatever turn."""
     band = turn_band(sweep, slot.joint.type.ticks_per_turn)
@@ -33,8 +38,8 @@ def by_pose(slot: Slot, sweep: Ticks, mean: float, sigma: float, captures: int, 
 def by_ends(slot: Slot, sweep: Ticks, lower: float | None, upper: float | None) -> Zero:
     """Of a joint whose travel ends at these angles (rad); None: where that end is, nobody knows.
 
-    Two ends give the mean of two zeros, and half their difference for its spread; one gives no spread. Raises
-    ValueError: no end is known.
+    Two ends give the mean of two zeros, and half their difference for its spread; of one nobody knows it.
+    Raises ValueError: no end is known.
     """
     ends = sweep if slot.rad_per_tick > 0.0 else (sweep[1], sweep[0])
     pairs = zip(ends, (lower, upper), strict=True)
@@ -42,6 +47,11 @@ def by_ends(slot: Slot, sweep: Ticks, lower: float | None, upper: float | None) 
     if not zeros:
         raise ValueError("no end of the travel is known")
     return Zero(round(sum(zeros) / len(zeros)), abs(zeros[0] - zeros[-1]) / 2.0, len(zeros), "sweep")
+
+
+def spread(entry: JointCalibration) -> float | None:
+    """Of its zero, ticks; None: one capture tells none."""
+    return entry.zero_sigma_ticks if entry.captures > 1 else None
 
 
 def misfits(
@@ -78,13 +88,19 @@ def _seam(slot: Slot, device: DeviceRecord, first: int, last: int) -> list[str]:
     if not joint.type.fenced(joint.mode):
         return []
     seam = slot.start + device.homing_offset_ticks
-    if (first - seam) // turn == (last - seam) // turn:
-        return []
-    return [
-        f"its limits {first}..{last} cross its encoder's seam, which mode {joint.mode} cannot: turn its horn "
-        "by a quarter, or take mode extended_position (in the robot file, and 4 in register 11); then sweep "
-        "it again"
-    ]
+    if (first - seam) // turn != (last - seam) // turn:
+        return [
+            f"its limits {first}..{last} cross its encoder's seam, which mode {joint.mode} cannot: turn its "
+            "horn by a quarter, or take mode extended_position (in the robot file, and 4 in register 11); "
+            "then sweep it again"
+        ]
+    if first < slot.start or last >= slot.start + turn:  # of goals, and of registers 48 and 52
+        return [
+            f"its limits {first}..{last} leave the counts {slot.start}..{slot.start + turn - 1}, beyond "
+            f"which mode {joint.mode} takes no goal: its homing_offset (20) is {device.homing_offset_ticks}, "
+            "write 0; or turn its horn; then sweep it again"
+        ]
+    return []
 
 
 def whole(slot: Slot, device: DeviceRecord, sweep: Ticks, zero: Zero) -> JointCalibration:
@@ -106,13 +122,12 @@ def whole(slot: Slot, device: DeviceRecord, sweep: Ticks, zero: Zero) -> JointCa
     )
 
 
-def fence(slot: Slot, zero: int, device: DeviceRecord) -> Ticks | None:
-    """What its Min and Max Position Limit should be: the joint's limits rounded inwards, within one turn.
+def fence(slot: Slot, zero: int) -> Ticks | None:
+    """What its Min and Max Position Limit should be: the joint's limits rounded inwards.
 
-    None: its mode knows no such limits.
+    None: its mode knows no such limits. Limits that leave the servo's counts are told by `misfits`.
     """
-    joint, turn = slot.joint, slot.joint.type.ticks_per_turn
+    joint = slot.joint
     if not joint.type.fenced(joint.mode):
         return None
-    first, last = tick_range(joint, zero, slot.lower, slot.upper)
-    return max(first, slot.start), min(last, slot.start + turn - 1)
+    return tick_range(joint, zero, slot.lower, slot.upper)

@@ -1,8 +1,9 @@
 """move each joint by hand from end to end: how far does it go, and on which turns of its encoder
 
 Torque is off. A joint is done when it rested at both its ends, half a second each; ENTER ends with those that
-are there. The travel goes into a draft beside the calibration file, until `zero` makes it whole. In mode live
-the daemon is kept from arming meanwhile. Ctrl-C keeps what is done; the same command goes on with the rest.
+are there. The travel goes into a draft beside the calibration file, until `zero` makes it whole. Nobody arms
+meanwhile, and the mode stays. Who is swept anew loses the earlier travel at once. Ctrl-C keeps what is done,
+and says what goes on with the rest.
 """
 
 import argparse
@@ -16,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--again", action="store_true", help="also those that were swept already")
     parser.add_argument("--wide", action="store_true", help="take travels over 130 %% of the described range")
     parser.add_argument("--timeout", type=float, metavar="S", help="end after so long with what is done")
-    parser.add_argument("--take", action="store_true", help="in live: take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
     add_common(parser)
 
 

@@ -5,7 +5,7 @@ import json
 import select
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from twind.client import Client
@@ -14,15 +14,15 @@ from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
 from twind_calibration.again import again
 from twind_calibration.calibrating import draft as drafts
 from twind_calibration.calibrating.board import Board, line
-from twind_calibration.calibrating.devices import records
+from twind_calibration.calibrating.devices import of_file, records
 from twind_calibration.calibrating.draft import Swept
 from twind_calibration.calibrating.ground import Ground, ground, now
-from twind_calibration.calibrating.limp import limp
+from twind_calibration.calibrating.limp import limp, require_limp
 from twind_calibration.calibrating.options import named
+from twind_calibration.calibrating.placing import travel_of
 from twind_calibration.calibrating.raw import Reading, readings
 from twind_calibration.calibrating.slots import Slot, slots
 from twind_calibration.calibrating.travels import News, Stage, Travels, told
-from twind_calibration.calibrating.unwrap import framed
 from twind_drivers.clock import Clock, MonotonicClock
 
 REDRAW = 0.1  # s
@@ -43,7 +43,7 @@ def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
     place = ground(options, client)
     every = slots(place.robot)
     names = [slot.name for slot in every]
-    draft = drafts.load(place.path, place.robot, names)
+    draft = drafts.load(place.path, place.robot)
     calibration = place.calibration()
     known = set(draft.swept) | (set() if calibration is None else set(calibration.by_name))
     asked = [
@@ -57,18 +57,22 @@ def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
         return DONE
     drafts.require_room(place.path)  # before anybody moves anything
     session.draft = draft
-    with limp(client, clock, take=options.take) as keep, observer(options) as watching:
-        session.records = records(client, place.robot, every)
-        with readings(watching, place.rate_hz) as stream:
-            try:
-                session.begin()
-                for reading in stream:
-                    keep()
-                    if session.take(reading):
-                        break
-            except KeyboardInterrupt:
-                session.cut()
-                raise
+    require_limp(client, clock)
+    session.records = records(client, place.robot, every, of_file(calibration) | draft.devices)
+    with (
+        limp(client, clock, take=options.take) as keep,
+        observer(options) as watching,
+        readings(watching, place.rate_hz) as stream,
+    ):
+        try:
+            session.begin()
+            for reading in stream:
+                keep()
+                if session.take(reading):
+                    break
+        except KeyboardInterrupt:
+            session.cut()
+            raise
     session.save(at_once=True)
     return session.close()
 
@@ -101,6 +105,7 @@ class Session:
             raise Rejected(
                 f"nobody answers for {', '.join(absent)}: `twindctl calibrate scan` looks at the buses"
             )
+        self._forget(self._asked)  # else an earlier travel would pass for one of this sweep
         count = f"{len(self._asked)} joints" if len(self._asked) > 1 else self._asked[0]
         ends = "; ENTER ends it with what is done" if sys.stdin.isatty() else ""
         self._say(f"move {count} {HEAD}{ends}")
@@ -127,7 +132,7 @@ class Session:
         done = sum(name in self.draft.swept for name in self._asked)
         self._say(
             f"cut short: {done} of {len(self._asked)} are kept in {drafts.path_of(self._place.path)}; "
-            f"`twindctl calibrate sweep{named(self._options)}` goes on with the others"
+            f"`{self._next()}` goes on with the others"
         )
 
     def close(self) -> int:
@@ -135,7 +140,7 @@ class Session:
         left = [name for name in self._asked if name not in self.draft.swept]
         done = [name for name in self._asked if name in self.draft.swept]
         whole = not left
-        next = f"twindctl calibrate {'zero' if whole else 'sweep'}{named(self._options)}"
+        next = self._next()
         if self._options.json:
             print(
                 json.dumps(
@@ -161,6 +166,13 @@ class Session:
         self._say(f"next: `{next}`, {what}")
         return DONE if whole else REFUSED
 
+    def _next(self) -> str:
+        """The command that goes on."""
+        left = [name for name in self._asked if name not in self.draft.swept]
+        anew = self._options.joints or self._options.again  # what the file has of them is not enough
+        names = "".join(f" {name}" for name in left) if anew else ""
+        return f"twindctl calibrate {f'sweep{names}' if left else 'zero'}{named(self._options)}"
+
     def _why(self, name: str) -> str:
         progress = self._travels.progress(name)
         if progress.stage is Stage.STILL:
@@ -169,17 +181,25 @@ class Session:
 
     def _keep(self, name: str, travel: tuple[int, int]) -> None:
         """Into the draft, in the frame of the calibration file."""
-        slot, record = self._slots[name], self.records[name]
-        start = slot.start + record.homing_offset_ticks
-        swept = framed(*travel, start, slot.joint.type.ticks_per_turn)
+        record = self.records[name]
+        swept = travel_of(self._slots[name], record, travel)
         before = self.draft.swept.get(name)
         if before is None or (before.sweep_ticks, before.device) != (swept, record):
-            self.draft = self.draft.joined(name, Swept(record, swept, now()))
-            drafts.save(self.draft, self._place.path, self._place.robot)
+            fresh = Swept(record, swept, now())
+            path, robot = self._place.path, self._place.robot
+            self.draft = drafts.change(path, robot, lambda known: known.joined(name, fresh))
+
+    def _forget(self, names: Iterable[str]) -> None:
+        """Out of the draft."""
+        if self.draft.without(names) != self.draft:
+            path, robot = self._place.path, self._place.robot
+            self.draft = drafts.change(path, robot, lambda known: known.without(names))
 
     def _news(self, news: News) -> None:
         if news.what == "done":
             self.save(at_once=False)
+        elif news.what == "wrong":  # it was done, and went further since
+            self._forget([news.name])
         if self._options.json:
             print(json.dumps({"joint": news.name, "event": news.what, "text": news.text}), flush=True)
         elif news.what != "done" or not sys.stdout.isatty():

@@ -1,6 +1,7 @@
 """New entries into the calibration file: checked as the daemon would, asked for, written, told."""
 
 import argparse
+import contextlib
 import json
 import sys
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from twind.config.calibration_file import (
     read_calibration,
 )
 from twind.config.located import ConfigError
+from twind.config.saving import Folder
 from twind.ctl.verb import Rejected, UsageError
 from twind.twin.binding import BindingError, bind
 from twind_calibration.again import again
@@ -57,18 +59,43 @@ def merged(
 
 
 def written(
-    place: Ground, before: Calibration | None, entries: Sequence[JointCalibration], method: str = "jig"
+    place: Ground,
+    before: Calibration | None,
+    entries: Sequence[JointCalibration],
+    method: str = "jig",
+    held: Folder | None = None,
 ) -> Calibration:
-    """Write the file with these entries; what it holds now. Raises Rejected: the daemon would refuse it."""
-    after = merged(place, before, entries, method)
-    try:
-        text = dump_calibration(after)
-        after = read_calibration(text, str(place.path), place.robot)
-        bind(place.robot, after)
-    except (ConfigError, BindingError) as error:
-        raise Rejected(f"the daemon would refuse this calibration, nothing was written: {error}") from None
-    kept.save(after, place.path)
+    """Put these entries, made when the file was `before`, into what it is by now; what it holds then.
+
+    `held`: its folder, where that is held already (`kept.alone`). Raises Rejected: somebody else replaced one
+    of them since, or the daemon would refuse the file.
+    """
+    with contextlib.nullcontext(held) if held is not None else kept.alone(place.path) as folder:
+        now = unchanged(place, before, [each.name for each in entries])
+        after = merged(place, now, entries, method)
+        try:
+            text = dump_calibration(after)
+            after = read_calibration(text, str(place.path), place.robot)
+            bind(place.robot, after)
+        except (ConfigError, BindingError) as error:
+            raise Rejected(
+                f"the daemon would refuse this calibration, nothing was written: {error}"
+            ) from None
+        kept.save(after, place.path, folder)
     return after
+
+
+def unchanged(place: Ground, before: Calibration | None, names: Sequence[str]) -> Calibration | None:
+    """What the file says by now; the same of `names` as `before`. Raises Rejected: another thing."""
+    now = place.calibration()
+    then, there = ({} if each is None else each.by_name for each in (before, now))
+    other = [name for name in names if then.get(name) != there.get(name)]
+    if other:
+        raise Rejected(
+            f"somebody else calibrated {', '.join(other)} meanwhile: {place.path} is another by now, and "
+            "nothing was written. The same once more goes by what it says now"
+        )
+    return now
 
 
 def next_steps(options: argparse.Namespace, place: Ground, after: Calibration) -> None:

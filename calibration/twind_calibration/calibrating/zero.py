@@ -14,7 +14,10 @@ from twind_calibration.calibrating.options import add_arguments as add_common
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the step."""
     parser.add_argument(
-        "joints", nargs="*", metavar="JOINT", help="default: all that have a travel, and no zero"
+        "joints", nargs="*", metavar="JOINT", help="default: all that were swept and have no zero since"
+    )
+    parser.add_argument(
+        "--all", action="store_true", help="also those that have one, however it was found; their proofs go"
     )
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--pose", metavar="NAME", help="pose of the robot file (default: every angle 0)")
@@ -33,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--samples", type=_samples, default=50, metavar="N", help="readings (default 50)")
     parser.add_argument("--yes", action="store_true", help="it stands in the pose: do not ask, and write")
-    parser.add_argument("--take", action="store_true", help="in live: take the lease from whoever holds it")
+    parser.add_argument("--take", action="store_true", help="take the lease from whoever holds it")
     add_common(parser)
 
 

@@ -3,13 +3,14 @@
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from twind.client import Client
 from twind.config.calibration_file import Calibration, DeviceRecord, JointCalibration, turn_band
 from twind.config.counts import slot_angles
+from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
 from twind_calibration.again import again
 from twind_calibration.calibrating import draft as drafts
@@ -17,7 +18,15 @@ from twind_calibration.calibrating.captures import Capture, capture
 from twind_calibration.calibrating.devices import differences, records
 from twind_calibration.calibrating.ground import Ground, ground
 from twind_calibration.calibrating.limp import limp, require_limp
-from twind_calibration.calibrating.placing import TOLERANCE, Zero, by_ends, by_pose, misfits, whole
+from twind_calibration.calibrating.placing import (
+    TOLERANCE,
+    Zero,
+    by_ends,
+    by_pose,
+    misfits,
+    spread,
+    whole,
+)
 from twind_calibration.calibrating.raw import readings
 from twind_calibration.calibrating.slots import Slot, slots
 from twind_calibration.calibrating.unwrap import on_turn
@@ -45,19 +54,20 @@ class Placed:
     angle: float | None  # rad that it stood at; None: by the ends of its travel
 
     @property
-    def spread(self) -> float:
-        """Of its zero, rad at the joint."""
-        return 0.0 if self.entry is None else self.entry.zero_sigma_ticks * abs(self.slot.rad_per_tick)
+    def spread(self) -> float | None:
+        """Of its zero, ticks; None: nobody knows."""
+        return None if self.entry is None else spread(self.entry)
 
     def line(self, width: int) -> str:
         """For a person."""
         if self.entry is None:
             return f"NOT  {self.slot.name}: {'; '.join(self.wrong)}"
         where = "by the ends of its travel" if self.angle is None else f"held at {self.angle:+.3f} rad"
-        one = self.entry
+        one, known = self.entry, self.spread
+        wide = "unknown" if known is None else f"{known:4.1f} ticks"
         return (
-            f"ok   {self.slot.name:<{width}} zero at {one.zero_ticks:>6}, spread {one.zero_sigma_ticks:4.1f} "
-            f"ticks; {where}; travel {one.sweep_ticks[0]}..{one.sweep_ticks[1]}"
+            f"ok   {self.slot.name:<{width}} zero at {one.zero_ticks:>6}, spread {wide}; {where}; "
+            f"travel {one.sweep_ticks[0]}..{one.sweep_ticks[1]}"
         )
 
     def told(self) -> dict[str, Any]:
@@ -68,7 +78,7 @@ class Placed:
             "good": one is not None,
             "wrong": list(self.wrong),
             "zero_ticks": None if one is None else one.zero_ticks,
-            "sigma_ticks": None if one is None else round(one.zero_sigma_ticks, 3),
+            "sigma_ticks": None if self.spread is None else round(self.spread, 3),
             "captures": None if one is None else one.captures,
             "method": None if one is None else one.method,
             "sweep_ticks": None if one is None else list(one.sweep_ticks),
@@ -89,26 +99,30 @@ def _zero(options: argparse.Namespace, client: Client) -> int:
     place, clock = ground(options, client), MonotonicClock()
     every = slots(place.robot)
     calibration = place.calibration()
-    draft = drafts.load(place.path, place.robot, [slot.name for slot in every])
-    swept = _swept(draft, calibration)
+    draft = drafts.load(place.path, place.robot)
+    swept = travels_of(draft, calibration)
     chosen = _chosen(options, place, every, draft, swept)
     angles = None if options.from_sweep else _angles(options, place, chosen)
     require_limp(client, clock)
     if angles is not None:
         _ask(options, angles, len(chosen))  # a lease does not last as long as a person may take
+    found = records(client, place.robot, chosen, {name: each.device for name, each in swept.items()})
+    held: Mapping[str, Capture] = {}
     with limp(client, clock, take=options.take) as keep:
-        found = records(client, place.robot, chosen)
-        held: Mapping[str, Capture] = {}
         if angles is not None:
-            keep()
             with observer(options) as watching:
-                held = _captured(watching, place.rate_hz, chosen, options.samples)
-    placed = [_place(slot, swept, found, held, angles) for slot in chosen]
+                held = captured(watching, place.rate_hz, chosen, options.samples, keep)
+    placed = [
+        place_slot(
+            slot, swept[slot.name], found.get(slot.name), held.get(slot.name), (angles or {}).get(slot.name)
+        )
+        for slot in chosen
+    ]
     return _write(options, place, calibration, draft, placed)
 
 
-def _swept(draft: drafts.Draft, calibration: Calibration | None) -> dict[str, Swept]:
-    """The draft is newer than the file."""
+def travels_of(draft: drafts.Draft, calibration: Calibration | None) -> dict[str, Swept]:
+    """By actuator; the draft is newer than the file."""
     known = () if calibration is None else calibration.joints
     found = {each.name: Swept(each.device, each.sweep_ticks) for each in known}
     return found | {name: Swept(each.device, each.sweep_ticks) for name, each in draft.swept.items()}
@@ -130,9 +144,12 @@ def _chosen(
         )
     if not swept:
         raise Rejected("nothing was swept yet: `twindctl calibrate sweep` first, then the zero")
-    if options.from_sweep and not options.joints and not draft.swept:
-        raise Rejected("every joint that was swept has a zero: name those that the ends are to place anew")
-    pending = options.joints or list(draft.swept) or list(swept)
+    pending = options.joints or list(swept if options.all else draft.swept)
+    if not pending:
+        raise Rejected(
+            "every joint that was swept has a zero: name those that are to get another, or --all for all; "
+            "their proofs go"
+        )
     return [slot for slot in every if slot.name in names and slot.name in pending]
 
 
@@ -148,11 +165,21 @@ def _angles(options: argparse.Namespace, place: Ground, chosen: Sequence[Slot]) 
     angles = {slot.name: stands[slot.joint.name] for slot in chosen}
     for slot in chosen:
         if not slot.lower - TOLERANCE <= angles[slot.name] <= slot.upper + TOLERANCE:
+            turned = _turned(place.robot, slot)
             raise Rejected(
                 f"{slot.name} cannot stand at {angles[slot.name]:g} rad: its limits are "
-                f"{slot.lower:g}..{slot.upper:g}; `--at {slot.name}=RAD` gives it another angle"
+                f"{slot.lower:g}..{slot.upper:g}; `{' '.join(f'--at {name}=RAD' for name in turned)}` gives "
+                f"{' and '.join(turned)} another angle"
             )
     return angles
+
+
+def _turned(robot: RobotFile, slot: Slot) -> Sequence[str]:
+    """The joints that an actuator turns."""
+    for each in robot.transmissions:
+        if slot.joint.name in each.joints:
+            return each.joints
+    return (slot.joint.name,)
 
 
 def _ask(options: argparse.Namespace, angles: Mapping[str, float], count: int) -> None:
@@ -168,12 +195,15 @@ def _ask(options: argparse.Namespace, angles: Mapping[str, float], count: int) -
         raise Rejected("nothing was read")
 
 
-def _captured(client: Client, rate: float, chosen: Sequence[Slot], count: int) -> dict[str, Capture]:
-    """So many readings of each, as they were heard."""
+def captured(
+    client: Client, rate: float, chosen: Sequence[Slot], count: int, keep: Callable[[], None]
+) -> dict[str, Capture]:
+    """So many readings of each, as they were heard. `keep` keeps them limp; called at every reading."""
     heard: dict[str, list[int]] = {slot.name: [] for slot in chosen}
     stamps = dict.fromkeys(heard, float("-inf"))
     with readings(client, rate) as stream:
         for passed, reading in enumerate(stream):
+            keep()
             for name, sample in reading.samples.items():
                 if name in heard and sample.time > stamps[name] and len(heard[name]) < count:
                     stamps[name] = sample.time
@@ -183,15 +213,10 @@ def _captured(client: Client, rate: float, chosen: Sequence[Slot], count: int) -
     return {slot.name: capture(heard[slot.name], slot.joint.type.ticks_per_turn, count) for slot in chosen}
 
 
-def _place(
-    slot: Slot,
-    swept: Mapping[str, Swept],
-    found: Mapping[str, DeviceRecord],
-    held: Mapping[str, Capture],
-    angles: Mapping[str, float] | None,
+def place_slot(
+    slot: Slot, known: Swept, device: DeviceRecord | None, read: Capture | None, angle: float | None
 ) -> Placed:
-    known, device = swept[slot.name], found.get(slot.name)
-    angle = None if angles is None else angles[slot.name]
+    """Its entry, or what speaks against one. `angle`: rad that it was read at; None: by its travel's ends."""
     if device is None:
         return Placed(slot, None, ("nobody answers there",), angle)
     changed = differences(known.device, device)
@@ -203,9 +228,9 @@ def _place(
         at = by_ends(slot, known.sweep, *_ends(slot))
         wrong = _apart(slot, at)
     else:
-        read = held[slot.name]
-        if read.wrong:
-            return Placed(slot, None, (f"{read.wrong}: hold it still",), angle)
+        if read is None or read.wrong:
+            why = "it was not read" if read is None else f"{read.wrong}: hold it still"
+            return Placed(slot, None, (why,), angle)
         at = by_pose(slot, known.sweep, read.mean, read.sigma, read.count, angle)
         stands = on_turn(round(read.mean), turn_band(known.sweep, slot.joint.type.ticks_per_turn))
         wrong = ""
@@ -231,6 +256,16 @@ def _apart(slot: Slot, at: Zero) -> str:
     )
 
 
+def _coarse(placed: Sequence[Placed]) -> str:
+    """How good zeros by the ends of the travel are."""
+    good = [each for each in placed if each.entry is not None]
+    known = [each.spread * abs(each.slot.rad_per_tick) for each in good if each.spread is not None]
+    one = [each.slot.name for each in good if each.spread is None]
+    told = [f"+-{max(known):.3f} rad, and what the hand left out"] if known else []
+    told += [f"nobody knows how coarse where one end alone is known: {', '.join(one)}"] if one else []
+    return f"by the ends of the travel a zero is coarse: {'; '.join(told)}"
+
+
 def _write(
     options: argparse.Namespace,
     place: Ground,
@@ -244,13 +279,13 @@ def _write(
         print(json.dumps(each.told()) if options.json else each.line(width), flush=True)
     entries = [each.entry for each in placed if each.entry is not None]
     if options.from_sweep and entries and not options.json:
-        worst = max(each.spread for each in placed)
-        print(f"by the ends of the travel a zero is coarse: +-{worst:.3f} rad, and what the hand left out")
+        print(_coarse(placed))
     if not entries:
         raise Rejected("no joint has a zero: nothing was written")
     if not agreed(options, f"write {len(entries)} of {len(placed)} joints to {place.path}?"):
         raise Rejected("nothing was written")
     after = written(place, calibration, entries)
-    drafts.save(draft.without(each.name for each in entries), place.path, place.robot)
+    whole = [each.name for each in entries]
+    drafts.change(place.path, place.robot, lambda known: known.after(draft, whole))
     next_steps(options, place, after)
     return DONE if len(entries) == len(placed) else REFUSED
