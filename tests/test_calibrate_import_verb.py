@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from processes import arm, robot
-from test_calibrate_verbs import ROBOT, Bench, Captured, told
+from processes import arm
+from test_calibrate_verbs import ROBOT, Bench, Captured, benched, told
 
 from twind.config.calibration_file import Calibration, load_calibration
 
@@ -31,14 +31,8 @@ RESET = 120  # the offset that l_elbow had when LeRobot measured it; the servo h
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     truth = tmp_path_factory.mktemp("truth") / "truth.json"
     truth.write_text(json.dumps(TRUTH))
-    with robot("h24", "--muscles", "first-order", "--truth", str(truth)) as (virtual, folder):
-        made = Bench(virtual, folder)
-        try:
-            yield made
-        finally:
-            if made.daemon.process.poll() is None:
-                made.daemon.process.kill()
-            made.daemon.process.wait(10)
+    with benched("--truth", str(truth)) as made:
+        yield made
 
 
 def lerobot(known: Calibration, *names: str) -> dict[str, dict[str, int]]:

@@ -61,6 +61,12 @@ class Bench:
     def let_go(self) -> None:
         self.virtual.order(fault="hand", off=True)
 
+    def power_cycle(self) -> None:
+        """Every servo wakes up on its one turn."""
+        for on in (False, True):
+            self.virtual.order(fault="power", on=on)
+            time.sleep(0.5)
+
     def there(self) -> None:
         """Until nobody moves any more."""
         before: list[Any] = []
@@ -78,9 +84,10 @@ class Bench:
         return main(["--socket", str(self.daemon.sockets), "calibrate", *words])
 
 
-@pytest.fixture(scope="module")
-def bench() -> Iterator[Bench]:
-    with robot("h24", "--muscles", "first-order", "--truth-seed", "11") as (virtual, folder):
+@contextmanager
+def benched(*words: str) -> Iterator[Bench]:
+    """Beside a virtual robot with these options."""
+    with robot("h24", "--muscles", "first-order", *words) as (virtual, folder):
         made = Bench(virtual, folder)
         try:
             yield made
@@ -88,6 +95,12 @@ def bench() -> Iterator[Bench]:
             if made.daemon.process.poll() is None:
                 made.daemon.process.kill()
             made.daemon.process.wait(10)
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[Bench]:
+    with benched("--truth-seed", "11") as made:
+        yield made
 
 
 def told(said: str) -> list[dict[str, Any]]:
@@ -108,10 +121,20 @@ def test_what_makes_no_sense_is_said_before_anybody_moves(bench: Bench, capsys: 
 
 
 def test_who_moves_instead_of_whom_is_said_and_nothing_is_kept(bench: Bench, capsys: Captured) -> None:
-    mover = threading.Timer(0.3, lambda: bench.hands("upper", ["r_knee"]))
+    refused: list[str] = []
+
+    def move() -> None:
+        bench.hands("upper", ["r_knee"])
+        until(lambda: bench.daemon.status()["state"] == "calibrating", 5.0, "nobody arms")
+        with bench.daemon.client() as client, pytest.raises(ClientError) as other:
+            client.call("SetMode", mode="live")  # somebody else, who would arm
+        refused.append(str(other.value))
+
+    mover = threading.Timer(0.3, move)
     mover.start()
     assert bench.verb("sweep", "l_knee", "--timeout", "2") == 1
     mover.join()
+    assert "end the calibration first" in refused[0] or "LEASE" in refused[0]
     said = capsys.readouterr().out
     assert "r_knee moved while l_knee, asked for, did not: are their ids swapped" in said
     assert "not done: l_knee: it was not moved" in said and "0 of 1 swept" in said
@@ -152,8 +175,9 @@ def test_a_robot_is_swept_zeroed_fenced_and_moves(bench: Bench, capsys: Captured
         assert abs(apart) <= WELL, (joint.name, apart)
         assert joint.method == "jig" and joint.captures == 50 and joint.device == before[joint.name].device
 
-    bench.restart("live")
     bench.let_go()
+    bench.power_cycle()  # some were turns off, where position mode has no torque
+    bench.restart("live")
     with bench.daemon.client() as client:
         arm(client)
         assert bench.verb("sweep", "l_knee") == 1
@@ -232,7 +256,7 @@ def test_in_live_nobody_arms_meanwhile_and_ctrl_c_keeps_what_is_done(bench: Benc
     assert (now.method, now.captures) == ("sweep", 2) and abs(now.zero_ticks - then.zero_ticks) < 60
     assert after.by_name["l_knee"] == before.by_name["l_knee"]
     assert bench.verb("zero", "--from-sweep", "--yes") == 1
-    assert "name those that the ends are to place anew" in capsys.readouterr().err
+    assert "name those that are to get another, or --all" in capsys.readouterr().err
 
     with bench.daemon.client() as client:
         client.call("SetMode", mode="sim")
