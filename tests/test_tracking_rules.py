@@ -314,6 +314,20 @@ def test_a_position_that_stays_while_the_motor_works_is_a_frozen_encoder(
         assert 0.2 - TINY < (found.findings[0].value or 0.0) < 0.27
 
 
+@pytest.mark.parametrize(("looks", "trips"), [(1, False), (2, True)])
+def test_a_joint_that_comes_loose_turns_before_a_count_has_passed(looks: int, trips: bool) -> None:
+    """It rested, its goal went on, and it stuck; one look may see it turn on the same count, two not."""
+    watch = Watch(motion=Motion.ACTIVE)
+    still = [watch.tick([0.0] * N, [0.0, 0.002 * tick, 0.0]) for tick in range(31)]
+    assert set(still) == {FINE}
+    loose = [watch.tick([0.0] * N, [0.0, 0.06, 0.0], speed=[0.0, 0.4, 0.0]) for _ in range(5 * looks)]
+    assert any(one.reaction for one in loose) is trips
+    after = [
+        watch.tick([0.0, 0.002 * tick, 0.0], [0.0, 0.06, 0.0], speed=[0.0, 0.4, 0.0]) for tick in range(30)
+    ]
+    assert trips or set(after) == {FINE}
+
+
 @pytest.mark.parametrize(("ticks", "trips"), [(20, False), (21, True)])
 def test_it_takes_a_fifth_of_a_second_and_one_look(ticks: int, trips: bool) -> None:
     assert bool(frozen(ticks, speed=0.5).reaction) is trips

@@ -40,6 +40,7 @@ class TrackingRules:
         )
         self._goal = np.zeros(count)  # rad, their goal when that last changed, ...
         self._turned = np.zeros(count)  # s, ... and when
+        self._turning = np.zeros(count, np.bool_)  # at the last look its servo said that it turns
         self._looked = -NEVER  # s
 
     def judge(self, facts: Facts) -> Iterator[Said]:
@@ -93,12 +94,18 @@ class TrackingRules:
     def _frozen(self, facts: Facts, measured: JointState, goal: Floats) -> Iterator[Said]:
         """SENSE_FROZEN: the very same position while the goal moves and the motor works.
 
-        A blocked motor is none: it does not say that it turns, and draws what a motor draws that pushes.
+        A blocked motor is none: it does not say that it turns, and draws what a motor draws that pushes. Nor
+        is a joint that comes loose after a rest: it turns before a count has passed, so two looks have to
+        see it.
         """
         if facts.motion not in MOVING:
             self._place = None
             return
+        bounds = self._bounds
         place, goal, velocity = self._of_actuators(measured, goal)
+        turning = np.abs(velocity) >= bounds.frozen_turning
+        on = turning & self._turning
+        self._turning = turning
         if self._place is None:
             changed = np.ones(len(goal), np.bool_)
         else:
@@ -107,13 +114,11 @@ class TrackingRules:
         np.copyto(self._goal, goal, where=changed)
         self._turned[changed] = facts.now
         moved = np.abs(goal - self._goal)
-        bounds = self._bounds
         if every(moved < bounds.frozen_moved):
             return
-        turning = np.abs(velocity) >= bounds.frozen_turning
         load = np.full(len(moved), np.nan) if facts.load is None else facts.load
         idle = (load >= bounds.frozen_load[0]) & (load <= bounds.frozen_load[1])
-        works = ((moved >= bounds.frozen_moved) & turning) | ((moved >= bounds.frozen_far) & idle)
+        works = ((moved >= bounds.frozen_moved) & on) | ((moved >= bounds.frozen_far) & idle)
         long = facts.now - self._turned >= bounds.frozen_for - ROUNDING
         for joint in np.flatnonzero(works & long & measured.heard).tolist():
             value, bound = float(facts.now - self._turned[joint]), bounds.frozen_for
