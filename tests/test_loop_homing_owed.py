@@ -13,6 +13,7 @@ from homing_world import JOINT, OTHER, Homed, codes, failed, homed
 
 from twind import link
 from twind.loop.readings import Readings
+from twind.loop.reload import at_rest
 from twind.robot.finding import Code, Finding
 from twind_drivers.bus import Sample, WireClamp
 
@@ -205,9 +206,23 @@ def test_another_device_in_its_place_is_given_nothing(other: dict[str, Any]) -> 
         assert made.loop.homing.owed is None
 
 
-def test_changes_of_the_robot_wait_for_it() -> None:
-    from twind.loop.reload import at_rest
+def test_who_cannot_be_given_anything_is_not_owed_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*_: Any, **__: Any) -> None:
+        raise ValueError("no such mode")
 
+    with homed() as made:
+        made.ready()
+        ticket = made.find()
+        made.powered(ticket)
+        monkeypatch.setattr("twind_drivers.dynamixel.writer.DynamixelWriter.alone", never)
+        made.send(link.ReleaseLease)
+        reply = made.last(ticket)
+        assert codes(reply) == [Code.LEASE_LOST, Code.DEVICE_MISMATCH]
+        assert "no such mode" in reply.parameters["findings"][-1]["message"]
+        assert made.loop.homing.owed is None
+
+
+def test_changes_of_the_robot_wait_for_it() -> None:
     with homed() as made:
         made.ready()
         ticket = owed(made)

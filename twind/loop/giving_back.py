@@ -73,7 +73,7 @@ def _returned(loop: Loop, debt: Debt, until: float) -> Generator[None, float, tu
                 return (clamped(loop, debt, error), unrestored(debt, str(error)))
             if error is None:
                 return ()
-            refusals += isinstance(error, DeviceRefused)
+            refusals += isinstance(error, DeviceRefused | KeyError | ValueError)  # it was not cut short
             if refusals >= REFUSALS:
                 return (unrestored(debt, str(error)),)
         if loop.clock.now() > until and not debt.answered:
@@ -118,6 +118,8 @@ def _restored(debt: Debt) -> Generator[None, float, Exception | None]:
     assert port.writer is not None
     try:
         alone = port.writer.alone(aim.id, cap=aim.cap, profile=aim.profile)
+    except ValueError as error:
+        return error
     finally:
         port.writer.together()  # what is given back is judged as everybody's is
     task = port.run(alone.give_back(debt.kept))
