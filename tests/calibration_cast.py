@@ -5,6 +5,7 @@ Writes docs/calibration.cast and the transcript in calibration/README.md.
 
 import json
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -22,15 +23,17 @@ ROOT = Path(__file__).parent.parent
 CAST, PAGE = ROOT / "docs" / "calibration.cast", ROOT / "calibration" / "README.md"
 BEGIN, END = "<!-- shown by make cast -->\n```text\n", "\n```\n"
 WHOLE = ("24 of 24 swept", "24 of 24 joints", "armed: 24 joints", "succeeded at 100%", "disarmed")
+JOB = re.compile(r"\[1\]")  # what the shell says of a program in the background: its number, its end
 MOST = 16  # lines that one command may say in the transcript
-FOLDER = Path("/tmp/twind-cast")
+FOLDER = Path("/tmp/h24")
 QUICK = 3.0  # rad/s
 LIMBS = ("head", "l_shoulder l_elbow", "r_shoulder r_elbow", "waist", "l_hip l_knee l_ankle", "r_")
 
 
 def transcript() -> str:
-    """What the recording leaves on the screen, shortened, as the page has it."""
-    return "\n".join(shortened(rendered(load(CAST)), MOST)).strip()
+    """What the recording leaves on the screen, shortened and without the shell's own lines, for the page."""
+    lines = [line for line in rendered(load(CAST)) if not JOB.match(line)]
+    return "\n".join(shortened(lines, MOST)).strip()
 
 
 def within(text: str) -> str:
@@ -74,6 +77,13 @@ class Robot:
         pose = dict.fromkeys(load_robot("h24").names, 0.0)
         self.order(fault="hand", pose=pose, speed=QUICK)
 
+    def restart(self) -> None:
+        """Let go, and its power off and on: in position mode a servo that is turns off gets no torque."""
+        self.order(fault="hand", off=True)
+        for on in (False, True):
+            self.order(fault="power", on=on)
+            time.sleep(1.0)
+
     def close(self) -> None:
         assert self._process.stdin is not None
         self._process.stdin.close()
@@ -83,7 +93,7 @@ class Robot:
 
 def play(robot: Robot, terminal: Terminal) -> None:
     """The whole way, as a person goes it."""
-    daemon = f"twind --mode {{}} --robot h24 --port {FOLDER}/main --socket run/twind 2>>twind.log &"
+    daemon = "twind --mode {} --robot h24 --port ./main --socket run/twind 2>>twind.log &"
     terminal.run(daemon.format("mirror"))
     time.sleep(2.0)
     terminal.run("twindctl calibrate scan")
@@ -100,9 +110,9 @@ def play(robot: Robot, terminal: Terminal) -> None:
     terminal.type("y")
     terminal.until("\n$ ")
     terminal.run("kill %1; wait")
+    robot.restart()
     terminal.run(daemon.format("live"))
     time.sleep(2.0)
-    robot.order(fault="hand", off=True)
     for command in ("arm", "move l_knee=0.5", "status", "disarm"):
         terminal.run(f"twindctl {command}")
     terminal.run("kill %1; wait")
