@@ -5,13 +5,9 @@ from pathlib import Path
 
 from rig import Rig
 
-from twind.config.calibration_file import (
-    Calibration,
-    dump_calibration,
-    read_calibration,
-    recorded,
-)
+from twind.config.calibration_file import Calibration, dump_calibration, read_calibration
 from twind.config.counts import slot_angles
+from twind.config.device_record import recorded
 from twind.config.robot_file import load_robot
 from twind.loop.described import Robot
 from twind.robot.modes import Mode

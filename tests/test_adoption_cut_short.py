@@ -137,7 +137,7 @@ def test_the_old_servos_calibration_goes_before_the_first_write(robot: RobotFile
 def test_what_was_swept_of_the_old_servo_goes_with_it(
     robot: RobotFile, tmp_path: Path, calibrated_too: bool
 ) -> None:
-    """Of the same model and settings: nothing else would keep `zero` from taking it for that of the new one."""
+    """Of the same model and settings: nothing else keeps `zero` from taking it for that of the new one."""
     path = calibrated(robot, tmp_path)
     device = load_calibration(path, robot).by_name["wrist"].device
     swept = Swept(device, (1000, 3000), "2026-11-21T09:14:03Z")

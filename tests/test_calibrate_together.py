@@ -14,11 +14,13 @@ import pytest
 from test_calibration_file import ROBOT, made
 
 from twind.config import saving
-from twind.config.calibration_file import Calibration, DeviceRecord, load_calibration, save_calibration
+from twind.config.calibration_file import Calibration, load_calibration, save_calibration
+from twind.config.device_record import DeviceRecord
 from twind.config.saving import Rights, alone, draft_of, save_text
+from twind.ctl.main import main
 from twind.ctl.verb import Rejected
 from twind_calibration.calibrating import draft as drafts
-from twind_calibration.calibrating import fencing, importing, imports, kept, limits
+from twind_calibration.calibrating import fencing, importing, imports, kept, limits, past
 from twind_calibration.calibrating.draft import Draft, Swept
 from twind_calibration.calibrating.folding import Folded
 from twind_calibration.calibrating.ground import Ground
@@ -78,6 +80,25 @@ def test_an_entry_that_another_changed_meanwhile_is_not_replaced(place: Ground, 
     with pytest.raises(Rejected, match=r"calibrated l_knee meanwhile: .*nothing was written"):
         written(place, mine, [moved(mine, KNEE, 3)])
     assert (place.path.read_bytes() if place.path.exists() else None) == before
+
+
+def test_what_another_wrote_while_one_was_asked_is_not_rolled_back_unseen(
+    place: Ground, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
+    kept.save(made(2050), place.path)
+    rollback = ["calibrate", "rollback", "1", "--robot", "h24", "--calibration", str(place.path), "--yes"]
+
+    def asked(*_: Any) -> bool:
+        written(place, known(place), [moved(known(place), KNEE, 50)])
+        return True
+
+    with monkeypatch.context() as patch:
+        patch.setattr(past, "agreed", asked)
+        assert main(rollback) == 1
+    assert "somebody else wrote" in capsys.readouterr().err
+    assert known(place).by_name[KNEE] == moved(made(2050), KNEE, 50)
+    assert main(rollback) == 0
+    assert known(place).by_name == made().by_name
 
 
 def test_no_servo_is_fenced_from_a_zero_that_another_replaced(

@@ -23,7 +23,8 @@ from calibration_world import (
 )
 from rig import Rig
 
-from twind.config.calibration_file import Calibration, DeviceRecord
+from twind.config.calibration_file import Calibration
+from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.robot.modes import Mode
 from twind.virtual.truth import JointTruth, Truth, random_truth

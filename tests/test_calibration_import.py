@@ -10,8 +10,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from twind.config.calibration_file import DeviceRecord, JointCalibration
+from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
+from twind.config.device_record import DeviceRecord
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.servo_check import MAX_OFFSET

@@ -9,7 +9,8 @@ from test_adopt_verb import answering
 
 from twind.client import Client
 from twind.config.actuator import CanType
-from twind.config.calibration_file import Calibration, DeviceRecord, JointCalibration
+from twind.config.calibration_file import Calibration, JointCalibration
+from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import JointSpec
 from twind_calibration.doctor import mend, robot_checks, runner, table

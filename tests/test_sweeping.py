@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.config.calibration_file import DeviceRecord, dump_calibration, read_calibration
+from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import tick_range, ticks_of
+from twind.config.device_record import DeviceRecord
 from twind.config.homing import Stops
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot

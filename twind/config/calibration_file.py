@@ -14,6 +14,7 @@ from functools import cached_property
 from pathlib import Path
 
 from twind.config.counts import ticks_of, turn_start
+from twind.config.device_record import MAX_TICKS, DeviceRecord, device_entries, read_device, recorded
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.saving import Rights, save_text
@@ -22,27 +23,10 @@ from twind_drivers.bus import Device
 
 FORMAT = "twind-calibration/1"
 METHODS = ("jig", "endstop", "sweep", "gravity", "import")
-MAX_TICKS = 2**31 - 1
 HISTORY = 20  # earlier files kept beside the current one
-STAMPED = "moving_threshold"  # 24: where a calibration that uses tags has stamped the servo
 SWEEP_MARGIN = 0.08  # rad, travel of a fitting calibration beyond the described limits
 
 _STAMP = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
-
-
-@dataclass(frozen=True, slots=True)
-class DeviceRecord:
-    """What was on the wire when the joint was calibrated."""
-
-    model_number: int
-    firmware: int
-    unique_id: str | None
-    homing_offset_ticks: int
-    drive_mode: int
-    operating_mode: int
-    min_ticks: int
-    max_ticks: int
-    tag: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,26 +180,6 @@ def _derived(section: Section, key: str, given: object, computed: object) -> Non
         raise section.refuse(key, f"{given} does not follow from sweep_ticks, which give {computed}")
 
 
-def read_device(section: Section) -> DeviceRecord:
-    """The record under `device:`. Raises ConfigError."""
-    eeprom = section.section("eeprom")
-    number, byte = {"least": -MAX_TICKS, "most": MAX_TICKS}, {"least": 0, "most": 255}
-    record = DeviceRecord(
-        model_number=section.integer("model_number", least=0, most=MAX_TICKS),
-        firmware=section.integer("firmware", **byte),
-        unique_id=None if section.plain("unique_id") is None else section.text("unique_id"),
-        homing_offset_ticks=eeprom.integer("homing_offset_ticks", **number),
-        drive_mode=eeprom.integer("drive_mode", **byte),
-        operating_mode=eeprom.integer("operating_mode", **byte),
-        min_ticks=eeprom.integer("min_ticks", **number),
-        max_ticks=eeprom.integer("max_ticks", **number),
-        tag=None if section.plain("tag") is None else section.integer("tag", least=0, most=1023),
-    )
-    eeprom.close()
-    section.close()
-    return record
-
-
 # ------------------------------------------------------------------------------------------- writing
 
 
@@ -234,25 +198,6 @@ def fitting(
     joints = tuple(_fitted(joint, zeros[joint.name], devices[joint.bus, joint.id]) for joint in robot.joints)
     calibration = Calibration(robot.name, robot.description_sha256, created, tool, "import", joints)
     return replace(calibration, sha256=text_hash(dump_calibration(calibration)))
-
-
-def recorded(device: Device, *, tagged: bool = False) -> DeviceRecord:
-    """What a calibration keeps of a device; `tagged`: its tag as well, which only a stamped one has.
-
-    Raises KeyError: a setting that it did not tell.
-    """
-    settings = device.settings
-    return DeviceRecord(
-        model_number=device.model_number,
-        firmware=device.firmware,
-        unique_id=device.unique_id,
-        homing_offset_ticks=settings["homing_offset"],
-        drive_mode=settings["drive_mode"],
-        operating_mode=settings["operating_mode"],
-        min_ticks=settings["min_position_limit"],
-        max_ticks=settings["max_position_limit"],
-        tag=settings[STAMPED] if tagged else None,
-    )
 
 
 def _fitted(joint: JointSpec, zero: int, device: Device) -> JointCalibration:
@@ -309,20 +254,6 @@ def save_calibration(
     return save_text(folder, individual, dump_calibration(calibration), HISTORY, rights)
 
 
-def device_entries(device: DeviceRecord) -> dict[str, Plain]:
-    """What stands under `device:`."""
-    eeprom: Plain = {
-        "homing_offset_ticks": device.homing_offset_ticks,
-        "drive_mode": device.drive_mode,
-        "operating_mode": device.operating_mode,
-        "min_ticks": device.min_ticks,
-        "max_ticks": device.max_ticks,
-    }
-    found: dict[str, Plain] = {"model_number": device.model_number, "firmware": device.firmware}
-    found |= {"unique_id": device.unique_id, "eeprom": eeprom}
-    return found if device.tag is None else found | {"tag": device.tag}
-
-
 def _entries(joint: JointCalibration) -> dict[str, Plain]:
     entries: dict[str, Plain] = {
         "bus": joint.bus,
@@ -356,7 +287,6 @@ def _flow(value: Plain) -> str:
 __all__ = [
     "Calibration",
     "ConfigError",
-    "DeviceRecord",
     "JointCalibration",
     "dump_calibration",
     "fitting",

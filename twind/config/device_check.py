@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 
 from twind.config import can_check, servo_check
 from twind.config.actuator import CanType, ServoType
-from twind.config.calibration_file import STAMPED, Calibration, DeviceRecord, JointCalibration
+from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.counts import rad_per_tick
+from twind.config.device_record import STAMPED, DeviceRecord
 from twind.config.robot_spec import JointSpec, RobotFile
 from twind.config.servo_check import Doubt
 from twind.robot.finding import Code, Finding, Verdict

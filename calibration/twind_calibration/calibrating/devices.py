@@ -6,7 +6,8 @@ from types import MappingProxyType
 from typing import Any
 
 from twind.client import Client
-from twind.config.calibration_file import Calibration, DeviceRecord, recorded
+from twind.config.calibration_file import Calibration
+from twind.config.device_record import DeviceRecord, recorded
 from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import Rejected
 from twind_calibration.calibrating.ground import scanned

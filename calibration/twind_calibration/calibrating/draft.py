@@ -8,13 +8,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from twind.config.calibration_file import (
-    MAX_TICKS,
-    DeviceRecord,
-    device_entries,
-    read_device,
-    written,
-)
+from twind.config.calibration_file import written
+from twind.config.device_record import MAX_TICKS, DeviceRecord, device_entries, read_device
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import RobotFile
 from twind.config.saving import draft_of

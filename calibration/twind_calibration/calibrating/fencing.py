@@ -11,7 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from twind.client import CallError, Client, ClientError
-from twind.config.calibration_file import Calibration, DeviceRecord, JointCalibration
+from twind.config.calibration_file import Calibration, JointCalibration
+from twind.config.device_record import DeviceRecord
 from twind.config.saving import Folder
 from twind.ctl.verb import DONE, Rejected, operator
 from twind_calibration.again import again

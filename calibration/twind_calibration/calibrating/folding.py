@@ -8,7 +8,8 @@ the zero counts in what it tells with it. Of a Feetech servo the sign is the oth
 from dataclasses import dataclass, replace
 
 from twind.config.actuator import ServoType
-from twind.config.calibration_file import DeviceRecord, JointCalibration, turn_band
+from twind.config.calibration_file import JointCalibration, turn_band
+from twind.config.device_record import DeviceRecord
 from twind.config.servo_check import MAX_OFFSET
 from twind_calibration.calibrating.lerobot import Motor
 from twind_calibration.calibrating.placing import Zero, misfits, whole

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from twind.client import Client
-from twind.config.calibration_file import Calibration, DeviceRecord
+from twind.config.calibration_file import Calibration
+from twind.config.device_record import DeviceRecord
 from twind.config.located import ConfigError, read_text
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, operator
 from twind.protocol.plain_file import read_plain

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from twind.config.calibration_file import MAX_TICKS
+from twind.config.device_record import MAX_TICKS
 from twind.ctl.verb import Rejected
 from twind.protocol.strict import BadJson, loads
 

@@ -133,12 +133,19 @@ def _rollback(options: argparse.Namespace) -> int:
         bind(place.robot, earlier)
     except BindingError as error:
         raise Rejected(f"the daemon would refuse {file}: {error}") from None
+    shown = _bytes(place)
     if not options.json:
         print("\n".join([f"{place.path} -> {file}", *_against_now(archive, earlier, place)]), flush=True)
     if not agreed(options, f"put {file.name} of {earlier.created} back?"):
         raise Rejected("nothing was written")
-    fenced = _fenced_since(archive, earlier)
-    kept.save(earlier, place.path)
+    with kept.alone(place.path) as folder:
+        if _bytes(place) != shown:
+            raise Rejected(
+                f"somebody else wrote {place.path} meanwhile, and nothing was written now: the same "
+                "command once more shows what it says"
+            )
+        fenced = _fenced_since(archive, earlier)
+        kept.save(earlier, place.path, folder)
     next_steps(options, place, earlier)
     if fenced and not options.json:
         command = again(options).prose(f"`twindctl calibrate limits {' '.join(fenced)}`")
@@ -147,6 +154,14 @@ def _rollback(options: argparse.Namespace) -> int:
             f"are those of the file: restart the daemon, {command}, and restart it again"
         )
     return DONE
+
+
+def _bytes(place: Ground) -> bytes:
+    """What is in force, whatever it is; empty where nobody can read it."""
+    try:
+        return place.path.read_bytes()
+    except OSError:
+        return b""
 
 
 def _fenced_since(archive: Archive, earlier: Calibration) -> list[str]:

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from twind.config.calibration_file import DeviceRecord, JointCalibration, seam_margin, turn_band
+from twind.config.calibration_file import JointCalibration, seam_margin, turn_band
 from twind.config.counts import tick_range
+from twind.config.device_record import DeviceRecord
 from twind_calibration.calibrating.slots import Slot
 from twind_calibration.calibrating.unwrap import framed, on_turn
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from twind.client import Client
-from twind.config.calibration_file import DeviceRecord
+from twind.config.device_record import DeviceRecord
 from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
 from twind_calibration.again import again
 from twind_calibration.calibrating import draft as drafts

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from twind.client import Client
-from twind.config.calibration_file import Calibration, DeviceRecord, JointCalibration, turn_band
+from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import slot_angles
+from twind.config.device_record import DeviceRecord
 from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
 from twind_calibration.again import again
@@ -280,6 +281,7 @@ def _write(
     entries = [each.entry for each in placed if each.entry is not None]
     if options.from_sweep and entries and not options.json:
         print(_coarse(placed))
+        print(again(options).prose("a wrong sign fits its ends too: `twindctl calibrate prove` afterwards"))
     if not entries:
         raise Rejected("no joint has a zero: nothing was written")
     if not agreed(options, f"write {len(entries)} of {len(placed)} joints to {place.path}?"):

@@ -12,12 +12,13 @@ import numpy as np
 from twind.client import Client
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.robot_spec import JointSpec
+from twind.config.saving import Folder
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.twin.base_pose import BASES
 from twind.twin.binding import BindingError
 from twind_calibration.again import again
 from twind_calibration.calibrating.ground import Ground, ground, now
-from twind_calibration.calibrating.kept import save
+from twind_calibration.calibrating.kept import alone, save
 from twind_calibration.calibrating.prove import LEAST, MOST
 from twind_calibration.calibrating.writing import agreed, require_somebody
 from twind_calibration.instances import restart
@@ -137,23 +138,24 @@ class Session:
         """
         if not verdicts:
             return
-        before = self._ground.calibration()
-        other = unlike(measured(before), self._in_force)
         own = {joint.name: joint.actuator for joint in self._ground.robot.joints if not joint.transmission}
         proofs = {own[each.joint]: each for each in verdicts if each.joint in own}
-        if before is not None:
-            kept = {name: each for name, each in proofs.items() if name not in other}
-            self._write(*recorded(before, kept, now()))
+        with alone(self._ground.path) as folder:
+            before = self._ground.calibration()
+            other = unlike(measured(before), self._in_force)
+            if before is not None:
+                kept = {name: each for name, each in proofs.items() if name not in other}
+                self._write(folder, *recorded(before, kept, now()))
         if lost := [name for name in proofs if name in other]:
             raise Rejected(
                 f"{self._ground.path}: {', '.join(lost)} calibrated anew meanwhile: what was proved holds of "
                 f"what it said before, and is not kept. {self._anew()}"
             )
 
-    def _write(self, after: Calibration, new: list[str], gone: list[str]) -> None:
+    def _write(self, folder: Folder, after: Calibration, new: list[str], gone: list[str]) -> None:
         if not new and not gone:
             return
-        save(after, self._ground.path)
+        save(after, self._ground.path, folder)
         if self._options.json:
             print(json.dumps({"written": str(self._ground.path), "new": new, "gone": gone}), flush=True)
             return
