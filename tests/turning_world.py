@@ -5,7 +5,7 @@ from pathlib import Path
 BODY = """\
 <mujoco model="arm">
   <compiler angle="radian" autolimits="true"/>
-  <option timestep="0.002" jacobian="dense"/>
+  <option timestep="0.002" jacobian="dense"><flag contact="disable"/></option>
   <worldbody>
     <body name="base">
       <geom type="box" size=".05 .05 .05" mass="1"/>
@@ -23,11 +23,6 @@ BODY = """\
       </body>
     </body>
   </worldbody>
-  <contact>
-    <exclude body1="base" body2="upper"/> <exclude body1="base" body2="fore"/>
-    <exclude body1="base" body2="hand"/> <exclude body1="upper" body2="fore"/>
-    <exclude body1="upper" body2="hand"/> <exclude body1="fore" body2="hand"/>
-  </contact>
   <actuator>
     <position joint="single" kp="20"/> <position joint="extended" kp="20"/> <position joint="capped" kp="20"/>
   </actuator>
