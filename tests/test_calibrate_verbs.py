@@ -250,7 +250,8 @@ def test_in_live_nobody_arms_meanwhile_and_ctrl_c_keeps_what_is_done(bench: Benc
 
     before = load_calibration(bench.file, ROBOT)
     assert bench.verb("zero", "--from-sweep", "--yes") == 0
-    assert "a zero is coarse" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "a zero is coarse" in said and "a wrong sign fits its ends too: `twindctl" in said
     after = load_calibration(bench.file, ROBOT)
     then, now = before.by_name["head_yaw"], after.by_name["head_yaw"]
     assert (now.method, now.captures) == ("sweep", 2) and abs(now.zero_ticks - then.zero_ticks) < 60
