@@ -11,9 +11,8 @@ import pytest
 from twind.client import CallError
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.robot_spec import RobotFile
-from twind.twin.binding import bind
 
-__all__ = ["FakeDaemon", "bind", "options_of"]
+__all__ = ["FakeDaemon", "held", "options_of", "recorded", "stand_in"]
 LEASE = 1.0  # s
 
 
