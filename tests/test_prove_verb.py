@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from processes import Daemon, Virtual, arm, daemon, robot
+from processes import PATIENCE, Daemon, Virtual, arm, daemon, robot
 
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
@@ -18,6 +18,7 @@ from twind_calibration.wiggling.motion import goal_of
 pytestmark = pytest.mark.realtime
 Captured = pytest.CaptureFixture[str]
 H24 = load_robot("h24")
+TRIES, TRY = 5, 20.0  # s that one takes, and it may have to be armed again before
 TRUTH = {"joints": {"r_hip_pitch": {"sign": 1}}}  # the robot file says -1
 
 
@@ -45,7 +46,7 @@ def proved(
     virtual: Virtual, one: Daemon, capsys: Captured, name: str
 ) -> tuple[int, dict[str, Any], list[dict[str, Any]]]:
     """Exit code, what is said of a joint and what is left to say; again where the machine had no time."""
-    deadline = time.monotonic() + 90.0
+    deadline = time.monotonic() + TRIES * (TRY + PATIENCE)
     words = ["--json", "calibrate", "prove", "--yes", "--base", "back", name]
     while True:
         capsys.readouterr()
