@@ -21,13 +21,19 @@ __all__ = ["floating", "plant"]
 # ------------------------------------------------------------------- 2: the jump at torque-on
 
 
-def test_a_count_that_will_fall_a_turn_at_torque_on_is_expected_to_and_nothing_jumps(plant: Any) -> None:
+def test_a_count_that_would_fall_a_turn_at_torque_on_gets_none_and_after_a_restart_it_is_right(
+    plant: Any,
+) -> None:
     """The forum's case: a goal of what is read without torque would be a full turn."""
     truth = JointTruth(zero_ticks=700, homing_offset=-512, registers=OPEN)
     rig = plant(truth, replace(truth, turns=1))
     rig.connect()
     row = rig.names.index(KNEE)
     assert int(rig.loop.hardware.readings.raw.ticks[row]) == 700 - 512 + TURN, "beyond every goal it takes"
+    said = rig.refused()
+    assert names_it(said, "CALIB_MISMATCH", KNEE, "position mode knows one turn alone".capitalize())
+    rig.virtual["main"].faults.brown_out(rig.id_of(KNEE))
+    rig.seconds(1.0)
     rig.arm()
     rig.seconds(0.5)
     assert rig.virtual["main"].servos["goal_position"][row] == 700 - 512

@@ -36,7 +36,7 @@ def made(path: str, turns: tuple[int, int, int] = (0, 0, 0), **more: object) -> 
 
 @pytest.fixture
 def arm(path: str) -> Iterator[Rig]:
-    rig = made(path, (1, -2, 2))
+    rig = made(path, (0, -2, 2))
     yield rig
     rig.close()
 
@@ -177,19 +177,26 @@ def test_torque_found_on_a_turn_off_is_known_where_it_is_and_lowered_from_there(
     rig.close()
 
 
-def test_a_servo_that_keeps_its_turns_at_torque_on_is_let_go_at_once(arm: Rig) -> None:
-    """Not what the manual says of position mode: the goal would be a turn away."""
-    servos(arm).power.collapse = lambda row, slip=0: None
-    arm.connect()
-    before = arm.counts
-    assert arm.loop.hardware.readings.shift[SINGLE] == -4096
-    arm.lease()
-    reply = arm.call(link.Arm)
-    assert reply.error == "Refused"
-    assert {each["joint"] for each in reply.parameters["findings"]} == {SINGLE}
-    assert not arm.register("torque_enable").any()
-    arm.seconds(1.0)
-    assert np.abs(arm.counts - before).max() < 1024  # it began to go there, and did not get far
+def test_position_mode_a_turn_off_gets_no_torque_until_it_has_restarted(path: str) -> None:
+    """Whether a firmware falls back to one turn at torque-on nobody has seen; a goal could be a turn away."""
+    rig = made(path, (1, 0, 0))
+    rig.connect()
+    before = rig.counts
+    rig.lease()
+    [finding] = rig.call(link.Arm).parameters["findings"]
+    assert (finding["code"], finding["joint"]) == (Code.CALIB_MISMATCH, SINGLE)
+    assert "switch its power off and on" in finding["message"]
+    assert not rig.register("torque_enable").any()
+    rig.virtual["main"].faults.power(False)
+    rig.seconds(0.5)
+    rig.virtual["main"].faults.power(True)
+    rig.seconds(3.0)
+    assert verified(rig) == [True] * 3
+    rig.lease()
+    assert rig.call(link.Arm).error is None
+    rig.seconds(0.3)
+    assert (np.abs(rig.counts - before) % 4096 <= 3).all()
+    rig.close()
 
 
 def test_a_restart_while_armed_changes_no_turn_until_torque_is_off(arm: Rig) -> None:

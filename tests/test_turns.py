@@ -110,11 +110,15 @@ def test_a_turn_on_which_its_goals_cannot_be_sent_is_refused(raw: int, fine: boo
         assert "its goals there, -6672..-5612, are outside -4096..8191" in message
 
 
-def test_position_mode_is_off_by_turns_without_torque_only() -> None:
+def test_position_mode_a_turn_off_is_refused_before_torque_and_with_it() -> None:
     of = turns(falls=True)
-    assert told(2000 + 4096, of) == ""
-    assert told(2000, of, on=True) == ""
-    assert "with torque on, -1 turns from where it was calibrated" in told(2000 + 4096, of, on=True)
+    for on in (False, True):
+        assert told(2000, of, on=on) == ""
+        for off in (-2, -1, 1):
+            message = told(2000 + off * 4096, of, on=on)
+            assert f"{-off:+d} turns from where it was calibrated" in message
+            assert "switch its power off and on" in message
+            assert ("`twindctl disarm`" in message) == on
 
 
 @given(st.integers(-100_000, 100_000), st.integers(-1024, 1024))
@@ -131,10 +135,12 @@ def test_the_worked_example_of_a_count_that_falls_past_its_own_goal() -> None:
 
 
 def test_who_leaves_its_travel_is_said_and_keeps_its_turn() -> None:
-    shift = np.array([4096])
-    assert not strayed(np.array([2000 - 4096]), shift, turns())
-    [finding] = strayed(np.array([FIRST - SLACK - 1 - 4096]), shift, turns())
+    shift, told = np.array([4096]), np.array([True])
+    assert not strayed(np.array([2000 - 4096]), shift, turns(), told)
+    assert not strayed(np.array([0]), shift, turns(), ~told)
+    [finding] = strayed(np.array([FIRST - SLACK - 1 - 4096]), shift, turns(), told)
     assert (finding.value, finding.bound) == (FIRST - SLACK - 1, FIRST - SLACK)
+    assert "out of its travel 1402..2698, in which it was identified" in finding.message
 
 
 def test_who_was_never_measured_is_not_judged_and_stays_as_it_reads() -> None:

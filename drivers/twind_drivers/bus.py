@@ -360,8 +360,9 @@ class Writer(Protocol):
     def begin(self, order: Order, now: float) -> None:
         """Begin one rare-path transaction that writes; ended by the reader's `answer`."""
 
-    def prepare(self, ticks: Ints) -> Script[None]:
+    def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
         """Before torque: device watchdogs cleared, armed and read back; gains and caps of the output, too.
+        Of `among` (m,) alone, None: all; nobody else gets a goal of any kind until prepared himself.
 
         `ticks` (m,), the present position, becomes the goal in the system call that clears the watchdogs: a
         tripped servo whose torque is still on must not resume its old goal.

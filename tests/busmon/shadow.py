@@ -8,7 +8,6 @@ from busmon.limits import Limits
 
 FRESH = 0.05  # s, the oldest position that a goal at torque-on may rest on
 NEAR = 2  # counts from it
-TURN = 4096  # counts of an X series servo
 RECENT = 64  # goal packets that are kept
 
 
@@ -24,7 +23,6 @@ class Servos:
         self.lower = np.array([servo.lower for servo in servos], np.int64)
         self.upper = np.array([servo.upper for servo in servos], np.int64)
         self.step = np.array([servo.speed * limits.period + 1.0 + 1e-6 for servo in servos])
-        self.one_turn = [servo.mode == 3 for servo in servos]  # that it falls back to at torque-on
         self.brake = np.array([servo.brake * limits.period**2 for servo in servos])  # counts a period, each
         self.goal = np.zeros(count, np.int64)
         self.known = np.zeros(count, np.bool_)  # a goal has gone out
@@ -62,17 +60,7 @@ class Servos:
                 found.append(int(positions[row]))
             else:
                 found += [int(positions[each]) for each in np.flatnonzero(rows == row)]
-        lower, upper = int(self.lower[row]), int(self.upper[row])
-        return [min(max(self._anew(row, place), lower), upper) for place in found]
-
-    def _anew(self, row: int, place: int) -> int:
-        """What a servo without torque will read with it: in position mode one turn (e-manual, "Operating
-        Mode"), so a count outside its range may be inside by then."""
-        lower, upper = int(self.lower[row]), int(self.upper[row])
-        if self.on[row] or not self.one_turn[row] or lower <= place <= upper:
-            return place
-        inside = lower + (place - lower) % TURN
-        return inside if inside <= upper else place
+        return [min(max(place, int(self.lower[row])), int(self.upper[row])) for place in found]
 
     def is_here(self, row: int, goal: int, now: float) -> bool:
         """That goal is where the servo is."""

@@ -123,10 +123,6 @@ def _energise(loop: Loop, inherited: bool) -> Generator[None, float, Floats]:
         joint = int(np.argmax(np.nan_to_num(jump, nan=np.inf)))
         message = "jumped at torque-on; torque is off again"
         raise ArmFailed(Code.ARM_FAILED, joint, float(jump[joint]), JUMP, message)
-    if (late := hardware.readings.fallen()) is not None:
-        message = "did not fall back to one turn at torque-on, as position mode does: torque is off again"
-        shift = float(hardware.readings.shift[late])
-        raise ArmFailed(Code.CALIB_MISMATCH, late, shift, 0.0, message)
     return held
 
 

@@ -94,7 +94,7 @@ class Failsafe:
         now = yield
         while now < until and not loop.torque_off:
             known = every(loop.hardware.slow.torque >= 0) and every(loop.measured.age <= FRESH)
-            if loop.hardware.connected and known:
+            if loop.hardware.connected and known and not some(loop.identity.verified.unjudged):
                 return
             now = yield
 
@@ -123,7 +123,8 @@ def why_left(loop: Loop) -> str:
     if loop.mode is not Mode.LIVE:
         return f"torque is on, and mode {loop.mode.value} of the settings writes nothing"
     devices = {(port.name, each.id): each for port in loop.hardware.ports for each in port.devices}
-    doubts = (*loop.parts.judge(devices).refusals, *loop.identity.troubles)
+    identity = loop.identity
+    doubts = (*loop.parts.judge(devices).refusals, *identity.mismatches, *identity.verified.doubts())
     for doubt in doubts:
         if doubt.code is not Code.DEVICE_MISSING:
             return f"torque is on, and nobody knows where the joints are: {doubt.code}: {doubt.message}"

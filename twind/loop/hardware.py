@@ -58,6 +58,7 @@ class Hardware:
         self._stride, self._turn = upkeep_stride(1.0 / period), 0
         self._place = {port.name: number for number, port in enumerate(self.ports)}
         self._turns = [np.zeros_like(bus.zero) for bus in joints.buses]  # ticks that goals are sent less
+        self.left_out: Bools = np.zeros(len(joints), np.bool_)  # who gets no goals until prepared himself
         self.resolution = np.full(len(joints), nan)  # rad per tick
         self.reach = (np.full(len(joints), nan), np.full(len(joints), nan))  # rad: goals that may leave (R22)
         self.rejoin(joints)
@@ -74,18 +75,15 @@ class Hardware:
         for number in range(len(self.ports)):
             self._bound(number)
 
-    def turn(self, number: int, shift: Ints, goals: Ints) -> None:
-        """The whole turns (m,) by which the counts of a bus are off, in ticks, chosen before torque.
-
-        `shift` is added to readings; `goals` is taken off what is sent: less where torque-on lets the count
-        fall back to one turn. Raises ValueError for a goal that its register cannot hold.
-        """
+    def turn(self, number: int, shift: Ints) -> None:
+        """The whole turns (m,) by which the counts of a bus are off, in ticks, chosen before torque: added to
+        readings, taken off goals. Raises ValueError for a goal that its register cannot hold."""
         self.readings.turn(number, shift)
-        if not np.array_equal(goals, self._turns[number]):
-            port, bus = self.ports[number], self.joints.buses[number].turned(goals)
+        if not np.array_equal(shift, self._turns[number]):
+            port, bus = self.ports[number], self.joints.buses[number].turned(shift)
             if port.writer is not None:
                 port.writer.bound(bus.lower, bus.upper)
-            self._turns[number] = goals
+            self._turns[number] = shift
             self.pairs = (*self.pairs[:number], (port, bus), *self.pairs[number + 1 :])
 
     # --------------------------------------------------------------------------- access and life
@@ -113,26 +111,28 @@ class Hardware:
         """Every bus is open and every device identified."""
         return all(port.link is Link.CONNECTED for port in self.ports)
 
-    def prepare(self, position: Floats) -> list[Task[None]]:
-        """Device watchdogs cleared with goal := position (n,), then armed; gains; all read back."""
-        return self._order(lambda writer, bus: writer.prepare(ticks(bus, position)))
+    def prepare(self, position: Floats, among: Bools | None = None) -> list[Task[None]]:
+        """Device watchdogs cleared with goal := position (n,), then armed; gains; all read back. Who is not
+        `among` (n,), None: all, is left out: no goal goes there until everybody is prepared anew."""
+        return [self._prepare(pair, position, among) for pair in self.pairs if pair[0].writer is not None]
 
-    def prepare_back(self, position: Floats) -> list[Task[None]]:
+    def prepare_back(self, position: Floats, among: Bools | None = None) -> list[Task[None]]:
         """The same, of buses that get no goals but are open and identified; the others go on as they are."""
-        return [
-            port.run(port.writer.prepare(ticks(bus, position)), urgent=True)
-            for port, bus in self.pairs
-            if port.writer is not None and port.link is Link.CONNECTED and not port.holding
-        ]
+        back = [pair for pair in self.pairs if pair[0].link is Link.CONNECTED and not pair[0].holding]
+        return [self._prepare(pair, position, among) for pair in back if pair[0].writer is not None]
+
+    def _prepare(self, pair: tuple[Port, BusMap], position: Floats, among: Bools | None) -> Task[None]:
+        (port, bus), mine = pair, None if among is None else among[pair[1].joints]
+        assert port.writer is not None  # who asks looks first
+        self.left_out[bus.joints] = False if mine is None else ~mine
+        return port.run(port.writer.prepare(ticks(bus, position), mine), urgent=True)
 
     def aim(self, position: Floats) -> list[Task[None]]:
         """Goal := position (n,), read back."""
         return self._order(lambda writer, bus: writer.aim(ticks(bus, position)))
 
     def torque(self, on: bool) -> list[Task[None]]:
-        """Torque of every device, read back; who falls back to one turn by it keeps its place."""
-        if on:
-            self.readings.expect()
+        """Torque of every device, read back."""
         return self._order(lambda writer, _: writer.torque(on))
 
     def damp(self) -> list[Task[tuple[int, ...]]]:
@@ -160,17 +160,18 @@ class Hardware:
     def hold(self, on: bool, *, identified: bool = False) -> None:
         """From now on goals go to the buses that are open now (`identified`: and known), and stay so; or to
         none."""
+        self.left_out &= on
         for port in self.ports:
             known = port.link is Link.CONNECTED or port.holding or not identified
             port.holding = on and port.writer is not None and known
 
     @property
     def held(self) -> Bools:
-        """Joints (n,) that goals go to: of a bus that was armed, and not lost since."""
+        """Joints (n,) that goals go to: of a bus that was armed, and not lost since; not who was left out."""
         found = np.zeros(len(self.joints), np.bool_)
         for port, bus in self.pairs:
             found[bus.joints] = port.holding
-        return found
+        return found & ~self.left_out
 
     @property
     def open(self) -> Bools:

@@ -16,7 +16,7 @@ from twind.loop import release, torque
 from twind.loop.ports import IDENTIFY_AGAIN, Link, Port
 from twind.loop.procedures import Rank
 from twind.loop.verified import Verified
-from twind.robot.arrays import some
+from twind.robot.arrays import Bools, some
 from twind.robot.finding import Code, Finding, Verdict
 from twind.robot.joints import BusMap
 from twind.robot.modes import Mode, State
@@ -49,6 +49,7 @@ class Identity:
         self._mute: set[str] = set()  # buses on which the last identification found nobody at all
         self._said: dict[str, str] = {}  # bus -> the trouble, or the warning of an open port, last told
         self._told = False  # that torque was found on
+        self._found_all = False  # everybody is there: the simulation may start where they are
         self.missing: dict[str, tuple[Finding, ...]] = {}  # bus -> who is absent or another model
         self.mismatches: tuple[Finding, ...] = ()  # S09
         self.verified = Verified(loop)
@@ -67,7 +68,8 @@ class Identity:
         loop.hardware.lost.clear()
         for port, bus in loop.hardware.pairs:
             self._tend(port, bus, now)
-        self.verified.watch()
+        self.verified.watch(now)
+        self._place(loop)
         self.settle_state(now)
         if loop.inherited and not self._told:
             message = "torque was found on; nothing is written until an operator arms or disarms"
@@ -99,7 +101,7 @@ class Identity:
     def restarted(self, findings: Sequence[Finding]) -> None:
         """Servos that began anew (R11): settings and turns may be gone, so their buses are asked anew."""
         joints = {finding.joint for finding in findings}
-        self.verified.mar(findings)
+        self.verified.restarted(findings)
         for port, bus in self._loop.hardware.pairs:
             if not joints.isdisjoint(bus.joints.tolist()):
                 port.identify()
@@ -165,12 +167,18 @@ class Identity:
         if findings != self.missing.get(port.name, ()):
             self._tell("error", findings)
         self.missing[port.name] = findings
+        self.verified.identified(port, bus, self._fits(port, bus, findings))
         if findings:
             self._again[port.name] = now + IDENTIFY_AGAIN
             return
         port.link = Link.CONNECTED
-        self.verified.identified(port, bus)
-        self._found(now)
+        self._found()
+
+    def _fits(self, port: Port, bus: BusMap, findings: Sequence[Finding]) -> Bools:
+        """Who (m,) of this bus has said who it is, and is what the robot file says."""
+        said, wrong = {device.id for device in port.devices}, {finding.joint for finding in findings}
+        rows = zip(bus.ids, bus.joints.tolist(), strict=True)
+        return np.array([id in said and joint not in wrong for id, joint in rows], np.bool_)
 
     def _unfit(self, port: Port, bus: BusMap) -> Iterator[Finding]:
         """Everybody of this bus who did not answer, or is not what the robot file says."""
@@ -210,7 +218,7 @@ class Identity:
                 message = f"id {id} on bus {bus.name} answers, but not one of its readings is sound: {DOUBLE}"
                 yield Finding(Code.DEVICE_MISSING, joint, message=message)
 
-    def _found(self, now: float) -> None:
+    def _found(self) -> None:
         """Everybody of one bus is there; when that was the last bus, the robot is connected."""
         loop = self._loop
         if not loop.hardware.connected:
@@ -218,8 +226,14 @@ class Identity:
         verdict = self.judge(self._devices)
         self.mismatches = verdict.refusals
         self._tell("warning", (*verdict.refusals, *verdict.warnings))
-        if loop.mode is Mode.MIRROR and np.isfinite(loop.measured.position).all() and loop.untouched:
-            loop.enter(loop.mode)  # the simulation starts from the measured pose
+        self._found_all = True
+
+    def _place(self, loop: Loop) -> None:
+        """The simulation starts from the measured pose, once that is known."""
+        if self._found_all and np.isfinite(loop.measured.position).all():
+            self._found_all = False
+            if loop.mode is Mode.MIRROR and loop.untouched:
+                loop.enter(loop.mode)
 
     def _tell(self, level: str, findings: Sequence[Finding]) -> None:
         """One event per code, however many joints it is about."""

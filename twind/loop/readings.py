@@ -154,10 +154,10 @@ class Readings:
         self.effort = np.full(count, nan)
         self.load = np.full(count, nan)  # share of the current limit, by amount; NaN unknown
         self.shift = np.zeros(count, np.int64)  # ticks, whole turns: calibrated counts are raw + shift
+        self.placed: Bools = np.ones(count, np.bool_)  # of the others nobody knows where they are
         self.heard_at = np.full(count, -inf)  # s
-        self._maps, self._turns, self._period = joints.buses, joints.turns, period
+        self._maps, self._period = joints.buses, period
         self._buses = list(joints.buses)  # the same, their zeros less the shift
-        self._falling: list[Bools | None] = [None] * len(joints.buses)  # who may begin to count anew
         self._where = [where(bus) for bus in joints.buses]
         self._loads = [nan if bus.load_scale is None else bus.load_scale for bus in joints.buses]
         self._senses = [Senses(bus.fastest, period) for bus in joints.buses]
@@ -169,9 +169,6 @@ class Readings:
 
     def take(self, number: int, sample: Sample) -> Bools:
         """Keep what was read of a bus; whose position (m,) is believed."""
-        falling = self._falling[number]
-        if falling is not None:
-            self._fall(number, falling, sample)
         heard, senses, bus = sample.heard, self._senses[number], self._buses[number]
         places = self._where[number]
         self.raw.take(places, sample)
@@ -207,25 +204,10 @@ class Readings:
             known = every(self.raw.heard_at[self._maps[number].joints[each.rows]] > -inf)
             moved[each.rows] = anew[each.rows] if known else nan
         self.position[places] = moved
-        self._falling[number] = None
-
-    def expect(self) -> None:
-        """Torque comes on: who is off by turns and falls back to one by it is about to count anew."""
-        for number, places in enumerate(self._where):
-            falling = None if self._turns is None else self._turns.falls[places] & (self.shift[places] != 0)
-            self._falling[number] = falling if falling is not None and some(falling) else None
-
-    def fallen(self) -> int | None:
-        """From now on nobody counts anew. The first joint that was to, and has not; None: all have."""
-        late = np.zeros(len(self.shift), np.bool_)
-        for number, places in enumerate(self._where):
-            falling, self._falling[number] = self._falling[number], None
-            late[places] = False if falling is None else falling & (self.shift[places] != 0)
-        return int(np.argmax(late)) if some(late) else None
 
     def rejoin(self, joints: JointMap) -> None:
         """The same joints in other ranges; zeros and who is where stay."""
-        self._maps, self._turns = joints.buses, joints.turns
+        self._maps = joints.buses
         for number, places in enumerate(self._where):
             self._shift(number, self.shift[places])
 
@@ -255,9 +237,13 @@ class Readings:
         recent = now - self.heard_at <= SILENT
         return self.load if every(recent) else np.where(recent, self.load, nan)
 
+    def where(self) -> Floats:
+        """Positions (n,), rad; NaN of who was never heard, or is not placed."""
+        return self.position.copy() if every(self.placed) else np.where(self.placed, self.position, nan)
+
     def state(self, heard: Bools, time: float, trip: float) -> JointState:
         """All joints at `time` (s), whose reading took `trip` (s). Arrays are read-only."""
-        position, velocity, effort = self.position.copy(), self.velocity.copy(), self.effort.copy()
+        position, velocity, effort = self.where(), self.velocity.copy(), self.effort.copy()
         state = JointState(time, position, velocity, effort, time - self.heard_at, heard, trip)
         for array in (position, velocity, effort, state.age, heard):
             array.setflags(write=False)
@@ -266,16 +252,6 @@ class Readings:
     def _shift(self, number: int, shift: Ints) -> None:
         self.shift[self._where[number]] = shift
         self._buses[number] = self._maps[number].turned(shift)
-
-    def _fall(self, number: int, falling: Bools, sample: Sample) -> None:
-        """Who reads just the turns away that it lacked has begun to count anew: it stands where it stood."""
-        places = self._where[number]
-        shift, moved = self.shift[places], sample.position - self.raw.ticks[places]
-        fallen = falling & sample.heard & (np.abs(moved - shift) < np.abs(moved))
-        if some(fallen):
-            jump = np.where(fallen, shift, 0)
-            self._senses[number].turned(jump)
-            self._shift(number, shift - jump)
 
     def _believe(self, number: int, sample: Sample) -> Bools:
         """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""

@@ -18,7 +18,7 @@ from twind.loop import damping
 from twind.loop.procedures import Procedure, Rank, all_of, ticks
 from twind.loop.torque import loosen, named, past, take
 from twind.motion.settle import SPEED, settle
-from twind.robot.arrays import some
+from twind.robot.arrays import every, some
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import Mode, Motion
 from twind.safety.states import Event
@@ -38,6 +38,7 @@ AWAITED = 1.5  # s that an ending daemon waits for a bus that went away with tor
 ARRIVED = 0.02  # rad from the rest pose, of the goals
 NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is let go only there ...
 SLOW, SLOW_FOR = 0.05, 0.5  # rad/s ... and when it has been at rest for so many s
+KNOWN, HEARD = 0.5, 0.1  # s that the turn of a joint is waited for that was heard so lately
 RANKS = {"settle": Rank.ESTOP, "cut": Rank.CUT}
 
 
@@ -175,16 +176,22 @@ def _held(loop: Loop, manner: Manner) -> Generator[None, float, bool]:
         return True
     if loop.energising or not loop.torque_on:
         return False
-    here, stepped = _where_it_is(loop), past(loop)
+    yield from _looked_for(loop)
+    (here, known), stepped = _where_it_is(loop), past(loop)
     if loop.armed and loop.written is not None:  # who holds well goes on so: its goal would dip by its sag
-        here, stepped = np.where(held & ~tripped, loop.written, here), stepped & ~(held & ~tripped)
+        well = held & ~tripped
+        here, known, stepped = np.where(well, loop.written, here), known | well, stepped & ~well
     if some(stepped):
         _leave(loop, stepped, manner)
         return False
+    if not every(known):
+        _leave_out(loop, ~known, manner)
+        if not some(known):
+            return False
     loop.executor.idle()
     loop.hardware.clear()
     try:
-        yield from all_of(loop.hardware.prepare(here))  # clears watchdogs with goal := present
+        yield from all_of(loop.hardware.prepare(here, known))  # clears watchdogs with goal := present
     except NoReply as error:  # the others took it: to lower what listens is better than to drop it
         if manner.whole:
             raise
@@ -204,6 +211,24 @@ def _leave(loop: Loop, stepped: Bools, manner: Manner) -> None:
     loop.say.event("error", Code.OUT_OF_LIMIT, said, (found,))
 
 
+def _leave_out(loop: Loop, nowhere: Bools, manner: Manner) -> None:
+    """Those (n,) get no goal: it could be a turn away. Raises BusError where the whole robot is wanted."""
+    message = f"nobody knows where {named(loop, nowhere)} is"
+    if manner.whole and not loop.armed:
+        raise BusError(message)
+    joint = int(np.flatnonzero(nowhere)[0])
+    found = Finding(Code.CALIB_MISMATCH, joint, message=message)
+    said = f"{message}: no goal goes there, it is let go where it stands; support it"
+    loop.say.event("error", Code.CALIB_MISMATCH, said, (found,))
+
+
+def _looked_for(loop: Loop) -> Procedure:
+    """Who is heard, and whose turn nobody has looked at yet, is waited for a moment: a daemon just begins."""
+    until = loop.clock.now() + KNOWN
+    while some(loop.identity.verified.unjudged & (loop.measured.age <= HEARD)) and loop.clock.now() < until:
+        yield
+
+
 def _rejoined(loop: Loop) -> Procedure:
     """A bus that was lost and is back is taken over where its joints are; the others hold what they held."""
     if loop.hardware.held.all():
@@ -215,8 +240,8 @@ def _rejoined(loop: Loop) -> Procedure:
         why = f"to hold {named(loop, back_with)} inside the hard limits would be a step"
         loop.say.event("error", Code.OUT_OF_LIMIT, f"not taken over, let go where it stands: {why}")
         return
-    here = _where_it_is(loop)
-    back = loop.hardware.prepare_back(here)
+    here, known = _where_it_is(loop)
+    back = loop.hardware.prepare_back(here, known)
     try:
         yield from all_of(back)
     except NoReply as error:
@@ -231,10 +256,12 @@ def _rejoined(loop: Loop) -> Procedure:
         loop.written = place
 
 
-def _where_it_is(loop: Loop) -> Floats:
-    """Where (n,) to hold from: as measured, as near as a goal may be; the rest pose of who never answered."""
+def _where_it_is(loop: Loop) -> tuple[Floats, Bools]:
+    """Where (n,) to hold from, as measured, as near as a goal may be; and whose place is known. The rest pose
+    stands for those who were never heard, or whose turn nobody knows: it is not sent to them."""
     position = loop.measured.position
-    return loop.hardware.reachable(np.where(np.isfinite(position), position, loop.rest))
+    known = np.isfinite(position)
+    return loop.hardware.reachable(np.where(known, position, loop.rest)), known
 
 
 def _settled(loop: Loop, manner: Manner) -> Generator[None, float, bool]:
@@ -283,7 +310,8 @@ def _obeyed(loop: Loop) -> Generator[None, float, bool]:
     if loop.written is None:
         return False
     lag = OBEYED * loop.limits.velocity * loop.period + loop.hardware.resolution
-    return bool((np.abs(held - loop.written)[loop.hardware.open] <= lag[loop.hardware.open]).all())
+    ours = loop.hardware.held
+    return bool((np.abs(held - loop.written)[ours] <= lag[ours]).all())
 
 
 def _rests(loop: Loop, until: float) -> Generator[None, float, bool]:

@@ -24,7 +24,8 @@ EDGE = Thresholds().beyond_hard  # rad beyond a hard limit that are the encoder'
 
 
 def past(loop: Loop) -> Bools:
-    """Joints (n,) measured beyond a hard limit: no goal may be where they are, and one inside is a step."""
+    """Joints (n,) measured beyond a hard limit: no goal may be where they are, and one inside is a step.
+    None of them is who is nowhere (NaN)."""
     position, limits = loop.measured.position, loop.limits
     return (position < limits.hard_lower - EDGE) | (position > limits.hard_upper + EDGE)
 
@@ -66,7 +67,6 @@ def loosen(loop: Loop) -> Procedure:
             loop.energising = False  # who is still on stands in the registers, and is reported as inherited
             raise
         loop.energising = loop.unconfirmed = False
-        loop.hardware.readings.fallen()
         return
 
 

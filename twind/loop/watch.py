@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind.robot.arrays import some
-from twind.robot.modes import Mode
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety.facts import Facts
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 def facts(loop: Loop, reference: Reference | None, target: JointState, now: float) -> Facts:
     """All that one judgement rests on. `target`: whom commands go to; `reference`: what is about to leave."""
     held = loop.lease.holds(now) and loop.lease.epoch == loop.motion_epoch
-    readings, slow = loop.hardware.readings, loop.hardware.slow
+    readings, slow, left_out = loop.hardware.readings, loop.hardware.slow, loop.hardware.left_out
     return Facts(
         now=now,
         mode=loop.mode,
@@ -37,7 +36,8 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
         torque=slow.torque,
         torque_expected=loop.armed,
         torque_settled=loop.procedures.rank is None,
-        watchdog=slow.watchdog,
+        # Who was left out keeps the watchdog that it was found with.
+        watchdog=np.where(left_out, np.int16(-1), slow.watchdog) if some(left_out) else slow.watchdog,
         status_time=slow.status_time,
         discarded=loop.hardware.discarded,
         traffic=loop.hardware.traffic,
@@ -58,10 +58,9 @@ def facts(loop: Loop, reference: Reference | None, target: JointState, now: floa
 
 def _obeying(loop: Loop, target: JointState) -> JointState:
     """The same, but that nobody counts as heard who gets no goals: a bus that was lost and is back does not
-    follow, and the others must not be damped for it (R15). Before torque nobody is anywhere whose turn is not
-    known (R14)."""
-    if loop.mode is Mode.LIVE and not loop.armed and some(unjudged := loop.identity.verified.unjudged):
-        return replace(target, position=np.where(unjudged, np.nan, target.position))
-    if not loop.armed or all(port.holding for port in loop.hardware.ports):
+    follow, nor does who was left out, and the others must not be damped for it (R15)."""
+    hardware = loop.hardware
+    whole = all(port.holding for port in hardware.ports) and not some(hardware.left_out)
+    if not loop.armed or whole:
         return target
-    return replace(target, heard=target.heard & loop.hardware.held)
+    return replace(target, heard=target.heard & hardware.held)

@@ -44,10 +44,6 @@ class Senses:
         self._place, self._whole = position, sent
         return True
 
-    def turned(self, jump: Ints) -> None:
-        """The counts (m,) have changed by `jump` without a motion: a servo has begun to count anew."""
-        self._place, self._other = self._place + jump, self._other + jump
-
     def believe(self, position: Ints, heard: Bools, sent: float, received: float, limp: Bools) -> Bools:
         """Who (m,) was heard with a position that can be; `jumps` and `leaps` say who was not.
 

@@ -14,6 +14,7 @@ from twind.robot.finding import Code, Finding
 from twind.robot.turns import Turns
 
 _BY_HAND = "move it into its travel by hand with torque off, or calibrate anew"
+_REBOOT = "switch its power off and on"
 
 
 def chosen(raw: Ints, turns: Turns) -> Ints:
@@ -37,7 +38,7 @@ def unfit(raw: Ints, shift: Ints, turns: Turns, energised: Bools) -> Sequence[Fi
         count + turns.whole <= turns.last + turns.slack
     )
     low, high = turns.lower - shift, turns.upper - shift
-    beyond = np.where(turns.falls, energised & (shift != 0), (low < turns.least) | (high > turns.most))
+    beyond = np.where(turns.falls, shift != 0, (low < turns.least) | (high > turns.most))
     found = []
     for joint in np.flatnonzero(turns.known & (wide | another | ~inside(count, turns) | beyond)).tolist():
         row = _Row(joint, int(raw[joint]), int(shift[joint]), turns)
@@ -48,18 +49,18 @@ def unfit(raw: Ints, shift: Ints, turns: Turns, energised: Bools) -> Sequence[Fi
         elif another[joint]:
             found.append(row.another())
         else:
-            found.append(row.beyond())
+            found.append(row.beyond(on=bool(energised[joint])))
     return found
 
 
-def strayed(raw: Ints, shift: Ints, turns: Turns) -> Sequence[Finding]:
-    """Who has left its travel since its turn was chosen."""
-    outside = np.flatnonzero(~inside(raw + shift, turns)).tolist()
-    return [_Row(joint, int(raw[joint]), int(shift[joint]), turns).lost() for joint in outside]
+def strayed(raw: Ints, shift: Ints, turns: Turns, told: Bools) -> Sequence[Finding]:
+    """Who of `told` (n,) has left its travel since its turn was chosen."""
+    outside = np.flatnonzero(told & ~inside(raw + shift, turns)).tolist()
+    return [_Row(joint, int(raw[joint]), int(shift[joint]), turns).strayed() for joint in outside]
 
 
 def expected(raw: Ints, turns: Turns) -> Ints:
-    """What readings (n,) become at torque-on: who counts anew reads its one turn then."""
+    """What readings (n,) become at torque-on: who knows one turn alone reads that one then."""
     whole = np.where(turns.falls, turns.whole, 1)
     anew: Ints = np.where(turns.falls, turns.begin + (raw - turns.begin) % whole, raw)
     return anew
@@ -86,6 +87,14 @@ class _Row:
         )
         return self._finding(self.count, bound, text)
 
+    def strayed(self) -> Finding:
+        bound = self.low if self.count < self.low else self.high
+        text = (
+            f"stands at {self.count}: out of its travel {self.low}..{self.high}, in which it was identified; "
+            f"{_BY_HAND}"
+        )
+        return self._finding(self.count, bound, text)
+
     def wide(self) -> Finding:
         span = self.high - self.low
         text = (
@@ -102,19 +111,20 @@ class _Row:
         )
         return self._finding(self.count, other, text)
 
-    def beyond(self) -> Finding:
+    def beyond(self, *, on: bool) -> Finding:
         turns = self.shift // self.whole
         first, last = (goal - self.shift for goal in self.goals)
         if self.falls:
+            limp = "let go of it (`twindctl disarm`), then " if on else ""
             text = (
-                f"reads {self.raw} with torque on, {turns:+d} turns from where it was calibrated, and "
-                "position mode takes no goals there: let go of it (`twindctl disarm`)"
+                f"reads {self.raw}, {turns:+d} turns from where it was calibrated: turned by hand with its "
+                "power on? Position mode knows one turn alone: "
+                f"{limp}{_REBOOT} (it wakes up on its one turn), or turn it back by hand"
             )
             return self._finding(self.raw, self.count, text)
         text = (
             f"reads {self.raw}, {turns:+d} turns from where it was calibrated; its goals there, "
-            f"{first}..{last}, are outside {self.least}..{self.most}, what it takes: switch its power off "
-            "and on"
+            f"{first}..{last}, are outside {self.least}..{self.most}, what it takes: {_REBOOT}"
         )
         out_low = first < self.least
         return self._finding(first if out_low else last, self.least if out_low else self.most, text)

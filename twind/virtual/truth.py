@@ -201,4 +201,6 @@ def _random(joint: JointSpec, random: np.random.Generator) -> JointTruth:
     if isinstance(joint.type, CanType):
         return JointTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction)
     play, turns = float(random.uniform(0.0, PLAY)), int(random.integers(-WOUND, WOUND + 1))
+    if joint.operating_mode == 3 and not isinstance(joint.type, CanType):
+        turns = 0  # it wakes up on one turn
     return JointTruth(zero_ticks=zero, stops_rad=ends, friction_nm=friction, backlash_ticks=play, turns=turns)

@@ -24,19 +24,23 @@ UNWATCHED = (
 )
 
 
-def prepare(own: Commands, ticks: Ints, required: Bools, limits: Floats) -> Script[None]:
+def prepare(
+    own: Commands, ticks: Ints, required: Bools, limits: Floats, among: Bools | None = None
+) -> Script[None]:
     """Modes looked at; held where it is and faults cleared in one send; limits, watchdogs, gains.
 
-    `required` (m,): who must have a watchdog. `limits` (m,), N·m, NaN none.
+    `required` (m,): who must have a watchdog. `limits` (m,), N·m, NaN none. `among` (m,): who is prepared,
+    None: all; the others are barred.
 
     NoReply comes when everybody else is prepared: a robot can be lowered without the silent ones. Who is
     silent stays as it was: soft if it was soft, without commands if it was barred.
     """
-    there = np.ones(len(ticks), np.bool_)
+    there = np.ones(len(ticks), np.bool_) if among is None else among.copy()
+    own.cyclic.barred = own.cyclic.barred | ~there
     own.order(ticks, there)  # judged before anything is sent
     own.aim = ticks.copy()
     soft, barred, silent = own.soft.copy(), own.cyclic.barred.copy(), None
-    while True:
+    while there.any():
         try:
             yield from _prepared(own, ticks, required, limits, there)
             break
@@ -45,8 +49,6 @@ def prepare(own: Commands, ticks: Ints, required: Bools, limits: Floats) -> Scri
             there = there & ~own.rows(dict.fromkeys(error.ids))
             own.soft |= soft & ~there
             own.cyclic.barred = own.cyclic.barred | (barred & ~there)
-            if not there.any():
-                break
     if silent is not None:
         raise silent.with_traceback(None)
 

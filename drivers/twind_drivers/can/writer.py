@@ -10,6 +10,7 @@ import numpy as np
 
 from twind_drivers.alone import Alone
 from twind_drivers.bus import (
+    Bools,
     Burst,
     DeviceRefused,
     Floats,
@@ -114,15 +115,15 @@ class CanWriter:
 
     # --------------------------------------------------------------------------- scripts
 
-    def prepare(self, ticks: Ints) -> Script[None]:
+    def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
         """Before torque: modes looked at; `ticks` (m,) commanded and faults cleared in one send; limits
         and watchdogs written and read back; gains sent where commands do not carry them (ODrive, which tells
         none). Raises DeviceRefused, WireClamp; NoReply when everybody else is prepared. Refused too: a loop
-        too slow for the watchdogs.
+        too slow for the watchdogs. Who is not `among` (m,), None: all, is barred until prepared.
 
         From here on a hold at `ticks` is repeated until goals come, half a second at most.
         """
-        return bringup.prepare(self._own, ticks, self._required, self._limits)
+        return bringup.prepare(self._own, ticks, self._required, self._limits, among)
 
     def aim(self, ticks: Ints) -> Script[None]:
         """Command `ticks` (m,), acknowledged where a family does that. Raises NoReply, WireClamp."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from twind_drivers.bus import (
+    Bools,
     Burst,
     DeviceRefused,
     Ints,
@@ -88,6 +89,8 @@ class DynamixelWriter:
             reader, modes=modes, caps=current_caps, gains=gains, accelerations=accelerations
         )
         self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
+        self._led: tuple[Servo, ...] = self._servos  # who gets goals ...
+        self._places: Ints | None = None  # ... and their places; None: all
         self.bound(lower, upper)
         self._pwm = {
             one.id: one.most_pwm for one in self._servos
@@ -114,8 +117,11 @@ class DynamixelWriter:
         limit = np.array([limits.get(id, 0) for id in self._ids])
         lower = np.where(self._resting, np.maximum(self._lower, -limit), self._lower)
         upper = np.where(self._resting, np.minimum(self._upper, limit), self._upper)
-        goals = [servo.goal for servo in self._servos]
-        self._goals: Goals = goal_packets(self._name, self._ids, goals, lower, upper)
+        ids, goals = [servo.id for servo in self._led], [servo.goal for servo in self._led]
+        self._goals: Goals = goal_packets(self._name, ids, goals, self._of_led(lower), self._of_led(upper))
+        if self._places is not None:  # an empty range takes nothing
+            alone = np.isin(np.arange(len(self._ids)), self._places, invert=True)
+            lower, upper = np.where(alone, 0, lower), np.where(alone, -1, upper)
         own = zip(self._servos, lower.tolist(), upper.tolist(), strict=True)
         each = {one.id: fences(one.table, one.mode, least, most, one.cap) for one, least, most in own}
         self._check = WireCheck(self._name, self._reader.tables, each)
@@ -127,7 +133,7 @@ class DynamixelWriter:
         self._line.goals = b""
         if self._alone is not None:  # all or nothing, and this is nobody's robot to move
             raise WireClamp(self._name, self._alone.id, int(ticks[0]), 0, -1, "one is driven alone: goal")
-        self._line.goals = self._goals.encode(ticks)
+        self._line.goals = self._goals.encode(self._of_led(ticks))
 
     def cut(self) -> None:
         """Torque off for all, twice, in the next write of any kind; goals given before it are not sent."""
@@ -159,8 +165,9 @@ class DynamixelWriter:
 
     # --------------------------------------------------------------------------- scripts
 
-    def prepare(self, ticks: Ints) -> Script[None]:
-        """Before torque; each step read back from all. Raises DeviceRefused, NoReply, WireClamp.
+    def prepare(self, ticks: Ints, among: Bools | None = None) -> Script[None]:
+        """Before torque; each step read back from all, or from `among` (m,): nobody else gets goals from then
+        on. Raises DeviceRefused, NoReply, WireClamp.
 
         Operating modes are those given. Watchdogs cleared, goal := `ticks` (m,), or 0 for speeds and
         currents, watchdogs armed, in one system call: a tripped servo whose torque is still on must not
@@ -169,18 +176,17 @@ class DynamixelWriter:
 
         NoReply comes when everybody else is prepared: a robot can be lowered without the silent ones.
         """
+        self._lead(among)
         whole = ticks.shape == self._resting.shape  # else refused as it stands, not stretched
         goal = self._goal_rows(np.where(self._resting, 0, ticks) if whole else ticks)
-        there, silent = self._servos, None
-        while True:
+        there, silent = self._led, None
+        while there:
             try:
                 yield from self._prepared(there, goal)
                 break
             except NoReply as error:
                 silent = silent or error
                 there = tuple(servo for servo in there if servo.id not in error.ids)
-                if not there:
-                    break
         if silent is not None:
             raise silent.with_traceback(None)
 
@@ -329,12 +335,23 @@ class DynamixelWriter:
             found.update({id: int.from_bytes(raw, "little", signed=True) for id, raw in data.items()})
         return found
 
+    def _lead(self, among: Bools | None) -> None:
+        """From now on goals go to these (m,) alone; None: to all."""
+        self._places = None if among is None or among.all() else np.flatnonzero(among)
+        self._led = self._servos if self._places is None else tuple(self._servos[row] for row in self._places)
+        self.clear()
+        self._fence({})
+
+    def _of_led(self, each: Ints) -> Ints:
+        """Of what there is of everybody (m,), that of those who get goals."""
+        return each if self._places is None else each[self._places]
+
     def _goal_rows(self, ticks: Ints) -> Rows:
         """Judged here too, so that a script's WireClamp is the script's."""
-        self._goals.encode(ticks)
+        own = self._of_led(ticks)
+        self._goals.encode(own)
         return [
-            (servo.id, servo.goal, servo.word(int(tick)))
-            for servo, tick in zip(self._servos, ticks, strict=True)
+            (servo.id, servo.goal, servo.word(int(tick))) for servo, tick in zip(self._led, own, strict=True)
         ]
 
     def _goals_are(self, wanted: Rows, verb: str = "wrote") -> Script[None]:
