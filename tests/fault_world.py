@@ -6,6 +6,7 @@ what it reports, and nothing of how it came to it.
 
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -132,13 +133,18 @@ class Judge:
             self._look()
             try:  # the loop would take an error of the judge for one of its own, and go on
                 with np.errstate(invalid="ignore"):
-                    self._readings(state, now)
+                    self._readings(replace(state, position=self._kept(state)), now)
                     self._slow()
             except Exception as error:
                 self.wrong.append(f"the judge itself failed: {error!r}")
             return state
 
         rig.loop.hardware.exchange = judged  # type: ignore[method-assign]
+
+    def _kept(self, state: JointState) -> Floats:
+        """Positions as they were read: of who is not placed the state shows none, and the reading counts."""
+        readings = self.rig.loop.hardware.readings
+        return np.where(np.isnan(state.position) & ~readings.placed, readings.position, state.position)
 
     def verdict(self, said: str = "") -> None:
         """Raises AssertionError that names what was wrong and what was ordered (`said`)."""

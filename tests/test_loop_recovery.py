@@ -193,7 +193,7 @@ def test_a_robot_whose_joint_lost_a_turn_is_not_armed(live: Rig) -> None:
     reply = live.call(link.Arm)
     assert codes(reply) == ["CALIB_MISMATCH"]
     assert reply.parameters["findings"][0]["joint"] == 6
-    assert "neither that nor a turn beside it is in its travel" in reply.parameters["findings"][0]["message"]
+    assert "-1 turns from where it was calibrated" in reply.parameters["findings"][0]["message"]
     assert not torques(live).any()
 
 
