@@ -26,11 +26,11 @@ LONGEST = "test_five_minutes_of_robot"  # begun first: two workers then end toge
 
 # Real processes whose claim is no time, and of which none holds up a robot: these run two at once.
 SIDE_BY_SIDE = """
-    activation adopt_verb calibrate_scan can_socketcan check_offline cli client codes_reached ctl_main doctor_can_line
-    doctor_can_links doctor_files doctor_machine doctor_mend doctor_ports edited front_log front_process
-    front_reload front_server fuzz loop_notify machine many packaged plug scan_verb service
-    service_files streams reload_live virtual_can_clients virtual_child virtual_clients virtual_main virtual_serve
-    virtual_servos
+    activation adopt_verb calibrate_scan can_socketcan check_offline cli client codes_reached
+    ctl_main doctor_can_line doctor_can_links doctor_files doctor_machine doctor_mend doctor_ports
+    edited front_log front_process front_reload front_server fuzz loop_notify machine many packaged
+    plug reload_live scan_verb service service_files streams virtual_can_clients virtual_child
+    virtual_clients virtual_main virtual_serve virtual_servos
 """
 
 
