@@ -186,3 +186,13 @@ def test_two_simulations_of_the_same_goals_are_the_same() -> None:
     other.place(-BENT)
     other.place(BINDING.rest)
     assert np.array_equal(run(one, BENT, 50), run(other, BENT, 50))
+
+
+def test_a_pose_that_breaks_down_at_once_is_no_good_one() -> None:
+    simulation = Simulation(BINDING, 0.01)
+    simulation.place(np.full(len(BINDING.rest), 5.7))  # through itself, and beyond every limit
+    simulation.data.qvel[3] = np.nan
+    simulation.step(None)
+    position = run(simulation, BINDING.rest, 100)
+    assert simulation.resets == 1
+    assert np.abs(position - BINDING.rest).max() < 0.05

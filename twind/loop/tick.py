@@ -195,7 +195,9 @@ class Loop:
         self.executor.idle()
         if mode is not Mode.LIVE:
             whole = mode is Mode.MIRROR and bool(np.isfinite(self.measured.position).all())
-            place = self.measured.position if whole else self.simulated.position
+            limits = self.limits  # a robot without a calibration may read whole turns beyond them
+            measured = np.clip(self.measured.position, limits.hard_lower, limits.hard_upper)
+            place = measured if whole else self.simulated.position
             self.twin.place(place)
             self.executor.begin(place)
 

@@ -50,6 +50,7 @@ class Simulation:
         self._age.setflags(write=False)
         self._heard.setflags(write=False)
         self.place(binding.rest)
+        self._rest = np.array(self._qpos), np.array(self._ctrl)
 
     def place(self, position: Floats) -> None:
         """Start anew at `position`, at rest, holding there. A joint without a finite angle stays."""
@@ -61,7 +62,7 @@ class Simulation:
         self._ctrl[self._goal] = position
         if self._floating:
             self._stand()
-        self._good = np.array(self._qpos), np.array(self._ctrl)
+        self._good, self._sound = (np.array(self._qpos), np.array(self._ctrl)), False
 
     def halt(self) -> None:
         """Stop where it is: the pose of now is the goal; none is taken until `place` or `release`."""
@@ -82,6 +83,7 @@ class Simulation:
             self._warning()
         else:
             self._good[0][:], self._good[1][:] = self._qpos, self._ctrl
+            self._sound = True
 
     def state(self, now: float) -> JointState:
         """Where it is, as a reading that has just arrived. Effort is what the servos pull, N·m."""
@@ -95,14 +97,18 @@ class Simulation:
         )
 
     def _warning(self) -> None:
-        """Count; after a breakdown back to the last good pose, at rest: MuJoCo went to its default."""
+        """Count; after a breakdown back to the last good pose, at rest: MuJoCo went to its default.
+
+        A pose that breaks down before one sound step is no good one: then back to the rest pose.
+        """
         self.warnings += int(self._warned.sum())
         broken = any(self._warned[int(kind)] for kind in FATAL)
         self._warned[:] = 0
         if broken:
             self.resets += 1
             mujoco.mj_resetData(self.model, self.data)
-            self._qpos[:], self._ctrl[:] = self._good
+            self._qpos[:], self._ctrl[:] = self._good if self._sound else self._rest
+            self._sound = False
 
     def _stand(self) -> None:
         """Lower or lift a free base until the lowest part of the robot touches the floor."""

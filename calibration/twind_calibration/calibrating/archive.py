@@ -25,6 +25,8 @@ class Archive:
         numbered = re.compile(re.escape(self.path.stem) + r"\.(\d{4,9})\.yaml")
         try:
             names = [each.name for each in self.path.parent.iterdir()]
+        except FileNotFoundError:
+            return []
         except OSError as error:
             raise Rejected(f"{self.path.parent}: {error.strerror}") from None
         return sorted(int(found[1]) for name in names if (found := numbered.fullmatch(name)))
@@ -47,4 +49,7 @@ class Archive:
         try:
             return load_calibration(file, self.robot)
         except ConfigError as error:
+            if error.absent:
+                remedy = "`twindctl calibrate sweep`, then `zero`, or `import`, make one"
+                raise Rejected(f"{file}: nothing is calibrated yet: {remedy}") from None
             raise Rejected(str(error)) from None
