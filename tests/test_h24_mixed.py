@@ -211,6 +211,7 @@ def test_a_leg_that_is_unplugged_is_lost_and_the_others_hold_until_somebody_disa
     assert mixed.call(link.Disarm, ticks=1500).error is None
     assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
     mixed.call(link.Reset)
+    mixed.seconds(0.5)  # the leg had its watchdog tripped: once all is down it is asked anew who it is
     mixed.lease()
     assert mixed.call(link.Arm).error is None
 

@@ -113,7 +113,7 @@ class Verified:
         """Once per tick: choose the turns that are not known yet, of who is identified."""
         loop, turns = self._loop, self._loop.joints.turns
         self._look_at_links()
-        if some(self._marred):
+        if some(self._marred) and loop.procedures.rank is None:  # nobody is asked on a way down
             self._ask_again()
         if turns is None:
             self._told |= self._answered
