@@ -228,7 +228,9 @@ def test_in_live_nobody_arms_meanwhile_and_ctrl_c_keeps_what_is_done(bench: Benc
     bench.there()
     command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(bench.daemon.sockets)]
     words = ["calibrate", "sweep", "--json", "head_yaw", "l_knee"]
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background ignore it
     sweeping = subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGINT, before)
     assert sweeping.stdout is not None
     try:
         until(lambda: bench.daemon.status()["state"] == "calibrating", 20.0, "nobody arms")
@@ -248,14 +250,14 @@ def test_in_live_nobody_arms_meanwhile_and_ctrl_c_keeps_what_is_done(bench: Benc
     draft = bench.file.parent / ".h24.draft.yaml"
     assert "head_yaw" in draft.read_text() and "l_knee" not in draft.read_text()
 
-    before = load_calibration(bench.file, ROBOT)
+    measured = load_calibration(bench.file, ROBOT)
     assert bench.verb("zero", "--from-sweep", "--yes") == 0
     said = capsys.readouterr().out
     assert "a zero is coarse" in said and "a wrong sign fits its ends too: `twindctl" in said
     after = load_calibration(bench.file, ROBOT)
-    then, now = before.by_name["head_yaw"], after.by_name["head_yaw"]
+    then, now = measured.by_name["head_yaw"], after.by_name["head_yaw"]
     assert (now.method, now.captures) == ("sweep", 2) and abs(now.zero_ticks - then.zero_ticks) < 60
-    assert after.by_name["l_knee"] == before.by_name["l_knee"]
+    assert after.by_name["l_knee"] == measured.by_name["l_knee"]
     assert bench.verb("zero", "--from-sweep", "--yes") == 1
     assert "name those that are to get another, or --all" in capsys.readouterr().err
 
