@@ -64,7 +64,7 @@ class LiveJudge:
         self._seen, self._since = 0, -1.0
         self._before: dict[str, float | None] = {}
         self._lost = self._read_lost()
-        self.fresh = self.stale = 0
+        self.fresh = self.stale = self.nowhere = 0
 
     def _read_lost(self) -> float:
         return float(self._virtual.order(query="state")["lost"])
@@ -99,8 +99,12 @@ class LiveJudge:
         before, self._before[name] = self._before.get(name, place), place
         if not joint["heard"]:
             self.stale += 1
-            if place is not None and (place != before or age is None or age <= 0.0):
+            changed = before is not None and place != before
+            if place is not None and (changed or age is None or age <= 0.0):
                 return [f"{at:.3f} {name}: not heard, and yet {before} became {place}, {age} ms old"]
+            return []
+        if place is None:  # a servo that began anew: nobody knows yet on which turn it is
+            self.nowhere += 1
             return []
         self.fresh += 1
         spec = self._joints[name]
@@ -179,6 +183,6 @@ def test_what_monitor_shows_is_right_or_marked_whatever_goes_wrong(world: tuple[
                 assert told and min(told) <= 2.0 * case.within + 0.05, (given, told, watch.events[-10:])
             if case.ends == FAULT:
                 assert running.status()["faults"], given
-    print(f"{judge.fresh} fresh, {judge.stale} stale readings judged")
+    print(f"{judge.fresh} fresh, {judge.stale} stale readings judged, {judge.nowhere} null")
     assert judge.fresh > 10_000
     assert judge.stale > 1_000
