@@ -28,13 +28,13 @@ ENTER = [
 # $1: a folder for the upper layer; $2: what to run. At the end what it left is listed, directories aside.
 SCRIPT = """
 mount -t tmpfs -o size=1g,mode=755 tmpfs "$1"
-mkdir "$1/upper" "$1/work" "$1/root"
-mount -t overlay overlay -o lowerdir=/,upperdir="$1/upper",workdir="$1/work" "$1/root"
-mount -t proc proc "$1/root/proc"
-mount --rbind /dev "$1/root/dev"
-mount -t tmpfs -o mode=755 tmpfs "$1/root/run"
+mkdir "$1/upper" "$1/work" "$1/top"
+mount -t overlay overlay -o lowerdir=/,upperdir="$1/upper",workdir="$1/work" "$1/top"
+mount -t proc proc "$1/top/proc"
+mount --rbind /dev "$1/top/dev"
+mount -t tmpfs -o mode=755 tmpfs "$1/top/run"
 status=0
-chroot "$1/root" sh -euc "$2" || status=$?
+chroot "$1/top" sh -euc "$2" || status=$?
 echo "== left"
 cd "$1/upper" && find . ! -type d | sed 's|^[.]||'
 exit $status

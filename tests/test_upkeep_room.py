@@ -11,9 +11,9 @@ from rig import Rig
 from twind import link
 from twind.loop.hardware import SPARE, SPARE_SHARE
 from twind.loop.ports import PATIENCE, Port
-from twind_drivers.bus import upkeep_stride
 from twind_drivers.can.budget import budget
 from twind_drivers.can.models import model
+from twind_drivers.upkeep import upkeep_stride
 
 STALE = 0.5  # s: torque is read at least so often however little room there is
 

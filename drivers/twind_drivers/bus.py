@@ -19,7 +19,6 @@ The `Reader` exists in mirror and live, the `Writer` in live only: a mirror has 
 
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import floor
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
@@ -234,7 +233,6 @@ class Reply:
 
 
 T = TypeVar("T")
-UPKEEP_HZ = 100.0  # turns of upkeep a second that are enough for every bus
 Script = Generator[Request, Reply, T]
 
 
@@ -270,11 +268,6 @@ class Transport(Wire, Protocol):
 
     def flush(self) -> None:
         """Throw away what has not left yet. Raises PortError(lost=True)."""
-
-
-def upkeep_stride(rate_hz: float) -> int:
-    """Cycles from one turn of a bus's upkeep to its next: 100 turns a second do, more would only cost."""
-    return max(1, floor(rate_hz / UPKEEP_HZ + 1e-9))
 
 
 class Reader(Protocol):

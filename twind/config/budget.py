@@ -7,11 +7,11 @@ from typing import Protocol
 from twind.config.actuator import CAN, CanType, ServoType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.config.section import file_error
-from twind_drivers.bus import upkeep_stride
 from twind_drivers.can import budget as can
 from twind_drivers.dynamixel.budget import Budget, budget
 from twind_drivers.dynamixel.layout import layout_of
 from twind_drivers.dynamixel.tables import number_of, table
+from twind_drivers.upkeep import upkeep_stride
 
 
 class Cycle(Protocol):

@@ -18,8 +18,9 @@ from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
 from twind.safety.facts import Traffic
-from twind_drivers.bus import PortError, Reader, Sample, Script, WireClamp, Writer, upkeep_stride
+from twind_drivers.bus import PortError, Reader, Sample, Script, WireClamp, Writer
 from twind_drivers.clock import Clock
+from twind_drivers.upkeep import upkeep_stride
 
 T = TypeVar("T")
 SPARE = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it ...
@@ -314,9 +315,9 @@ class Hardware:
         self._collect(asked, look=not all(port.querying for port, _ in asked))
         for port, _ in asked:
             port.end_rare(self.clock.now())
-        ended = {port.name for port, _ in asked}
+        ended = [port for port, _ in asked]
         for number, port in enumerate(self.ports):  # some are told by the cyclic reading alone
-            if port.reader is not None and (port.name in ended or self._is_turn_of(number)):
+            if port.reader is not None and (port in ended or self._is_turn_of(number)):
                 self.readings.keep(number, port.reader.registers)
 
     def _is_turn_of(self, number: int) -> bool:

@@ -10,12 +10,12 @@ from twind_calibration.doctor.complaint import Found
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.survey import SerialSurvey, Servo
 from twind_calibration.instances import stop
-from twind_drivers.bus import upkeep_stride
 from twind_drivers.dynamixel.budget import budget
 from twind_drivers.dynamixel.identity import supports_fast
 from twind_drivers.dynamixel.layout import layout_of
 from twind_drivers.dynamixel.scan import ECHO, FOREIGN, NOISE, OLD, TALK
 from twind_drivers.dynamixel.tables import Table, number_of, table
+from twind_drivers.upkeep import upkeep_stride
 
 FACTORY_BAUD, FACTORY_ID = 57_600, 1  # as delivered (e-manual)
 LOST = 0.01  # of the answers of those who are there: more is no accident

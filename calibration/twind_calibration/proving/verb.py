@@ -32,21 +32,15 @@ from twind_calibration.proving.weighed import weigh
 from twind_calibration.wiggling.body import Body
 from twind_calibration.wiggling.judge import Answer, Motion, answer
 from twind_calibration.wiggling.motion import Gone, allowed, go, goal_of
-from twind_calibration.wiggling.ready import pose, require_armed, seen, tell
+from twind_calibration.wiggling.ready import AROUND, pose, require_amounts, require_armed, seen, tell
 from twind_calibration.wiggling.trace import Stay
 from twind_calibration.wiggling.trace import recorded as watched
 from twind_drivers.clock import Clock, MonotonicClock
 
-AROUND = 0.4  # s that are recorded before and after a move
-MOST_FRICTION = 100.0  # N·m
-
 
 def prove(options: argparse.Namespace) -> int:
     """Exit code 0: nothing contradicts. Raises Rejected, UsageError, ClientError."""
-    if not LEAST <= options.degrees <= MOST:
-        raise UsageError(f"--degrees {options.degrees:g} is outside {LEAST:g} to {MOST:g}")
-    if not 0.0 <= options.friction <= MOST_FRICTION:
-        raise UsageError(f"--friction {options.friction:g} is outside 0 to {MOST_FRICTION:g} N·m")
+    require_amounts(options, LEAST, MOST)
     if options.plan:
         return told_plan(options)
     if options.base not in BASES:

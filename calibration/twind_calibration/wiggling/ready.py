@@ -7,9 +7,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from twind.client import Client
-from twind.ctl.verb import Rejected, lease
+from twind.ctl.verb import Rejected, UsageError, lease
 from twind.robot.arrays import Floats
 from twind_calibration.again import again
+
+AROUND = 0.4  # s that are recorded before and after a move
+MOST_FRICTION = 100.0  # N·m
+
+
+def require_amounts(options: argparse.Namespace, least: float, most: float) -> None:
+    """How far a joint is moved, in degrees, and what friction it may have. Raises UsageError."""
+    if not least <= options.degrees <= most:
+        raise UsageError(f"--degrees {options.degrees:g} is outside {least:g} to {most:g}")
+    if not 0.0 <= options.friction <= MOST_FRICTION:
+        raise UsageError(f"--friction {options.friction:g} is outside 0 to {MOST_FRICTION:g} N·m")
 
 
 def require_armed(options: argparse.Namespace, client: Client) -> None:

@@ -21,21 +21,15 @@ from twind_calibration.wiggle import LEAST, MOST
 from twind_calibration.wiggling.body import Body
 from twind_calibration.wiggling.judge import Answer, Motion, Weighed, alike, answer, weigh
 from twind_calibration.wiggling.motion import Gone, direction, go, goal_of
-from twind_calibration.wiggling.ready import pose, require_armed, seen, tell
+from twind_calibration.wiggling.ready import AROUND, pose, require_amounts, require_armed, seen, tell
 from twind_calibration.wiggling.told import BLIND, NOT_COMPARED, Verdict
 from twind_calibration.wiggling.trace import Stays, recorded
 from twind_drivers.clock import Clock, MonotonicClock
 
-AROUND = 0.4  # s that are recorded before and after a move
-MOST_FRICTION = 100.0  # N·m
-
 
 def wiggle(options: argparse.Namespace) -> int:
     """Exit code 0: nothing speaks against any of them. Raises Rejected, UsageError, ClientError."""
-    if not LEAST <= options.degrees <= MOST:
-        raise UsageError(f"--degrees {options.degrees:g} is outside {LEAST:g} to {MOST:g}")
-    if not 0.0 <= options.friction <= MOST_FRICTION:
-        raise UsageError(f"--friction {options.friction:g} is outside 0 to {MOST_FRICTION:g} N·m")
+    require_amounts(options, LEAST, MOST)
     if options.all == bool(options.joints):
         raise UsageError("name JOINTs, or --all of them")
     try:

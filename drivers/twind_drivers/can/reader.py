@@ -26,7 +26,6 @@ from twind_drivers.bus import (
     Sample,
     Script,
     Wire,
-    upkeep_stride,
 )
 from twind_drivers.can.actuator import Actuator
 from twind_drivers.can.channel import Channel
@@ -49,6 +48,7 @@ from twind_drivers.can.orders import (
     whole,
 )
 from twind_drivers.can.slow import SlowRegisters
+from twind_drivers.upkeep import upkeep_stride
 
 # s that an answer may take beyond its wire time, at most half a period of the loop. USB adapters hand frames
 # on in batches; with 2 ms a machine at its limit lost one reading in ten (2026-11-22, 24 virtual actuators).

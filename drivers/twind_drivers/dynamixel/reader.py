@@ -22,7 +22,6 @@ from twind_drivers.bus import (
     Script,
     Transport,
     Write,
-    upkeep_stride,
 )
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.budget import CYCLIC, plain_reply, sync_request, upkeep, wire
@@ -33,6 +32,7 @@ from twind_drivers.dynamixel.line import Exchange, Line
 from twind_drivers.dynamixel.replies import Expected, FastReply, PlainReply
 from twind_drivers.dynamixel.slow import SlowRegisters
 from twind_drivers.dynamixel.tables import Table, table
+from twind_drivers.upkeep import upkeep_stride
 
 LONGEST = 0.000508  # s, return delay: 254 steps of 2 us (e-manual, "Return Delay Time (9)"; factory: 250)
 SLACK = 0.002  # s that a reply may take beyond its wire time, at most half a period of the loop
