@@ -1,0 +1,95 @@
+"""Progress of long work: one line on standard error that is drawn over. Standard library only.
+
+Silent where standard error is no terminal, and with --json. The cursor is never hidden, so whatever ends the
+process leaves a clean terminal. Who prints or asks calls `clear` first; the next `tell` draws again.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+from typing import TextIO, TypeVar
+
+PERIOD = 0.1  # s between two drawings at least
+BAR = 24  # characters
+KNOWN_AFTER, KNOWN_FROM = 2.0, 0.02  # s and share after which what is left is guessed
+_Thing = TypeVar("_Thing")
+
+
+class Progress:
+    """`with Progress(options, "export") as progress: progress.tell("joints", 0.4)`."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        what: str,
+        *,
+        seconds: float | None = None,
+        out: TextIO | None = None,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`what` the line begins with. `seconds`: how long it will take, for steps that tell no share."""
+        self._out = sys.stderr if out is None else out
+        self._live = not options.json and self._out.isatty() and os.environ.get("TERM") != "dumb"
+        self._what, self._seconds, self._now = what, seconds, now
+        self._begun, self._drawn, self._shown = now(), -PERIOD, False
+
+    def __enter__(self) -> "Progress":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.clear()
+
+    def tell(self, text: str, share: float | None = None) -> None:
+        """What is being done now; `share` of the whole, 0..1, that is done (None: unknown)."""
+        now = self._now()
+        if not self._live or (self._shown and now - self._drawn < PERIOD):
+            return
+        self._drawn, self._shown = now, True
+        past = now - self._begun
+        if share is None and self._seconds:
+            share = past / self._seconds
+        line = "  ".join([self._what, *_share(share, past), text])
+        self._write(f"\r{line[: self._columns() - 1]}\x1b[K")
+
+    def clear(self) -> None:
+        """Room for a result or a question."""
+        if self._shown:
+            self._shown = False
+            self._write("\r\x1b[K")
+
+    def each(self, things: Sequence[_Thing], text: str) -> Iterator[_Thing]:
+        """The things, one after the other, told as they are taken."""
+        for place, thing in enumerate(things):
+            self.tell(text, place / len(things))
+            yield thing
+
+    def _columns(self) -> int:
+        try:
+            return os.get_terminal_size(self._out.fileno()).columns or 80
+        except (OSError, ValueError):
+            return 80
+
+    def _write(self, text: str) -> None:
+        self._out.write(text)
+        self._out.flush()
+
+
+def _share(share: float | None, past: float) -> list[str]:
+    """A bar and the time, as far as they are known."""
+    if share is None:
+        return [_clock(past)]
+    share = max(0.0, min(1.0, share))
+    done = int(share * BAR)
+    said = [f"{'━' * done}{'─' * (BAR - done)} {share:4.0%}", _clock(past)]
+    if past >= KNOWN_AFTER and KNOWN_FROM <= share < 1.0:
+        said[-1] += f", about {_clock(past / share - past)} left"
+    return said
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
