@@ -9,7 +9,7 @@ from rig import Rig
 
 from twind import link
 from twind.client import Refused
-from twind.config.edited import LARGEST, edited, fingerprints
+from twind.config.edited import LARGEST, edited, fingerprints, texts
 
 
 def test_a_file_is_edited_when_it_holds_something_else(tmp_path: Path) -> None:
@@ -35,6 +35,20 @@ def test_what_cannot_be_read_counts_as_edited_and_is_not_waited_for(tmp_path: Pa
     missing = tmp_path / "missing"
     everything = [pipe, folder, long, missing]
     assert edited(fingerprints(everything)) == [str(path) for path in everything]
+
+
+def test_what_files_said_is_kept_as_it_was_when_they_were_read(tmp_path: Path) -> None:
+    same, changed, binary = tmp_path / "same", tmp_path / "changed", tmp_path / "binary"
+    same.write_text("a: ä\n")
+    changed.write_text("a: 1\n")
+    binary.write_bytes(b"\xff\x00")
+    read = fingerprints([same, changed, binary])
+    first = texts(read)
+    assert first == {str(same): "a: ä\n", str(changed): "a: 1\n"}
+    changed.write_text("a: 2\n")
+    assert texts(read) == {str(same): "a: ä\n"}, "what it says now was never read"
+    assert texts(read, first) == first
+    assert texts(fingerprints([changed]), first) == {str(changed): "a: 2\n"}
 
 
 def test_arming_is_refused_with_every_file_named(live: Rig) -> None:

@@ -32,6 +32,7 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
     parameters: dict[str, Any]
     log_level: str = "info"
     files: dict[str, str] = {}  # robot file, model, calibration: path -> sha256 of what was read
+    texts: dict[str, str] = {}  # the same files, path -> what was read
     described: bytes = b""  # what the files said, to be read again (`config/files.py`); empty: they are not
     generation: int = 0  # how many changes were made since the start
 

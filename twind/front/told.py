@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from twind.briefing import Briefing
-from twind.config import files, reread
+from twind.config import edited, files, reread
 from twind.config.files import Described, Sources
 
 BY_CLIENT = "SetParameters"  # where such a value comes from
@@ -20,6 +20,7 @@ def with_files(briefing: Briefing, sources: Sources, then: Described) -> Briefin
         parameters=then.settings.parameters(),
         log_level=then.settings.log_level,
         files=dict(then.files),
+        texts=edited.texts(then.files, briefing.texts),
         described=files.packed(sources, then),
         generation=briefing.generation + 1,
     )

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from twind.briefing import Briefing, JointInfo
+from twind.config.edited import texts
 from twind.config.robot_file import RobotFile
 from twind.loop.described import Robot
 from twind.loop.front_process import FrontProcess
@@ -147,6 +148,7 @@ def brief(
         parameters=parameters,
         log_level=log_level,
         files=dict(files or {}),
+        texts=texts(files or {}),
         described=described,
     )
     return seal("twind-briefing", msgspec.msgpack.encode(briefing))
