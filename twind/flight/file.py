@@ -1,0 +1,126 @@
+"""The flight file: one file, one bug report. Old or new, whole or not there at all; says when it was cut.
+
+A magic, a head in msgpack (`meta` and the table of sections), then the sections, packed by zlib.
+"""
+
+import contextlib
+import os
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from twind.briefing import Briefing
+from twind.flight.records import Contents, FlightError, Packed, broken
+
+MOST = 128 << 20  # bytes of one section, unpacked: twice the largest ring
+
+_MAGIC = b"twind flight 1\n\0"
+_HEAD = struct.Struct("<II")  # bytes of the head, their CRC-32
+_LEVEL = 3  # of zlib: the rest of a tenth costs as long again
+
+
+class _Head(msgspec.Struct):
+    meta: dict[str, Any]
+    sections: list[tuple[str, int, int]]  # name, bytes in the file, bytes unpacked
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight file, read."""
+
+    meta: dict[str, Any]  # when, why, of which robot
+    briefing: Briefing
+    contents: Contents
+
+
+def save(path: Path | str, meta: dict[str, Any], briefing: bytes, contents: Contents | Packed) -> None:
+    """Write `path`, mode 0640 less what the umask takes, over one that is there.
+
+    `briefing`: a Briefing in msgpack. It is on the disk on return; a power cut leaves it whole or not there.
+    Raises OSError; then nothing of it is left.
+    """
+    packed = contents.packed() if isinstance(contents, Contents) else contents
+    parts = [("briefing", briefing), ("entries", packed.entries)]
+    parts += [(f"kept {bus}", data) for bus, data in packed.kept.items()]
+    sections = [(name, zlib.compress(data, _LEVEL), len(data)) for name, data in parts]
+    head = msgspec.msgpack.encode(_Head(meta, [(name, len(data), raw) for name, data, raw in sections]))
+    pieces = [_MAGIC, _HEAD.pack(len(head), zlib.crc32(head)), head, *(data for _, data, _ in sections)]
+    path = Path(path)
+    beside = path.with_name(f".{path.name}.tmp")
+    try:
+        _write(beside, pieces)
+        os.replace(beside, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+        raise
+    _sync(path.parent)
+
+
+def _write(path: Path, pieces: list[bytes]) -> None:
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    with open(os.open(path, flags, 0o640), "wb") as file:
+        file.writelines(pieces)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _sync(folder: Path) -> None:
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+def load(path: Path | str) -> Flight:
+    """A flight file. Raises FlightError (cut, damaged, or no file of ours), OSError (not readable)."""
+    name = str(path)
+    with open(path, "rb") as file:
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise FlightError(name, "is no flight file of this version", "`twindctl dump` writes one")
+        data = file.read()
+    head, sections = _open(name, data)
+    raw = _unpack(name, sections, head.sections)
+    try:
+        briefing = msgspec.msgpack.decode(raw.pop("briefing"), type=Briefing)
+        entries = raw.pop("entries")
+        kept = {int(key.removeprefix("kept ")): part for key, part in raw.items()}
+    except (msgspec.MsgspecError, KeyError, ValueError) as error:
+        raise broken(name, f"what it holds is not ours ({error})") from None
+    return Flight(head.meta, briefing, Packed(kept, entries).parse(name))
+
+
+def _open(path: str, data: bytes) -> tuple[_Head, bytes]:
+    """The head, and what follows it."""
+    size, crc = _HEAD.unpack_from(data) if len(data) >= _HEAD.size else (1, 0)
+    head = data[_HEAD.size : _HEAD.size + size]
+    if len(head) != size or zlib.crc32(head) != crc:
+        raise broken(path, "its head is cut or damaged")
+    try:
+        return msgspec.msgpack.decode(head, type=_Head), data[_HEAD.size + size :]
+    except msgspec.MsgspecError as error:
+        raise broken(path, f"its head is not ours ({error})") from None
+
+
+def _unpack(path: str, data: bytes, sections: list[tuple[str, int, int]]) -> dict[str, bytes]:
+    """The sections by name. Raises FlightError: cut, damaged, or with something behind them."""
+    at, raw = 0, {}
+    for name, size, unpacked in sections:
+        part = zlib.decompressobj()
+        if not (0 <= unpacked <= MOST and size >= 0):
+            raise broken(path, f"its section {name} is said to hold {unpacked} bytes: at most {MOST}")
+        try:
+            raw[name] = part.decompress(data[at : at + size], unpacked + 1)
+        except zlib.error:
+            raise broken(path, f"its section {name} is damaged") from None
+        if not part.eof or part.unused_data or len(raw[name]) != unpacked:
+            raise broken(path, f"its section {name} is cut")
+        at += size
+    if at != len(data):
+        raise broken(path, f"{len(data) - at} bytes lie behind its end")
+    return raw
