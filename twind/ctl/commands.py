@@ -1,4 +1,4 @@
-"""Verbs of one call: mode, arm, disarm, estop, reset, stop. Standard library only."""
+"""Verbs of one call: mode, arm, disarm, estop, reset, stop, mark. Standard library only."""
 
 import argparse
 
@@ -78,9 +78,31 @@ def _stop(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _mark_arguments(parser: argparse.ArgumentParser) -> None:
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
+    begin = kinds.add_parser("begin", help="an episode begins")
+    begin.add_argument("task", metavar="TASK", help="what the robot is to do")
+    end = kinds.add_parser("end", help="the episode is over")
+    outcome = end.add_mutually_exclusive_group()
+    outcome.add_argument("--success", dest="success", action="store_true", default=None, help="as wanted")
+    outcome.add_argument("--failure", dest="success", action="store_false", help="not as wanted")
+    note = kinds.add_parser("note", help="a remark, for whoever reads the recording")
+    note.add_argument("text", metavar="TEXT", nargs="+")
+
+
+def _mark(options: argparse.Namespace) -> int:
+    said = {key: getattr(options, key, None) for key in ("task", "success", "text")}
+    said["text"] = " ".join(said["text"]) if said["text"] else None
+    with operator(options) as client:
+        answer = client.call("Mark", kind=options.kind, **said)
+    show(options, answer, f"marked: {options.kind}")
+    return DONE
+
+
 MODE = Plain(_mode_arguments, _mode)
 ARM = Plain(_arm_arguments, _arm)
 DISARM = Plain(_none, _disarm)
 ESTOP = Plain(_estop_arguments, _estop)
 RESET = Plain(_reset_arguments, _reset)
 STOP = Plain(_none, _stop)
+MARK = Plain(_mark_arguments, _mark)

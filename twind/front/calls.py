@@ -7,6 +7,7 @@ stopping methods: they begin at once, wherever they stand, and only their answer
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 from twind.front.world import encode
@@ -49,6 +50,7 @@ class Call:
         self.interface, self.method, self.parameters = interface, method, parameters
         self.more, self.oneway = more, oneway
         self.started = self.finished = False
+        self.began = nan  # s, when it was whole and its turn had come
         self.output: list[bytes] = []  # while it is not this call's turn
 
     def reply(self, parameters: bytes, *, continues: bool = False) -> None:

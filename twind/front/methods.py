@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from twind import link
 from twind.config.edited import edited
-from twind.front import submit
+from twind.front import marks, submit
+from twind.front.accepted import Accepted
 from twind.front.calls import STOPS, Call
 from twind.front.foreseen import Job
 from twind.front.log import printable
@@ -42,7 +43,8 @@ def forward(
         front.log.say("warning", "ONEWAY_FLOOD", now, holder=caller.holder, method=call.method)
         return
     ticket = front.tickets.open(call, now)
-    command = kind(ticket=ticket, client=caller.number, uid=caller.uid, holder=caller.holder, **fields)
+    who = {"client": caller.number, "uid": caller.uid, "holder": caller.holder}
+    command = kind(ticket=ticket, received=call.began, **who, **fields)
     sent = True
     try:
         if call.method in STOPS:
@@ -184,6 +186,8 @@ def _trajectory(front: Front, call: Call, *, check_only: bool) -> None:
         asked = fields | {"policy": policy, "check_only": check_only, "more": call.more}
         judged = {"refused": found.refusals, "warned": found.warnings, "front_checked": as_of}
         judged["generation"] = front.world.briefing.generation
+        if not check_only:
+            front.submitted.wait(Accepted(fields["id"], call.caller.holder, path, message))
         with submit.Sealed(path) as fd:
             forward(front, call, link.Submit, fd, **asked, **judged)
 
@@ -231,6 +235,14 @@ def _streamed(
         elif column is not None and not all(map(isfinite, column)):
             wrong.append(Finding(Code.NONFINITE, message=what))
     return wrong
+
+
+def _mark(front: Front, call: Call) -> None:
+    if call.parameters["kind"] not in marks.KINDS:
+        name = printable(call.parameters["kind"][:40])
+        call.error("NotFound", {"what": "kind", "name": name, "known": list(marks.KINDS)})
+        return
+    forward(front, call, link.Mark, annotation=marks.annotation(call.parameters))
 
 
 def _reload(front: Front, call: Call) -> None:
@@ -281,6 +293,7 @@ METHODS: dict[str, Method] = {
     "Setpoint": _setpoint,
     "SetParameters": _set_parameters,
     "Scan": _scan,
+    "Mark": _mark,
     "ReadRegister": _as_it_stands(link.ReadRegister),
     "WriteRegister": _as_it_stands(link.WriteRegister),
     "Reboot": _as_it_stands(link.Reboot),

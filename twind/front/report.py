@@ -28,6 +28,7 @@ class Report:
         more = len(found) - 1 if len(found) > 1 else None
         fields = {"message": spoken or event.message, "finding": first, "more": more}
         said = {key: value for key, value in fields.items() if value is not None}
+        said |= {"holder": event.holder} if event.holder else {}
         self._log.say(event.level, event.code, event.time, _details(event, names, buses, state), **said)
 
     def overview(self, news: Overview, tick: Tick | None) -> None:

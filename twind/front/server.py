@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from twind.briefing import Briefing
+from twind.front.accepted import Judged
 from twind.front.calls import Call, Caller
 from twind.front.door import Spares
 from twind.front.foreseen import Foreseen
@@ -54,6 +55,7 @@ class Front:
         self.sessions: dict[int, Session] = {}
         self.foreseen = Foreseen(self)
         self.reloads = Reloads(self)
+        self.submitted = Judged()
         self._doors: list[socket.socket] = []
         self._listeners: list[tuple[socket.socket, str]] = []  # of these, those that nobody watches yet
         self._resting: list[tuple[socket.socket, str]] = []  # nothing to take a client with, for a moment
@@ -169,10 +171,10 @@ class Front:
         return in_time
 
     def refuse(self, call: Call, findings: list[Finding]) -> None:
-        """The error `Refused`, readable; told to the log too."""
+        """The error `Refused`, readable; told to the log and to whoever watches verdicts too."""
         named = self.world.names.findings(findings)
         call.refuse(named)
-        self._tell_refusal(call.caller, named)
+        self.judged(call, {"refusals": named, "warnings": [], "changes": []})
 
     def not_allowed(self, call: Call) -> None:
         """S04, for the log and whoever watches; the caller has the error `NotAllowed`."""
@@ -231,6 +233,9 @@ class Front:
             self.reloads.ask(None)
         else:
             self.telemetry.verdict(news)
+            followed = self.submitted.said(news)
+            if followed is not None:
+                self.telemetry.accepted(followed, news)
 
     def _state(self, news: Tick | Overview) -> None:
         known = self.world.known

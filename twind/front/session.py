@@ -107,6 +107,7 @@ class Session:
         if self._done:  # read before that was known
             call.finished = True
             return
+        call.began = self.front.now()
         try:
             if self._allowed(call):
                 (METHODS[call.method] if call.interface == CONTROL else service)(self.front, call)

@@ -6,14 +6,15 @@ The body of a message is encoded once per piece of news, however many watch.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from twind.front.accepted import Accepted
 from twind.front.calls import Call
 from twind.front.stream import Stream
-from twind.front.world import World
+from twind.front.world import World, encode
 from twind.link import Event, Moment, Overview, Tick
 
 # topic -> Hz where the call does not say
 PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0, "raw": 10.0}
-TOPICS = (*PERIODIC, "events", "verdicts")
+TOPICS = (*PERIODIC, "events", "verdicts", "trajectories")
 
 
 @dataclass(slots=True)
@@ -88,6 +89,16 @@ class Telemetry:
         """To all who watch verdicts."""
         self._at_once(
             "verdicts", b"verdict", lambda: self._world.verdict(moment), moment.time, moment.sequence
+        )
+
+    def accepted(self, accepted: Accepted, moment: Moment) -> None:
+        """To all who watch trajectories."""
+        self._at_once(
+            "trajectories",
+            b"accepted",
+            lambda: encode(accepted.plain(self._world.names)),
+            moment.time,
+            moment.sequence,
         )
 
     def _at_once(

@@ -143,12 +143,13 @@ class World:
                 "code": event.code,
                 "message": event.message,
                 "findings": self.names.findings(event.findings),
+                "annotation": event.annotation,
             }
         )
 
     def verdict(self, moment: Moment) -> bytes:
-        """`Verdict` of the interface, encoded."""
-        return encode(self.names.verdict(moment.verdict))
+        """Of the topic `verdicts`: the verdict, and which trajectory it is of; encoded."""
+        return encode(self.names.verdict(moment.verdict)) + b',"id":' + encode(moment.id or None)
 
     def _once(self, key: str, make: Any) -> bytes:
         made = self._cache.get(key)

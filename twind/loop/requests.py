@@ -226,6 +226,19 @@ def _calibrate(loop: Loop, command: link.Calibrate, now: float) -> None:
     loop.calibrating.ask(command, now)
 
 
+# ------------------------------------------------------------------------------------------- marks
+
+MARKS = {"begin": "EPISODE_BEGIN", "end": "EPISODE_END", "note": "NOTE"}
+ENDED = {True: "succeeded", False: "failed", None: "ended"}
+
+
+def _mark(loop: Loop, command: link.Mark, now: float) -> None:
+    said = command.annotation
+    ended = ENDED[said.success] if said.kind == "end" else None
+    words = [word for word in (said.task, ended, said.text) if word]
+    loop.say.mark(command, MARKS[said.kind], ": ".join(words))
+
+
 # ------------------------------------------------------------------------------------------- motion
 
 
@@ -250,6 +263,7 @@ _ANSWERS: dict[type, Callable[[Any, Any, float], None]] = {
     link.Reset: _reset,
     link.Calibrate: _calibrate,
     link.FindStop: _find_stop,
+    link.Mark: _mark,
     link.Cancel: _cancel,
     link.Setpoint: _setpoint,
     link.ReadRegister: devices.read,

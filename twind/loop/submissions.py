@@ -10,7 +10,9 @@ import numpy as np
 from twind import link
 from twind.loop.procedures import Procedure
 from twind.motion.executor import Outcome, Tolerances
+from twind.motion.goals import led_in
 from twind.robot.finding import Code, Finding, Verdict
+from twind.robot.trajectory import Trajectory
 from twind.safety import gate, stream
 
 if TYPE_CHECKING:
@@ -58,16 +60,17 @@ class Submissions:
         try:
             path = link.unpack_path(data, command, len(loop.joints))
         except ValueError as error:
-            loop.say.refuse(command, (Finding(Code.BAD_SHAPE, message=str(error)),))
+            self._refuse(command, Verdict((Finding(Code.BAD_SHAPE, message=str(error)),)), now)
             return
         if command.generation < loop.reloads.judged_since:
             message = "the limits were changed while this was judged: send it again"
-            loop.say.refuse(command, (Finding(Code.CMD_EXPIRED, message=message),))
+            self._refuse(command, Verdict((Finding(Code.CMD_EXPIRED, message=message),)), now)
             return
         waiting = command.start_in > 0.0 and loop.executor.waiting > 0
         if self.busy or (waiting and not command.check_only):
             message = "another trajectory is being judged" if self.busy else "one already waits for its start"
-            loop.say.refuse(command, (Finding(Code.BUSY, message=f"{message}: try again, or cancel"),))
+            busy = Finding(Code.BUSY, message=f"{message}: try again, or cancel")
+            self._refuse(command, Verdict((busy,)), now)
             return
         asked = loop.snapshot(command.client, now)
         soon = 0.0 < command.start_in <= loop.parts.thresholds.max_duration
@@ -95,11 +98,14 @@ class Submissions:
         if sliced and not refusals:
             refusals = self._still_true(command, asked, path.commanded, now)
         verdict = Verdict(refusals, judged.verdict.warnings, judged.verdict.changes)
-        self._tell(command, verdict, now)
         if verdict.refusals:
-            loop.say.refuse(command, verdict.refusals)
+            self._refuse(command, verdict, now)
+            return
+        followed = self._follow(command, judged.path, now)
+        if isinstance(followed, Finding):
+            self._refuse(command, replace(verdict, refusals=(followed,)), now)
         else:
-            self._follow(command, judged, verdict, now)
+            self._accept(command, verdict, followed, now)
 
     def _still_true(
         self, command: link.Submit, asked: gate.Snapshot, commanded: Any, now: float
@@ -114,33 +120,44 @@ class Submissions:
             refusals = (*refusals, Finding(Code.BUSY, message=message))
         return refusals
 
-    def _follow(self, command: link.Submit, judged: gate.Judged, verdict: Verdict, now: float) -> None:
+    def _follow(self, command: link.Submit, path: Trajectory, now: float) -> float | Finding:
+        """Have a path without refusals followed: by how much it begins later, s, or why it does not."""
         loop = self._loop
         if command.front_checked and now - command.front_checked > STALE_VERDICT:
             age = now - command.front_checked
-            finding = Finding(
+            return Finding(
                 Code.CMD_EXPIRED, value=age, bound=STALE_VERDICT, message="the front's verdict is old"
             )
-            loop.say.refuse(command, (finding,))
-            return
         tolerances = Tolerances.of(len(loop.joints), command.tolerances) if command.tolerances else None
         if command.client:
             loop.lease.renew(command.client, now)
+        lead = self._lead(path, command.start_in)
         refused = loop.executor.submit(
             command.id,
-            judged.path,
+            path,
             start_in=command.start_in,
             tolerances=tolerances,
             goal_time=command.goal_time,
         )
-        if refused is not None:
-            loop.say.refuse(command, (refused,))
-            return
+        return lead if refused is None else refused
+
+    def _lead(self, path: Trajectory, start_in: float) -> float:
+        """How long the way to a first point at t = 0 takes, s, from where the path is foreseen to begin."""
+        executor = self._loop.executor
+        if executor.reference is None:
+            return 0.0
+        before = executor.ahead(start_in) if start_in else executor.reference
+        led = led_in(path, before, self._loop.limits, self._loop.period)
+        return float(led.time[0] - path.time[0])
+
+    def _accept(self, command: link.Submit, verdict: Verdict, lead: float, now: float) -> None:
+        loop = self._loop
         loop.untouched, loop.motion_epoch = False, loop.lease.epoch
         loop.publisher.urgent = True
         if command.more:
             self._followed[command.id] = command
             loop.lease.pin(command.client, command.id)
+        self._tell(command.id, verdict, now, lead)
         loop.say.reply(
             command,
             continues=command.more,
@@ -150,16 +167,19 @@ class Submissions:
             verdict=plain(verdict),
         )
 
-    def _tell(self, command: link.Submit, verdict: Verdict, now: float) -> None:
+    def _refuse(self, command: link.Submit, verdict: Verdict, now: float) -> None:
+        """The caller is told, and unless it only asked whoever watches and the log."""
         loop = self._loop
-        loop.link.event(
-            link.Moment(time=now, sequence=loop.link.sequence(), id=command.id, verdict=plain(verdict))
-        )
-        if verdict.refusals:
+        if not command.check_only:
+            self._tell(command.id, verdict, now)
             codes = sorted({finding.code.value for finding in verdict.refusals})
-            loop.say.event(
-                "warning", codes[0], f"refused {command.id}: {', '.join(codes)}", verdict.refusals[:8]
-            )
+            said = f"refused {command.id}: {', '.join(codes)}"
+            loop.say.event("warning", codes[0], said, verdict.refusals[:8])
+        loop.say.refuse(command, verdict.refusals)
+
+    def _tell(self, id: str, verdict: Verdict, now: float, lead: float = 0.0) -> None:
+        link_, given = self._loop.link, plain(verdict)
+        link_.event(link.Moment(time=now, sequence=link_.sequence(), id=id, verdict=given, lead=lead))
 
     # --------------------------------------------------------------------------- setpoints
 

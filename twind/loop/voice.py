@@ -39,3 +39,19 @@ class Voice:
                 findings=list(findings),
             )
         )
+
+    def mark(self, command: link.Mark, code: str, message: str) -> None:
+        """What a client says of what the robot is doing, as an event; the reply names it."""
+        sequence = self._link.sequence()
+        self._link.event(
+            link.Event(
+                time=self._clock.now(),
+                sequence=sequence,
+                level="info",
+                code=code,
+                message=message,
+                annotation=command.annotation,
+                holder=command.holder,
+            )
+        )
+        self.reply(command, sequence=sequence)

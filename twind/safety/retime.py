@@ -46,15 +46,32 @@ def with_stop(path: Trajectory, limits: Limits, thresholds: Thresholds) -> tuple
     with np.errstate(all="ignore"):
         pressed = np.where(path.commanded, np.abs(v) / (share * limits.acceleration), 0.0)
         T = max(float(np.max(pressed)) * (1.0 + NUDGE), thresholds.min_dt)
-        end = path.position[-1] + 0.5 * v * T
-    still = np.zeros((1, len(v)))
-    stopped = replace(
+    reason = "a ramp to rest of this many seconds follows the last point"
+    place, t = len(path.time) - 1, float(path.time[-1])
+    return ramped(path, T), [Finding(Code.STOP_APPENDED, point=place, time=t, value=T, message=reason)]
+
+
+def ramped(path: Trajectory, duration: float) -> Trajectory:
+    """`path`, which has velocities, brought to rest with constant decelerations in `duration` s."""
+    assert path.velocity is not None  # else there is nothing to bring to rest
+    with np.errstate(all="ignore"):
+        end = path.position[-1] + 0.5 * np.where(path.commanded, path.velocity[-1], 0.0) * duration
+    still = np.zeros((1, len(end)))
+    return replace(
         path,
-        time=np.append(path.time, path.time[-1] + T),
+        time=np.append(path.time, path.time[-1] + duration),
         position=np.vstack([path.position, end]),
         velocity=np.vstack([path.velocity, still]),
         acceleration=None if path.acceleration is None else np.vstack([path.acceleration, still]),
     )
-    reason = "a ramp to rest of this many seconds follows the last point"
-    place, t = len(path.time) - 1, float(path.time[-1])
-    return stopped, [Finding(Code.STOP_APPENDED, point=place, time=t, value=T, message=reason)]
+
+
+def changed(path: Trajectory, changes: Iterable[Finding]) -> Trajectory:
+    """What the `changes` of a verdict make of the path as it was asked for: the path that was judged."""
+    for change in changes:
+        assert change.value is not None  # by how much is what a change says
+        if change.code is Code.STOP_APPENDED:
+            path = ramped(path, change.value)
+        elif change.code is Code.RETIMED:
+            path = path.stretched(change.value)
+    return path
