@@ -173,7 +173,7 @@ def test_how_far_apart_the_buses_were_read_is_in_status_and_state(loop: StandIn)
 def test_events_and_verdicts_reach_those_who_watch_them(loop: StandIn) -> None:
     finding = {"code": "POS_LIMIT", "joint": 2, "value": 2.0, "bound": 1.0}
     with Raw(loop) as client:
-        client.send("Monitor", parameters={"topics": ["events", "verdicts", "trajectories"]}, more=True)
+        client.send("Monitor", parameters={"topics": ["events", "verdicts"]}, more=True)
         time.sleep(0.05)
         loop.send(link.Event(time=1.0, sequence=7, level="info", code="TEST", message="hello"))
         loop.send(link.Moment(time=2.0, sequence=8, id="x", verdict={"refusals": [finding]}))

@@ -1,0 +1,142 @@
+"""What is followed is told as it is followed, by whoever only saw what was asked."""
+
+from dataclasses import replace
+from typing import Any
+
+import gate_world as w
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from rig import Rig
+
+from twind import link
+from twind.front.accepted import WAITING, Accepted, Judged
+from twind.front.naming import Names
+from twind.robot.finding import Code
+from twind.robot.trajectory import Trajectory
+from twind.safety.gate import Demand
+from twind.safety.retime import changed
+
+JOINT = "l_elbow"
+
+
+def same(one: Trajectory, other: Trajectory) -> bool:
+    pairs = [
+        (getattr(one, name), getattr(other, name))
+        for name in ("time", "position", "velocity", "acceleration")
+    ]
+    return all((a is None and b is None) or np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+
+@settings(max_examples=150, deadline=None)
+@given(w.paths(most=4))
+def test_the_changes_of_a_verdict_make_the_path_that_was_judged_to_the_last_bit(path: Trajectory) -> None:
+    limit, before = w.limits(velocity=1.5, acceleration=8.0), w.at_rest(path.position[0])
+    for demand in (Demand(), Demand("retime"), Demand(append_stop=True), Demand("retime", append_stop=True)):
+        judged = w.ask(path, limit, before, demand)
+        assert same(changed(path, judged.verdict.changes), judged.path)
+
+
+# ------------------------------------------------------------------------------------- from the loop
+
+
+def sent(rig: Rig, path: Trajectory, **asked: Any) -> tuple[Judged, list[link.Moment]]:
+    """A path on its way through a real loop, and the verdicts that came of it."""
+    waiting = Judged()
+    ticket = rig.submit(path, **asked)
+    waiting.wait(Accepted(f"t{ticket}", "uid 1, pid 2", path, {"start_in": asked.get("start_in")}))
+    rig.news.clear()
+    rig.ticks(8)
+    return waiting, [news for news in rig.news if isinstance(news, link.Moment)]
+
+
+def moved(rig: Rig, way: list[float], time: list[float], velocity: list[float] | None = None) -> Trajectory:
+    here = float(rig.loop.executor.reference.position[rig.names.index(JOINT)])
+    path = rig.path(JOINT, [here - each for each in way], time)
+    if velocity is None:
+        return path
+    speed = np.zeros_like(path.position)
+    speed[:, rig.names.index(JOINT)] = velocity
+    return replace(path, velocity=speed)
+
+
+@pytest.mark.parametrize(
+    ("way", "time", "velocity", "asked", "later"),
+    [
+        ([0.1], [1.0], None, {}, False),
+        ([0.3], [0.05], [0.0], {"policy": "retime"}, False),
+        ([0.1], [1.0], [-0.2], {"append_stop": True}, False),
+        ([0.3], [0.05], [-1.0], {"policy": "retime", "append_stop": True}, False),
+        ([0.01, 0.1], [0.0, 1.0], [0.0, 0.0], {}, True),
+        ([0.01, 0.1], [0.0, 1.0], [0.0, 0.0], {"start_in": 0.03}, True),
+    ],
+    ids=["as asked", "slower", "with a stop", "both", "led in", "led in at a later start"],
+)
+def test_what_is_told_is_what_the_loop_follows(
+    armed: Rig, way: list[float], time: list[float], velocity: list[float] | None, asked: Any, later: bool
+) -> None:
+    path = moved(armed, way, time, velocity)
+    waiting, (moment,) = sent(armed, path, **asked)
+    accepted = waiting.said(moment)
+    assert accepted is not None
+    (layer,) = armed.loop.executor._layers
+    assert layer.goal.id == accepted.id
+    place = armed.names.index(JOINT)
+    assert layer.curve.duration == pytest.approx(accepted.path.time[-1], abs=1e-12)
+    assert accepted.path.position[-1, place] == layer.goal.path.position[-1, place]
+    assert (moment.lead > 0.0) == later
+    assert waiting.said(moment) is None  # each once
+
+
+def test_a_refused_one_is_told_as_a_verdict_and_not_as_followed(armed: Rig) -> None:
+    waiting, (moment,) = sent(armed, moved(armed, [9.0], [1.0]))
+    assert moment.verdict["refusals"]
+    assert waiting.said(moment) is None
+
+
+def test_one_that_comes_too_late_to_be_followed_has_one_verdict_that_says_so(armed: Rig) -> None:
+    old = armed.clock.now() - 0.6
+    waiting, (moment,) = sent(armed, moved(armed, [0.1], [1.0]), front_checked=old)
+    assert [finding["code"] for finding in moment.verdict["refusals"]] == [Code.CMD_EXPIRED]
+    assert waiting.said(moment) is None
+
+
+def test_one_that_is_refused_before_it_is_judged_has_a_verdict_too(armed: Rig) -> None:
+    armed.submit(moved(armed, [0.1], [1.0]), start_in=0.5)
+    _, moments = sent(armed, moved(armed, [0.1], [1.0]), start_in=0.6)
+    assert [len(moment.verdict["refusals"]) for moment in moments][-1] == 1
+    assert moments[-1].verdict["refusals"][0]["code"] == Code.BUSY
+    (event,) = [event for event in armed.events("BUSY") if event.message.startswith("refused")]
+    assert event.level == "warning"
+
+
+# ------------------------------------------------------------------------------------- as it is told
+
+
+def test_it_is_told_by_the_names_of_its_joints_in_the_robots_order() -> None:
+    rows = np.array([[0.1, np.nan, 0.3], [0.2, np.nan, 0.4]])
+    path = Trajectory(np.array([0.5, 1.0]), rows, np.array([True, False, True]), rows * 0.0)
+    asked = {"start_in": 2.0, "policy": "retime", "append_stop": True, "joint_names": ["ankle", "hip"]}
+    told = Accepted("4f", "uid 1, pid 2", path, asked).plain(Names(["hip", "knee", "ankle"]))
+    assert (told["id"], told["holder"]) == ("4f", "uid 1, pid 2")
+    assert told["trajectory"] == {
+        "joint_names": ["hip", "ankle"],
+        "points": [
+            {"time_from_start": 0.5, "positions": [0.1, 0.3], "velocities": [0.0, 0.0]},
+            {"time_from_start": 1.0, "positions": [0.2, 0.4], "velocities": [0.0, 0.0]},
+        ],
+        "start_in": 2.0,
+        "goal_time": None,
+        "tolerances": None,
+    }
+
+
+def test_of_paths_that_never_get_a_verdict_the_oldest_are_forgotten() -> None:
+    waiting, path = Judged(), Trajectory(np.array([1.0]), np.zeros((1, 1)), np.array([True]))
+    for number in range(WAITING + 1):
+        waiting.wait(Accepted(str(number), "", path, {}))
+    verdicts = [
+        waiting.said(link.Moment(time=0.0, sequence=1, id=str(number), verdict={})) is not None
+        for number in range(WAITING + 1)
+    ]
+    assert verdicts == [False, *[True] * WAITING]
