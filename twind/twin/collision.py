@@ -9,21 +9,55 @@ import copy
 import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 
 from twind.config.collision import Clearance
-from twind.config.robot_spec import RobotFile
+from twind.config.robot_spec import GateSettings
 from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Code
-from twind.twin.binding import Binding, BindingError
+from twind.twin.binding import BindingError
 from twind.twin.levers import levers
 from twind.twin.mirror import index
 
 REACH = 0.03  # m: how far a pair is looked at; what is further counts as this far
 WORLD = 0  # the body of all that does not move
 _UNMEASURED = (int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_SDF))
+
+
+class Ruled(Protocol):
+    """What a robot file says of it."""
+
+    @property
+    def path(self) -> Path:
+        """For messages."""
+
+    @property
+    def base(self) -> str:
+        """The body that carries all others."""
+
+    @property
+    def gate(self) -> GateSettings:
+        """With which bodies are judged, and how near they may come."""
+
+
+class Bound(Protocol):
+    """What is asked of a binding; who only draws has no whole one."""
+
+    @property
+    def robot(self) -> Ruled:
+        """Its file."""
+
+    @property
+    def model(self) -> Any:
+        """mujoco.MjModel."""
+
+    @property
+    def qpos(self) -> Ints:
+        """Address of each joint in qpos (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +78,7 @@ class Pair:
 class Bodies:
     """The robot's bodies. Poses are (n,) rad in joint order; distances (p,) m in the order of `pairs`."""
 
-    def __init__(self, binding: Binding, reach: float = REACH) -> None:
+    def __init__(self, binding: Bound, reach: float = REACH) -> None:
         """`reach`: m. Raises BindingError: a name that the model lacks, a pair that cannot be judged."""
         clearance = binding.robot.gate.collision
         self.model = model = copy.copy(binding.model)
@@ -116,7 +150,7 @@ class Bodies:
 # ------------------------------------------------------------------------------------------ which pairs
 
 
-def judged(model: mujoco.MjModel, robot: RobotFile) -> tuple[Pair, ...]:
+def judged(model: mujoco.MjModel, robot: Ruled) -> tuple[Pair, ...]:
     """The pairs that are judged. Raises BindingError where the robot file names what is not there."""
     clearance, where = robot.gate.collision, f"{robot.path}: collision"
     world = strangers(model, robot.base)
