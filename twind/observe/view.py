@@ -1,0 +1,45 @@
+"""the twin in a browser on this machine, with a stop and an e-stop button
+
+The robot as measured, what it is told as a translucent figure, contacts and distances, plots and words. The
+viewer is a client like any other: ending or killing it changes nothing. It prints its address, which has a
+secret in it.
+"""
+
+import argparse
+from importlib.util import find_spec
+
+from twind.ctl.verb import UsageError
+
+NEEDED = ("viser", "mjviser")
+REMEDY = "pip install 'twind[view]'"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the verb."""
+    parser.add_argument(
+        "--port", type=int, metavar="N", help="of 127.0.0.1 (default: the first free one from 8099)"
+    )
+    parser.add_argument("--open", action="store_true", help="open the page in your browser")
+    parser.add_argument(
+        "--operate",
+        action="store_true",
+        help="the page may also take the lease, arm, disarm and play motions (default: look, stop, e-stop)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Until Ctrl-C or SIGTERM: 0. Raises UsageError, Rejected, ClientError."""
+    missing = [name for name in NEEDED if find_spec(name) is None]
+    if missing:
+        raise UsageError(f"the viewer needs {' and '.join(missing)}: {REMEDY}")
+    if options.port is not None and not 1 <= options.port <= 65535:
+        raise UsageError(f"--port {options.port} is no port: 1 to 65535")
+    from twind.observe.viewing import watch
+
+    return watch(
+        options.socket,
+        port=options.port,
+        open_page=options.open,
+        operate=options.operate,
+        as_json=options.json,
+    )

@@ -1,0 +1,6 @@
+"""The rooms of `twindctl view`: what is shown (`scene`, `page`), who may look (`door`), who may act (`stops`,
+`operate`)."""
+
+from twind.observe.viewing.show import show, watch
+
+__all__ = ["show", "watch"]

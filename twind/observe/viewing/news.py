@@ -1,0 +1,179 @@
+"""What the viewer knows of one robot now, made of what `Monitor` says; taken by one thread, looked at by
+another.
+
+No browser, no socket: a recording is shown by the same messages.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twind.robot.arrays import Floats
+
+WINDOW = 10.0  # s of history that is plotted
+TOLD = 5  # last refusals, and last events, that are shown
+STALE = 3.0  # periods of the loop after which a joint's reading is called old
+LEAST_STALE_MS = 50.0
+Message = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """From here on it is this robot: the answer of `GetRobot`."""
+
+    told: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """The daemon is gone, or cannot be reached; the next message says that it is back."""
+
+    why: str
+
+
+News = Described | Lost | Message
+
+
+@dataclass(frozen=True, slots=True)
+class Joints:
+    """One message of the topic `state`. Arrays are (n,); NaN: not known."""
+
+    time: float  # s, monotonic
+    measured: Floats  # rad
+    goal: Floats
+    simulated: Floats
+    heard: Any  # (n,) bool
+    age: Floats  # ms
+    faults: tuple[tuple[str, ...], ...]
+
+    @property
+    def error(self) -> Floats:
+        """rad, between what was commanded and where the joint is."""
+        return np.abs(self.goal - self.measured)
+
+
+def joints_of(message: Message) -> Joints:
+    """Of a message with the topic `state`."""
+    rows: Sequence[Message] = message["joints"]
+
+    def column(key: str) -> Floats:
+        return np.array([np.nan if row.get(key) is None else row[key] for row in rows], np.float64)
+
+    return Joints(
+        time=float(message["time"]),
+        measured=column("position"),
+        goal=column("goal"),
+        simulated=column("simulated"),
+        heard=np.array([bool(row.get("heard", True)) for row in rows]),
+        age=column("age_ms"),
+        faults=tuple(tuple(row.get("faults") or ()) for row in rows),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """What is known at one moment."""
+
+    told: Message | None  # the robot
+    lost: str | None  # why nothing comes
+    joints: Joints | None
+    status: Message | None
+    latency: Sequence[Message]
+    refusals: tuple[Message, ...]  # verdicts with refusals, the newest first
+    events: tuple[Message, ...]  # warnings and errors, the newest first
+
+    @property
+    def mode(self) -> str:
+        """As the daemon says; empty while it is not known."""
+        return "" if self.status is None else str(self.status["mode"])
+
+    @property
+    def stale(self) -> Any:
+        """(n,) bool: heard, but the number is old."""
+        assert self.joints is not None
+        rate = 100.0 if self.status is None else float(self.status["loop"]["rate_hz"])
+        old: Any = ~(self.joints.age <= max(LEAST_STALE_MS, STALE * 1e3 / rate))
+        return old & self.joints.heard
+
+
+class Known:
+    """The latest of everything, and the last seconds of what is plotted."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._told: Message | None = None
+        self._lost: str | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        self._joints: Joints | None = None
+        self._status: Message | None = None
+        self._latency: Sequence[Message] = ()
+        self._refusals: deque[Message] = deque(maxlen=TOLD)
+        self._events: deque[Message] = deque(maxlen=TOLD)
+        self._path: deque[Joints] = deque()
+        self._hops: deque[tuple[float, Mapping[str, float]]] = deque()
+
+    def take(self, news: News) -> None:
+        """The next piece."""
+        with self._lock:
+            if isinstance(news, Described):
+                self._forget()
+                self._told, self._lost = news.told, None
+            elif isinstance(news, Lost):
+                self._lost = news.why
+            else:
+                self._lost = None
+                self._message(news)
+
+    def _message(self, news: Message) -> None:
+        match news["topic"]:
+            case "state":
+                self._joints = joints_of(news)
+                self._path.append(self._joints)
+                while self._joints.time - self._path[0].time > WINDOW or _behind(self._path):
+                    self._path.popleft()
+            case "status":
+                self._status = news["status"]
+            case "latency":
+                self._latency = news["latency"]
+                hops = {hop["hop"]: hop["now_ms"] for hop in self._latency if hop.get("now_ms") is not None}
+                self._hops.append((float(news["time"]), hops))
+                while self._hops[-1][0] - self._hops[0][0] > WINDOW or self._hops[0][0] > self._hops[-1][0]:
+                    self._hops.popleft()
+            case "verdicts" if news["verdict"]["refusals"]:
+                self._refusals.appendleft(news)
+            case "events" if news["event"]["level"] in ("warning", "error"):
+                self._events.appendleft(news)
+
+    def now(self) -> Now:
+        """A copy that stays as it is."""
+        with self._lock:
+            return Now(
+                self._told,
+                self._lost,
+                self._joints,
+                self._status,
+                self._latency,
+                tuple(self._refusals),
+                tuple(self._events),
+            )
+
+    def path(self) -> list[Joints]:
+        """The last seconds of the joints, the oldest first."""
+        with self._lock:
+            return list(self._path)
+
+    def hops(self) -> list[tuple[float, Mapping[str, float]]]:
+        """The last seconds of latencies: time in s, and ms by hop."""
+        with self._lock:
+            return list(self._hops)
+
+
+def _behind(path: "deque[Joints]") -> bool:
+    """Time went back: a recording began anew."""
+    return path[0].time > path[-1].time

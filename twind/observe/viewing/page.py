@@ -1,0 +1,161 @@
+"""The page of one robot: buttons, words, plots. Nothing here waits: what a button asks for is done
+elsewhere."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from twind.observe.viewing import operate
+from twind.observe.viewing.news import Known, Message
+from twind.observe.viewing.operate import Operator, Work
+from twind.observe.viewing.plots import Plots
+from twind.observe.viewing.scene import AUTO, GHOSTS
+from twind.observe.viewing.stops import Errand, Outcome, Stops
+
+STAYS, LASTS = 60.0, 6.0  # s that a notification of a failure is seen, and of what was done
+Press = Callable[[Any], Coroutine[Any, Any, None]]
+
+
+class Page:
+    """The parts that do not change with the robot, and the words and plots that do."""
+
+    def __init__(self, server: Any, known: Known, stops: Stops | None) -> None:
+        gui = server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        if stops is not None:
+            _stop_panel(gui, stops)
+        self._words = gui.add_html("")
+        self._said = ""
+        self._ghost = gui.add_dropdown("translucent", options=GHOSTS, initial_value=AUTO)
+        gui.main_panel.dock_right()
+        panel = gui.add_panel()
+        with panel.add_tab("last 10 s"):
+            self.plots = Plots(gui, known)
+        panel.dock_left()
+        panel.set_width(300)
+
+    @property
+    def ghost(self) -> str:
+        """Which translucent figures are wanted."""
+        return str(self._ghost.value)
+
+    def say(self, words: str) -> None:
+        """HTML, sent where it differs."""
+        if words != self._said:
+            self._said = self._words.content = words
+
+
+def _stop_panel(gui: Any, stops: Stops) -> None:
+    """A window of its own above everything: it scrolls away with nothing and cannot be closed."""
+    panel = gui.add_panel(order=-1.0)
+    with panel.add_tab("stop"):
+        estop = gui.add_button("E-STOP", color="red", hint="lower the robot, torque off, latched")
+        stop = gui.add_button("Stop", color="orange", hint="the motion comes to a hold; needs an operator")
+    panel.float(x=12, y=-12, width=230)  # from the lower left: notifications come down from above
+    estop.on_click(_pressed(stops.estop))
+    stop.on_click(_pressed(stops.stop))
+
+
+def _pressed(errand: Errand) -> Press:
+    async def press(event: Any) -> None:  # in the server's loop: behind no drawing, and in no queue of ours
+        errand.ask(teller(event.client))
+
+    return press
+
+
+def teller(client: Any) -> Callable[[Outcome], None]:
+    """Tells one tab what came of what it asked."""
+
+    def tell(outcome: Outcome) -> None:
+        if client is not None:
+            client.add_notification(
+                outcome.title,
+                outcome.text,
+                color="green" if outcome.done else "red",
+                auto_close_seconds=LASTS if outcome.done else STAYS,
+            )
+
+    return tell
+
+
+class Controls:
+    """What moves the robot; dead until this tab took the lease, by a button and a question."""
+
+    def __init__(self, server: Any, place: str | None) -> None:
+        self._server, self._robot = server, {}  # type: tuple[Any, Message]
+        gui = server.gui
+        with gui.add_folder("operate"):
+            self._take = gui.add_button("Take the lease ...", color="blue")
+            self._give = gui.add_button("Give the lease back", disabled=True)
+            self._arm = gui.add_button("Arm", disabled=True)
+            self._disarm = gui.add_button("Disarm", disabled=True)
+            self._motion = gui.add_dropdown("motion", options=("none",), initial_value="none")
+            self._play = gui.add_button("Play", disabled=True)
+            self._rest = gui.add_button("Rest pose", disabled=True)
+        self._operator = Operator(place, self._changed)
+        self._take.on_click(self._ask_first)
+        self._give.on_click(self._press(lambda tab, tell: self._operator.give(tab, tell)))
+        self._arm.on_click(self._press_for(lambda: operate.arm))
+        self._disarm.on_click(self._press_for(lambda: operate.disarm))
+        self._play.on_click(self._press_for(self._chosen))
+        self._rest.on_click(self._press_for(lambda: operate.to_rest(self._robot)))
+        server.on_client_disconnect(self._left)
+
+    def of(self, robot: Message) -> None:
+        """The motions of another robot."""
+        self._robot = robot
+        names = operate.motions(robot) or ("none",)
+        if tuple(self._motion.options) != names:
+            self._motion.options = names
+            self._motion.value = names[0]
+
+    def _chosen(self) -> Work | None:
+        name = str(self._motion.value)
+        return operate.play(self._robot, name) if name in operate.motions(self._robot) else None
+
+    async def _ask_first(self, event: Any) -> None:
+        """A question in this tab alone: nobody takes a lease by one slip."""
+        gui = event.client.gui
+        modal = gui.add_modal("Take the lease?")
+        with modal:
+            gui.add_html(
+                '<p style="padding:0 1em">This tab then moves the robot. Others cannot until it gives the '
+                "lease back or is closed. Is nobody within its reach?</p>"
+            )
+            yes, no = gui.add_button("Take it", color="blue"), gui.add_button("Leave it")
+
+        async def take(_: Any) -> None:
+            modal.close()
+            self._operator.take(event.client.client_id, teller(event.client))
+
+        async def leave(_: Any) -> None:
+            modal.close()
+
+        yes.on_click(take)
+        no.on_click(leave)
+
+    def _press(self, do: Callable[[int, Callable[[Outcome], None]], None]) -> Press:
+        async def press(event: Any) -> None:
+            if event.client is not None:
+                do(event.client.client_id, teller(event.client))
+
+        return press
+
+    def _press_for(self, what: Callable[[], Work | None]) -> Press:
+        def do(tab: int, tell: Callable[[Outcome], None]) -> None:
+            work = what()
+            if work is not None:
+                self._operator.call(tab, work, tell)
+
+        return self._press(do)
+
+    async def _left(self, client: Any) -> None:
+        self._operator.left(client.client_id)
+        await asyncio.sleep(0)
+
+    def _changed(self, tab: int | None) -> None:
+        """In the operator's thread."""
+        held = tab is not None
+        self._take.disabled = held
+        for button in (self._give, self._arm, self._disarm, self._play, self._rest):
+            button.disabled = not held

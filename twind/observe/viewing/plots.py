@@ -1,0 +1,122 @@
+"""Plots of the last seconds: tracking, one joint, latency. Numbers are made here; viser's uPlot draws
+them."""
+
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from twind.observe.viewing.news import Known
+from twind.robot.arrays import Floats
+
+POINTS = 150  # of a line at most
+HOPS = ("total", "twin", "command")  # that are plotted, where the daemon tells them
+COLOURS = ("#2563eb", "#dc2626", "#16a34a", "#9333ea")
+WORST = "the furthest off"
+NOISE = 1e-3  # rad
+HEIGHT = 150  # px
+Line = tuple[Floats, ...]
+
+
+def tracking(known: Known) -> Line:
+    """Time (k,) s before now; error of the worst joint and root of the mean square, mrad."""
+    path = known.path()
+    path = path[:: max(1, len(path) // POINTS)]
+    if not path:
+        return _nothing(3)
+    error = np.round(
+        np.array([each.error for each in path]) * 1e3, 2
+    )  # a flat line is not drawn as its noise
+    told = np.isfinite(error)
+    some = told.any(axis=1)
+    filled = np.where(told, error, 0.0)
+    rms = np.sqrt((filled**2).sum(axis=1) / np.maximum(told.sum(axis=1), 1))
+    return (
+        np.array([each.time - path[-1].time for each in path]),
+        np.where(some, filled.max(axis=1), np.nan),
+        np.where(some, rms, np.nan),
+    )
+
+
+def worst(known: Known) -> int | None:
+    """The joint that was furthest off in that time; None: nobody was off by more than noise."""
+    path = known.path()
+    if not path:
+        return None
+    most = np.nan_to_num(np.array([each.error for each in path])).max(axis=0)
+    return int(np.argmax(most)) if most.max() > NOISE else None
+
+
+def joint(known: Known, place: int) -> Line:
+    """Time (k,) s before now; goal, measured and simulated of one joint, rad."""
+    path = known.path()
+    path = path[:: max(1, len(path) // POINTS)]
+    if not path:
+        return _nothing(4)
+    columns = [[each.goal[place], each.measured[place], each.simulated[place]] for each in path]
+    lines = np.round(np.array(columns).T, 4)
+    return (np.array([each.time - path[-1].time for each in path]), *lines)
+
+
+def latency(known: Known) -> Line:
+    """Time (k,) s before now; ms of `HOPS`, NaN where the daemon does not tell."""
+    hops = known.hops()
+    if not hops:
+        return _nothing(1 + len(HOPS))
+    times = np.array([time for time, _ in hops])
+    return (times - times[-1], *(np.array([each.get(hop, np.nan) for _, each in hops]) for hop in HOPS))
+
+
+def _nothing(count: int) -> Line:
+    return tuple(np.array([np.nan if n else 0.0]) for n in range(count))
+
+
+class Plots:
+    """The three of them in the panel that is being filled."""
+
+    def __init__(self, gui: Any, known: Known) -> None:
+        self._gui, self._known = gui, known
+        self._names: tuple[str, ...] = ()
+        self._shown = 0  # the joint that is plotted
+        self._tracking = _plot(gui, "tracking error, mrad", ("worst", "rms"))
+        self._which = gui.add_dropdown("joint", options=(WORST,), initial_value=WORST)
+        self._name = gui.add_html("")
+        self._joint = _plot(gui, "rad", ("goal", "measured", "simulated"))
+        self._latency = _plot(gui, "latency, ms", HOPS)
+
+    def of(self, names: tuple[str, ...]) -> None:
+        """The joints of another robot."""
+        if names != self._names:
+            self._names, self._shown = names, 0
+            self._which.options = (WORST, *names)
+            self._which.value = WORST
+
+    def draw(self) -> None:
+        """As it is now."""
+        known = self._known
+        self._tracking.data = tracking(known)
+        chosen = self._which.value
+        place = self._names.index(chosen) if chosen in self._names else worst(known)
+        if place is not None and place < len(self._names):
+            self._shown = place
+        if self._names:
+            self._joint.data = joint(known, self._shown)
+            name = f'<div style="text-align:center">{escape(self._names[self._shown])}</div>'
+            if self._name.content != name:  # beside the plot: a new title makes it forget its data
+                self._name.content = name
+        self._latency.data = latency(known)
+
+
+def _plot(gui: Any, title: str, names: tuple[str, ...]) -> Any:
+    lines = (
+        {"label": name, "stroke": colour, "width": 1.5, "points": {"show": False}}
+        for name, colour in zip(names, COLOURS, strict=False)
+    )
+    return gui.add_uplot(
+        data=_nothing(1 + len(names)),
+        series=({}, *lines),
+        title=title,
+        scales={"x": {"time": False}, "y": {"auto": True}},
+        legend={"show": True, "live": False},
+        height=HEIGHT,
+    )

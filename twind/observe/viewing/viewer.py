@@ -1,0 +1,100 @@
+"""Shows messages until it is told to end: one thread takes them, this one draws. Nobody waits for either."""
+
+import threading
+import webbrowser
+from collections.abc import Iterable
+from pathlib import Path
+
+from twind.observe.viewing import words
+from twind.observe.viewing.door import Site
+from twind.observe.viewing.likeness import Likeness, NoLikeness
+from twind.observe.viewing.news import Known, Lost, Message, News, Now
+from twind.observe.viewing.page import Controls, Page
+from twind.observe.viewing.scene import Scene, camera
+
+PERIOD = 1.0 / 30.0  # s between pictures
+PLOTS, WORDS = 3, 6  # pictures between two drawings of plots (10 Hz) and of words (5 Hz)
+
+
+class Viewer:
+    """One robot behind one site."""
+
+    def __init__(self, site: Site, known: Known, page: Page, controls: Controls | None = None) -> None:
+        self._server, self._known, self._page, self._controls = site.server, known, page, controls
+        self._scene: Scene | None = None
+        self._told: Message | None = None
+        self._problem = ""
+        self._turn = 0
+
+    def draw(self) -> None:
+        """One picture, if anybody looks."""
+        if not self._server.get_clients():
+            return
+        now = self._known.now()
+        if now.told is not None and now.told is not self._told:
+            self._describe(now.told)
+        with self._server.atomic():
+            if self._scene is not None:
+                self._scene.draw(now, self._page.ghost)
+            self._turn += 1
+            if self._turn % PLOTS == 0:
+                self._page.plots.draw()
+            if self._turn % WORDS == 1:
+                self._page.say(self._words(now))
+        self._server.flush()
+
+    def _describe(self, told: Message) -> None:
+        """Another robot, or the same one again."""
+        self._told = told
+        if self._scene is not None and self._scene.likeness.same_as(told):
+            return
+        if self._scene is not None:
+            self._scene.remove()
+        self._scene, self._problem = None, ""
+        try:
+            likeness = Likeness(told)
+        except NoLikeness as error:
+            self._problem = str(error)
+            return
+        self._scene = Scene(self._server.scene, likeness, "/robots/0")
+        self._page.plots.of(likeness.joints)
+        if self._controls is not None:
+            self._controls.of(told["robot"])
+        self._look(likeness)
+
+    def _look(self, likeness: Likeness) -> None:
+        """From where all of it is seen."""
+        where, what = camera(likeness)
+        camera_of_all = self._server.initial_camera
+        camera_of_all.position, camera_of_all.look_at = tuple(where), tuple(what)
+        for client in self._server.get_clients().values():
+            client.camera.position, client.camera.look_at = tuple(where), tuple(what)
+
+    def _words(self, now: Now) -> str:
+        scene = self._scene
+        if scene is None:
+            problem = words.row("model", self._problem, words.RED) if self._problem else ""
+            return problem + words.page(now, None, None, 0)
+        return words.page(now, scene.likeness, scene.near, scene.contacts)
+
+
+def run(viewer: Viewer, known: Known, news: Iterable[News], ended: threading.Event) -> None:
+    """Until `ended`. When the messages end the last picture stays."""
+    taker = threading.Thread(target=_take, args=(known, news), name="news", daemon=True)
+    taker.start()
+    while not ended.wait(PERIOD):
+        viewer.draw()
+
+
+def _take(known: Known, news: Iterable[News]) -> None:
+    for each in news:
+        known.take(each)
+    known.take(Lost("the messages have ended"))
+
+
+def in_browser(url: str, folder: str) -> None:
+    """Open it in the user's browser. By a file that is ours alone: a command line is everybody's to read."""
+    page = Path(folder) / "twind-view.html"
+    page.touch(0o600)
+    page.write_text(f'<meta http-equiv="refresh" content="0;url={url}"><a href="{url}">the viewer</a>')
+    webbrowser.open(page.as_uri())
