@@ -1,0 +1,112 @@
+"""Make an .mcap file, for Foxglove and ROS 2 tools, of a flight recorder's file or of another recording.
+
+Of a flight file the raw bytes of the buses come along, as the topic /twind/wire. Never writes over a file.
+"""
+
+import argparse
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from twind.ctl.progress import Progress
+from twind.ctl.verb import DONE, Rejected, show
+from twind.flight import NO_BUS, Entry, Flight, FlightError, Kind, load
+from twind.link import Tick
+from twind.observe.flight_news import answers, news, wire
+from twind.observe.record_file import RecordFile
+from twind.observe.record_lines import Clocks, Line, Scribe
+from twind.observe.recording_flight import wall_offset
+from twind.observe.recover import recover
+from twind.observe.topics import CALIBRATION, MJCF, ROBOT, WIRE
+
+_NAMES = {Kind.OUT: "out", Kind.IN: "in", Kind.PORT: "port"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `twindctl export`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = __doc__
+    parser.add_argument("file", metavar="FILE", type=Path, help="a .flight or an .mcap file")
+    parser.add_argument("out", metavar="OUT.mcap", type=Path, help="the file to write")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Export; 1 where that file gives nothing."""
+    with Progress(options, "export") as progress:
+        progress.tell(options.file.name)
+        messages = export(options.file, options.out)
+    said = f"{options.out}: {messages} messages"
+    show(options, {"file": str(options.file), "out": str(options.out), "messages": messages}, said)
+    return DONE
+
+
+def export(path: Path, out: Path) -> int:
+    """Write `out`; the number of messages in it. Raises Rejected."""
+    try:
+        with open(path, "rb") as file:
+            flight = file.read(5) == b"twind"
+        return _export_flight(path, out) if flight else recover(path, out).messages
+    except FlightError as error:
+        raise Rejected(str(error)) from None
+    except FileExistsError:
+        raise Rejected(f"{out}: is there already, and is never written over; name another file") from None
+    except OSError as error:
+        raise Rejected(f"{error.filename or out}: {error.strerror}") from None
+
+
+def _export_flight(path: Path, out: Path) -> int:
+    flight = load(path)
+    if not flight.contents.entries:
+        raise Rejected(f"{path}: nothing was recorded yet")
+    clocks = Clocks(0.0, wall_offset(flight))
+    lines = sorted(_lines(flight, clocks), key=lambda line: line.time_ns)
+    file = RecordFile(out, _about(flight), _attachments(flight), lines[0].time_ns)
+    try:
+        for line in lines:
+            file.write(line.topic, line.time_ns, line.data)
+        file.finish()
+    except BaseException:
+        file.abandon()
+        os.unlink(out)
+        raise
+    return file.messages
+
+
+def _lines(flight: Flight, clocks: Clocks) -> Iterator[Line]:
+    """Everything, by kind."""
+    scribe = Scribe([joint.name for joint in flight.briefing.joints], clocks)
+    modes = {each.time: each.mode for each in news(flight) if isinstance(each, Tick)}
+    for answer in answers(flight):
+        scribe.mode = modes.get(answer["time"], scribe.mode)
+        yield from scribe.take(answer)
+    buses = [str(bus.get("name")) for bus in flight.briefing.description.get("buses") or ()]
+    for entry in wire(flight):
+        yield Line(WIRE, clocks.wall(entry.time), _wire(entry, buses))
+
+
+def _wire(entry: Entry, buses: list[str]) -> bytes:
+    bus = None if entry.bus == NO_BUS else entry.bus
+    name = buses[bus] if bus is not None and bus < len(buses) else "" if bus is None else str(bus)
+    said = {"bus": name, "kind": _NAMES[entry.kind], "hex": entry.data.hex()}
+    if entry.kind == Kind.PORT:
+        said = {"bus": name, "kind": "port", "text": entry.data.decode(errors="replace")}
+    return json.dumps(said).encode()
+
+
+def _about(flight: Flight) -> dict[str, str]:
+    offset = wall_offset(flight)
+    about = {"version": flight.briefing.version, "robot": flight.briefing.robot}
+    clock = "log times are wall clock, ns since 1970: wall_ns + (CLOCK_MONOTONIC - monotonic)"
+    clocks = {"monotonic": "0.0", "wall_ns": str(offset), "clock": clock}
+    return about | clocks | {f"flight_{key}": str(value) for key, value in flight.meta.items()}
+
+
+def _attachments(flight: Flight) -> dict[str, tuple[str, bytes]]:
+    briefing = flight.briefing
+    found = {ROBOT: ("application/json", json.dumps(briefing.description).encode())}
+    if briefing.calibration:
+        found[CALIBRATION] = ("application/json", json.dumps(briefing.calibration).encode())
+    if briefing.mjcf:
+        found[MJCF] = ("application/xml", briefing.mjcf.encode())
+    return found

@@ -1,0 +1,223 @@
+"""The records of an .mcap file one after the other, as far as they are whole: also of a file that was cut.
+
+No index is used, so a file without its end gives all that was written of it.
+"""
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")  # opcode, bytes that follow
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE_CODE, _CHUNK, _ATTACHMENT, _METADATA = 1, 2, 3, 4, 5, 6, 9, 12
+
+
+class Message(NamedTuple):
+    """One message. Times in ns."""
+
+    channel: int
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """What the messages of a channel are."""
+
+    name: str
+    encoding: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Where messages come from. `schema` is its number, 0: none."""
+
+    topic: str
+    encoding: str
+    schema: int
+    metadata: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Attachment:
+    """A file in the file. Times in ns."""
+
+    name: str
+    media_type: str
+    log_time: int
+    create_time: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """Words by name."""
+
+    name: str
+    data: dict[str, str]
+
+
+class NotMcap(Exception):
+    """`path` is no MCAP file."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(f"{path}: is no MCAP file: it does not begin with the bytes of one")
+
+
+class McapFile:
+    """One pass over a file. `schemas` and `channels` (by number), `profile`, `library` fill while it is read.
+
+    After the pass: `cut`, why and where it ended too early (empty: it is whole), `kept` bytes up to there,
+    and `damaged`, how many chunks did not match their checksum and were left out.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.size = path, os.stat(path).st_size
+        self.profile = self.library = self.cut = ""
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.kept = self.damaged = 0
+
+    def contents(self) -> Iterator[Message | Attachment | Metadata]:
+        """All that is whole, in the order of the file. Raises NotMcap, OSError."""
+        with open(self.path, "rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise NotMcap(self.path)
+            self.kept = len(MAGIC)
+            for code, data in self._records(file):
+                try:
+                    yield from self._record(code, data)
+                except (struct.error, UnicodeDecodeError):
+                    self.cut = f"what stands at byte {self.kept} is no record"
+                    return
+                self.kept = file.tell()
+                if code == _FOOTER:
+                    end = file.read()
+                    self.cut = "" if end == MAGIC else "its last bytes are missing"
+                    self.kept += len(end) if end == MAGIC else 0
+                    return
+
+    def _records(self, file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+        """(opcode, its bytes) of each record that is there to its last byte."""
+        while True:
+            head = file.read(_HEAD.size)
+            if len(head) < _HEAD.size:
+                self.cut = f"it ends at byte {self.size} without its index"
+                return
+            code, length = _HEAD.unpack(head)
+            if code == 0 or length > self.size - file.tell():
+                self.cut = f"the record at byte {self.kept} is not whole"
+                return
+            yield code, file.read(length)
+
+    def _record(self, code: int, data: bytes) -> Iterator[Message | Attachment | Metadata]:
+        if code == _CHUNK:
+            yield from self._chunk(data)
+        elif code == _MESSAGE_CODE:
+            yield _message(data, 0, len(data))
+        elif code == _METADATA:
+            source = _Source(data)
+            yield Metadata(source.text(), source.table())
+        elif code == _ATTACHMENT:
+            source = _Source(data)
+            log_time, create_time = source.numbers("QQ")
+            name, media_type, (size,) = source.text(), source.text(), source.numbers("Q")
+            yield Attachment(name, media_type, log_time, create_time, source.bytes(size))
+        elif code == _HEADER:
+            source = _Source(data)
+            self.profile, self.library = source.text(), source.text()
+        else:
+            self._described(code, data)
+
+    def _described(self, code: int, data: bytes) -> None:
+        source = _Source(data)
+        if code == _SCHEMA:
+            (number,) = source.numbers("H")
+            name, encoding, (size,) = source.text(), source.text(), source.numbers("I")
+            self.schemas[number] = Schema(name, encoding, source.bytes(size))
+        elif code == _CHANNEL:
+            number, schema = source.numbers("HH")
+            topic, encoding = source.text(), source.text()
+            self.channels[number] = Channel(topic, encoding, schema, source.table())
+
+    def _chunk(self, data: bytes) -> Iterator[Message]:
+        source = _Source(data)
+        *_, size, crc = source.numbers("QQQI")
+        compression, (length,) = source.text(), source.numbers("Q")
+        records = _unpacked(compression, source.bytes(length), size)
+        if records is None or len(records) != size or (crc and zlib.crc32(records) != crc):
+            self.damaged += 1
+            return
+        at = 0
+        while at < size:
+            code, length = _HEAD.unpack_from(records, at)
+            at += _HEAD.size
+            if code == _MESSAGE_CODE:
+                yield _message(records, at, at + length)
+            else:
+                self._described(code, records[at : at + length])
+            at += length
+
+
+def _message(data: bytes, at: int, end: int) -> Message:
+    channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, at)
+    return Message(channel, sequence, log_time, publish_time, data[at + _MESSAGE.size : end])
+
+
+def _unpacked(compression: str, data: bytes, size: int) -> bytes | None:
+    """What a chunk holds; None where that cannot be had."""
+    if compression == "zstd":
+        import zstandard
+
+        try:
+            return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+        except zstandard.ZstdError:
+            return None
+    if compression == "lz4":
+        from lz4 import frame
+
+        try:
+            unpacked: bytes = frame.decompress(data)
+        except RuntimeError:
+            return None
+        return unpacked
+    return data if compression == "" else None
+
+
+class _Source:
+    """Fields of a record. Raises struct.error where they end too early."""
+
+    def __init__(self, data: bytes) -> None:
+        self._stream = BytesIO(data)
+
+    def numbers(self, letters: str) -> tuple[int, ...]:
+        form = struct.Struct(f"<{letters}")
+        return form.unpack(self._stream.read(form.size))
+
+    def bytes(self, size: int) -> bytes:
+        data = self._stream.read(size)
+        if len(data) != size:
+            raise struct.error(f"{size} bytes, of which {len(data)} are there")
+        return data
+
+    def text(self) -> str:
+        (size,) = self.numbers("I")
+        return self.bytes(size).decode()
+
+    def table(self) -> dict[str, str]:
+        (size,) = self.numbers("I")
+        end = self._stream.tell() + size
+        found = {}
+        while self._stream.tell() < end:
+            key = self.text()
+            found[key] = self.text()
+        return found

@@ -1,0 +1,114 @@
+"""The daemon that is recorded: what it is, and two connections that listen, each in a thread of its own."""
+
+import argparse
+import json
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from twind.client import Client, ClientError
+from twind.ctl.verb import observer
+from twind.observe.record_lines import Clocks, Scribe
+from twind.observe.record_writer import RecordWriter, Session
+from twind.observe.topics import CALIBRATION, MJCF, ROBOT
+
+SILENCE = 5.0  # s without a message after which the daemon counts as gone
+OTHERS = ("status", "latency", "events", "verdicts", "trajectories")  # each at its own rate
+
+
+def clocks() -> Clocks:
+    """Both clocks, read as closely together as they can be."""
+    best: tuple[int, Clocks] | None = None
+    for _ in range(5):
+        before, wall, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        found = Clocks((before + after) / 2e9, wall)
+        if best is None or after - before < best[0]:
+            best = (after - before, found)
+    assert best is not None
+    return best[1]
+
+
+class Listening:
+    """A daemon that is listened to, from `__init__` to `close`. `ended` says why it is over before that."""
+
+    def __init__(self, options: argparse.Namespace, writer: RecordWriter) -> None:
+        """Begins a session of `writer`. Raises ClientError."""
+        self._writer, self.ended = writer, ""
+        self._stop = threading.Event()
+        self.answers = 0
+        state, others = (self._client(options) for _ in range(2))
+        status = state.call("GetStatus", joints=True)
+        robot = state.call("GetRobot")
+        joints = [joint["name"] for joint in status["joints"]]
+        now = clocks()
+        self.scribe = Scribe(joints, now, status["status"]["mode"])
+        self.session = Session(
+            status["status"]["robot"], now, _about(status["status"], robot, now), _attachments(robot)
+        )
+        streams = [
+            (state, state.stream("Monitor", topics=["state"], rate=status["status"]["loop"]["rate_hz"])),
+            (others, others.stream("Monitor", topics=list(OTHERS))),
+        ]
+        writer.begin(self.session)
+        self._threads = [
+            threading.Thread(target=self._listen, args=each, name="listening", daemon=True)
+            for each in streams
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Hang up. What was heard is with the writer."""
+        self._stop.set()
+        for thread in self._threads:
+            thread.join(1.0)
+
+    def _client(self, options: argparse.Namespace) -> Client:
+        client = observer(options)
+        client.timeout = SILENCE
+        return client
+
+    def _listen(self, client: Client, stream: Any) -> None:
+        try:
+            for answer in stream:
+                if answer["dropped"]:
+                    self._writer.missed(answer["dropped"])
+                for line in self.scribe.take(answer):
+                    self._writer.put(line)
+                self.answers += 1
+                if self._stop.is_set():
+                    break
+        except ClientError as error:
+            self.ended = self.ended or str(error)
+        else:
+            if not self._stop.is_set():
+                self.ended = self.ended or "the daemon ended the stream"
+        finally:
+            client.close()
+
+
+def _about(status: Mapping[str, Any], robot: Mapping[str, Any], now: Clocks) -> dict[str, str]:
+    calibration = robot.get("calibration") or {}
+    return {
+        "version": str(status["version"]),
+        "robot": str(status["robot"]),
+        "individual": str(calibration.get("individual") or ""),
+        "mode": str(status["mode"]),
+        "rate_hz": str(status["loop"]["rate_hz"]),
+        "monotonic": repr(now.monotonic),
+        "wall_ns": str(now.wall_ns),
+        "clock": "log times are wall clock, ns since 1970: wall_ns + (CLOCK_MONOTONIC - monotonic)",
+    }
+
+
+def _attachments(robot: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
+    def text(value: Any) -> bytes:
+        return json.dumps(value, ensure_ascii=False).encode()
+
+    found = {ROBOT: ("application/json", text(robot["robot"]))}
+    if robot.get("calibration"):
+        found[CALIBRATION] = ("application/json", text(robot["calibration"]))
+    if robot.get("mjcf"):
+        found[MJCF] = ("application/xml", robot["mjcf"].encode())
+    return found

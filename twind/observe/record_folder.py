@@ -1,0 +1,85 @@
+"""The folder of recordings: names, and how much of a disk they may take."""
+
+import fcntl
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+SHARE = 4  # of the budget one file may take a quarter: then the oldest goes, and not half of all
+_OURS = re.compile(r"twind-\d{8}T\d{6}Z-[\w.-]+\.mcap")
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What recordings may take of a disk, bytes and s."""
+
+    keep: int  # all of them in this folder
+    free: int  # what stays free of the disk
+    file: int  # one file
+    longest: float = 3600.0  # s, one file
+
+    @property
+    def largest(self) -> int:
+        """Bytes at which the next file begins."""
+        return max(1, min(self.file, self.keep // SHARE))
+
+
+def fresh(folder: Path, time_ns: int, name: str) -> Path:
+    """A path that nothing stands at: `twind-20261122T161500Z-h24.mcap`, in UTC."""
+    when = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
+    word = re.sub(r"[^\w-]+", "-", name).strip("-")[:60] or "robot"
+    for more in range(1, 10_000):
+        path = folder / f"twind-{when}-{word}{f'.{more}' if more > 1 else ''}.mcap"
+        if not path.exists():
+            return path
+    raise FileExistsError(f"{folder}: no name is free for a recording of {when}")
+
+
+def make_room(folder: Path, keep: int) -> list[Path]:
+    """Remove the oldest recordings of ours until the rest takes at most `keep` bytes; what was removed.
+
+    Others' files are never touched, nor a recording that somebody writes right now; both may stay above it.
+    """
+    files = sorted(_ours(folder))
+    total = sum(size for _, _, size in files)
+    removed = []
+    for _, path, size in files:
+        if total <= keep:
+            break
+        if _remove(path):
+            removed.append(path)
+            total -= size
+    return removed
+
+
+def free(folder: Path) -> int:
+    """Bytes that this user may still write there. Raises OSError."""
+    disk = os.statvfs(folder)
+    return disk.f_bavail * disk.f_frsize
+
+
+def _ours(folder: Path) -> Iterator[tuple[str, Path, int]]:
+    """(name, path, bytes on the disk); a name begins with the time."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if _OURS.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+                yield entry.name, Path(entry.path), entry.stat().st_size
+
+
+def _remove(path: Path) -> bool:
+    """False: somebody writes it, or it cannot be removed."""
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        path.unlink()
+    except OSError:
+        return False
+    finally:
+        os.close(fd)
+    return True

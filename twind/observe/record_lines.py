@@ -1,0 +1,137 @@
+"""Answers of `Monitor` as messages of a recording. Pure: time is in the answers, clocks are handed in."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import nan
+from typing import Any, NamedTuple
+
+import msgspec
+
+from twind.observe.topics import (
+    COMMANDS,
+    EVENTS,
+    JOINTS,
+    LATENCY,
+    MEASURED,
+    NOTES,
+    SIMULATED,
+    STATUS,
+    TRAJECTORY,
+    VERDICTS,
+)
+from twind.ros import JOINT_TRAJECTORY, JointStateBuffer, encode, stamp
+
+SECOND = 1_000_000_000  # ns
+SLOW = 0.5  # s between two messages of JOINTS
+STEP = 50_000_000  # ns that wall clock and monotonic one may part before it is a step
+
+Answer = Mapping[str, Any]
+_json = msgspec.json.Encoder()
+
+
+class Line(NamedTuple):
+    """One message of a recording. `mark`: the annotation of an event that is one."""
+
+    topic: str
+    time_ns: int
+    data: bytes
+    mark: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Clocks:
+    """Both clocks at one moment: what makes wall-clock times of monotonic ones."""
+
+    monotonic: float  # s
+    wall_ns: int  # ns since 1970
+
+    def wall(self, monotonic: float) -> int:
+        """ns since 1970 of a monotonic time (s)."""
+        return self.wall_ns + round((monotonic - self.monotonic) * SECOND)
+
+    def step(self, now: "Clocks") -> int:
+        """ns by which the wall clock was set since; 0: it was not."""
+        parted = now.wall_ns - self.wall(now.monotonic)
+        return parted if abs(parted) > STEP else 0
+
+
+def note(clocks: Clocks, time: float, kind: str, /, **said: Any) -> Line:
+    """A message of whoever records, at `time` (s, monotonic)."""
+    return Line(NOTES, clocks.wall(time), _json.encode({"kind": kind, **said}))
+
+
+class Scribe:
+    """Writes one robot's answers down. `mode`: where commands go, as last heard.
+
+    `state` answers may come from another thread than all others.
+    """
+
+    def __init__(self, joints: Sequence[str], clocks: Clocks, mode: str = "live") -> None:
+        self.joints, self.clocks, self.mode = tuple(joints), clocks, mode
+        self._measured = JointStateBuffer(joints, velocity=True, effort=True)
+        self._only = JointStateBuffer(joints, velocity=False, effort=False)
+        self._slow_due = float("-inf")
+
+    def take(self, answer: Answer) -> Iterator[Line]:
+        """What one answer says; nothing where it is of no topic that is recorded."""
+        topic, time = answer["topic"], self.clocks.wall(answer["time"])
+        if topic == "state":
+            yield from self._state(answer, time)
+        elif topic == "status":
+            self.mode = answer["status"]["mode"]
+            yield Line(STATUS, time, _json.encode(answer["status"]))
+        elif topic == "latency":
+            yield Line(LATENCY, time, _json.encode({"hops": answer["latency"]}))
+        elif topic == "events":
+            event = answer["event"]
+            yield Line(EVENTS, time, _json.encode(event), event.get("annotation"))
+        elif topic == "verdicts":
+            yield Line(VERDICTS, time, _json.encode({"id": answer.get("id"), **answer["verdict"]}))
+        elif topic == "trajectories":
+            yield Line(TRAJECTORY, time, _trajectory(answer["accepted"], time))
+
+    def _state(self, answer: Answer, time: int) -> Iterator[Line]:
+        """Rows of which nothing is known are left out; in sim there is no robot that was measured."""
+        joints = answer["joints"]
+        position = [joint["position"] for joint in joints]
+        if self.mode != "sim" and _known(position):
+            velocity = _numbers([joint["velocity"] for joint in joints])
+            effort = _numbers([joint["effort"] for joint in joints])
+            yield Line(MEASURED, time, self._measured.fill(time, _numbers(position), velocity, effort))
+        for topic, field in ((COMMANDS, "goal"), (SIMULATED, "simulated")):
+            row = [joint[field] for joint in joints]
+            if _known(row):
+                yield Line(topic, time, self._only.fill(time, _numbers(row)))
+        if answer["time"] >= self._slow_due:
+            self._slow_due = answer["time"] + SLOW
+            yield Line(JOINTS, time, _json.encode({"joints": joints}))
+
+
+def _known(row: Sequence[float | None]) -> bool:
+    return any(each is not None for each in row)
+
+
+def _numbers(row: Sequence[float | None]) -> list[float]:
+    return [nan if each is None else each for each in row]
+
+
+def _trajectory(accepted: Mapping[str, Any], time: int) -> bytes:
+    """JointTrajectory; the stamp says when it starts, the frame which one it is."""
+    path = accepted["trajectory"]
+    begins = time + round((path.get("start_in") or 0.0) * SECOND)
+    return encode(
+        JOINT_TRAJECTORY,
+        {
+            "header": {"stamp": stamp(begins), "frame_id": accepted["id"]},
+            "joint_names": path["joint_names"],
+            "points": [
+                {
+                    "positions": point["positions"],
+                    "velocities": point.get("velocities"),
+                    "accelerations": point.get("accelerations"),
+                    "time_from_start": stamp(round(point["time_from_start"] * SECOND)),
+                }
+                for point in path["points"]
+            ],
+        },
+    )

@@ -1,0 +1,162 @@
+"""One run of `twindctl record`: over as many daemons as there are, until somebody or the disk stops it."""
+
+import argparse
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from twind.client import ClientError
+from twind.ctl.progress import Progress
+from twind.ctl.verb import DONE, REFUSED, Rejected, complain, operator, show
+from twind.observe.record_daemon import Listening, clocks
+from twind.observe.record_lines import STEP, note
+from twind.observe.record_writer import RecordWriter, Tally
+
+AGAIN = 0.5  # s between two attempts to reach a daemon that is gone
+TOLD = 1.0  # s between two lines for people, and two looks at the clock
+MARKED = 1.0  # s in which a mark that the daemon took comes back as an event
+
+
+@dataclass(slots=True)
+class Course:
+    """What runs: `run` returns the exit code."""
+
+    options: argparse.Namespace
+    writer: RecordWriter
+    stop: threading.Event
+    begun: float = 0.0  # s, monotonic, of the first connection
+    parted: int = 0  # ns that the wall clock is off from that of the file, as last noted
+
+    def run(self) -> int:
+        """Record. Raises ClientError where there is no daemon to begin with."""
+        first = Listening(self.options, self.writer)
+        listening: Listening | None = first
+        self.begun = time.monotonic()
+        with Progress(self.options, "record", seconds=self.options.seconds) as progress:
+            self._mark(first, "begin")
+            while listening is not None:
+                self._say(progress, f"recording {listening.session.robot} into {self.writer.folder}")
+                self._follow(listening, progress)
+                gone = listening.ended
+                if not gone and self.writer.tally.episode is not None:
+                    self._mark(listening, "end")
+                listening.close()
+                self.writer.end()
+                if self._over():
+                    break
+                self._say(progress, f"the daemon is gone; waiting for it ({gone})")
+                listening = self._reach()
+        return self._finish()
+
+    def _over(self) -> bool:
+        limit = self.options.seconds
+        past = limit is not None and time.monotonic() - self.begun >= limit
+        return self.stop.is_set() or bool(self.writer.stopped) or past
+
+    def _follow(self, listening: Listening, progress: Progress) -> None:
+        """Until it is over, or the daemon is gone."""
+        last, count, self.parted = time.monotonic(), listening.answers, 0
+        while not (self._over() or listening.ended):
+            self.stop.wait(0.1)
+            now = time.monotonic()
+            if now - last >= TOLD:
+                rate, last, count = (listening.answers - count) / (now - last), now, listening.answers
+                progress.tell(line(self.writer.tally, rate))
+                self._look_at_clock(listening)
+
+    def _look_at_clock(self, listening: Listening) -> None:
+        """Note that the wall clock was set. Times in the file go on as they were."""
+        now, ours = clocks(), listening.session.clocks
+        parted = now.wall_ns - ours.wall(now.monotonic)
+        if abs(parted - self.parted) > STEP:
+            self.parted = parted
+            said = {"wall_ns": now.wall_ns, "expected_ns": ours.wall(now.monotonic)}
+            self.writer.put(note(ours, now.monotonic, "clock_step", monotonic=now.monotonic, **said))
+
+    def _reach(self) -> Listening | None:
+        """The next daemon; None: it is over before there is one."""
+        while not self._over():
+            try:
+                return Listening(self.options, self.writer)
+            except ClientError:
+                self.stop.wait(AGAIN)
+        return None
+
+    def _mark(self, listening: Listening, kind: str) -> None:
+        """The episode of --task; by the daemon, so that everybody knows, or where we may not, in the file."""
+        if self.options.task is None:
+            return
+        try:
+            with operator(self.options) as client:
+                client.call("Mark", kind=kind, task=self.options.task)
+        except ClientError as error:
+            said: dict[str, Any] = {"kind": kind, "task": self.options.task}
+            why = f"the daemon was not told: {error}"
+            told = note(listening.session.clocks, time.monotonic(), "episode", annotation=said, text=why)
+            self.writer.put(told._replace(mark=said))
+        limit = time.monotonic() + MARKED
+        while (self.writer.tally.episode is None) == (kind == "begin") and time.monotonic() < limit:
+            time.sleep(0.02)
+
+    # ------------------------------------------------------------------------------------------ told
+
+    def _say(self, progress: Progress, text: str) -> None:
+        progress.clear()
+        if not self.options.json:
+            print(text, file=sys.stderr, flush=True)
+
+    def _finish(self) -> int:
+        whole = self.writer.close()
+        tally = self.writer.tally
+        if not whole:
+            stuck = f"{tally.path}: the disk takes nothing any more; `twindctl recover` reads what it took"
+            self.writer.stopped = self.writer.stopped or stuck
+        seconds = time.monotonic() - self.begun
+        data = {
+            "files": [str(path) for path in tally.files],
+            "seconds": round(seconds, 3),
+            "messages": tally.messages,
+            "dropped": tally.dropped,
+            "dropped_by_daemon": tally.missed,
+            "episodes": tally.episodes,
+            "removed": tally.removed,
+            "stopped": self.writer.stopped or None,
+        }
+        show(self.options, data, summary(tally, seconds))
+        if self.writer.stopped and not self.options.json:
+            complain(self.options, Rejected(self.writer.stopped))
+        return REFUSED if self.writer.stopped else DONE
+
+
+def line(tally: Tally, rate: float) -> str:
+    """One line for people while it runs."""
+    parts = [tally.path.name if tally.path else "between two episodes", f"{rate:.0f} messages/s"]
+    parts.append(megabytes(tally.bytes))
+    lost = tally.dropped + tally.missed
+    if lost:
+        parts.append(f"{lost} DROPPED")
+    if tally.episode is not None:
+        parts.append(f"episode {tally.episode.task}".rstrip())
+    return "  ".join(parts)
+
+
+def summary(tally: Tally, seconds: float) -> str:
+    """What was recorded, for people."""
+    if not tally.files:
+        return "nothing was recorded"
+    lines = [str(path) for path in tally.files]
+    told = f"{seconds:.1f} s, {tally.messages} messages"
+    if tally.episodes:
+        told += f", {tally.episodes} episode{'s' if tally.episodes > 1 else ''}"
+    lost = "nothing dropped"
+    if tally.dropped or tally.missed:
+        lost = f"dropped: {tally.missed} by the daemon, {tally.dropped} here (the disk was too slow)"
+    gone = f"; {tally.removed} old recordings made room" if tally.removed else ""
+    return "\n".join([*lines, f"{told}; {lost}{gone}"])
+
+
+def megabytes(count: int) -> str:
+    """Bytes for people."""
+    return f"{count / (1 << 20):.1f} MiB"

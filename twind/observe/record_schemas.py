@@ -1,0 +1,82 @@
+"""Schemas of the channels of a recording: JSON schemas made of the interface's own types. Pure."""
+
+import json
+from typing import Any
+
+from twind.observe.topics import (
+    COMMANDS,
+    EVENTS,
+    JOINTS,
+    LATENCY,
+    MEASURED,
+    NOTES,
+    SIMULATED,
+    STATUS,
+    TRAJECTORY,
+    VERDICTS,
+    WIRE,
+)
+from twind.protocol import CONTROL, Interface, load
+from twind.protocol.idl import Choice, List, Maybe, Named, Plain, Struct, Table, Type
+from twind.ros import JOINT_STATE, JOINT_TRAJECTORY
+
+# topic -> type of its CDR messages
+ROS = {
+    MEASURED: JOINT_STATE,
+    SIMULATED: JOINT_STATE,
+    COMMANDS: JOINT_STATE,
+    TRAJECTORY: JOINT_TRAJECTORY,
+}
+_WORDS = {"bool": "boolean", "int": "integer", "float": "number", "string": "string", "object": "object"}
+_NOTE = {
+    "kind": {"type": "string"},  # dropped, clock_step, episode
+    "by": {"type": "string"},
+    "count": {"type": "integer"},
+    "monotonic": {"type": "number"},
+    "wall_ns": {"type": "integer"},
+    "expected_ns": {"type": "integer"},
+    "text": {"type": "string"},
+}
+_WIRE = {"bus": {"type": "string"}, "kind": {"type": "string"}, "hex": {"type": "string"}}
+
+
+def json_schemas() -> dict[str, tuple[str, bytes]]:
+    """Name and text of the schema of every topic of JSON messages."""
+    interface = load(CONTROL)
+    types = interface.types
+    hops, joints = List(types["Latency"]), List(types["Joint"])
+    verdict = _members(interface, "Verdict")
+    found = {
+        STATUS: ("twind.Status", _schema(types["Status"])),
+        EVENTS: ("twind.Event", _schema(types["Event"])),
+        VERDICTS: ("twind.Verdict", _schema(Struct({"id": Plain("string"), **verdict}))),
+        LATENCY: ("twind.Latencies", _schema(Struct({"hops": hops}))),
+        JOINTS: ("twind.Joints", _schema(Struct({"joints": joints}))),
+        NOTES: ("twind.Note", {"type": "object", "properties": _NOTE}),
+        WIRE: ("twind.Wire", {"type": "object", "properties": _WIRE}),
+    }
+    return {topic: (name, json.dumps(schema).encode()) for topic, (name, schema) in found.items()}
+
+
+def _members(interface: Interface, name: str) -> dict[str, Type]:
+    kind = interface.types[name]
+    assert isinstance(kind, Struct)
+    return dict(kind.fields)
+
+
+def _schema(kind: Type) -> dict[str, Any]:
+    if isinstance(kind, Named):
+        return _schema(kind.types[kind.name])
+    if isinstance(kind, Maybe):
+        return _schema(kind.of)  # readers draw by `type`, and a list of two types they do not know
+    if isinstance(kind, List):
+        return {"type": "array", "items": _schema(kind.of)}
+    if isinstance(kind, Table):
+        return {"type": "object", "additionalProperties": _schema(kind.of)}
+    if isinstance(kind, Struct):
+        members = {name: _schema(member) for name, member in kind.fields.items()}
+        return {"type": "object", "properties": members}
+    if isinstance(kind, Choice):
+        return {"type": "string", "enum": list(kind.words)}
+    assert isinstance(kind, Plain)
+    return {"type": _WORDS[kind.name]}

@@ -1,0 +1,261 @@
+"""Who writes recordings: a thread with a bounded queue, so that a slow disk costs messages and nothing else.
+
+What finds no room is dropped and counted. A file ends at its size, at its hour, or with its episode; the
+bounds of the disk are looked at with every flush.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+from twind.observe.record_file import RecordFile
+from twind.observe.record_folder import Bounds, free, fresh, make_room
+from twind.observe.record_lines import Clocks, Line, note
+from twind.observe.topics import COMMANDS, END, EPISODE, JOINTS, LATENCY, MEASURED, SIMULATED, STATUS
+
+ROOM = 16 << 20  # bytes that may wait: half a minute of a robot of 24 joints at 100 Hz
+PERIODIC = frozenset({MEASURED, SIMULATED, COMMANDS, JOINTS, LATENCY, STATUS})
+FLUSH = 0.5  # s between two ends of a chunk: with what waits less than a second is not on the disk yet
+NAP = 0.1  # s in which lines gather
+
+Attachments: TypeAlias = Mapping[str, tuple[str, bytes]]
+OpenFile: TypeAlias = Callable[[Path, Mapping[str, str], Attachments, int], RecordFile]
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """One connection to one daemon: what stands at the head of its files."""
+
+    robot: str
+    clocks: Clocks
+    about: Mapping[str, str]
+    attachments: Attachments
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """An episode that is open. `begin` in ns since 1970."""
+
+    task: str
+    begin: int
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """What was written so far."""
+
+    path: Path | None = None  # the file that is open
+    files: tuple[Path, ...] = ()  # all of them
+    messages: int = 0
+    bytes: int = 0
+    dropped: int = 0  # here: the queue was full
+    missed: int = 0  # by the daemon: this reader was too slow for it
+    removed: int = 0  # old recordings
+    episode: Mark | None = None
+    episodes: int = 0
+
+
+class RecordWriter:
+    """`put` lines from any thread. After `close`, or once `stopped` says why, nothing is written any more."""
+
+    def __init__(
+        self,
+        place: Path,
+        bounds: Bounds,
+        now: Callable[[], float],
+        *,
+        per_episode: bool = False,
+        open_file: OpenFile = RecordFile,
+    ) -> None:
+        """`place`: a folder, or an .mcap file. `now`: monotonic, s."""
+        single = place.suffix == ".mcap"
+        self.folder, self._single = place.parent if single else place, place if single else None
+        self._bounds, self._now, self._per_episode, self._open_file = bounds, now, per_episode, open_file
+        self.stopped = ""
+        self.tally = Tally()
+        self._lock = threading.Lock()
+        self._queue: deque[Line | Session | None] = deque()
+        self._waiting = self._dropped = self._missed = self._noted = 0
+        self._closing = False
+        self._session: Session | None = None
+        self._file: RecordFile | None = None
+        self._file_began = self._flushed = now()
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._wake = threading.Event()
+        self._thread.start()
+
+    def put(self, line: Line) -> bool:
+        """Hand over one message; False: there was no room. What is rare has twice the room."""
+        room = ROOM if line.topic in PERIODIC else 2 * ROOM
+        with self._lock:
+            if self._waiting + len(line.data) > room:
+                self._dropped += 1
+                return False
+            self._waiting += len(line.data)
+            self._queue.append(line)
+        return True
+
+    def missed(self, count: int) -> None:
+        """The daemon dropped so many messages that were meant for us."""
+        with self._lock:
+            self._missed += count
+
+    def begin(self, session: Session) -> None:
+        """What comes from now on is of another connection: a new file."""
+        self._tell(session)
+
+    def end(self) -> None:
+        """The connection is gone: the file is finished."""
+        self._tell(None)
+
+    def close(self, patience: float = 30.0) -> bool:
+        """Write all that waits and finish the file; False: the disk did not take it in time."""
+        self._closing = True
+        self._wake.set()
+        self._thread.join(patience)
+        return not self._thread.is_alive()
+
+    def _tell(self, item: Session | None) -> None:
+        with self._lock:
+            self._queue.append(item)
+        self._wake.set()
+
+    # ------------------------------------------------------------------------------------------ the thread
+
+    def _run(self) -> None:
+        try:
+            while not (self._closing and not self._queue):
+                self._wake.wait(NAP)
+                self._wake.clear()
+                self._drain()
+                if self._file is not None and self._now() - self._flushed >= FLUSH:
+                    self._upkeep(self._file)
+            self._finish("stopped")
+        except OSError as error:
+            path = self.tally.path or self.folder
+            self.stopped = f"{path}: {error.strerror or error}"
+            if self._file is not None:
+                self._file.abandon()
+                self._file = None
+
+    def _drain(self) -> None:
+        while True:
+            with self._lock:
+                if not self._queue:
+                    break
+                item = self._queue.popleft()
+                self._waiting -= len(item.data) if isinstance(item, Line) else 0
+            if isinstance(item, Line):
+                self._take(item)
+            else:
+                self._finish("the daemon is gone" if item is None else "a new connection")
+                self._session = item
+            if self.stopped or (self._file is not None and self._now() - self._flushed >= FLUSH):
+                break  # a long queue must not put off the end of a chunk
+        with self._lock:
+            self.tally = replace(self.tally, dropped=self._dropped, missed=self._missed)
+
+    def _take(self, line: Line) -> None:
+        if self._session is None or self.stopped:
+            return
+        begins = line.mark is not None and line.mark.get("kind") == "begin"
+        if self._file is None and (begins or not self._per_episode):
+            self._start(self._session, line)
+        if self._file is None:
+            return  # between two episodes
+        self._file.write(line.topic, line.time_ns, line.data)
+        self.tally = replace(self.tally, messages=self.tally.messages + 1)
+        if line.mark is not None and line.mark.get("kind") in ("begin", "end"):
+            self._marked(line.mark, line.time_ns, self._file)
+
+    def _start(self, session: Session, line: Line) -> None:
+        name = session.robot
+        if self._per_episode and line.mark is not None:
+            name = f"{name}-{line.mark.get('task') or 'episode'}"
+        path = fresh(self.folder, line.time_ns, name) if self._single is None else _next(self._single)
+        self._make_room()
+        if self.stopped:
+            return
+        self._file = self._open_file(path, session.about, session.attachments, line.time_ns)
+        self._file_began = self._flushed = self._now()
+        self._noted = self.tally.dropped + self.tally.missed
+        self.tally = replace(self.tally, path=path, files=(*self.tally.files, path), bytes=self._file.size)
+
+    def _marked(self, mark: Mapping[str, str | bool | None], time_ns: int, file: RecordFile) -> None:
+        if self.tally.episode is not None:
+            self._write_episode(file, str(time_ns), mark if mark["kind"] == "end" else {})
+        elif mark["kind"] == "end":  # it began before this recording
+            self.tally = replace(self.tally, episode=Mark(str(mark.get("task") or ""), 0))
+            self._write_episode(file, str(time_ns), mark)
+        begun = Mark(str(mark.get("task") or ""), time_ns) if mark["kind"] == "begin" else None
+        self.tally = replace(self.tally, episode=begun)
+        if begun is None and self._per_episode:
+            self._finish("the episode ended")
+
+    def _write_episode(self, file: RecordFile, end: str, mark: Mapping[str, str | bool | None]) -> None:
+        episode, success = self.tally.episode, mark.get("success")
+        assert episode is not None
+        said = "" if success is None else str(bool(success)).lower()
+        begin = str(episode.begin or "")
+        file.metadata(EPISODE, {"task": episode.task, "success": said, "begin": begin, "end": end})
+        self.tally = replace(self.tally, episodes=self.tally.episodes + bool(end))
+
+    def _upkeep(self, file: RecordFile) -> None:
+        """Twice a second: what was lost is said, the chunk ends, the disk's bounds are kept."""
+        self._note_losses(file)
+        file.flush()
+        self._flushed = self._now()
+        self.tally = replace(self.tally, bytes=file.size)
+        old = self._now() - self._file_began >= self._bounds.longest
+        if old or file.size >= self._bounds.largest:
+            self._finish("the next file begins" if not old else "an hour")
+        else:
+            self._make_room()
+            if self.stopped:
+                self._finish(self.stopped)
+
+    def _note_losses(self, file: RecordFile) -> None:
+        with self._lock:
+            self.tally = replace(self.tally, dropped=self._dropped, missed=self._missed)
+        lost = self.tally.dropped + self.tally.missed
+        if self._session is not None and lost > self._noted:
+            line = note(self._session.clocks, self._now(), "dropped", count=lost - self._noted)
+            file.write(line.topic, line.time_ns, line.data)
+            self._noted = lost
+
+    def _make_room(self) -> None:
+        """Old recordings go; where the disk is too full all the same, `stopped` says so."""
+        if self._single is None:
+            gone = make_room(self.folder, self._bounds.keep)
+            self.tally = replace(self.tally, removed=self.tally.removed + len(gone))
+        left = free(self.folder)
+        if left < self._bounds.free:
+            self.stopped = (
+                f"{self.folder}: {left >> 20} MiB are free, {self._bounds.free >> 20} MiB are to stay so; "
+                "make room, or allow less with --free"
+            )
+
+    def _finish(self, reason: str) -> None:
+        file = self._file
+        if file is None:
+            return
+        self._note_losses(file)
+        if self.tally.episode is not None:
+            self._write_episode(file, "", {})
+        lost = {"dropped": str(self.tally.dropped), "dropped_by_daemon": str(self.tally.missed)}
+        file.metadata(END, {"reason": reason, "messages": str(file.messages), **lost})
+        file.finish()
+        self._file = None
+        self.tally = replace(self.tally, bytes=file.size, path=None)
+
+
+def _next(path: Path) -> Path:
+    """The path itself, or the next that nothing stands at: `run.mcap`, `run.2.mcap`."""
+    if not path.exists():
+        return path
+    return next(
+        found for more in range(2, 1 << 20) if not (found := path.with_suffix(f".{more}.mcap")).exists()
+    )

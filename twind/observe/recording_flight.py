@@ -1,0 +1,99 @@
+"""A flight recorder's file as columns: the last seconds before a fault."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twind.flight import Flight, FlightError, load
+from twind.link import Tick
+from twind.observe.flight_news import answers, news
+from twind.observe.recording import Floats, Recording, Said, Unreadable, marked
+from twind.observe.recording_mcap import hops, slow
+
+SECOND = 1_000_000_000  # ns
+SLOW_PERIOD = 0.5  # s between rows of `Recording.slow`
+
+
+def read(path: Path) -> Recording:
+    """The recording in a flight file. Raises Unreadable."""
+    try:
+        flight = load(path)
+    except (FlightError, OSError) as error:
+        raise Unreadable(str(error)) from None
+    ticks = [each for each in news(flight) if isinstance(each, Tick)]
+    entries = flight.contents.entries
+    if not entries:
+        raise Unreadable(f"{path}: nothing was recorded yet")
+    begin = ticks[0].time if ticks else entries[0].time
+    topics: dict[str, list[Said]] = {}
+    for answer in answers(flight):
+        topics.setdefault(answer["topic"], []).append(Said(answer["time"] - begin, answer))
+    return _recording(path, flight, ticks, begin, topics)
+
+
+def wall_offset(flight: Flight) -> int:
+    """ns to add to monotonic times for the wall clock, as whoever wrote the file had it; 0 where unknown."""
+    wall, monotonic = flight.meta.get("wall_ns"), flight.meta.get("monotonic")
+    if not isinstance(wall, int) or not isinstance(monotonic, int | float):
+        return 0
+    return wall - round(monotonic * SECOND)
+
+
+def _recording(
+    path: Path, flight: Flight, ticks: list[Tick], begin: float, topics: dict[str, list[Said]]
+) -> Recording:
+    count = len(flight.briefing.joints)
+    joints = tuple(joint.name for joint in flight.briefing.joints)
+
+    def column(name: str) -> Floats:
+        data = b"".join(getattr(tick, name) for tick in ticks)
+        return np.frombuffer(data, "<f8").reshape(len(ticks), count)
+
+    def said(topic: str, field: str) -> tuple[Said, ...]:
+        return tuple(Said(each.time, each.what[field]) for each in topics.get(topic, ()))
+
+    simulated = np.array([tick.mode == "sim" for tick in ticks], np.bool_)
+    measured = column("position").copy()
+    measured[simulated] = np.nan  # there is no robot: a tick shows the simulation in its place
+    events = said("events", "event")
+    return Recording(
+        path=path,
+        start_ns=wall_offset(flight) + round(begin * SECOND),
+        joints=joints,
+        time=np.array([tick.time - begin for tick in ticks], np.float64),
+        measured=measured,
+        velocity=column("velocity"),
+        effort=column("effort"),
+        goal=column("goal"),
+        simulated=column("simulated"),
+        events=events,
+        verdicts=tuple(Said(each.time, _verdict(each.what)) for each in topics.get("verdicts", ())),
+        trajectories=said("trajectories", "accepted"),
+        statuses=said("status", "status"),
+        slow=slow(_now_and_then(topics.get("state", [])), joints),
+        latency=hops([(each.time, each.what["latency"] or ()) for each in topics.get("latency", ())]),
+        episodes=marked(events),
+        meta=_words(flight),
+        robot=flight.briefing.description,
+        calibration=flight.briefing.calibration,
+        mjcf=flight.briefing.mjcf,
+    )
+
+
+def _verdict(answer: Any) -> dict[str, Any]:
+    return {"id": answer["id"], **answer["verdict"]}
+
+
+def _now_and_then(states: list[Said]) -> list[Said]:
+    """Twice a second is enough for what is slow."""
+    found: list[Said] = []
+    for each in states:
+        if not found or each.time >= found[-1].time + SLOW_PERIOD:
+            found.append(each)
+    return found
+
+
+def _words(flight: Flight) -> dict[str, str]:
+    about = {"version": flight.briefing.version, "robot": flight.briefing.robot}
+    return about | {key: str(value) for key, value in flight.meta.items()}

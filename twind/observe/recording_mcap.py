@@ -1,0 +1,251 @@
+"""An .mcap file as columns: our own recordings, and as far as it goes any with JointState messages."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.observe.mcap_records import Attachment, Channel, McapFile, Message, Metadata, NotMcap
+from twind.observe.recording import Floats, Hop, Recording, Said, Slow, Unreadable, marked
+from twind.observe.topics import (
+    CALIBRATION,
+    COMMANDS,
+    EVENTS,
+    JOINTS,
+    LATENCY,
+    MEASURED,
+    MJCF,
+    NOTES,
+    ROBOT,
+    SIMULATED,
+    STATUS,
+    TRAJECTORY,
+    VERDICTS,
+)
+from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, CdrError, JointStateLayout, decode
+
+SECOND = 1e9  # ns
+Times = NDArray[np.int64]
+FIGURES = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
+
+
+class Kept(NamedTuple):
+    """A message of one topic."""
+
+    time: int  # ns
+    data: bytes
+
+
+def read(path: Path) -> Recording:
+    """The recording in an .mcap file. Raises Unreadable."""
+    file = McapFile(path)
+    topics: dict[str, list[Kept]] = {}
+    states: dict[str, None] = {}
+    files: dict[str, bytes] = {}
+    meta: dict[str, str] = {}
+    try:
+        for each in file.contents():
+            if isinstance(each, Message):
+                channel = file.channels[each.channel]
+                topics.setdefault(channel.topic, []).append(Kept(each.log_time, each.data))
+                if _is_state(file, channel):
+                    states[channel.topic] = None
+            elif isinstance(each, Attachment):
+                files[each.name] = each.data
+            elif isinstance(each, Metadata) and each.name == "twind":
+                meta |= each.data
+    except (NotMcap, OSError, KeyError) as error:
+        raise Unreadable(f"{path}: {error}") from None
+    if not topics:
+        raise Unreadable(f"{path}: no message is in it" + (f": {file.cut}" if file.cut else ""))
+    return _recording(path, file, topics, list(states), files, meta)
+
+
+def _is_state(file: McapFile, channel: Channel) -> bool:
+    schema = file.schemas.get(channel.schema)
+    ours = (JOINT_STATE, JOINT_STATE.replace("/msg/", "/"))
+    return schema is not None and schema.name in ours and channel.encoding == "cdr"
+
+
+def _recording(
+    path: Path,
+    file: McapFile,
+    topics: Mapping[str, list[Kept]],
+    states: Sequence[str],
+    files: Mapping[str, bytes],
+    meta: Mapping[str, str],
+) -> Recording:
+    start = min(kept[0].time for kept in topics.values())
+    chosen = _chosen(states)
+    rows = {role: Rows(path, topic, topics[topic]) for role, topic in chosen.items()}
+    joints = tuple(dict.fromkeys(name for each in rows.values() for name in each.names))
+    times = np.unique(np.concatenate([each.times for each in rows.values()] or [np.zeros(0, np.int64)]))
+
+    def column(role: str, place: int) -> Floats:
+        table = np.full((times.size, len(joints)), np.nan)
+        if role in rows:
+            rows[role].lay(table, times, joints, place)
+        return table
+
+    def said(topic: str) -> tuple[Said, ...]:
+        return tuple(Said((kept.time - start) / SECOND, _json(kept.data)) for kept in topics.get(topic, ()))
+
+    events = said(EVENTS)
+    mjcf = files.get(MJCF)
+    return Recording(
+        path=path,
+        start_ns=start,
+        joints=joints,
+        time=(times - start) / SECOND,
+        measured=column("measured", 0),
+        velocity=column("measured", 1),
+        effort=column("measured", 2),
+        goal=column("goal", 0),
+        simulated=column("simulated", 0),
+        events=events,
+        verdicts=said(VERDICTS),
+        trajectories=_trajectories(topics.get(TRAJECTORY, ()), start),
+        statuses=said(STATUS),
+        notes=said(NOTES),
+        slow=slow(said(JOINTS), joints),
+        latency=hops([(each.time, each.what.get("hops") or ()) for each in said(LATENCY)]),
+        episodes=marked(events),
+        meta=meta,
+        robot=_attached(files, ROBOT),
+        calibration=_attached(files, CALIBRATION),
+        mjcf=None if mjcf is None else mjcf.decode(),
+        damage=_damage(file),
+    )
+
+
+def _chosen(states: Sequence[str]) -> dict[str, str]:
+    """Which topic is what; of a file that is not ours the first JointState is what was measured."""
+    roles = {"measured": MEASURED, "goal": COMMANDS, "simulated": SIMULATED}
+    found = {role: topic for role, topic in roles.items() if topic in states}
+    if not found and states:
+        usual = "/joint_states"
+        found["measured"] = usual if usual in states else states[0]
+    return found
+
+
+def _damage(file: McapFile) -> str:
+    parts = [file.cut] if file.cut else []
+    if file.damaged:
+        parts.append(f"{file.damaged} chunks do not match their checksums and are left out")
+    return "; ".join(parts)
+
+
+# ------------------------------------------------------------------------------------------ joint states
+
+
+class Rows:
+    """The messages of one topic of JointState: `names` of all of them, `times` (k,) in ns."""
+
+    def __init__(self, path: Path, topic: str, kept: Sequence[Kept]) -> None:
+        """Raises Unreadable."""
+        self.times = np.array([each.time for each in kept], np.int64)
+        self._groups: list[tuple[JointStateLayout, list[int]]] = []
+        self._kept = kept
+        last = -1
+        for place, each in enumerate(kept):
+            if last < 0 or not self._groups[last][0].fits(each.data):
+                last = self._group(path, topic, each.data)
+            self._groups[last][1].append(place)
+        self.names = tuple(dict.fromkeys(name for layout, _ in self._groups for name in layout.names))
+
+    def _group(self, path: Path, topic: str, data: bytes) -> int:
+        """Place of the layout that `data` has."""
+        for place, (layout, _) in enumerate(self._groups):
+            if layout.fits(data):
+                return place
+        try:
+            self._groups.append((JointStateLayout.of(data), []))
+        except CdrError as error:
+            raise Unreadable(f"{path}: {topic}: {error}") from None
+        return len(self._groups) - 1
+
+    def lay(self, table: Floats, times: Times, joints: Sequence[str], place: int) -> None:
+        """Write one column of each message (0 position, 1 velocity, 2 effort) into the rows of its time."""
+        for layout, places in self._groups:
+            first, count = layout.columns[place]
+            if count != len(layout.names):
+                continue
+            raw = np.frombuffer(b"".join(self._kept[each].data for each in places), np.uint8)
+            cut = raw.reshape(len(places), layout.size)[:, first : first + 8 * count]
+            numbers = np.ascontiguousarray(cut).view("<f8")
+            at = np.searchsorted(times, self.times[places])
+            table[at[:, None], np.array([joints.index(name) for name in layout.names])] = numbers
+
+
+# ------------------------------------------------------------------------------------------ what was said
+
+
+def _json(data: bytes) -> Mapping[str, Any]:
+    try:
+        found = json.loads(data)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _attached(files: Mapping[str, bytes], name: str) -> Mapping[str, Any] | None:
+    return _json(files[name]) if name in files else None
+
+
+def _trajectories(kept: Sequence[Kept], start: int) -> tuple[Said, ...]:
+    """As `Trajectory` of the interface."""
+    found = []
+    for each in kept:
+        try:
+            message = decode(JOINT_TRAJECTORY, each.data)
+        except CdrError:
+            continue
+        points = [_point(point) for point in message["points"]]
+        head = message["header"]
+        said = {"id": head["frame_id"], "joint_names": message["joint_names"], "points": points}
+        begins = head["stamp"]["sec"] * 1_000_000_000 + head["stamp"]["nanosec"]
+        found.append(Said((each.time - start) / SECOND, said | {"start_in": (begins - each.time) / SECOND}))
+    return tuple(found)
+
+
+def _point(point: Mapping[str, Any]) -> dict[str, Any]:
+    after = point["time_from_start"]
+    columns = {key: point[key] for key in ("positions", "velocities", "accelerations") if point[key]}
+    return columns | {"time_from_start": after["sec"] + after["nanosec"] / SECOND}
+
+
+def slow(said: Sequence[Said], joints: Sequence[str]) -> Slow | None:
+    """The slow columns of messages {"joints": [Joint]}; None: there are none."""
+    if not said:
+        return None
+    tables = [{joint.get("name"): joint for joint in each.what.get("joints") or ()} for each in said]
+
+    def column(make: Callable[[Mapping[str, Any]], Any]) -> Floats:
+        rows = [[make(table.get(name, {})) for name in joints] for table in tables]
+        return np.array(rows, np.float64).reshape(len(rows), len(joints))  # None becomes NaN
+
+    return Slow(
+        np.array([each.time for each in said]),
+        column(lambda joint: joint.get("temperature")),
+        column(lambda joint: joint.get("voltage")),
+        column(lambda joint: joint.get("torque")),
+        column(lambda joint: joint.get("age_ms")) / 1e3,
+    )
+
+
+def hops(said: Sequence[tuple[float, Sequence[Mapping[str, Any]]]]) -> dict[str, Hop]:
+    """Columns by hop of moments (s) with what was told of each hop then."""
+    found: dict[str, list[tuple[float, Mapping[str, Any]]]] = {}
+    for time, latencies in said:
+        for each in latencies:
+            found.setdefault(str(each.get("hop")), []).append((time, each))
+    return {name: _hop(rows) for name, rows in found.items()}
+
+
+def _hop(rows: Sequence[tuple[float, Mapping[str, Any]]]) -> Hop:
+    columns = {key: np.array([row.get(key) for _, row in rows], np.float64) for key in FIGURES}
+    histograms = [row["histogram"] for _, row in rows if row.get("histogram")]
+    return Hop(np.array([time for time, _ in rows]), columns, histograms[-1] if histograms else ())

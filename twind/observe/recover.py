@@ -1,0 +1,166 @@
+"""Make a whole recording of one that was cut: by a power cut, a kill, a full disk.
+
+Writes what is whole into a new file, with an index. The old one stays as it is; nothing is ever written over.
+"""
+
+import argparse
+import contextlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.writer import CompressionType, Writer
+
+from twind.ctl.verb import DONE, Rejected, show
+from twind.observe.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap
+from twind.observe.record_file import CHUNK
+from twind.observe.topics import RECOVERED
+from twind.version import __version__
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What was kept of a file, and what was not."""
+
+    out: Path | None  # None: it was whole already
+    messages: int
+    seconds: float  # from the first message kept to the last
+    lost: int  # bytes behind the last whole record
+    damaged: int  # chunks inside that do not match their checksums
+    why: str  # it was not whole
+
+    def __str__(self) -> str:
+        kept = f"{self.messages} messages, {self.seconds:.2f} s"
+        if self.out is None:
+            return f"whole already: {kept}"
+        lost = f"lost: {self.lost} bytes at the end ({self.why})"
+        if self.damaged:
+            lost += f", {self.damaged} damaged chunks"
+        return f"{self.out}\nkept: {kept}\n{lost}"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `twindctl recover`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = __doc__
+    parser.add_argument("file", metavar="FILE", type=Path, help="the .mcap file that was cut")
+    parser.add_argument(
+        "--out", metavar="FILE", type=Path, help="default: FILE with `-recovered` in its name"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Recover; 1 where nothing can be."""
+    found = recover(options.file, options.out)
+    data = {
+        "file": str(options.file),
+        "out": None if found.out is None else str(found.out),
+        "messages": found.messages,
+        "seconds": round(found.seconds, 6),
+        "lost_bytes": found.lost,
+        "damaged_chunks": found.damaged,
+        "why": found.why or None,
+    }
+    show(options, data, str(found))
+    return DONE
+
+
+def recover(path: Path, out: Path | None = None) -> Recovered:
+    """Write all that is whole of `path` to `out`; nothing where it is whole and no `out` is named.
+
+    Raises Rejected: no MCAP file, nothing in it, or `out` is there already.
+    """
+    target = out if out is not None else path.with_name(f"{path.stem}-recovered{path.suffix}")
+    try:
+        before = _look(path)
+        if before.out is None and out is None:
+            return before
+        return _copy(path, target)
+    except NotMcap as error:
+        raise Rejected(str(error)) from None
+    except FileExistsError:
+        raise Rejected(f"{target}: is there already; name another file with --out") from None
+    except OSError as error:
+        raise Rejected(f"{error.filename or target}: {error.strerror}") from None
+
+
+def _look(path: Path) -> Recovered:
+    """As it is; `out` is the path itself where it is not whole."""
+    file, span = McapFile(path), _Span()
+    for each in file.contents():
+        span.take(each)
+    return _found(file, span, path if file.cut or file.damaged else None)
+
+
+def _copy(path: Path, target: Path) -> Recovered:
+    fd = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
+    try:
+        with open(fd, "wb") as stream:
+            found = _rewrite(path, target, stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except BaseException:
+        with contextlib.suppress(OSError):
+            target.unlink()
+        raise
+    return found
+
+
+def _rewrite(path: Path, target: Path, stream: Any) -> Recovered:
+    file, span = McapFile(path), _Span()
+    writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType.ZSTD)
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+    started = False
+    for each in file.contents():
+        if not started:  # the header is read by now
+            writer.start(profile=file.profile, library=file.library or f"twind {__version__}")
+            started = True
+        span.take(each)
+        if isinstance(each, Metadata):
+            writer.add_metadata(each.name, each.data)
+        elif isinstance(each, Attachment):
+            writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
+        else:
+            number = channels.get(each.channel)
+            if number is None:
+                number = channels[each.channel] = _channel(writer, file, each.channel, schemas)
+            writer.add_message(number, each.log_time, each.data, each.publish_time, each.sequence)
+    if not span.messages:
+        raise Rejected(f"{path}: no message in it is whole: {file.cut or 'it is empty'}")
+    found = _found(file, span, target)
+    said = {"lost_bytes": str(found.lost), "damaged_chunks": str(found.damaged), "why": found.why}
+    writer.add_metadata(RECOVERED, said)
+    writer.finish()
+    return found
+
+
+def _channel(writer: Writer, file: McapFile, number: int, schemas: dict[int, int]) -> int:
+    channel = file.channels[number]
+    if channel.schema not in schemas:
+        schema = file.schemas[channel.schema]
+        schemas[channel.schema] = writer.register_schema(schema.name, schema.encoding, schema.data)
+    found: int = writer.register_channel(
+        channel.topic, channel.encoding, schemas[channel.schema], channel.metadata
+    )
+    return found
+
+
+class _Span:
+    """Messages, and the times of the first and the last."""
+
+    def __init__(self) -> None:
+        self.messages, self.first, self.last = 0, 0, 0
+
+    def take(self, each: Message | Attachment | Metadata) -> None:
+        if isinstance(each, Message):
+            self.first = each.log_time if not self.messages else min(self.first, each.log_time)
+            self.last = max(self.last, each.log_time)
+            self.messages += 1
+
+
+def _found(file: McapFile, span: _Span, out: Path | None) -> Recovered:
+    seconds = (span.last - span.first) / 1e9
+    why = file.cut or ("chunks are damaged" if file.damaged else "")
+    return Recovered(out, span.messages, seconds, file.size - file.kept, file.damaged, why)

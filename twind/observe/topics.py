@@ -1,0 +1,19 @@
+"""Names in our recordings: topics, attachments, metadata."""
+
+MEASURED = "/hw/joint_states"
+SIMULATED = "/sim/joint_states"
+COMMANDS = "/hw/joint_commands"
+TRAJECTORY = "/hw/joint_trajectory"
+STATUS = "/twind/status"
+EVENTS = "/twind/events"
+VERDICTS = "/twind/verdicts"
+LATENCY = "/twind/latency"
+JOINTS = "/twind/joints"
+NOTES = "/twind/recording"  # of who recorded: drops, steps of the clock
+WIRE = "/twind/wire"  # raw bytes of the buses, out of a flight recorder
+
+ROBOT = "robot.json"
+CALIBRATION = "calibration.json"
+MJCF = "model.mjcf"
+
+ABOUT, EPISODE, END, RECOVERED = "twind", "episode", "end", "recovered"  # metadata records
