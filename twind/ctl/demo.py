@@ -21,7 +21,7 @@ from typing import Any
 
 from twind.client import Client, ClientError, Refused
 from twind.client.errors import finding_lines
-from twind.ctl.monitor import table
+from twind.ctl.demo_viewer import viewer
 from twind.ctl.motions import load_motion, motion_names
 from twind.ctl.table import status_lines
 from twind.ctl.verb import DONE, Rejected, UsageError
@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
         _daemon(folder, options.robot) as daemon,
     ):
         _await_robot(folder, daemon)
-        with Client(folder) as client:
+        with viewer(folder, _end_with_us), Client(folder) as client:
             _show(client, folder)
             try:
                 if until is None:
@@ -198,13 +198,14 @@ def _fits(name: str, until: float) -> bool:
 
 
 def _stay(folder: str, client: Client) -> None:
-    """Motions in turn behind a live table, until Ctrl-C."""
+    """Motions in turn behind the live picture of `twindctl monitor`, until q or Ctrl-C."""
+    from twind.ctl.picture.live import show  # rich: only who stays to look needs it
+
     ended = threading.Event()
     player = threading.Thread(target=_keep_playing, args=(client, ended), daemon=True)
     player.start()
     try:
-        with Client(folder, name="observe") as watcher:
-            table(watcher.stream("Monitor", topics=["status", "state"], rate=5.0), None)
+        show(lambda: Client(folder, name="observe"), 5.0)
     finally:
         ended.set()
         with Client(folder) as other:

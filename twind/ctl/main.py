@@ -17,8 +17,8 @@ from twind.protocol.places import SYSTEM
 # name -> (where it is, what it does)
 BUILT_IN = {
     "status": ("twind.ctl.status:STATUS", "what the robot and the daemon are doing"),
-    "monitor": ("twind.ctl.monitor:MONITOR", "a live table of every joint"),
-    "watch": ("twind.ctl.monitor:WATCH", "events as they happen"),
+    "monitor": ("twind.ctl.monitor:MONITOR", "a live picture of everything; with --json a stream"),
+    "watch": ("twind.ctl.watch:WATCH", "events as they happen"),
     "mode": ("twind.ctl.commands:MODE", "show or change where commands go: sim, mirror, live"),
     "arm": ("twind.ctl.commands:ARM", "torque on, holding where the robot is"),
     "disarm": ("twind.ctl.commands:DISARM", "settle to the rest pose, then torque off"),

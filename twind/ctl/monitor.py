@@ -1,100 +1,113 @@
-"""`twindctl monitor` and `watch`: what the daemon says, as it says it. Standard library only."""
+"""`twindctl monitor`: a live picture of everything, or NDJSON. Its pictures need rich, its JSON nothing."""
 
 import argparse
 import json
-import shutil
+import os
+import signal
 import sys
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Iterator, Sequence
+from math import isfinite
+from types import FrameType
 from typing import Any
 
-from twind.ctl.table import render
-from twind.ctl.verb import DONE, Plain, observer
+from twind.client import Client, ClientError
+from twind.ctl.verb import DONE, Plain, UsageError, observer
 
-_HOME, _REST = "\x1b[H", "\x1b[J"  # to the upper left corner; forget what is below
-_LINE = "\x1b[K\n"  # forget the rest of the line
-_ENTER, _LEAVE = "\x1b[?1049h\x1b[2J", "\x1b[?1049l"  # a screen of its own, and back to what was there
+TOPICS = ("status", "state", "latency", "events", "verdicts")  # of a picture
+AGAIN = 0.3  # s between two tries to reach a daemon that went away
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--rate", type=float, default=5.0, metavar="HZ", help="pictures a second (default 5)")
-    parser.add_argument("--count", type=int, metavar="N", help="end after N pictures")
-    parser.add_argument("--topics", default="state", help="with --json: topics, by commas (default state)")
+    parser.description = (
+        "A live picture: joints, buses, loop, latency of each hop, lease, faults and what to do about them, "
+        "refusals. On a terminal q ends, space freezes, Tab turns pages, up and down move the joints. "
+        "In a pipe pictures are printed one after the other. A daemon that restarts is waited for."
+    )
+    parser.add_argument(
+        "--rate",
+        type=float,
+        default=5.0,
+        metavar="HZ",
+        help="news a second, at most the loop's (default 5); pictures are drawn 15 times a second at most",
+    )
+    parser.add_argument("--count", type=int, metavar="N", help="end after N pictures, or N lines of JSON")
+    parser.add_argument(
+        "--topics",
+        default="state",
+        help="with --json: topics, by commas: state, latency, status, raw, events, verdicts (default state)",
+    )
 
 
 def _run(options: argparse.Namespace) -> int:
-    with observer(options) as client:
-        if options.json:
-            topics = options.topics.split(",")
-            for shown, news in enumerate(client.stream("Monitor", topics=topics, rate=options.rate), 1):
-                print(json.dumps(news, ensure_ascii=False), flush=True)
-                if shown == options.count:
-                    break
-            return DONE
-        return table(client.stream("Monitor", topics=["status", "state"], rate=options.rate), options.count)
+    if not (isfinite(options.rate) and options.rate > 0.0):
+        raise UsageError(f"--rate {options.rate:g} must be positive")
+    if options.count is not None and options.count < 1:
+        raise UsageError(f"--count {options.count} must be positive")
+    if options.json:
+        return _lines(options)
+    from twind.ctl.picture.live import show  # rich: a tenth of a second that no other verb pays
 
-
-def table(news: Any, count: int | None) -> int:
-    """Pictures of the status that came last with each state, `count` of them or without end."""
-    live = sys.stdout.isatty()
-    if live:
-        sys.stdout.write(_ENTER)
-    status, shown = None, 0
+    before = [signal.signal(number, _ended) for number in (signal.SIGTERM, signal.SIGHUP)]
     try:
-        for message in news:
-            if message["topic"] == "status":
-                status = message["status"]
-                continue
-            if status is None:
-                continue
-            text = render(status, message["joints"])
-            sys.stdout.write(_picture(text) if live else text + "\n\n")
-            sys.stdout.flush()
-            shown += 1
-            if shown == count:
-                break
+        return show(lambda: observer(options), options.rate, options.count)
     finally:
-        if live:
-            sys.stdout.write(_LEAVE)
-            sys.stdout.flush()
+        for number, handler in zip((signal.SIGTERM, signal.SIGHUP), before, strict=True):
+            signal.signal(number, handler)
+
+
+def _ended(number: int, _frame: FrameType | None) -> None:
+    """Told to end: the way out gives the terminal back."""
+    raise SystemExit(128 + number)
+
+
+def _lines(options: argparse.Namespace) -> int:
+    """NDJSON of the asked topics, as the interface spells them."""
+
+    def gone(why: str) -> None:
+        print(f"twindctl: {why}; waiting for the next daemon", file=sys.stderr, flush=True)
+
+    news = steady(lambda: observer(options), options.topics.split(","), options.rate, gone)
+    for shown, message in enumerate(news, 1):
+        print(json.dumps(message, ensure_ascii=False), flush=True)
+        if shown == options.count:
+            break
     return DONE
 
 
-def _picture(text: str) -> str:
-    """As much as the terminal has room for, drawn over what was there."""
-    columns, rows = shutil.get_terminal_size()
-    lines = [line[:columns] for line in text.split("\n")]
-    if len(lines) > rows - 1:
-        hidden = len(lines) - rows + 2
-        lines = [*lines[: rows - 2], f"... {hidden} more lines: make the terminal taller"[:columns]]
-    return _HOME + _LINE.join(lines) + _REST
+def steady(
+    connect: Callable[[], Client], topics: Sequence[str], rate: float, gone: Callable[[str], None]
+) -> Iterator[dict[str, Any]]:
+    """Messages of Monitor for ever, of one daemon after the other; `gone` is told why one has ended.
+
+    Blocks. Raises ClientError where the first one cannot be reached or does not answer.
+    """
+    client, answered = connect(), False
+    while True:
+        try:
+            with client:
+                for message in client.stream("Monitor", topics=list(topics), rate=rate):
+                    answered = True
+                    yield message
+        except ClientError as error:
+            if not answered:
+                raise
+            gone(str(error))
+        client = _again(connect)
 
 
-def _watch_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("topic", nargs="?", default="events", choices=["events", "verdicts"])
-    parser.add_argument("--count", type=int, metavar="N", help="end after N")
+def _again(connect: Callable[[], Client]) -> Client:
+    while True:
+        time.sleep(AGAIN)
+        try:
+            return connect()
+        except ClientError:
+            continue
 
 
-def _watch(options: argparse.Namespace) -> int:
-    with observer(options) as client:
-        for shown, news in enumerate(client.stream("Monitor", topics=[options.topic]), 1):
-            print(json.dumps(news, ensure_ascii=False) if options.json else _line(news), flush=True)
-            if shown == options.count:
-                break
-    return DONE
-
-
-def _line(news: Mapping[str, Any]) -> str:
-    lost = f"({news['dropped']} lost) " if news["dropped"] else ""
-    if news["topic"] == "verdicts":
-        verdict = news["verdict"]
-        said = [finding["message"] for key in ("refusals", "warnings", "changes") for finding in verdict[key]]
-        return (
-            f"{news['time']:.3f} {lost}{'refused' if verdict['refusals'] else 'accepted'} {'; '.join(said)}"
-        )
-    event = news["event"]
-    found = "".join(f"; {finding['message']}" for finding in event["findings"])
-    return f"{event['time']:.3f} {lost}{event['level']:<7} {event['code']}: {event['message']}{found}"
+def is_live() -> bool:
+    """Standard output is a terminal that can be drawn on."""
+    return sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")
 
 
 MONITOR = Plain(_arguments, _run)
-WATCH = Plain(_watch_arguments, _watch)

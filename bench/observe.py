@@ -1,0 +1,145 @@
+"""`observe.*`: what those who look on cost: lateness of ticks beside 0, 1 and 16 subscribers, and CPU."""
+
+import json
+import selectors
+import socket
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+from bench.daemon import Daemon, live, scratch
+from bench.harness import CannotTake, Figure, Key, Measurement, cpu_of, interleaved, medians, quantile, spread
+from bench.recorded import Lateness
+
+ROUNDS, SPAN = 10, 4.0  # s of each window
+RATE = 100.0  # Hz of every topic
+TOPICS = ("state", "status", "latency")
+CROWD = (0, 1, 16)  # subscribers
+
+
+class Subscribers:
+    """So many who watch everything at full rate, in a thread that throws away what they get."""
+
+    def __init__(self, daemon: Daemon, count: int) -> None:
+        call = {
+            "method": "io.twind.Control.Monitor",
+            "parameters": {"topics": TOPICS, "rate": RATE},
+            "more": True,
+        }
+        self._selector = selectors.DefaultSelector()
+        self._sockets = []
+        for _ in range(count):
+            sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            sock.connect(str(daemon.sockets / "observe.sock"))
+            sock.sendall(json.dumps(call).encode() + b"\0")
+            self._selector.register(sock, selectors.EVENT_READ)
+            self._sockets.append(sock)
+        self.messages, self.bytes = 0, 0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        buffer = bytearray(1 << 18)
+        while not self._ended.is_set():
+            for key, _ in self._selector.select(0.1):
+                sock = key.fileobj
+                assert isinstance(sock, socket.socket)
+                count = sock.recv_into(buffer)
+                self.messages += buffer.count(b"\0", 0, count)
+                self.bytes += count
+
+    def close(self) -> None:
+        """Hang up."""
+        self._ended.set()
+        self._thread.join()
+        for sock in self._sockets:
+            sock.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """What one window of time cost the daemon."""
+
+    late: float  # s, p99 of the ticks' lateness
+    loop: float  # % of a core
+    front: float
+    missed: int
+    messages: float  # a second and subscriber
+
+
+def take() -> Mapping[str, Figure]:
+    """All windows of one daemon in mode live, its robot not armed."""
+    with scratch() as folder:
+        record = folder / "lateness"
+        with live(folder, command=("-m", "bench.recorded", str(record))) as daemon:
+            lateness, windows = Lateness(record), dict[int, list[Window]]({count: [] for count in CROWD})
+
+            def window(count: int) -> float:
+                found = _window(daemon, lateness, count)
+                windows[count].append(found)
+                return found.late * 1e6
+
+            interleaved(ROUNDS, {str(count): partial(window, count) for count in CROWD})
+            with daemon.client() as client:
+                policy = client.call("GetStatus")["status"]["loop"]["realtime"]["scheduler"]
+    return _figures(windows, policy)
+
+
+def _window(daemon: Daemon, lateness: Lateness, count: int) -> Window:
+    subscribers = Subscribers(daemon, count)
+    try:
+        time.sleep(0.3)
+        with daemon.client() as client:
+            missed = client.call("GetStatus")["status"]["loop"]["missed"]
+            pids = (daemon.pid, daemon.front)
+            since, start, told = time.monotonic(), len(lateness), subscribers.messages
+            before = [cpu_of(pid) for pid in pids]
+            time.sleep(SPAN)
+            span = time.monotonic() - since
+            loop, front = ((cpu_of(pid) - was) / span * 100.0 for pid, was in zip(pids, before, strict=True))
+            heard = (subscribers.messages - told) / span / max(1, count)
+            missed = client.call("GetStatus")["status"]["loop"]["missed"] - missed
+    finally:
+        subscribers.close()
+    if count and heard < 0.9 * 2 * RATE:
+        raise CannotTake(f"each of {count} subscribers got {heard:.0f} messages a second")
+    return Window(quantile(lateness.since(start), 0.99), loop, front, missed, heard)
+
+
+def _figures(windows: Mapping[int, list[Window]], policy: str) -> dict[str, Figure]:
+    late = {count: [each.late * 1e6 for each in rows] for count, rows in windows.items()}
+    both = {count: [each.loop + each.front for each in rows] for count, rows in windows.items()}
+    front = medians({str(count): [each.front for each in rows] for count, rows in windows.items()})
+    p99, cpu = medians({str(c): v for c, v in late.items()}), medians({str(c): v for c, v in both.items()})
+    missed = {count: sum(each.missed for each in rows) for count, rows in windows.items()}
+    how = f"live, 24 virtual servos, not armed; {'+'.join(TOPICS)} at {RATE:g} Hz; policy {policy}"
+    ticks = round(ROUNDS * SPAN * 100)
+    said = ", ".join(f"{count}: {p99[str(count)]:.0f} µs" for count in CROWD)
+    added = {count: cpu[str(count)] - cpu["0"] for count in CROWD}
+    lost = ", ".join(f"{count}: {missed[count]} of {ticks}" for count in CROWD)
+    return {
+        "observe.late_16_subscribers": Figure(
+            p99["16"] / p99["0"],
+            f"{how}; p99 beside {said}; {spread(late[0], 'µs')} beside none, {spread(late[16], 'µs')} "
+            f"beside 16; with one {p99['1'] / p99['0']:.2f}",
+        ),
+        "observe.monitor_cpu": Figure(
+            added[1],
+            f"{how}; loop and front together {cpu['0']:.2f} beside none, {cpu['1']:.2f} beside one (front "
+            f"{front['0']:.2f} and {front['1']:.2f}), 16 add {added[16]:.2f}; ticks missed beside {lost}",
+        ),
+    }
+
+
+MEASUREMENTS = (
+    Measurement(
+        {
+            "observe.late_16_subscribers": Key("ratio", "≤ 1.5"),
+            "observe.monitor_cpu": Key("% of a core", "< 2"),
+        },
+        take,
+    ),
+)
