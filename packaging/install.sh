@@ -115,7 +115,8 @@ listed() {
     pair "$SOURCE/systemd/tmpfiles.d/twind.conf" "$LIB/tmpfiles.d/twind.conf"
     pair "$SOURCE/systemd/udev/60-twind.rules" "$LIB/udev/rules.d/60-twind.rules"
     # Pages lie as in the sources, with what they link to, so that the links lead somewhere.
-    for each in README.md calibration/README.md systemd/README.md $(cd "$SOURCE" && echo docs/*.md) \
+    for each in README.md calibration/README.md systemd/README.md \
+        $(cd "$SOURCE" && find docs packaging/metrics -type f ! -name '*.cast' | LC_ALL=C sort) \
         twind/robots/h24.yaml twind/robots/h24-mixed.yaml twind/protocol/io.twind.Control.varlink; do
         pair "$SOURCE/$each" "$SHARE/doc/twind/$each"
     done
@@ -246,7 +247,7 @@ reload() {
 stop() {
     if [ -d /run/systemd/system ]; then
         # Patterns, all of them: a unit that nobody has loaded is then no error.
-        set -- 'twind.servic[e]' 'twind@*.service' 'twind-sim.servic[e]'
+        set -- 'twind.servic[e]' 'twind@*.service' 'twind-sim.servic[e]' 'twind-metrics*.service'
         # Services first, as systemctl takes patterns in no order: sockets wait for them, so that a robot on its way
         # down can be stopped. Again with the sockets: a connection may have started one anew.
         systemctl stop --no-block "$@"
@@ -292,7 +293,8 @@ remove() {
         while read -r each; do
             rm -f "$DESTDIR$each"
         done <"$top/files"
-        for each in /examples /docs /calibration /systemd /twind/robots /twind/protocol /twind ""; do
+        for each in /examples /docs/pictures /docs /calibration /packaging/metrics /packaging /systemd \
+            /twind/robots /twind/protocol /twind ""; do
             rmdir "$DESTDIR$SHARE/doc/twind$each" 2>/dev/null || :
         done
     fi

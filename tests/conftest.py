@@ -29,8 +29,8 @@ SIDE_BY_SIDE = """
     activation adopt_verb calibrate_scan can_socketcan check_offline cli client codes_reached
     ctl_main doctor_can_line doctor_can_links doctor_files doctor_machine doctor_mend doctor_ports
     edited front_log front_process front_reload front_server front_telemetry fuzz loop_notify machine many
-    packaged plug reload_live scan_verb service service_files streams virtual_can_clients virtual_child
-    virtual_clients virtual_main virtual_serve virtual_servos
+    metrics_live packaged plug reload_live scan_verb service service_files streams virtual_can_clients
+    virtual_child virtual_clients virtual_main virtual_serve virtual_servos
 """
 
 

@@ -8,7 +8,7 @@ PAGES = sorted(
     [
         ROOT / "README.md",
         *(ROOT / "docs").glob("*.md"),
-        *(ROOT / room / "README.md" for room in ("drivers", "calibration", "systemd")),
+        *(ROOT / room / "README.md" for room in ("drivers", "calibration", "systemd", "packaging/metrics")),
     ]
 )
 README, SAFETY = (ROOT / "README.md").read_text(), (ROOT / "docs" / "safety.md").read_text()

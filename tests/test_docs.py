@@ -39,7 +39,7 @@ def test_every_relative_link_leads_somewhere(page: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_every_path_of_this_repository_that_is_named_exists(page: Path) -> None:
     spans = re.findall(
-        r"`((?:tests|docs|systemd|twind|drivers|calibration|bench)/[\w./-]+)`", page.read_text()
+        r"`((?:tests|docs|systemd|twind|drivers|calibration|bench|packaging)/[\w./-]+)`", page.read_text()
     )
     assert not [span for span in spans if not (ROOT / span).exists()]
 

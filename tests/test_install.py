@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from pages import FENCE
-from unit_files import SERVICES, SOCKETS, SYSTEMD
+from unit_files import METRICS, SERVICES, SOCKETS, SYSTEMD
 
 from twind.config.robot_file import load_robot
 from twind.config.settings import load_settings
@@ -62,7 +62,7 @@ def tree(tmp_path: Path) -> Path:
 
 def test_everything_has_its_place(tree: Path) -> None:
     found = contents(tree)
-    for name in (*SERVICES, *SOCKETS):
+    for name in (*SERVICES, *METRICS, *SOCKETS):
         assert f"usr/local/lib/systemd/system/{name}" in found
     for name in ("sysusers.d/twind.conf", "tmpfiles.d/twind.conf", "udev/rules.d/60-twind.rules"):
         assert f"usr/local/lib/{name}" in found
@@ -79,7 +79,8 @@ def test_every_link_of_the_installed_pages_leads_somewhere(tree: Path) -> None:
     folder = tree / "usr/local/share/doc/twind"
     there = {str(page.relative_to(folder)) for page in folder.rglob("*.md")}
     sources = {f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")}
-    assert there == sources | {"README.md", "calibration/README.md", "systemd/README.md"}
+    rooms = ("calibration", "packaging/metrics", "systemd")
+    assert there == sources | {"README.md", *(f"{room}/README.md" for room in rooms)}
     for each in sorted(there):
         page = folder / each
         links = re.findall(r"\]\(([^)]+)\)", FENCE.sub("", page.read_text()))

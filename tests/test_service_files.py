@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from unit_files import SERVICES, SOCKETS, SYSTEMD, Lines, read, unit, value, values
+from unit_files import METRICS, SERVICES, SOCKETS, SYSTEMD, Lines, read, unit, value, values
 
 from twind import cli
 from twind.client.places import socket_path
@@ -18,6 +18,7 @@ from twind.ctl import main as ctl
 from twind.loop import failsafe, realtime
 from twind.loop.release import LETTING_GO
 from twind.loop.sockets import GROUPS, NAMES
+from twind.observe import metrics
 from twind.protocol.places import SYSTEM
 
 INSTALL = SYSTEMD.parent / "packaging" / "install.sh"
@@ -70,7 +71,7 @@ def complaints(analyze: str, tree: Path, units: Sequence[str]) -> str:
 
 
 def test_systemd_reads_every_unit_without_a_word(analyze: str, tree: Path) -> None:
-    assert complaints(analyze, tree, [*SERVICES, *SOCKETS, "twind-can@.service"]) == ""
+    assert complaints(analyze, tree, [*SERVICES, *METRICS, *SOCKETS, "twind-can@.service"]) == ""
 
 
 def version_of_systemd(analyze: str) -> int:
@@ -102,7 +103,8 @@ def test_a_mistake_in_a_unit_would_be_told(analyze: str, tree: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "most"), [*((name, 2.0) for name in SERVICES[:3]), ("twind-sim.service", 1.0)]
+    ("name", "most"),
+    [*((name, 2.0) for name in SERVICES[:3]), *((name, 1.0) for name in ("twind-sim.service", *METRICS))],
 )
 def test_the_exposure_is_small(analyze: str, name: str, most: float) -> None:
     threshold = f"--threshold={most * 10:.0f}"
@@ -212,6 +214,26 @@ def test_a_simulation_has_no_device_and_no_network() -> None:
     assert "--mode sim" in value(lines, "ExecStart")
 
 
+def test_figures_are_told_to_this_machine_alone_by_nobody_that_owns_anything() -> None:
+    lines = unit("twind-metrics.service")
+    assert (value(lines, "DynamicUser"), value(lines, "SupplementaryGroups")) == ("yes", GROUPS["observe"])
+    assert (values(lines, "IPAddressDeny"), values(lines, "IPAddressAllow")) == (["any"], ["localhost"])
+    for key in ("PrivateDevices", "PrivateUsers", "RestrictRealtime"):
+        assert value(lines, key) == "yes"
+    assert value(lines, "Environment") == f"LISTEN={metrics.LISTEN}"
+    assert not [key for _, key, _ in lines if key in ("Requires", "BindsTo", "PartOf", "ReadWritePaths")]
+
+
+def test_figures_of_an_instance_differ_in_names_alone() -> None:
+    names = {
+        "twind: figures for Prometheus": "twind: figures of %i for Prometheus",
+        "twind.service": "twind@%i.service",
+    }
+    plain = [(section, key, names.get(given, given)) for section, key, given in unit(METRICS[0])]
+    command = ("--socket /run/twind ", "--socket /run/twind/%i ")
+    assert unit(METRICS[1]) == [(section, key, given.replace(*command)) for section, key, given in plain]
+
+
 def test_a_daemon_that_is_given_up_is_followed_by_the_fail_safe_and_never_runs_beside_it() -> None:
     for name, instance in (("twind.service", "twind"), ("twind@.service", "%i")):
         safe = f"twind-failsafe@{instance}.service"
@@ -233,7 +255,7 @@ def test_the_drivers_of_the_adapters_are_there_before_device_groups_are_looked_u
 # ------------------------------------------------------------------------------ each says what the code says
 
 
-@pytest.mark.parametrize("name", SERVICES)
+@pytest.mark.parametrize("name", [*SERVICES, *METRICS])
 def test_every_command_line_is_one_that_the_programs_take(name: str) -> None:
     lines = unit(name)
     for key in ("ExecStart", "ExecReload"):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 SYSTEMD = Path(__file__).parents[1] / "systemd"
 SERVICES = ("twind.service", "twind@.service", "twind-failsafe@.service", "twind-sim.service")
+METRICS = ("twind-metrics.service", "twind-metrics@.service")
 SOCKETS = ("twind-control.socket", "twind-observe.socket", "twind-control@.socket", "twind-observe@.socket")
 
 Lines = list[tuple[str, str, str]]  # section, key, value

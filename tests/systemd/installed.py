@@ -73,10 +73,13 @@ def _environment(tree: Path) -> None:
         if script.module.split(".")[0] == "twind":
             _script(home / "bin" / script.name, script.module, script.attr)
     if own_python():  # its binary may name the library's folder by the place that it was built for
-        libraries = tree / "usr/lib"
-        libraries.mkdir(parents=True)
         for library in Path(sys.base_prefix, "lib").glob("libpython*.so*"):
-            (libraries / library.name).symlink_to(f"{PYTHON}/lib/{library.name}")
+            # The machine's own of that name would be found first, and be of another release.
+            others = Path("/usr/lib").glob(f"*/{library.name}")
+            for place in (Path("/usr/lib", library.name), *others):
+                link = Path(tree, str(place).lstrip("/"))
+                link.parent.mkdir(parents=True, exist_ok=True)
+                link.symlink_to(f"{PYTHON}/lib/{library.name}")
 
 
 def _script(path: Path, module: str, attribute: str) -> None:

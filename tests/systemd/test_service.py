@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from machine import SYS_RESOURCE, Machine
-from service import Json, Service
+from service import Json, Service, Unit
 
 pytestmark = pytest.mark.realtime
 
@@ -107,6 +107,30 @@ def test_the_exposure_score_is_what_is_promised(machine: Machine) -> None:
     assert exposure(machine, "twind@any.service") <= 2.0
     assert exposure(machine, "twind-failsafe@any.service") <= 2.0
     assert exposure(machine, "twind-sim.service") <= 1.0
+
+
+def test_figures_are_served_to_this_machine_by_nobody_that_owns_anything(plain: Service) -> None:
+    machine = plain.machine
+    unit = Unit(machine, "twind-metrics.service")
+    scrape = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:9797/metrics').read().decode())"
+
+    def told(line: str) -> bool:
+        done = machine.try_run("/opt/twind/bin/python", "-c", scrape)
+        return line in done.stdout.splitlines()
+
+    assert unit.show("UnitFileState") == "disabled"
+    unit.start()
+    try:
+        machine.until(lambda: told('twind_mode{twind_mode="mirror"} 1.0'), 10.0, "figures")
+        status = dict(
+            line.split(":\t", 1) for line in Path(f"/proc/{unit.main()}/status").read_text().splitlines()
+        )
+        assert (status["NoNewPrivs"], status["Seccomp"]) == ("1", "2")
+        assert {int(status[key], 16) for key in ("CapEff", "CapPrm", "CapBnd", "CapAmb")} == {0}
+        assert int(status["Uid"].split()[1]) >= 61184, "no user of its own (DynamicUser=)"
+    finally:
+        unit.stop()
+    assert exposure(machine, "twind-metrics.service") <= 1.0
 
 
 def test_the_journal_has_levels_and_fields(plain: Service) -> None:
