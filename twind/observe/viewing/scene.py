@@ -112,7 +112,11 @@ class Scene:
         points, colours = np.array([near.ends], np.float32), np.tile(LEVELS[near.level], (1, 2, 1))
         if self._line is None:
             self._line = self._scene.add_line_segments(
-                f"{self._root}/near", points, colors=colours.astype(np.uint8), line_width=4.0
+                f"{self._root}/near",
+                points,
+                colors=colours.astype(np.uint8),
+                thickness=4.0,
+                thickness_units="screen",
             )
         else:
             self._line.points, self._line.colors = points, colours.astype(np.uint8)

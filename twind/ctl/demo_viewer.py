@@ -1,0 +1,74 @@
+"""The viewer beside `twindctl demo`: a process of its own, started where its libraries are installed."""
+
+import os
+import select
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import IO
+
+ADDRESS = 15.0  # s that it may take until it says where it is
+ENDING = 5.0  # s, after SIGTERM
+NICE = 10
+MISSING = "view      not installed; to see the robot in a browser: pip install 'twind[view]'"
+
+
+@contextmanager
+def viewer(folder: str, end_with_us: Callable[[], None]) -> Iterator[None]:
+    """`twindctl view` of the daemon in `folder` until the end of the block; its address is printed.
+
+    The demonstration goes on without it. `end_with_us`: called in the child, before it is started.
+    """
+    if find_spec("viser") is None or find_spec("mjviser") is None:
+        print(MISSING)
+        yield
+        return
+    with tempfile.TemporaryFile() as said:
+        command = [sys.executable, "-m", "twind.ctl.main", "--socket", folder, "view"]
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=said,
+            start_new_session=True,
+            preexec_fn=lambda: _behind(end_with_us),
+        )
+        try:
+            print(_address(process) or f"view      not there: {_why(said)}")
+            yield
+        finally:
+            _end(process)
+
+
+def _behind(end_with_us: Callable[[], None]) -> None:
+    """In the child: the virtual robot and its daemon share this machine, and have no real time here."""
+    os.nice(NICE)
+    end_with_us()
+
+
+def _address(process: "subprocess.Popen[bytes]") -> str:
+    """The line with its address; empty where it gave none in time."""
+    assert process.stdout is not None
+    if not select.select([process.stdout], [], [], ADDRESS)[0]:
+        return ""
+    return process.stdout.readline().decode(errors="replace").rstrip()
+
+
+def _why(said: IO[bytes]) -> str:
+    said.seek(0)
+    lines = said.read().decode(errors="replace").split("\n")
+    return next((line for line in reversed(lines) if line), "no address in time")
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    process.terminate()
+    try:
+        process.wait(ENDING)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
