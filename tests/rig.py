@@ -16,11 +16,13 @@ from twind.config.actuator import CAN
 from twind.config.calibration_file import Calibration
 from twind.config.counts import joint_angles, slot_angles, ticks_of
 from twind.config.robot_file import load_robot
+from twind.flight import Ring
 from twind.loop import assembly
 from twind.loop.described import Robot
 from twind.loop.link import Link
 from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
+from twind.loop.tape import Recorder
 from twind.robot.arrays import Floats
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
@@ -91,8 +93,9 @@ class Rig:
         support: str | None = None,
         truth: Truth | None = None,
         calibrated: Calibration | None = None,
+        ring: Ring | None = None,
     ) -> None:
-        """`calibrated`: before now, and not as these servos would be."""
+        """`calibrated`: before now, and not as these servos would be. `ring`: where it is written down."""
         self._muscles = muscles
         self.clock = FakeClock(100.0)
         self.robot = load_robot(robot)
@@ -107,6 +110,8 @@ class Rig:
         self.calibration = calibration(self.made) if calibrated is None else calibrated
         self.one = Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
         self.names = self.one.binding.joint_map.names
+        buses = [bus.name for bus in self.one.binding.joint_map.buses]
+        self.recorder = None if ring is None else Recorder(ring, buses, self.clock)
         self.front = self.new_front()
         self.loop = self.born(mode)
         self.news: list[Any] = []
@@ -119,7 +124,9 @@ class Rig:
 
     def born(self, mode: Mode) -> Any:
         """A daemon that begins on these servos as they are."""
-        self.buses = Buses(self.robot, self.one.binding.joint_map, {}, self.robot.rate_hz)
+        recorded = self.recorder
+        tapes = {} if recorded is None else dict(recorded.tapes)
+        self.buses = Buses(self.robot, self.one.binding.joint_map, {}, self.robot.rate_hz, tapes)
         return assembly.build(
             self.one,
             mode=mode,
@@ -128,11 +135,12 @@ class Rig:
             where={bus.name: f"virtual:{bus.name}" for bus in self.robot.buses},
             opener=self._open,
             enabler=self.buses.enable,
-            link=Link(self.front),  # type: ignore[arg-type]
+            link=Link(self.front, *([] if recorded is None else [recorded.link])),  # type: ignore[arg-type]
             notifier=Notifier({}),
             thresholds=Thresholds(),
             realtime={},
             rewire=self._rewire,
+            tapes=tapes,
         )
 
     def _rewire(self, one: Robot) -> Any:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -17,6 +18,7 @@ from twind.loop.link import Link, Outside
 from twind.loop.notify import Notifier
 from twind.loop.outlook import NEAR, Lookahead
 from twind.loop.ports import Enabler, Opener, Port
+from twind.loop.tape import Recorder, Tape
 from twind.loop.tick import Loop, Parts
 from twind.memfd import seal
 from twind.motion.executor import Executor
@@ -34,6 +36,8 @@ from twind.twin.twin import Twin
 from twind.version import __version__
 from twind_drivers.clock import Clock
 
+NO_TAPES: Mapping[str, Tape] = MappingProxyType({})
+
 
 def build(
     robot: Robot,
@@ -50,10 +54,17 @@ def build(
     realtime: dict[str, str],
     live_denied: Finding | None = None,
     rewire: Callable[[Robot], Enabler] | None = None,
+    tapes: Mapping[str, Tape] = NO_TAPES,
 ) -> Loop:
-    """A loop ready to run. `rewire`: makes the `enabler` for the same robot with other limits or gains."""
+    """A loop ready to run. `rewire`: makes the `enabler` for the same robot with other limits or gains.
+
+    `tapes`: of the buses that are written down.
+    """
     binding, period = robot.binding, 1.0 / rate_hz
-    ports = [Port(bus.name, where.get(bus.name), opener, enabler) for bus in binding.joint_map.buses]
+    ports = [
+        Port(bus.name, where.get(bus.name), opener, enabler, tapes.get(bus.name, Tape()))
+        for bus in binding.joint_map.buses
+    ]
     parts = Parts(
         clock=clock,
         period=period,
@@ -154,6 +165,7 @@ def brief(
     return seal("twind-briefing", msgspec.msgpack.encode(briefing))
 
 
-def front(briefing: int, control: Any, observe: Any) -> Link:
+def front(briefing: int, control: Any, observe: Any, recorder: Recorder | None = None) -> Link:
     """The link to a front that is started with the first tick."""
-    return Link(FrontProcess(briefing, control, observe))
+    process = FrontProcess(briefing, control, observe)
+    return Link(process) if recorder is None else Link(process, recorder.link)

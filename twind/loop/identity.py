@@ -167,6 +167,7 @@ class Identity:
         if findings != self.missing.get(port.name, ()):
             self._tell("error", findings)
         self.missing[port.name] = findings
+        port.tape.identified(whole=not findings)
         self.verified.identified(port, bus, self._fits(port, bus, findings))
         if findings:
             self._again[port.name] = now + IDENTIFY_AGAIN

@@ -8,12 +8,14 @@ import array
 import os
 import socket
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 from typing import Protocol
 
 import msgspec
 
+from twind.flight import Kind
 from twind.link import (
     DATAGRAM,
     Adopt,
@@ -85,11 +87,19 @@ class Outside(Protocol):
         """The loop ends."""
 
 
+Record = Callable[[Kind, bytes], None]
+
+
+def unrecorded(_kind: Kind, _data: bytes) -> None:
+    """Nobody writes down what goes over the link."""
+
+
 class Link:
     """Commands in, news out: the `Outside` that is a front."""
 
-    def __init__(self, front: FrontProcess) -> None:
-        self.front = front
+    def __init__(self, front: FrontProcess, record: Record = unrecorded) -> None:
+        """`record`: who writes down what goes over the link."""
+        self.front, self._record = front, record
         self.dropped = 0
         self._queue: deque[bytes] = deque()
         self._events = 0
@@ -164,8 +174,7 @@ class Link:
                 taken.append(incoming)
         return taken
 
-    @staticmethod
-    def _receive(source: socket.socket) -> Incoming | None:
+    def _receive(self, source: socket.socket) -> Incoming | None:
         """One datagram; None at end-of-file or when it is not one of ours."""
         ancillary = socket.CMSG_SPACE(array.array("i", [0]).itemsize * 4)
         data, extra, _flags, _ = source.recvmsg(DATAGRAM, ancillary)
@@ -176,9 +185,16 @@ class Link:
             if not data:
                 return None
             command = decode_command(data)
+            if isinstance(command, Heartbeat):
+                return Incoming(command)
+            self._record(Kind.COMMAND, data)
             if isinstance(command, Adopt):
                 return Incoming(command, fd=sealed(os.dup(fds[0])) if fds else None)
-            return Incoming(command, unseal(fds[0], LARGEST) if fds else b"")
+            if not fds:
+                return Incoming(command)
+            incoming = Incoming(command, unseal(fds[0], LARGEST))
+            self._record(Kind.ARRAYS, incoming.data)
+            return incoming
         except (msgspec.MsgspecError, ValueError):
             return None  # a front that cannot spell is as good as dead
         finally:
@@ -189,11 +205,11 @@ class Link:
 
     def reply(self, reply: Reply) -> None:
         """Owed to a client: queued, sent after this tick's state."""
-        self._queue.append(encode(reply))
+        self._owe(reply)
 
     def event(self, event: Event | Moment) -> None:
         """Owed to the log and to whoever watches."""
-        self._queue.append(encode(event))
+        self._owe(event)
 
     def brief(self, briefing: int) -> None:
         """What the next front is told: a sealed memfd, which is ours to close."""
@@ -201,7 +217,7 @@ class Link:
 
     def ask_reread(self) -> None:
         """The front shall read the files again."""
-        self._queue.append(encode(Reread()))
+        self._owe(Reread())
 
     def sequence(self) -> int:
         """A number for the next event or verdict."""
@@ -210,7 +226,9 @@ class Link:
 
     def state(self, news: Tick | Overview) -> None:
         """Sent at once, or dropped and counted."""
-        if not self._send(encode(news)):
+        data = encode(news)
+        self._record(Kind.NEWS, data)
+        if not self._send(data):
             self.dropped += 1
         elif isinstance(news, Tick):
             self.dropped = 0
@@ -219,6 +237,11 @@ class Link:
         """Send what is owed, as far as the pipe takes it."""
         while self._queue and self._send(self._queue[0]):
             self._queue.popleft()
+
+    def _owe(self, news: Reply | Event | Moment | Reread) -> None:
+        data = encode(news)
+        self._record(Kind.NEWS, data)
+        self._queue.append(data)
 
     def _send(self, data: bytes) -> bool:
         if self.front.socket is None:

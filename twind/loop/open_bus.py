@@ -4,7 +4,7 @@ The one place that knows which driver serves which kind of bus.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from twind.config.actuator import CAN, CanType, ServoType
 from twind.config.robot_file import RobotFile
 from twind.config.robot_spec import JointSpec
+from twind.loop.tape import BusTape, TapedChannel, TapedTransport
 from twind.robot.joints import BusMap, JointMap
 from twind_drivers.bus import Reader, Transport, Writer
 from twind_drivers.can.bus import Actuator, CanReader, CanWriter
@@ -30,6 +31,7 @@ class Buses:
     joints: JointMap
     ports: Mapping[str, str | None]
     rate_hz: float
+    tapes: Mapping[str, BusTape] = field(default_factory=dict)  # buses that are written down
 
     def open(self, name: str) -> Reader:
         """The read half of a bus, on its port. Raises PortError."""
@@ -42,10 +44,10 @@ class Buses:
 
     def reader(self, name: str, transport: Transport) -> Reader:
         """The read half of a serial bus, on any transport."""
-        kinds = [kind for _, kind in self._servos(name)]
+        kinds, tape = [kind for _, kind in self._servos(name)], self.tapes.get(name)
         return DynamixelReader(
             name,
-            transport,
+            transport if tape is None else TapedTransport(transport, tape),
             self._map(name).ids,
             [number_of(kind.device) for kind in kinds],
             baud=self.robot.bus(name).baud,
@@ -67,6 +69,8 @@ class Buses:
             )
             for joint, kind in self._actuators(name)
         ]
+        tape = self.tapes.get(name)
+        channel = channel if tape is None else TapedChannel(channel, tape)
         return CanReader(name, channel, actuators, bitrate=self.robot.bus(name).baud, rate_hz=self.rate_hz)
 
     def enable(self, reader: Reader) -> Writer:

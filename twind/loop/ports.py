@@ -9,6 +9,7 @@ from enum import Enum, auto
 from math import inf
 from typing import Any, Generic, TypeVar
 
+from twind.loop.tape import Tape
 from twind.robot.arrays import every
 from twind_drivers.bus import (
     BusError,
@@ -94,6 +95,7 @@ class Port:
     where: str | None  # the port's path, None: no port given
     opener: Opener
     enabler: Enabler
+    tape: Tape = field(default_factory=Tape)
     link: Link = Link.CLOSED
     reader: Reader | None = None
     writer: Writer | None = None
@@ -130,6 +132,7 @@ class Port:
             self._retry, self._wait = now + self._wait, min(self._wait * 2, REOPEN_MOST)
             return False
         self.trouble, self._wait = "", REOPEN_FIRST
+        self.tape.opened(self.where)
         self.identify()
         return True
 
@@ -149,6 +152,7 @@ class Port:
             self.link = Link.IDENTIFYING
             self._begun = (self.counts.exchanges, self.counts.discarded)
             self.patient = patient
+            self.tape.identifying()
             self.identification = self.run(self.reader.identify(patient=patient))
 
     @property
@@ -187,6 +191,7 @@ class Port:
     def _let_go(self, error: PortError) -> None:
         if self.reader is not None:
             self.reader.transport.close()
+            self.tape.lost(str(error))
         self.reader = self.writer = None
         self.holding = self._holed = False
         self.link, self.devices = Link.CLOSED, ()

@@ -1,0 +1,187 @@
+"""What the loop writes down for the flight recorder: bytes of its buses, datagrams of its link.
+
+Loop's process. The drivers know nothing of it: what is taped is a port or a CAN channel like others.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import count
+
+from twind.config.robot_spec import RobotFile
+from twind.flight import NO_BUS, Entry, Kind, Ring, pack
+from twind.flight.ring import TRANSCRIPT
+from twind_drivers.bus import Transport
+from twind_drivers.can.channel import Channel
+from twind_drivers.can.frame import Frames
+from twind_drivers.clock import Clock
+
+SPAN = 30.0  # s that a recorder is made for
+MOST = 64 << 20  # bytes of one: at 500 Hz and four buses of 3 Mbaud it holds some 20 s
+_TICK = 800  # bytes of a tick's datagram and of the heads of its records, and for each joint ...
+_JOINT = 110  # ... of its arrays
+_SLOW = 50_000  # bytes/s of overviews, answers, events and calls
+
+
+class Tape:
+    """What happens on one bus, for whoever writes it down: here nobody."""
+
+    def opened(self, where: str) -> None:
+        """The port is open."""
+
+    def lost(self, why: str) -> None:
+        """It was let go, or went."""
+
+    def identifying(self) -> None:
+        """Everybody is asked who he is, from here on."""
+
+    def identified(self, *, whole: bool) -> None:
+        """Who answered has answered; `whole`: everybody did."""
+
+
+class Recorder:
+    """The loop's side of the flight recorder."""
+
+    def __init__(self, ring: Ring, buses: Sequence[str], clock: Clock) -> None:
+        self._ring, self._clock = ring, clock
+        self.tapes: Mapping[str, BusTape] = {
+            name: BusTape(ring, place, clock) for name, place in zip(buses, count(), strict=False)
+        }
+
+    @property
+    def fd(self) -> int:
+        """The memory that others can read, also when this process is gone."""
+        return self._ring.fd
+
+    def link(self, kind: Kind, data: bytes) -> None:
+        """A datagram of the link, or the arrays beside one."""
+        self._ring.append(kind, NO_BUS, self._clock.now(), data)
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._ring.close()
+
+
+def size(robot: RobotFile, rate_hz: float) -> int:
+    """Bytes of a recorder that holds `SPAN` of this robot, or `MOST`."""
+    buses = sum(robot.bus(bus.name).baud / 10.0 for bus in robot.buses)
+    return min(MOST, round(SPAN * (buses + rate_hz * (_TICK + _JOINT * len(robot.joints)) + _SLOW)))
+
+
+class BusTape(Tape):
+    """One bus, written down; the bytes of its last whole identification are kept beside the ring."""
+
+    def __init__(self, ring: Ring, place: int, clock: Clock) -> None:
+        self._ring, self._place, self._clock = ring, place, clock
+        self._transcript: list[Entry] | None = None  # of the identification under way
+        self._length = 0  # bytes of it, heads not counted
+        self._whole = False  # the one that is kept is of everybody
+
+    def sent(self, data: bytes | bytearray | memoryview) -> None:
+        """Bytes written to the bus."""
+        self._note(Kind.OUT, data)
+
+    def heard(self, data: bytes | bytearray | memoryview) -> None:
+        """Bytes read from it, whatever they are."""
+        self._note(Kind.IN, data)
+
+    def _note(self, kind: Kind, data: bytes | bytearray | memoryview) -> None:
+        now = self._clock.now()
+        self._ring.append(kind, self._place, now, data)
+        if self._transcript is not None:
+            self._transcript.append(Entry(now, kind, self._place, bytes(data)))
+            self._length += len(data)
+            if self._length > TRANSCRIPT:  # somebody babbles: what is kept would not be whole
+                self._transcript = None
+
+    def opened(self, where: str) -> None:
+        """The port is open."""
+        self._ring.append(Kind.PORT, self._place, self._clock.now(), f"opened {where}".encode())
+
+    def lost(self, why: str) -> None:
+        """It was let go, or went."""
+        self._transcript = None
+        self._ring.append(Kind.PORT, self._place, self._clock.now(), f"lost {why}".encode())
+
+    def identifying(self) -> None:
+        """Its bytes are kept from here on."""
+        self._transcript, self._length = [], 0
+
+    def identified(self, *, whole: bool) -> None:
+        """They are complete. Of somebody who did not answer they replace none of everybody."""
+        if self._transcript is not None and (whole or not self._whole):
+            self._whole = whole
+            self._ring.keep(self._place, pack(self._transcript))
+        self._transcript = None
+
+
+class TapedTransport:
+    """A `Transport` as the one inside, whose bytes are written down."""
+
+    def __init__(self, inside: Transport, tape: BusTape) -> None:
+        self._inside, self._tape = inside, tape
+        self.name, self.holds = inside.name, inside.holds
+        # What carries no bytes costs nothing more than before.
+        self.fileno, self.arrival, self.close = inside.fileno, inside.arrival, inside.close
+        self.backlog, self.flush = inside.backlog, inside.flush
+
+    @property
+    def warning(self) -> str:
+        """As inside."""
+        return self._inside.warning
+
+    @warning.setter
+    def warning(self, text: str) -> None:
+        self._inside.warning = text
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """As inside."""
+        self._inside.write(data)
+        self._tape.sent(data)
+
+    def read_into(self, buffer: memoryview) -> int:
+        """As inside."""
+        taken = self._inside.read_into(buffer)
+        if taken:
+            self._tape.heard(buffer[:taken])
+        return taken
+
+    def drain(self, thrown: bytearray | None = None) -> int:
+        """As inside; of a babbling line the last bytes are written down."""
+        mine = bytearray()
+        count = self._inside.drain(mine)
+        if count:
+            self._tape.heard(mine)
+            if thrown is not None:
+                thrown[:] = thrown + mine if len(mine) == count else mine
+        return count
+
+
+class TapedChannel:
+    """A `Channel` as the one inside, whose frames are written down, as the bytes of their records."""
+
+    def __init__(self, inside: Channel, tape: BusTape) -> None:
+        self._inside, self._tape = inside, tape
+        self.name, self.condition = inside.name, inside.condition
+        self.fileno, self.arrival, self.close = inside.fileno, inside.arrival, inside.close
+        self.drive, self.purge = inside.drive, inside.purge
+
+    @property
+    def warning(self) -> str:
+        """As inside."""
+        return self._inside.warning
+
+    @warning.setter
+    def warning(self, text: str) -> None:
+        self._inside.warning = text
+
+    def send(self, frames: Frames, now: float) -> None:
+        """As inside."""
+        self._inside.send(frames, now)
+        if frames.size:
+            self._tape.sent(frames.tobytes())
+
+    def receive(self, now: float) -> Frames:
+        """As inside."""
+        frames = self._inside.receive(now)
+        if frames.size:
+            self._tape.heard(frames.tobytes())
+        return frames
