@@ -1,6 +1,7 @@
 """Make an .mcap file, for Foxglove and ROS 2 tools, of a flight recorder's file or of another recording.
 
-Of a flight file the raw bytes of the buses come along, as the topic /twind/wire. Never writes over a file.
+Of a flight file the raw bytes of the buses come along, as the topic /twind/wire. No file is ever written over.
+`ros2 bag` reads no file in which some messages are JSON: for it, --ros puts them into std_msgs/String.
 """
 
 import argparse
@@ -29,24 +30,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = __doc__
     parser.add_argument("file", metavar="FILE", type=Path, help="a .flight or an .mcap file")
     parser.add_argument("out", metavar="OUT.mcap", type=Path, help="the file to write")
+    parser.add_argument("--ros", action="store_true", help="for `ros2 bag`: JSON as std_msgs/String")
 
 
 def run(options: argparse.Namespace) -> int:
     """Export; 1 where that file gives nothing."""
     with Progress(options, "export") as progress:
         progress.tell(options.file.name)
-        messages = export(options.file, options.out)
+        messages = export(options.file, options.out, ros=options.ros)
     said = f"{options.out}: {messages} messages"
     show(options, {"file": str(options.file), "out": str(options.out), "messages": messages}, said)
     return DONE
 
 
-def export(path: Path, out: Path) -> int:
-    """Write `out`; the number of messages in it. Raises Rejected."""
+def export(path: Path, out: Path, *, ros: bool = False) -> int:
+    """Write `out`, for `ros2 bag` where `ros`; the number of messages in it. Raises Rejected."""
     try:
         with open(path, "rb") as file:
             flight = file.read(5) == b"twind"
-        return _export_flight(path, out) if flight else recover(path, out).messages
+        return _export_flight(path, out, ros) if flight else recover(path, out, ros=ros).messages
     except FlightError as error:
         raise Rejected(str(error)) from None
     except FileExistsError:
@@ -55,13 +57,13 @@ def export(path: Path, out: Path) -> int:
         raise Rejected(f"{error.filename or out}: {error.strerror}") from None
 
 
-def _export_flight(path: Path, out: Path) -> int:
+def _export_flight(path: Path, out: Path, ros: bool) -> int:
     flight = load(path)
     if not flight.contents.entries:
         raise Rejected(f"{path}: nothing was recorded yet")
     clocks = Clocks(0.0, wall_offset(flight))
     lines = sorted(_lines(flight, clocks), key=lambda line: line.time_ns)
-    file = RecordFile(out, _about(flight), _attachments(flight), lines[0].time_ns)
+    file = RecordFile(out, _about(flight), _attachments(flight), lines[0].time_ns, ros=ros)
     try:
         for line in lines:
             file.write(line.topic, line.time_ns, line.data)

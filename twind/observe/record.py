@@ -80,6 +80,7 @@ def run(options: argparse.Namespace) -> int:
     bounds = Bounds(options.keep, options.free, options.max_size)
     with _told_to_stop() as stop:
         writer = RecordWriter(place, bounds, time.monotonic, per_episode=options.per_episode)
+        writer.start()
         try:
             return Course(options, writer, stop).run()
         finally:

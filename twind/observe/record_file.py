@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 
 from twind.observe.mcap_records import MAGIC
 from twind.observe.record_schemas import ROS, json_schemas
-from twind.ros import definition_text
+from twind.ros import STRING, definition_text, encode
 from twind.version import __version__
 
 CHUNK = 64 << 10  # bytes: a larger one takes longer to write, and more is lost with it
@@ -76,12 +76,18 @@ class RecordFile:
         about: Mapping[str, str],
         attachments: Mapping[str, tuple[str, bytes]],
         time_ns: int,
+        *,
         disk: Any = None,
+        ros: bool = False,
     ) -> None:
-        """`attachments`: media type and bytes by name. `disk`: what it is written to, in place of a file."""
+        """`attachments`: media type and bytes by name. `disk`: what it is written to, in place of a file.
+
+        `ros`: JSON goes into std_msgs/String, since `ros2 bag` reads no file of two encodings.
+        """
         self.path, self.began, self.messages = path, time_ns, 0
         self._disk = Disk(path) if disk is None else disk
         self._writer = Writer(self._disk, chunk_size=CHUNK, compression=CompressionType.ZSTD)
+        self._ros = ros
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._json = json_schemas()
@@ -107,6 +113,8 @@ class RecordFile:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._open(topic)
+        if self._ros and topic not in ROS:
+            data = as_text(data)
         self._writer.add_message(channel, time_ns, data, time_ns, self.messages & 0xFFFFFFFF)
         self.messages += 1
 
@@ -139,16 +147,19 @@ class RecordFile:
 
     def _open(self, topic: str) -> int:
         """The number of a topic's channel, which is new."""
-        if topic in ROS:
-            kind = ROS[topic]
-            name, encoding, text, messages = kind, "ros2msg", definition_text(kind).encode(), "cdr"
-        else:
-            name, text = self._json[topic]
-            encoding, messages = "jsonschema", "json"
-        if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(name, encoding, text)
-        number: int = self._writer.register_channel(topic, messages, self._schemas[name])
+        kind = ROS.get(topic, STRING if self._ros else "")
+        about = {} if topic in ROS else {"jsonschema": self._json[topic]}
+        if kind and kind not in self._schemas:
+            text = definition_text(kind).encode()
+            self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", text)
+        encoding = "cdr" if kind else "json"
+        number: int = self._writer.register_channel(topic, encoding, self._schemas.get(kind, 0), about)
         return number
+
+
+def as_text(data: bytes) -> bytes:
+    """JSON as a message of std_msgs/String."""
+    return encode(STRING, {"data": data.decode()})
 
 
 def _end() -> bytes:

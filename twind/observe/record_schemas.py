@@ -1,4 +1,8 @@
-"""Schemas of the channels of a recording: JSON schemas made of the interface's own types. Pure."""
+"""What the channels of a recording hold: types of ROS, and JSON schemas of the interface's own types. Pure.
+
+A JSON channel has no schema record: rosbags opens no file with one that is not of ROS. Its JSON schema stands in
+the channel's metadata.
+"""
 
 import json
 from typing import Any
@@ -40,22 +44,22 @@ _NOTE = {
 _WIRE = {"bus": {"type": "string"}, "kind": {"type": "string"}, "hex": {"type": "string"}}
 
 
-def json_schemas() -> dict[str, tuple[str, bytes]]:
-    """Name and text of the schema of every topic of JSON messages."""
+def json_schemas() -> dict[str, str]:
+    """The schema of every topic of JSON messages, as text."""
     interface = load(CONTROL)
     types = interface.types
     hops, joints = List(types["Latency"]), List(types["Joint"])
     verdict = _members(interface, "Verdict")
     found = {
-        STATUS: ("twind.Status", _schema(types["Status"])),
-        EVENTS: ("twind.Event", _schema(types["Event"])),
-        VERDICTS: ("twind.Verdict", _schema(Struct({"id": Plain("string"), **verdict}))),
-        LATENCY: ("twind.Latencies", _schema(Struct({"hops": hops}))),
-        JOINTS: ("twind.Joints", _schema(Struct({"joints": joints}))),
-        NOTES: ("twind.Note", {"type": "object", "properties": _NOTE}),
-        WIRE: ("twind.Wire", {"type": "object", "properties": _WIRE}),
+        STATUS: _schema(types["Status"]),
+        EVENTS: _schema(types["Event"]),
+        VERDICTS: _schema(Struct({"id": Plain("string"), **verdict})),
+        LATENCY: _schema(Struct({"hops": hops})),
+        JOINTS: _schema(Struct({"joints": joints})),
+        NOTES: {"type": "object", "properties": _NOTE},
+        WIRE: {"type": "object", "properties": _WIRE},
     }
-    return {topic: (name, json.dumps(schema).encode()) for topic, (name, schema) in found.items()}
+    return {topic: json.dumps(schema) for topic, schema in found.items()}
 
 
 def _members(interface: Interface, name: str) -> dict[str, Type]:

@@ -79,12 +79,17 @@ class RecordWriter:
         self._lock = threading.Lock()
         self._queue: deque[Line | Session | None] = deque()
         self._waiting = self._dropped = self._missed = self._noted = 0
+        self._before = (0, 0)  # dropped and missed when the last file ended
         self._closing = False
         self._session: Session | None = None
         self._file: RecordFile | None = None
         self._file_began = self._flushed = now()
-        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
+        self._thread: threading.Thread | None = None
         self._wake = threading.Event()
+
+    def start(self) -> None:
+        """Write in a thread from now on; without it whoever calls `step` does."""
+        self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
 
     def put(self, line: Line) -> bool:
@@ -112,11 +117,28 @@ class RecordWriter:
         self._tell(None)
 
     def close(self, patience: float = 30.0) -> bool:
-        """Write all that waits and finish the file; False: the disk did not take it in time."""
+        """Write all that waits and finish the file; False: the disk did not take it within `patience` s."""
         self._closing = True
         self._wake.set()
+        if self._thread is None:
+            self.step()
+            return True
         self._thread.join(patience)
         return not self._thread.is_alive()
+
+    def step(self) -> None:
+        """Write what waits, end the chunk when it is time, the file when it is over."""
+        try:
+            while self._drain():
+                self._upkeep()
+            self._upkeep()
+            if self._closing:
+                self._finish("stopped")
+        except OSError as error:
+            self.stopped = f"{self.tally.path or self.folder}: {error.strerror or error}"
+            if self._file is not None:
+                self._file.abandon()
+                self._file = None
 
     def _tell(self, item: Session | None) -> None:
         with self._lock:
@@ -126,23 +148,20 @@ class RecordWriter:
     # ------------------------------------------------------------------------------------------ the thread
 
     def _run(self) -> None:
+        last = False
         try:
-            while not (self._closing and not self._queue):
+            while not last:
                 self._wake.wait(NAP)
                 self._wake.clear()
-                self._drain()
-                if self._file is not None and self._now() - self._flushed >= FLUSH:
-                    self._upkeep(self._file)
-            self._finish("stopped")
-        except OSError as error:
-            path = self.tally.path or self.folder
-            self.stopped = f"{path}: {error.strerror or error}"
-            if self._file is not None:
-                self._file.abandon()
-                self._file = None
+                last = self._closing  # what is put from now on need not be written
+                self.step()
+        finally:
+            if not last:
+                self.stopped = self.stopped or "the writer failed, which is an error of twind; see above"
 
-    def _drain(self) -> None:
-        while True:
+    def _drain(self) -> bool:
+        """Write what waits; True: there is more, but a chunk is to end first."""
+        while not self._due():
             with self._lock:
                 if not self._queue:
                     break
@@ -153,8 +172,13 @@ class RecordWriter:
             else:
                 self._finish("the daemon is gone" if item is None else "a new connection")
                 self._session = item
-            if self.stopped or (self._file is not None and self._now() - self._flushed >= FLUSH):
-                break  # a long queue must not put off the end of a chunk
+        self._count()
+        return self._due()
+
+    def _due(self) -> bool:
+        return self._file is not None and self._now() - self._flushed >= FLUSH
+
+    def _count(self) -> None:
         with self._lock:
             self.tally = replace(self.tally, dropped=self._dropped, missed=self._missed)
 
@@ -181,7 +205,6 @@ class RecordWriter:
             return
         self._file = self._open_file(path, session.about, session.attachments, line.time_ns)
         self._file_began = self._flushed = self._now()
-        self._noted = self.tally.dropped + self.tally.missed
         self.tally = replace(self.tally, path=path, files=(*self.tally.files, path), bytes=self._file.size)
 
     def _marked(self, mark: Mapping[str, str | bool | None], time_ns: int, file: RecordFile) -> None:
@@ -203,23 +226,25 @@ class RecordWriter:
         file.metadata(EPISODE, {"task": episode.task, "success": said, "begin": begin, "end": end})
         self.tally = replace(self.tally, episodes=self.tally.episodes + bool(end))
 
-    def _upkeep(self, file: RecordFile) -> None:
+    def _upkeep(self) -> None:
         """Twice a second: what was lost is said, the chunk ends, the disk's bounds are kept."""
+        file = self._file
+        if file is None or not self._due():
+            return
         self._note_losses(file)
         file.flush()
         self._flushed = self._now()
         self.tally = replace(self.tally, bytes=file.size)
         old = self._now() - self._file_began >= self._bounds.longest
         if old or file.size >= self._bounds.largest:
-            self._finish("the next file begins" if not old else "an hour")
+            self._finish("an hour" if old else "its size")
         else:
             self._make_room()
             if self.stopped:
                 self._finish(self.stopped)
 
     def _note_losses(self, file: RecordFile) -> None:
-        with self._lock:
-            self.tally = replace(self.tally, dropped=self._dropped, missed=self._missed)
+        self._count()
         lost = self.tally.dropped + self.tally.missed
         if self._session is not None and lost > self._noted:
             line = note(self._session.clocks, self._now(), "dropped", count=lost - self._noted)
@@ -245,7 +270,9 @@ class RecordWriter:
         self._note_losses(file)
         if self.tally.episode is not None:
             self._write_episode(file, "", {})
-        lost = {"dropped": str(self.tally.dropped), "dropped_by_daemon": str(self.tally.missed)}
+        dropped, missed = self.tally.dropped - self._before[0], self.tally.missed - self._before[1]
+        self._before = self.tally.dropped, self.tally.missed
+        lost = {"dropped": str(dropped), "dropped_by_daemon": str(missed)}
         file.metadata(END, {"reason": reason, "messages": str(file.messages), **lost})
         file.finish()
         self._file = None

@@ -25,7 +25,8 @@ from twind.observe.topics import (
     TRAJECTORY,
     VERDICTS,
 )
-from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, CdrError, JointStateLayout, decode
+from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, CdrError, JointStateLayout, decode
+from twind.ros.cdr import HEAD
 
 SECOND = 1e9  # ns
 Times = NDArray[np.int64]
@@ -93,7 +94,7 @@ def _recording(
     def said(topic: str) -> tuple[Said, ...]:
         return tuple(Said((kept.time - start) / SECOND, _json(kept.data)) for kept in topics.get(topic, ()))
 
-    events = said(EVENTS)
+    events, notes = said(EVENTS), said(NOTES)
     mjcf = files.get(MJCF)
     return Recording(
         path=path,
@@ -109,10 +110,10 @@ def _recording(
         verdicts=said(VERDICTS),
         trajectories=_trajectories(topics.get(TRAJECTORY, ()), start),
         statuses=said(STATUS),
-        notes=said(NOTES),
+        notes=notes,
         slow=slow(said(JOINTS), joints),
         latency=hops([(each.time, each.what.get("hops") or ()) for each in said(LATENCY)]),
-        episodes=marked(events),
+        episodes=marked(sorted((*events, *notes), key=lambda each: each.time)),
         meta=meta,
         robot=_attached(files, ROBOT),
         calibration=_attached(files, CALIBRATION),
@@ -184,8 +185,9 @@ class Rows:
 
 
 def _json(data: bytes) -> Mapping[str, Any]:
+    """Of JSON, as it is or in a message of std_msgs/String."""
     try:
-        found = json.loads(data)
+        found = json.loads(decode(STRING, data)["data"] if data.startswith(HEAD) else data)
     except ValueError:
         return {}
     return found if isinstance(found, dict) else {}

@@ -13,10 +13,13 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 
 from twind.ctl.verb import DONE, Rejected, show
-from twind.observe.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap
-from twind.observe.record_file import CHUNK
+from twind.observe.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap, Schema
+from twind.observe.record_file import CHUNK, as_text
 from twind.observe.topics import RECOVERED
+from twind.ros import STRING, definition_text
 from twind.version import __version__
+
+TEXT = -1  # no schema of a file has this number
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +69,10 @@ def run(options: argparse.Namespace) -> int:
     return DONE
 
 
-def recover(path: Path, out: Path | None = None) -> Recovered:
+def recover(path: Path, out: Path | None = None, *, ros: bool = False) -> Recovered:
     """Write all that is whole of `path` to `out`; nothing where it is whole and no `out` is named.
 
+    `ros`: JSON goes into std_msgs/String, since `ros2 bag` reads no file of two encodings.
     Raises Rejected: no MCAP file, nothing in it, or `out` is there already.
     """
     target = out if out is not None else path.with_name(f"{path.stem}-recovered{path.suffix}")
@@ -76,7 +80,7 @@ def recover(path: Path, out: Path | None = None) -> Recovered:
         before = _look(path)
         if before.out is None and out is None:
             return before
-        return _copy(path, target)
+        return _copy(path, target, ros)
     except NotMcap as error:
         raise Rejected(str(error)) from None
     except FileExistsError:
@@ -93,11 +97,11 @@ def _look(path: Path) -> Recovered:
     return _found(file, span, path if file.cut or file.damaged else None)
 
 
-def _copy(path: Path, target: Path) -> Recovered:
+def _copy(path: Path, target: Path, ros: bool) -> Recovered:
     fd = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
     try:
         with open(fd, "wb") as stream:
-            found = _rewrite(path, target, stream)
+            found = _rewrite(path, target, stream, ros)
             stream.flush()
             os.fsync(stream.fileno())
     except BaseException:
@@ -107,7 +111,7 @@ def _copy(path: Path, target: Path) -> Recovered:
     return found
 
 
-def _rewrite(path: Path, target: Path, stream: Any) -> Recovered:
+def _rewrite(path: Path, target: Path, stream: Any, ros: bool) -> Recovered:
     file, span = McapFile(path), _Span()
     writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType.ZSTD)
     schemas: dict[int, int] = {0: 0}
@@ -125,8 +129,10 @@ def _rewrite(path: Path, target: Path, stream: Any) -> Recovered:
         else:
             number = channels.get(each.channel)
             if number is None:
-                number = channels[each.channel] = _channel(writer, file, each.channel, schemas)
-            writer.add_message(number, each.log_time, each.data, each.publish_time, each.sequence)
+                number = channels[each.channel] = _channel(writer, file, each.channel, schemas, ros)
+            wrap = ros and file.channels[each.channel].encoding == "json"
+            data = as_text(each.data) if wrap else each.data
+            writer.add_message(number, each.log_time, data, each.publish_time, each.sequence)
     if not span.messages:
         raise Rejected(f"{path}: no message in it is whole: {file.cut or 'it is empty'}")
     found = _found(file, span, target)
@@ -136,14 +142,17 @@ def _rewrite(path: Path, target: Path, stream: Any) -> Recovered:
     return found
 
 
-def _channel(writer: Writer, file: McapFile, number: int, schemas: dict[int, int]) -> int:
+def _channel(writer: Writer, file: McapFile, number: int, schemas: dict[int, int], ros: bool) -> int:
+    """The new number of a channel. `schemas`: new numbers by old ones, TEXT that of std_msgs/String."""
     channel = file.channels[number]
-    if channel.schema not in schemas:
-        schema = file.schemas[channel.schema]
-        schemas[channel.schema] = writer.register_schema(schema.name, schema.encoding, schema.data)
-    found: int = writer.register_channel(
-        channel.topic, channel.encoding, schemas[channel.schema], channel.metadata
-    )
+    wrap = ros and channel.encoding == "json"
+    kind = TEXT if wrap else channel.schema
+    if kind not in schemas:
+        text = Schema(STRING, "ros2msg", definition_text(STRING).encode())
+        schema = text if wrap else file.schemas[kind]
+        schemas[kind] = writer.register_schema(schema.name, schema.encoding, schema.data)
+    encoding = "cdr" if wrap else channel.encoding
+    found: int = writer.register_channel(channel.topic, encoding, schemas[kind], channel.metadata)
     return found
 
 

@@ -1,0 +1,241 @@
+"""Who writes recordings: files that end in time, bounded disks, counted losses."""
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from recorded import CLOCKS, JOINTS, SESSION, FullDisk, Told, event, mark, state
+
+from twind.observe import record_writer
+from twind.observe.record_file import Disk, RecordFile
+from twind.observe.record_folder import Bounds, fresh, make_room
+from twind.observe.record_lines import Scribe
+from twind.observe.record_writer import RecordWriter
+from twind.observe.recording import Unreadable, open_recording
+from twind.observe.recover import recover
+
+WIDE = Bounds(keep=1 << 40, free=0, file=1 << 40)
+
+
+def metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """As the library's own reader finds them, by the index."""
+    with path.open("rb") as file:
+        return [(each.name, each.metadata) for each in make_reader(file).iter_metadata()]
+
+
+@pytest.fixture
+def told(tmp_path: Path) -> Told:
+    return Told(lambda now: RecordWriter(tmp_path, WIDE, now))
+
+
+def test_what_was_told_half_a_second_ago_is_in_the_file_whatever_happens_now(told: Told) -> None:
+    worst = 0.0
+    for _ in range(300):
+        told.run(0.01)
+        path = told.writer.tally.path
+        assert path is not None
+        found = open_recording(path) if told.time > 100.6 else None
+        if found is not None:
+            worst = max(worst, told.time - 100.0 - (found.start_ns - CLOCKS.wall_ns) / 1e9 - found.time[-1])
+    assert 0.4 < worst < 0.6  # by that a kill at any moment loses less than a second
+
+
+def test_a_session_is_one_file_with_all_that_tells_what_it_is_of(told: Told) -> None:
+    told.run(1.0)
+    told.writer.end()
+    told.writer.step()
+    (path,) = told.writer.tally.files
+    assert path.name == "twind-20261118T110640Z-two.mcap"
+    found = open_recording(path)
+    assert found.joints == JOINTS and found.time.size == 100 and not found.damage
+    assert found.robot == {"name": "two"} and found.mjcf == "<mujoco/>" and found.calibration is None
+    assert metadata(path) == [
+        ("twind", dict(SESSION.about)),
+        (
+            "end",
+            {"reason": "the daemon is gone", "messages": "102", "dropped": "0", "dropped_by_daemon": "0"},
+        ),
+    ]
+
+
+def test_between_two_daemons_nothing_is_written_and_the_next_has_a_file_of_its_own(told: Told) -> None:
+    told.run(0.5)
+    told.writer.end()
+    told.tell(state(200.0))
+    told.writer.begin(SESSION)
+    told.run(0.5)
+    told.writer.close()
+    assert [open_recording(path).time.size for path in told.writer.tally.files] == [50, 50]
+
+
+def test_a_file_ends_at_its_hour(tmp_path: Path) -> None:
+    minute = Bounds(keep=1 << 40, free=0, file=1 << 40, longest=60.0)
+    told = Told(lambda now: RecordWriter(tmp_path, minute, now))
+    told.run(100.0, rate=2.0)
+    told.writer.close()
+    first, second = told.writer.tally.files
+    assert WIDE.longest == 3600.0 and dict(metadata(first))["end"]["reason"] == "an hour"
+    rows = open_recording(first).time.size, open_recording(second).time.size
+    assert sum(rows) == 200 and 119 <= rows[0] <= 121
+
+
+def test_the_oldest_recordings_of_ours_go_and_nobody_elses(tmp_path: Path) -> None:
+    others = [tmp_path / "precious.mcap", tmp_path / "twind-20200101T000000Z-two.mcap.bak"]
+    for path in others:
+        path.write_bytes(bytes(100_000))
+    old = tmp_path / "twind-20200101T000000Z-two.mcap"
+    old.write_bytes(bytes(100_000))
+    told = Told(lambda now: RecordWriter(tmp_path, Bounds(keep=60_000, free=0, file=1 << 40), now))
+    told.run(60.0)
+    told.writer.close()
+    tally = told.writer.tally
+    assert not old.exists() and all(path.exists() for path in others)
+    left = [path for path in tally.files if path.exists()]
+    assert (
+        tally.files[-1] in left and left == list(tally.files[-len(left) :]) and len(left) < len(tally.files)
+    )
+    assert tally.removed == 1 + len(tally.files) - len(left)
+    assert sum(path.stat().st_size for path in left) <= 60_000
+    assert all(not open_recording(path).damage for path in left)
+
+
+def test_a_recording_that_somebody_writes_is_not_removed(tmp_path: Path) -> None:
+    path = fresh(tmp_path, CLOCKS.wall_ns, "h24")
+    file = RecordFile(path, {}, {}, CLOCKS.wall_ns)
+    assert make_room(tmp_path, 0) == [] and path.exists()
+    file.finish()
+    assert make_room(tmp_path, 0) == [path] and not path.exists()
+
+
+def test_names_are_of_the_robot_and_never_taken_twice(tmp_path: Path) -> None:
+    first = fresh(tmp_path, CLOCKS.wall_ns, "../h 24/é")
+    first.touch()
+    second = fresh(tmp_path, CLOCKS.wall_ns, "../h 24/é")
+    assert first.parent == tmp_path and first.name == "twind-20261118T110640Z-h-24-é.mcap"
+    assert second.name == "twind-20261118T110640Z-h-24-é.2.mcap"
+    assert make_room(tmp_path, -1) == [first]
+
+
+def test_the_floor_of_free_space_stops_it_with_a_reason_and_a_whole_file(tmp_path: Path) -> None:
+    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now))
+    told.run(1.0)
+    told.writer._bounds = Bounds(keep=1 << 40, free=1 << 60, file=1 << 40)
+    told.run(1.0)
+    assert "MiB are free, 1099511627776 MiB are to stay so; make room" in told.writer.stopped
+    (path,) = told.writer.tally.files
+    found = open_recording(path)
+    assert not found.damage and 100 <= found.time.size < 200
+
+
+@pytest.mark.parametrize("room", [300, 3_000, 9_000, 9_100, 9_200, 20_000])
+def test_a_full_disk_stops_it_with_a_reason_and_the_file_is_readable(tmp_path: Path, room: int) -> None:
+    def on(path: Path, about: Any, attachments: Any, time_ns: int) -> RecordFile:
+        return RecordFile(path, about, attachments, time_ns, disk=FullDisk(path, room))
+
+    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now, open_file=on))
+    told.run(20.0)
+    told.writer.close()
+    assert told.writer.stopped.endswith("No space left on device")
+    (path,) = tmp_path.iterdir()
+    if room < 9_000:
+        with pytest.raises(Unreadable, match="no message is in it"):
+            open_recording(path)  # a file without a first half second
+    else:
+        with path.open("rb") as file:
+            rows = list(make_reader(file).iter_messages(topics="/hw/joint_states"))
+        assert len(rows) == open_recording(path).time.size >= 49
+    assert path.stat().st_size <= room
+
+
+def test_a_slow_disk_costs_messages_that_are_counted_and_nobody_waits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Stuck(Disk):
+        def write(self, data: bytes | bytearray | memoryview) -> int:
+            moving.wait(10.0)
+            return super().write(data)
+
+    def on(path: Path, about: Any, attachments: Any, time_ns: int) -> RecordFile:
+        return RecordFile(path, about, attachments, time_ns, disk=Stuck(path))
+
+    monkeypatch.setattr(record_writer, "ROOM", 20_000)
+    moving = threading.Event()
+    writer = RecordWriter(tmp_path, WIDE, lambda: 100.0, open_file=on)
+    scribe = Scribe(JOINTS, CLOCKS)
+    writer.begin(SESSION)
+    writer.start()
+    lines = [line for place in range(1000) for line in scribe.take(state(100.0 + place / 100))]
+    taken = [writer.put(line) for line in lines]  # returns at once, though nothing is written
+    rare = [writer.put(line) for line in scribe.take(event(111.0, "ESTOP"))]
+    assert not all(taken) and rare == [True]
+    assert sum(len(line.data) for line, yes in zip(lines, taken, strict=True) if yes) <= 2 * 20_000
+    moving.set()
+    assert writer.close()
+    found = open_recording(writer.tally.files[0])
+    lost = taken.count(False)
+    assert writer.tally.dropped == lost and found.time.size + lost >= 1000
+    assert [note.what["count"] for note in found.notes] == [lost]
+    assert found.events[0].what["code"] == "ESTOP"
+    assert dict(metadata(writer.tally.files[0]))["end"]["dropped"] == str(lost)
+
+
+def test_what_the_daemon_dropped_is_told_in_the_file(told: Told) -> None:
+    told.run(0.3)
+    told.writer.missed(7)
+    told.run(0.5)
+    told.writer.close()
+    found = open_recording(told.writer.tally.files[0])
+    assert [note.what for note in found.notes] == [{"kind": "dropped", "count": 7}]
+    assert dict(metadata(told.writer.tally.files[0]))["end"]["dropped_by_daemon"] == "7"
+
+
+def test_episodes_stand_in_the_file_with_task_times_and_success(told: Told) -> None:
+    told.tell(mark(99.0, "end", "before", success=True))
+    told.tell(mark(101.0, "begin"), mark(103.0, "end", success=True))
+    told.tell(mark(104.0, "begin", "place"), mark(105.0, "begin", "pour"), mark(106.0, "end", success=False))
+    told.tell(mark(107.0, "begin", "wipe"))
+    told.run(1.0)
+    told.writer.close()
+    (path,) = told.writer.tally.files
+    ns = {"": "", **{time: str(CLOCKS.wall(float(time))) for time in range(99, 108)}}
+    kept = [each for name, each in metadata(path) if name == "episode"]
+    rows = [("before", "true", "", 99), ("pick", "true", 101, 103), ("place", "", 104, 105)]
+    rows += [("pour", "false", 105, 106), ("wipe", "", 107, "")]
+    assert kept == [
+        {"task": task, "success": success, "begin": ns[begin], "end": ns[end]}
+        for task, success, begin, end in rows
+    ]
+    found = open_recording(path).episodes
+    assert [each.task for each in found] == ["before", "pick", "place", "pour", "wipe"]
+    assert [each.success for each in found] == [True, True, None, False, None]
+    assert (found[1].begin, found[1].end) == (2.0, 4.0)
+    assert told.writer.tally.episodes == 4
+
+
+def test_an_episode_may_have_a_file_of_its_own_and_nothing_else_does(tmp_path: Path) -> None:
+    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now, per_episode=True))
+    told.run(1.0)
+    for task in ("pick", "place"):
+        told.tell(mark(told.time, "begin", task))
+        told.run(1.0)
+        told.tell(mark(told.time, "end", task, success=True))
+        told.run(1.0)
+    told.writer.close()
+    names = [path.name.split("Z-")[1] for path in told.writer.tally.files]
+    assert names == ["two-pick.mcap", "two-place.mcap"] and len(list(tmp_path.iterdir())) == 2
+    for path in told.writer.tally.files:
+        found = open_recording(path)
+        assert found.time.size == 100 and [each.success for each in found.episodes] == [True]
+
+
+def test_a_named_file_is_never_written_over(tmp_path: Path) -> None:
+    place = tmp_path / "run.mcap"
+    told = Told(lambda now: RecordWriter(place, WIDE, now))
+    told.run(0.5)
+    told.writer.begin(SESSION)
+    told.run(0.5)
+    told.writer.close()
+    assert told.writer.tally.files == (place, tmp_path / "run.2.mcap")
+    assert recover(place).out is None
