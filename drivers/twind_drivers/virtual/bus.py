@@ -4,7 +4,7 @@ Requests that come again and again take a short way: the same sync read, goals b
 goes through the framer to `instructions`. While a fault is ordered, answers take the long way, one by one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import accumulate, groupby
 from typing import Any
 
@@ -55,13 +55,15 @@ class VirtualBus:
         keep_goal: bool = True,
         adapter: Adapter | None = None,
         seed: int = 0,
+        made: Callable[..., Servos] = Servos,
     ) -> None:
         """`baud` is the line's; a servo whose own baud register differs hears and says nothing.
 
         `seed`: of all that is random in the faults; the same orders and bytes then give the same bytes.
+        `made`: what makes the servos, as `Servos` is made; others of that kind may live by other rules.
         """
         self.name = name
-        self.servos = Servos(servos, muscles, now=now, keep_goal=keep_goal)
+        self.servos = made(servos, muscles, now=now, keep_goal=keep_goal)
         self._wire = Wire(baud, timing=wire_timing)
         self._stream = Stream(self._wire, adapter or Adapter(), seed)
         self.faults = Faults(name, self.servos, self._wire, self._stream)

@@ -1,0 +1,201 @@
+"""`twindctl replay`: a fault's file played into a daemon again, and whether the same comes out."""
+
+import argparse
+import contextlib
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, show
+
+if TYPE_CHECKING:
+    from twind.flight import Flight
+    from twind.observe.replaying.bus import ToldBus
+    from twind.observe.replaying.outcome import Outcome
+    from twind.observe.replaying.score import Score
+    from twind.observe.replaying.servos import Passage
+
+TOLERANCE = 0.25  # s that a fault may come earlier or later than it was recorded
+ON_ITS_WAY = 0.001  # s that an answer takes from our thread through a pseudo-terminal to a daemon, with luck
+ABOUT = """\
+FILE is a flight file, as a daemon leaves it behind at a fault and `twindctl dump` writes one. Its servos come
+to life on pseudo-terminals and answer as they did then, with the recorded bytes, noise, cuts and silence
+included. A daemon of its own, with the recorded robot, calibration and settings, is asked what was asked
+then, at the same times. What comes out is compared: verdicts, faults that stayed, the state at the end. Exit
+code 0: the same; 1: different, or it cannot be played.
+
+No port of this machine is opened, no daemon of it is spoken to, and nothing that is in the file is run. The
+replay begins at the first moment at which the robot is at rest without a fault. Only serial buses (Dynamixel)
+are played; a file with CAN buses, and a recording as .mcap (it has states, and no bytes), can be looked at
+with --view."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the verb."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = ABOUT
+    parser.add_argument("file", metavar="FILE", help="a flight file; with --view a recording (.mcap) too")
+    parser.add_argument(
+        "--view", action="store_true", help="show its states in a browser; no daemon is started"
+    )
+    parser.add_argument(
+        "--speed", type=float, metavar="X", help="with --view: so many times as fast (default 1)"
+    )
+    parser.add_argument(
+        "--robot",
+        metavar="FILE",
+        help="this robot file, where the recorded one names meshes that are not in it",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Play or show it. Raises Rejected: it cannot be played; UsageError."""
+    if options.speed is not None and not (options.view and 0.01 <= options.speed <= 100.0):
+        raise UsageError("--speed X goes with --view and is 0.01 to 100: servos and a daemon keep real time")
+    if options.view:
+        return _view(options)
+    flight = _load(Path(options.file))
+    score, replayed, share = _play(flight, None if options.robot is None else Path(options.robot))
+    return _report(options, flight, score, replayed, share)
+
+
+def _load(path: Path) -> "Flight":
+    from twind.flight import FlightError, load
+
+    if path.suffix == ".mcap":
+        raise UsageError(
+            f"{path}: a recording has states and no bytes of a bus: `twindctl replay --view {path}`"
+        )
+    try:
+        return load(path)
+    except (FlightError, OSError) as error:
+        raise Rejected(str(error)) from None
+
+
+# ------------------------------------------------------------------------------------------- playing
+
+
+def _play(flight: "Flight", robot: Path | None) -> tuple["Score", "Outcome", float]:
+    """What was asked, what came of it now, and the share of questions answered with recorded bytes."""
+    from twind.observe.replaying.conductor import Conductor
+    from twind.observe.replaying.daemon import Daemon
+    from twind.observe.replaying.ports import Ports
+    from twind.observe.replaying.score import Unplayable, score
+    from twind.observe.replaying.servos import Passage
+    from twind.observe.replaying.stage import lay_out
+    from twind.observe.replaying.story import Unknown
+    from twind_drivers.clock import MonotonicClock
+
+    clock = MonotonicClock()
+    try:
+        asked = score(flight)
+        passage = Passage(asked.begin)
+        with contextlib.ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="twind-replay-")))
+            files = lay_out(flight.briefing, folder, robot)
+            places = folder / "ports", folder / "run"
+            for place in places:
+                place.mkdir()
+            buses = list(_buses(flight, asked, passage, clock.now))
+            ports = stack.enter_context(Ports(buses, places[0], clock))
+            daemon = stack.enter_context(Daemon(files, asked.mode, ports.paths, places[1]))
+            conductor = stack.enter_context(
+                contextlib.closing(Conductor(asked, daemon.sockets, passage, clock))
+            )
+            conductor.prepare()
+            replayed = conductor.play()
+            ports.check()
+            verbatim, made = (sum(getattr(bus, what) for bus in buses) for what in ("verbatim", "made"))
+            return asked, replayed, verbatim / max(1, verbatim + made)
+    except (Unplayable, Unknown) as error:
+        raise Rejected(f"this file cannot be played: {error}") from None
+
+
+def _buses(flight: "Flight", asked: "Score", passage: "Passage", now: Any) -> Iterator["ToldBus"]:
+    """Raises Unplayable: a bus that is not serial."""
+    from twind.observe.replaying.bus import ToldBus
+    from twind.observe.replaying.score import VIEW, Unplayable
+    from twind.observe.replaying.story import story
+
+    for place, bus in enumerate(flight.briefing.description["buses"]):
+        if bus["kind"] == "can":
+            raise Unplayable(f"bus {bus['name']} is a CAN bus: only serial buses are played; {VIEW}")
+        yield ToldBus(
+            story(bus["name"], place, flight.contents),
+            passage,
+            baud=bus["baud"],
+            period=1.0 / flight.briefing.rate_hz,
+            armed=asked.armed,
+            now=now,
+            leads=place == 0,
+            head_start=ON_ITS_WAY,
+        )
+
+
+# ------------------------------------------------------------------------------------------- telling
+
+
+def _report(
+    options: argparse.Namespace, flight: "Flight", score: "Score", replayed: "Outcome", share: float
+) -> int:
+    from twind.observe.replaying.outcome import differences
+
+    found = list(differences(score.recorded, replayed, TOLERANCE))
+    told = {
+        "file": options.file,
+        "version": flight.briefing.version,
+        "seconds": round(score.end - score.begin, 3),
+        "verbatim": round(share, 3),
+        "left_out": list(score.left_out),
+        "recorded": score.recorded.plain(),
+        "replayed": replayed.plain(),
+        "differences": found,
+    }
+    show(options, told, "\n".join(_lines(options.file, flight, score, replayed, share, found)))
+    return REFUSED if found else DONE
+
+
+def _lines(
+    file: str, flight: "Flight", score: "Score", replayed: "Outcome", share: float, found: Sequence[str]
+) -> Iterator[str]:
+    briefing = flight.briefing
+    yield f"{file}: {briefing.robot}, {score.mode}, recorded by twind {briefing.version}"
+    yield f"played {score.end - score.begin:.1f} s; {share:.0%} of the questions had their recorded answers"
+    yield from (f"not asked again: {what}" for what in score.left_out)
+    yield from _outcome("recorded", score.recorded)
+    if found:
+        yield from _outcome("replayed", replayed)
+        yield "different:"
+        yield from (f"  {each}" for each in found)
+    else:
+        yield f"replayed: the same (times of faults within {TOLERANCE:g} s)"
+
+
+def _outcome(what: str, outcome: "Outcome") -> Iterator[str]:
+    yield f"{what}:"
+    for number, each in enumerate(outcome.answers, 1):
+        yield f"  {number:3}  {each.words()}"
+    for (code, joint), time in sorted(outcome.faults.items(), key=lambda each: each[1]):
+        yield f"  fault {code}{'' if joint is None else ' ' + joint} after {time:.2f} s"
+    yield f"  at the end {outcome.state}, {outcome.mode}, {'armed' if outcome.armed else 'not armed'}"
+
+
+# ------------------------------------------------------------------------------------------- looking
+
+
+def _view(options: argparse.Namespace) -> int:
+    """The states in the viewer, until Ctrl-C."""
+    from twind.observe.recording import open_recording
+    from twind.observe.replaying.shown import messages
+    from twind.observe.viewing import show as show_in_browser
+    from twind_drivers.clock import MonotonicClock
+
+    recording = open_recording(Path(options.file))
+    if recording.robot is None or recording.mjcf is None:
+        raise Rejected(
+            f"{options.file}: there is no robot in it to be shown; record it with `twindctl record`"
+        )
+    robot = {"robot": recording.robot, "calibration": recording.calibration, "mjcf": recording.mjcf}
+    paced = messages(recording, MonotonicClock(), options.speed or 1.0)
+    return show_in_browser(robot, paced, title=f"{recording.path.name}")

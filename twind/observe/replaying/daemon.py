@@ -1,0 +1,70 @@
+"""A daemon of a replay's own: files of the recording, ports on pseudo-terminals, sockets in a folder."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from twind.config.ports import virtual_port
+from twind.observe.replaying.score import Unplayable
+from twind.observe.replaying.stage import Files
+
+START = 60.0  # s until its sockets are there
+END = 10.0  # s that it may take to end
+WORDS = 2000  # characters of its own words that are told
+OURS = ("LISTEN_", "NOTIFY_", "WATCHDOG_", "STATE_DIRECTORY", "XDG_")  # of the environment: not for it
+
+
+class Daemon:
+    """Context manager: it listens in `sockets` inside, and is gone outside."""
+
+    def __init__(self, files: Files, mode: str, ports: Mapping[str, Path], sockets: Path) -> None:
+        """Every bus of the robot has its port here, so that none of the robot file's is ever opened."""
+        self.sockets, self._log = sockets, sockets / "log"
+        # -P: no module of the folder that this happened to be started in.
+        command = [sys.executable, "-P", "-m", "twind.cli", "--config", str(files.config), "--mode", mode]
+        command += ["--robot", str(files.robot), "--socket", str(sockets)]
+        command += [] if files.calibration is None else ["--calibration", str(files.calibration)]
+        for name, path in ports.items():
+            command += ["--port", f"{name}={virtual_port('dynamixel2', str(path))}"]
+        mine = {key: value for key, value in os.environ.items() if not key.startswith(OURS)}
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=mine, start_new_session=True
+            )
+
+    def __enter__(self) -> "Daemon":
+        try:
+            self._await()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+
+    @property
+    def words(self) -> str:
+        """What it said, at its end."""
+        return self._log.read_text(errors="replace")[-WORDS:].strip()
+
+    def _await(self) -> None:
+        deadline = time.monotonic() + START
+        while not (self.sockets / "observe.sock").is_socket():
+            if self._process.poll() is not None or time.monotonic() > deadline:
+                raise Unplayable(f"the daemon did not start: {self.words}")
+            time.sleep(0.02)
+
+    def _end(self) -> None:
+        """A robot that has torque is lowered first, which takes as long as it takes: it is no robot."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+        try:
+            self._process.wait(0.5)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(END)

@@ -1,0 +1,134 @@
+"""What came of the commands: answers in the order of asking, faults that stayed, the state at the end. Pure.
+
+Built from the loop's own messages, or from what a client is told; two of them are compared here.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+LATCHED = ("fault", "estop", "inhibited")  # states in which somebody has to acknowledge what was found
+ENDED = ("succeeded", "cancelled", "replaced", "aborted")  # phases after which nothing more is reported
+
+Named = tuple[str, str | None]  # code, joint
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What came of one command."""
+
+    method: str
+    error: str | None = None  # of the interface, without its prefix
+    findings: tuple[Named, ...] = ()  # why: codes in their order, with their joints
+    phase: str | None = None  # of a trajectory, the last that was told
+    answered: bool = True
+
+    def words(self) -> str:
+        """For people."""
+        if not self.answered:
+            return f"{self.method}: not answered"
+        said = self.error or self.phase or "done"
+        found = ", ".join(code if joint is None else f"{code} {joint}" for code, joint in self.findings)
+        return f"{self.method}: {said}" + (f" ({found})" if found else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What is compared."""
+
+    answers: tuple[Answer, ...]
+    faults: Mapping[Named, float]  # that stayed until they were acknowledged, or to the end -> s since begin
+    state: str  # at the end
+    mode: str
+    armed: bool
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "answers": [
+                {
+                    "method": each.method,
+                    "error": each.error,
+                    "phase": each.phase,
+                    "findings": [{"code": code, "joint": joint} for code, joint in each.findings],
+                }
+                for each in self.answers
+                if each.answered
+            ],
+            "faults": [
+                {"code": code, "joint": joint, "time": round(time, 3)}
+                for (code, joint), time in sorted(self.faults.items(), key=lambda each: each[1])
+            ],
+            "state": self.state,
+            "mode": self.mode,
+            "armed": self.armed,
+        }
+
+
+def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None = None) -> Answer:
+    """Of the parameters of all replies to one call, joints named; `error`: with which the last one came."""
+    if not replies:
+        return Answer(method, answered=False)
+    last, phases = replies[-1], [each["phase"] for each in replies if each.get("phase")]
+    found = [*(last.get("findings") or ()), *((last.get("verdict") or {}).get("refusals") or ())]
+    named = tuple((str(each["code"]), each["joint"]) for each in found)
+    return Answer(method, error, named, phases[-1] if phases else None)
+
+
+@dataclass
+class Standing:
+    """The faults that stay: of those that are told while a state is latched, what is there at its end."""
+
+    _since: dict[Named, float] = field(default_factory=dict)  # of all that are told now
+    _last: dict[Named, float] = field(default_factory=dict)  # of those, in a latched state
+    _kept: dict[Named, float] = field(default_factory=dict)
+    _before: bool = False
+
+    def look(self, time: float, state: str, faults: Sequence[Named]) -> None:
+        """What is told at `time` (s)."""
+        self._since = {each: self._since.get(each, time) for each in faults}
+        if state in LATCHED:
+            self._last = dict(self._since)
+        elif self._before:
+            self._keep()
+        self._before = state in LATCHED
+
+    def end(self) -> dict[Named, float]:
+        """All of them, and since when."""
+        if self._before:
+            self._keep()
+        return dict(self._kept)
+
+    def _keep(self) -> None:
+        self._kept = {**self._last, **self._kept}
+        self._last = {}
+
+
+def differences(recorded: Outcome, replayed: Outcome, tolerance: float) -> Iterator[str]:
+    """What came out differently, in words; times may differ by `tolerance` (s)."""
+    pairs = zip(recorded.answers, replayed.answers, strict=True)
+    for number, (then, now) in enumerate(pairs, 1):
+        if not _same(then, now):
+            yield f"command {number}: recorded {then.words()}; replayed {now.words()}"
+    for named, time in recorded.faults.items():
+        what = " ".join(filter(None, named))
+        if named not in replayed.faults:
+            yield f"fault {what} after {time:.2f} s did not come"
+        elif abs(late := replayed.faults[named] - time) > tolerance:
+            yield f"fault {what}: recorded after {time:.2f} s, replayed {late:+.2f} s from that"
+    for named, time in replayed.faults.items():
+        if named not in recorded.faults:
+            yield f"fault {' '.join(filter(None, named))} after {time:.2f} s was not recorded"
+    for what in ("state", "mode", "armed"):
+        then, now = getattr(recorded, what), getattr(replayed, what)
+        if then != now:
+            yield f"{what} at the end: recorded {then}, replayed {now}"
+
+
+def _same(then: Answer, now: Answer) -> bool:
+    """What the recording does not tell to its end is compared as far as it goes."""
+    if not then.answered:
+        return True
+    if (then.error, then.findings) != (now.error, now.findings) or not now.answered:
+        return False
+    return then.phase not in ENDED or then.phase == now.phase

@@ -1,0 +1,89 @@
+"""The buses of a recording on pseudo-terminals, served by a thread of this process until it is closed."""
+
+import gc
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from threading import Thread
+
+from twind.observe.replaying.bus import ToldBus
+from twind.virtual.pty_port import PtyPort
+from twind.virtual.serve import Server, ServoClock
+from twind_drivers.clock import Clock
+
+PRIORITY = 41  # SCHED_FIFO, above a daemon's loop: an adapter waits for nobody
+SWITCH = 0.0005  # s between two threads of Python: else an answer waits 5 ms for whoever computes
+
+
+class OneClock(ServoClock):
+    """The clock of whoever commands as well: no time is left out."""
+
+    def __init__(self, clock: Clock) -> None:
+        super().__init__(clock)
+        self._real = clock
+
+    @property
+    def lost(self) -> float:
+        """None is."""
+        return 0.0
+
+    def now(self) -> float:
+        """s."""
+        return self._real.now()
+
+
+class Ports:
+    """Context manager: `paths` by bus name are there inside, and gone outside."""
+
+    def __init__(self, buses: Sequence[ToldBus], folder: Path, clock: Clock) -> None:
+        """Links in `folder`, which is there, keep their names when a port comes back as another one.
+
+        Raises OSError: no pseudo-terminal to be had.
+        """
+        self.paths: Mapping[str, Path] = {bus.name: folder / bus.name for bus in buses}
+        self._ports = {name: PtyPort(name, link) for name, link in self.paths.items()}
+        for bus in buses:
+            bus.on_plug = self._plugging(self._ports[bus.name])
+        self._server = Server({bus.name: bus for bus in buses}, self._ports, OneClock(clock), lambda *_: None)
+        self._failure: Exception | None = None
+        self._thread = Thread(target=self._run, name="ports", daemon=True)
+
+    def __enter__(self) -> "Ports":
+        self._before = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH)
+        gc.freeze()  # a whole recording: to look through it takes longer than an answer may
+        self._thread.start()
+        _first()  # or whoever waits for the thread that commands would wait with it for other programs
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._server.ended = True
+        self._thread.join()
+        for port in self._ports.values():
+            port.close()
+        sys.setswitchinterval(self._before)
+        gc.unfreeze()
+
+    def _run(self) -> None:
+        _first()
+        try:
+            self._server.run()
+        except Exception as error:  # noqa: BLE001 - said by `check`, in the thread that waits for the replay
+            self._failure = error
+
+    @staticmethod
+    def _plugging(port: PtyPort) -> Callable[[bool], None]:
+        return lambda there: port.plug() if there else port.unplug()
+
+    def check(self) -> None:
+        """Raises what ended the thread, if anything did."""
+        if self._failure is not None:
+            raise self._failure
+
+
+def _first() -> None:
+    """This thread before the other programs of this machine, where that is allowed; no child of it."""
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))

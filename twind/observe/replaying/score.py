@@ -1,0 +1,177 @@
+"""What was asked of the daemon of a recording, from when on it can be asked again, what came of it. Pure."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from twind import link
+from twind.flight import Flight, Kind
+from twind.front.naming import Names
+from twind.link import Adopt, Gone, Outward, Overview, Reply, Submit, Tick, decode_command, decode_news
+from twind.observe.replaying.outcome import Answer, Outcome, Standing, answer
+from twind.robot.arrays import Floats
+
+REST = ("idle", "holding")  # motions
+FIT = ("connected", "armed")  # states of a robot that a replay can begin with; in sim also without a bus
+VIEW = "`twindctl replay --view FILE` shows it all the same"
+
+
+class Unplayable(Exception):
+    """A recording that cannot be played into a daemon; says why, and what can be done."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """One command, or the end of a client."""
+
+    time: float  # s, of the recording
+    command: link.Command | Gone
+    data: bytes  # arrays of a trajectory
+
+    @property
+    def method(self) -> str:
+        """As the interface calls it."""
+        if isinstance(self.command, Submit):
+            return "Check" if self.command.check_only else "SubmitTrajectory"
+        return type(self.command).__name__
+
+
+@dataclass(frozen=True)
+class Score:
+    """From `begin` (s, of the recording) to `end`."""
+
+    names: tuple[str, ...]
+    begin: float
+    end: float
+    mode: str
+    armed: bool
+    holder: int  # the client that had the lease at the beginning, 0: none
+    goal: Floats  # rad (n,), what joints were told at the beginning, NaN: nothing
+    asked: tuple[Asked, ...]
+    recorded: Outcome
+    left_out: tuple[str, ...]  # what is not asked again, in words
+
+    @property
+    def commands(self) -> tuple[Asked, ...]:
+        """Those that are answered."""
+        return tuple(each for each in self.asked if isinstance(each.command, link.Command))
+
+
+def score(flight: Flight) -> Score:
+    """Raises Unplayable."""
+    names = Names([joint.name for joint in flight.briefing.joints])
+    heard = list(_news(flight))
+    if not heard:
+        raise Unplayable("the recording holds no states: nothing was recorded yet")
+    tick, overview = _beginning(heard)
+    begin = tick.time
+    asked, left_out = _asked(flight, begin)
+    commands = [each.command for each in asked if isinstance(each.command, link.Command)]
+    return Score(
+        names=names.joints,
+        begin=begin,
+        end=flight.contents.entries[-1].time,
+        mode=tick.mode,
+        armed=tick.armed,
+        holder=overview.lease_client,
+        goal=np.frombuffer(tick.goal, "<f8").copy(),
+        asked=tuple(asked),
+        recorded=outcome(names, begin, commands, [each for each in heard if _time(each, begin) >= begin]),
+        left_out=tuple(left_out),
+    )
+
+
+def outcome(names: Names, begin: float, commands: Sequence[link.Command], news: Sequence[Outward]) -> Outcome:
+    """What these messages of a loop say of its commands. `begin`: s, from which faults are counted."""
+    replies: dict[int, list[Reply]] = {}
+    standing, tick = Standing(), None
+    for each in news:
+        if isinstance(each, Reply):
+            replies.setdefault(each.ticket, []).append(each)
+        elif isinstance(each, Tick):
+            tick = each
+        elif isinstance(each, Overview) and tick is not None:
+            faults = [(fault.code.value, names.name(fault.joint)) for fault in each.faults]
+            standing.look(each.time - begin, tick.state, faults)
+    answers = tuple(_answer(names, each, replies.get(each.ticket, [])) for each in commands)
+    state, mode, armed = ("", "", False) if tick is None else (tick.state, tick.mode, tick.armed)
+    return Outcome(answers, standing.end(), state, mode, armed)
+
+
+def _answer(names: Names, command: link.Command, replies: list[Reply]) -> Answer:
+    plain = [names.reply(msgspec.to_builtins(reply.parameters)) for reply in replies]
+    method = Asked(0.0, command, b"").method
+    return answer(method, plain, replies[-1].error if replies else None)
+
+
+# ------------------------------------------------------------------------------------------ reading
+
+
+def _news(flight: Flight) -> Iterator[Outward]:
+    for entry in flight.contents.entries:
+        if entry.kind == Kind.NEWS:
+            try:
+                yield decode_news(entry.data)
+            except msgspec.DecodeError as error:
+                raise _foreign(flight, "messages", error) from None
+
+
+def _time(news: Outward, otherwise: float) -> float:
+    """s; answers have none of their own, and belong to commands that do."""
+    return float(getattr(news, "time", otherwise))
+
+
+def _beginning(news: Sequence[Outward]) -> tuple[Tick, Overview]:
+    """The first moment of a robot at rest, all of it heard, with nothing latched, and what was told of it.
+
+    Raises Unplayable: there is none.
+    """
+    overview: Overview | None = None
+    why = "its robot is never at rest"
+    for each in news:
+        if isinstance(each, Overview):
+            overview = each
+        if not isinstance(each, Tick) or overview is None or each.motion not in REST:
+            continue
+        if each.mode == "sim":
+            fit = each.state == "disconnected"
+        else:
+            fit = each.state in FIT
+        if fit and (not each.armed or (all(each.heard) and not overview.faults)):
+            return each, overview
+        why = f"at rest its robot is {each.state}" + (", with faults" if overview.faults else "")
+    raise Unplayable(f"there is no moment to begin at: {why}; {VIEW}")
+
+
+def _asked(flight: Flight, begin: float) -> tuple[list[Asked], list[str]]:
+    found: list[Asked] = []
+    left_out: list[str] = []
+    for entry in flight.contents.entries:
+        if entry.time < begin:
+            continue
+        if entry.kind == Kind.COMMAND:
+            command = _decoded(flight, entry.data)
+            if isinstance(command, Adopt):
+                left_out.append("a reload: the daemon has the values of the file from its beginning")
+            elif isinstance(command, link.Command | Gone):
+                found.append(Asked(entry.time, command, b""))
+        elif entry.kind == Kind.ARRAYS and found and isinstance(found[-1].command, Submit):
+            found[-1] = Asked(found[-1].time, found[-1].command, entry.data)
+    whole = [each for each in found if not isinstance(each.command, Submit) or each.data]
+    left_out += ["a trajectory whose points were not recorded"] * (len(found) - len(whole))
+    return whole, left_out
+
+
+def _decoded(flight: Flight, data: bytes) -> Any:
+    try:
+        return decode_command(data)
+    except msgspec.DecodeError as error:
+        raise _foreign(flight, "commands", error) from None
+
+
+def _foreign(flight: Flight, what: str, error: Exception) -> Unplayable:
+    version = flight.briefing.version
+    return Unplayable(f"this version does not read the {what} of twind {version} ({error}): use that one")

@@ -1,0 +1,203 @@
+"""What the bytes of one bus tell of its devices: a servo's registers as a recording has them. Pure.
+
+Three kinds of change. What only a servo writes (positions, temperatures) is as it was last read. What a host
+writes (torque, gains, goals) is the business of whoever is the host now; but where the recording reads
+something else than its host wrote, the servo changed it itself, and that happens again. A device that was
+asked and not heard is silent until it is heard.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from twind.flight import Contents, Entry, Kind
+from twind.observe.replaying.wire import FIRMWARE, Exchange, exchanges
+from twind_drivers.dynamixel.packet import ALERT
+from twind_drivers.dynamixel.tables import Field, Table, table
+
+SILENT, HEARD, READ, CHANGED, DAMAGED = range(5)
+
+
+class Unknown(Exception):
+    """The recording does not tell enough of a bus to play it."""
+
+
+class Turn(NamedTuple):
+    """One thing that happens to one device."""
+
+    time: float  # s
+    what: int  # SILENT, HEARD; READ: `data` from `address`; CHANGED: that field by itself; DAMAGED: bits
+    id: int
+    address: int = 0
+    data: bytes = b""
+
+
+@dataclass(frozen=True)  # no slots: what follows from it is worked out once
+class Story:
+    """One bus of a recording. Times are those of the recording, s."""
+
+    name: str
+    kept: tuple[Exchange, ...]  # of its last identification, from before the ring perhaps
+    told: tuple[Exchange, ...]  # of the ring
+    plugs: tuple[tuple[float, bool], ...]  # the port was opened or lost, in time order
+    last: float  # of all that is told of it
+
+    @cached_property
+    def tables(self) -> Mapping[int, Table]:
+        """Of each id that ever said what it is. Raises Unknown: a model that no table has."""
+        try:
+            return {id: table(*each) for id, each in self.models.items()}
+        except KeyError as error:
+            raise Unknown(f"bus {self.name}: {error.args[0]}") from None
+
+    @cached_property
+    def models(self) -> Mapping[int, tuple[int, int]]:
+        """Model number and firmware of each id that ever said them."""
+        said: dict[int, tuple[int, int]] = {}
+        for each in (each for exchange in (*self.kept, *self.told) for each in exchange.told):
+            number, firmware = said.get(each.id, (-1, 0))
+            number = _part(each.address, each.data, 0, 2, number)
+            said[each.id] = number, _part(each.address, each.data, FIRMWARE, 1, firmware)
+        return {id: each for id, each in said.items() if each[0] >= 0}
+
+    def turns(self) -> list[Turn]:
+        """Everything that happens to its devices, in time order."""
+        return sorted(_turns(self), key=lambda each: each.time)
+
+    def plugged(self, time: float) -> bool:
+        """Was the port there then? Before the first word of it: as that does not say."""
+        before = [there for at, there in self.plugs if at <= time]
+        if before:
+            return before[-1]
+        return not self.plugs or not self.plugs[0][1] or bool(self.kept)
+
+
+def story(name: str, bus: int, contents: Contents) -> Story:
+    """Of the bus at that place of the robot's order."""
+    own = [each for each in contents.entries if each.bus == bus]
+    kept = contents.kept.get(bus, ())
+    ring = [each for each in own if each.kind in (Kind.OUT, Kind.IN)]
+    first = ring[0].time if ring else float("inf")
+    return Story(
+        name,
+        tuple(exchanges(each for each in kept if each.time < first)),
+        tuple(exchanges(ring)),
+        tuple(_plugs(own)),
+        own[-1].time if own else 0.0,
+    )
+
+
+BACK = 0.03  # s that a port is there again before it was opened: it is looked for every 0.1 s and more rarely
+GONE = 0.001  # s, at most, that it was gone before that was found out
+
+
+def _plugs(entries: Sequence[Entry]) -> Iterator[tuple[float, bool]]:
+    """Gone half-way between the last byte and its loss; back shortly before it was opened."""
+    before = float("-inf")
+    for entry in entries:
+        if entry.kind == Kind.PORT and entry.data.startswith(b"lost"):
+            yield max(entry.time - GONE, (before + entry.time) / 2.0), False
+        elif entry.kind == Kind.PORT:
+            yield entry.time - BACK, True
+        before = entry.time
+
+
+def _part(address: int, data: bytes, wanted: int, size: int, before: int) -> int:
+    """The number at `wanted`, where `data` from `address` holds it."""
+    at = wanted - address
+    if address < 0 or at < 0 or at + size > len(data):
+        return before
+    return int.from_bytes(data[at : at + size], "little")
+
+
+# ------------------------------------------------------------------------------------------ what happens
+
+
+class Witness:
+    """What is known of one device while its exchanges are gone through."""
+
+    def __init__(self, id: int, made: Table) -> None:
+        self.id, self._table = id, made
+        self._fields: dict[tuple[int, int], list[Field]] = {}
+        self._fault = made.fields.get("hardware_error_status")
+        self._known: dict[
+            str, tuple[float, bytes]
+        ] = {}  # of what a host writes: as written or read last, when
+        self._alerts_since = float("inf")  # s, when it began to say that something is wrong
+        self._bits = 0  # what is wrong since then, as far as it was read
+        self._silent = True  # until it was heard
+
+    def missed(self, time: float) -> Iterator[Turn]:
+        """It was asked, and said nothing that counts."""
+        if not self._silent:
+            self._silent = True
+            yield Turn(time, SILENT, self.id)
+
+    def look_away(self) -> None:
+        """What came next was not recorded: a host may have written anything meanwhile."""
+        self._known.clear()
+
+    def written(self, time: float, address: int, data: bytes) -> None:
+        """The recording's host wrote this."""
+        for each in self._host(address, len(data)):
+            at = each.address - address
+            self._known[each.key] = time, data[at : at + each.size]
+
+    def heard(self, time: float, error: int, address: int, data: bytes) -> Iterator[Turn]:
+        """It answered at `time`."""
+        if self._silent:
+            self._silent = False
+            yield Turn(time, HEARD, self.id)
+        alert = error & ALERT != 0
+        self._alerts_since = min(self._alerts_since, time) if alert else float("inf")
+        self._bits = self._bits if alert else 0
+        if address < 0:
+            return
+        yield Turn(time, READ, self.id, address, data)
+        yield from self._damage(address, data)
+        for each in self._host(address, len(data)):
+            at = each.address - address
+            value = data[at : at + each.size]
+            since, before = self._known.get(each.key, (time, value))
+            if value != before:  # nobody wrote that: it changed between the two looks
+                yield Turn((since + time) / 2.0, CHANGED, self.id, each.address, value)
+            self._known[each.key] = time, value
+
+    def _damage(self, address: int, data: bytes) -> Iterator[Turn]:
+        """The bits are read after the first alert, and hold since then."""
+        fault = self._fault
+        bits = 0 if fault is None else _part(address, data, fault.address, 1, 0)
+        if bits != self._bits and self._alerts_since < float("inf"):
+            self._bits = bits
+            yield Turn(self._alerts_since, DAMAGED, self.id, data=bytes((bits,)))
+
+    def _host(self, address: int, size: int) -> list[Field]:
+        """Registers in RAM that a host writes, of those that lie whole in this span."""
+        key = address, size
+        if key not in self._fields:
+            self._fields[key] = [
+                each
+                for each in self._table.fields.values()
+                if each.rule.writable and not each.eeprom and address <= each.address
+                if each.end <= address + size
+            ]
+        return self._fields[key]
+
+
+def _turns(story: Story) -> Iterator[Turn]:
+    seen = {id: Witness(id, made) for id, made in story.tables.items()}
+    first = story.told[0] if story.told else None
+    for exchange in (*story.kept, *story.told):
+        if exchange is first:
+            for witness in seen.values():
+                witness.look_away()
+        for each in exchange.told:
+            if each.id in seen:
+                yield from seen[each.id].heard(exchange.time, each.error, each.address, each.data)
+        for id in exchange.missed:
+            if id in seen:
+                yield from seen[id].missed(exchange.time)
+        for span in exchange.writes:
+            if span.id in seen:
+                seen[span.id].written(exchange.time, span.address, span.data)
