@@ -1,0 +1,66 @@
+"""a recording as one picture for reports: tracking, effort, latency, temperature, supply, what happened
+
+Of an .mcap or a .flight file, a page of A4 as PNG. Of many joints the worst followed are drawn in colour, the
+others thin and grey. What is not known is a gap.
+"""
+
+import argparse
+import re
+from importlib.util import find_spec
+from math import inf, isfinite
+from pathlib import Path
+
+from twind.ctl.verb import DONE, Rejected, UsageError, show
+
+REMEDY = "pip install 'twind[plot]'"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the verb."""
+    parser.add_argument("file", metavar="FILE", type=Path, help="an .mcap or .flight file")
+    parser.add_argument(
+        "--out", metavar="PNG", type=Path, help="where to (default: beside FILE, its name + .png)"
+    )
+    parser.add_argument(
+        "--joints",
+        metavar="NAME,...",
+        help="the joints in colour, at most 8 (default: the six that are followed worst)",
+    )
+    parser.add_argument(
+        "--from", dest="begin", type=seconds, default=-inf, metavar="S", help="s from the start"
+    )
+    parser.add_argument("--to", dest="end", type=seconds, default=inf, metavar="S", help="s from the start")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Exit code 0: it is written. Raises UsageError, Rejected."""
+    if find_spec("matplotlib") is None:
+        raise UsageError(f"plot needs matplotlib: {REMEDY}")
+    if not options.begin < options.end:
+        raise UsageError(f"--from {options.begin:g} --to {options.end:g}: there is nothing between them")
+    from twind.observe.plotting import figure, save
+    from twind.observe.recording import open_recording
+
+    recording = open_recording(options.file)
+    chosen = None if options.joints is None else tuple(filter(None, re.split(r"[,\s]+", options.joints)))
+    try:
+        made = figure(recording, chosen, (options.begin, options.end))
+    except ValueError as error:
+        raise Rejected(f"{options.file}: {error}") from None
+    out = options.out or options.file.with_name(options.file.name + ".png")
+    try:
+        save(made, out)
+    except OSError as error:
+        raise Rejected(f"{out}: {error.strerror or error}") from None
+    damage = f" ({recording.damage})" if recording.damage else ""
+    data = {"file": str(options.file), "out": str(out), "damage": recording.damage}
+    show(options, data, f"{out}: {recording.duration:.1f} s of {len(recording.joints)} joints{damage}")
+    return DONE
+
+
+def seconds(text: str) -> float:
+    """A finite number. Raises ValueError, of which argparse makes a usage error."""
+    value = float(text)
+    if not isfinite(value):
+        raise ValueError(text)
+    return value
