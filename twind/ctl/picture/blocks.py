@@ -130,7 +130,7 @@ def recorder(view: View, width: int) -> Block:
             label = _OUTCOMES[episode.success]
             parts = [(f"{episode.task}, {spent} long", ""), label, (f"{ago(view.now - episode.end)} ago", "")]
         rows.append(_labelled("episode", parts, width))
-    return Block("recorders", (), [Row(each) for each in rows], min(len(rows), 1))
+    return Block("recorder", (), [Row(each) for each in rows], min(len(rows), 1))
 
 
 def refusals(view: View, width: int) -> Block:

@@ -19,11 +19,11 @@ from twind.ctl.picture.blocks import (
     trouble,
 )
 from twind.ctl.picture.joints import joints
-from twind.ctl.picture.lines import Line, beside, fitting, line
+from twind.ctl.picture.lines import Line, beside, cut, fitting, line
 from twind.ctl.picture.timing import buses, hops, lateness
 from twind.ctl.picture.view import View
 
-WIDE, LEFT, GAP = 170, 104, 3  # columns from which there are two sides; of the left one; between them
+WIDE, LEFT, GAP = 185, 110, 3  # columns from which there are two sides; of the left one; between them
 Make = Callable[[View, int], Block]
 # Pages and sides are tiers of blocks: the second tier has what the first one leaves.
 PAGES: Mapping[str, Sequence[Sequence[Make]]] = {
@@ -67,7 +67,8 @@ def picture(
     else:
         body, hidden = _packed(PAGES[chosen.page], view, width, room, chosen.offset)
     body += [()] * (room - len(body))
-    return [*top, *body, _keys(chosen, hidden, width, now)][: max(1, height)]
+    lines = [*top, *body, _keys(chosen, hidden, width, now)]
+    return [cut(each, width) for each in lines[:height]]
 
 
 def _packed(

@@ -47,7 +47,7 @@ def _bus(bus: Answer, rate: float | None, wanted: float, sizes: Sequence[int], w
         (right(str(bus["errors"]), 9), "warn" if bus["errors"] else ""),
     ]
     if warned:
-        spans.append(("  ! warned of", "warn"))
+        spans.append((" !", "warn"))
     return Row(cut(line(*spans), width), urgent=not on or slow or warned)
 
 
@@ -75,14 +75,14 @@ def lateness(view: View, width: int) -> Block:
     """How late ticks began in the whole run: a bar a bucket, logarithmic, so that a single one is seen."""
     buckets = merged(view.lateness, BARS)
     if not buckets:
-        return Block("bars", (), (), 0)
+        return Block("lateness", (), (), 0)
     total, most = sum(count for _, count in buckets), max(count for _, count in buckets)
     size = max(4, min(40, width - 36))
     rows = [
         _bar(upper, count, count / total, log(1 + count) / log(1 + most), size) for upper, count in buckets
     ]
     title = titled("ticks began late by", width)
-    return Block("bars", (title,), [Row(cut(each, width)) for each in rows], 1 + len(rows))
+    return Block("lateness", (title,), [Row(cut(each, width)) for each in rows], 1 + len(rows))
 
 
 def _bar(upper: float | None, count: int, share: float, long: float, size: int) -> Line:

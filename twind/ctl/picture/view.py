@@ -144,7 +144,7 @@ class Watched:
 
     def _verdict(self, verdict: Answer, now: float) -> None:
         if refusals := verdict["refusals"]:
-            more = f" (and {len(refusals) - 1} more reasons)" if len(refusals) > 1 else ""
+            more = f" (and {len(refusals) - 1} more)" if len(refusals) > 1 else ""
             self._refusals.append(Said(now, "refused", _reason(refusals[0]) + more))
 
     def _event(self, event: Answer, now: float) -> None:

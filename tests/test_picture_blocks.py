@@ -1,0 +1,192 @@
+"""Who, lease, loop, latency, what is wrong, what was refused: each in words too, not in colours alone."""
+
+import dataclasses
+
+import pytest
+from picture_world import bus, event, loop, told, view, watched
+
+from twind.ctl.picture.blocks import (
+    Block,
+    Row,
+    ago,
+    events,
+    header,
+    last_refusals,
+    recorder,
+    refusals,
+    summary,
+    trouble,
+)
+from twind.ctl.picture.lines import Line, line
+from twind.ctl.picture.paint import plain
+from twind.ctl.picture.remedies import REMEDIES, remedy
+from twind.ctl.picture.view import View
+from twind.robot.finding import Code
+
+
+def text(block: Block) -> str:
+    return plain(block.shown(block.whole))
+
+
+def styles(lines: list[Line]) -> set[str]:
+    return {style for each in lines for _, style in each}
+
+
+@pytest.mark.parametrize("state", ["fault", "estop", "inhibited"])
+def test_a_state_in_which_nothing_moves_is_an_alarm_in_words(state: str) -> None:
+    shown = header(view(state=state), 80)
+    assert f"!! {state.upper()} !!" in plain([shown])
+    assert "alarm" in styles([shown])
+
+
+def test_the_header_says_who_in_which_mode_and_what_must_not_be_missed() -> None:
+    assert plain([header(view(), 80)]).split() == ["h24", "LIVE", "armed", "active", "twind", "1.2.3"]
+    said = plain([header(dataclasses.replace(view(inherited=True, state="connected"), lost=4), 120)])
+    assert "! torque was found on" in said
+    assert "! 4 news lost" in said
+    assert "waiting" in plain([header(View(now=0.0), 80)])
+
+
+def test_a_daemon_that_is_gone_is_said_first_with_since_when_and_why() -> None:
+    one = watched()
+    one.gone("/run/twind/observe.sock: the daemon closed the connection", 101.0)
+    said = text(trouble(one.view(104.2), 200))
+    assert said.startswith("!! no daemon since 3 s; below is what it said last (/run/twind/observe.sock:")
+
+
+def test_a_daemon_that_says_nothing_is_told_of_after_a_while() -> None:
+    assert text(trouble(watched().view(101.4), 80)) == ""
+    assert text(trouble(watched().view(104.0), 80)) == "!! no news for 4 s"
+
+
+def test_each_fault_has_its_reason_and_what_to_do_and_ports_are_warned_of() -> None:
+    faults = [{"code": "OVERTEMP", "message": "l_knee: 82 °C"}, {"code": "NEW_ONE", "message": "odd"}]
+    said = text(trouble(view(faults=faults, buses=[bus("main", warning="16 ms")]), 80)).splitlines()
+    assert said == [
+        " FAULT  OVERTEMP: l_knee: 82 °C",
+        "   do: let it cool; less load; then twindctl reset",
+        " FAULT  NEW_ONE: odd",
+        "   do: docs/safety.md says what to do about NEW_ONE",
+        "  WARN  main: 16 ms",
+    ]
+
+
+def test_long_reasons_go_on_below_and_lose_nothing() -> None:
+    message = " ".join(f"word{k}" for k in range(40))
+    shown = trouble(view(faults=[{"code": "ESTOP", "message": message}]), 60)
+    said = text(shown)
+    assert all(f"word{k}" in said for k in range(40))
+    assert max(map(len, said.splitlines())) <= 60
+
+
+def test_every_code_that_can_be_latched_has_a_remedy_that_fits_into_a_line() -> None:
+    asked = {  # judged when something is asked: the refusal itself says what to do
+        *("FRAME_TOO_LARGE", "RATE_LIMIT", "BAD_JSON", "BAD_SCHEMA", "AUTH_ROLE", "LEASE_MISSING"),
+        *("MODE_DENIES", "NOT_ARMED", "CMD_EXPIRED", "TOO_DISTANT", "EMPTY", "NO_JOINTS", "UNKNOWN_JOINT"),
+        *("DUP_JOINT", "BAD_SHAPE", "TOO_MANY_POINTS", "NONFINITE", "TIME_ORDER", "POS_LIMIT", "START_JUMP"),
+        *("VEL_LIMIT", "ACC_LIMIT", "JERK_LIMIT", "BRAKE_DISTANCE", "END_NOT_AT_REST", "RETIMED"),
+        *(
+            "STOP_APPENDED",
+            "SELF_COLLISION",
+            "KEEP_OUT",
+            "FLOOR",
+            "TORQUE_INFEASIBLE",
+            "UNSTABLE_POSE",
+            "BUSY",
+        ),
+    }
+    assert {code.value for code in Code} - asked == set(REMEDIES)
+    assert all(len(remedy(code)) <= 90 for code in Code if code.value not in asked)
+
+
+def test_a_lease_counts_down_between_the_news() -> None:
+    one = watched()
+    assert "uid 1000, pid 4242 · 0.83 s left" in text(summary(one.view(100.0), 80))
+    assert "0.43 s left" in text(summary(one.view(100.4), 80))
+    assert "0.00 s left" in text(summary(one.view(109.0), 80))
+    assert "lease    nobody holds it" in text(summary(view(lease=None), 80))
+
+
+@pytest.mark.parametrize(
+    ("share", "said", "style"),
+    [(1.0, "on time 100%", "good"), (0.95, "! on time 95%", "warn"), (0.5, "! on time 50%", "bad")],
+)
+def test_ticks_that_are_late_now_are_seen_at_once(share: float, said: str, style: str) -> None:
+    shown = summary(view(loop=loop(on_time=share)), 120)
+    assert said in text(shown)
+    assert style in styles([shown.rows[1].line])
+
+
+def test_a_loop_without_real_time_says_why() -> None:
+    why = "no: Operation not permitted (LimitRTPRIO=40)"
+    assert f"! {why}" in text(summary(view(loop=loop(realtime={"scheduler": why})), 200))
+
+
+def test_what_is_not_known_is_a_dash() -> None:
+    unknown = loop(late_p50_us=None, late_p99_us=None, late_max_us=None)
+    said = text(summary(view(loop=unknown, latency_ms=None, latency_avg_ms=None, skew_ms=None), 120))
+    assert "late p50/p99/max -/-/- µs" in said
+    assert "now - ms" in said
+    assert "between buses" not in said
+
+
+def test_refusals_say_how_long_ago_and_why_the_newest_first() -> None:
+    assert text(refusals(view(), 120)).splitlines()[1] == (
+        "   12 s ago  POS_LIMIT: l_knee, point 0 (2 s): position 3 rad, bound 2.2 rad (and 1 more)"
+    )
+    one = watched()
+    for k in range(9):
+        told(
+            one,
+            "verdicts",
+            {"refusals": [{"code": "BUSY", "message": str(k)}], "warnings": [], "changes": []},
+            100.0 + k,
+        )
+    assert len(last_refusals(one.view(110.0), 80).rows) == 5
+    assert len(refusals(one.view(110.0), 80).rows) == 10
+
+
+def test_the_recorder_says_what_it_holds_and_an_episode_how_it_ended() -> None:
+    one = watched(flight={"span_s": 30.0, "bytes": 4_200_000, "last": "/var/lib/twind/x.flight"})
+    told(one, "events", event("EPISODE_BEGIN", "x", kind="begin", task="pour"), 98.0)
+    assert text(recorder(one.view(100.0), 120)).splitlines() == [
+        "flight   holds 30 s, 4.2 MB · last file /var/lib/twind/x.flight",
+        "episode  pour runs for 2 s",
+        "episode  pick the cup, 34 s long · success · 61 s ago",
+    ]
+
+
+def test_a_name_with_escapes_in_it_moves_no_cursor() -> None:
+    evil = "x\x1b[2J\r\nboom\u202e"
+    said = view(robot=evil, lease={"holder": evil, "uid": 0, "expires_in": 1.0}, motion=evil)
+    shown = plain([header(said, 200), *summary(said, 200).shown(9)])
+    assert all(each.isprintable() for each in shown.splitlines())
+    assert "x?[2J??boom?" in shown
+
+
+def test_urgent_rows_come_first_where_not_all_have_room() -> None:
+    rows = [Row(line(str(k)), urgent=k == 7) for k in range(9)]
+    block = Block("numbers", (line("head"),), rows, 3, scrolls=True)
+    assert plain(block.shown(5)).splitlines() == [
+        "head",
+        "7",
+        "0",
+        "1",
+        "  … 6 more numbers, up and down keys move",
+    ]
+    assert plain(block.shown(5, offset=4)).splitlines()[:4] == ["head", "7", "4", "5"]
+    assert plain(block.shown(5, offset=99)).splitlines()[:4] == ["head", "7", "6", "8"]
+    assert plain(block.shown(10, offset=4)).splitlines() == ["head", *map(str, range(9))]
+    assert [len(block.shown(room)) for room in range(12)] == [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 10]
+
+
+def test_times_are_said_as_people_say_them() -> None:
+    assert [ago(each) for each in (-1.0, 0.4, 119.0, 120.0, 7199.0, 7200.0)] == [
+        *("0 s", "0 s", "119 s", "2 min", "119 min", "2 h"),
+    ]
+
+
+def test_events_are_there_with_their_level() -> None:
+    shown = events(view(), 80)
+    assert "LATENCY_WARN: latency 61 ms, bound 50 ms" in text(shown)
+    assert "warn" in styles([row.line for row in shown.rows])
