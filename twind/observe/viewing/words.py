@@ -122,7 +122,7 @@ def _events(now: Now) -> list[str]:
     return [
         row(
             each["event"]["code"],
-            _ago(now, each["event"]["time"]) + str(each["event"]["message"]),
+            _ago(now, each["time"]) + str(each["event"]["message"]),
             colours[each["event"]["level"]],
         )
         for each in now.events
