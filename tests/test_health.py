@@ -1,99 +1,13 @@
+"""The way of a reading, hop by hop, whether anybody answers, and what is told when a hop is too slow."""
+
 from math import inf, isnan, nan
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from twind.robot.finding import Code, Finding
 from twind.robot.state import JointState
-from twind.safety.health import HOPS, Health, Window
-
-durations = st.floats(1e-6, 5.0)
-
-
-def test_nothing_is_known_of_an_empty_window() -> None:
-    window = Window(0.05)
-    known = (
-        window.now,
-        window.mean,
-        window.std,
-        window.min,
-        window.max,
-        window.p50,
-        window.p99,
-        window.worst,
-    )
-    assert all(isnan(value) for value in known)
-    assert isnan(window.p95(0.0))
-    assert (window.count, window.violations) == (0, 0)
-
-
-@given(st.lists(durations, min_size=1, max_size=260))
-def test_statistics_are_those_of_the_last_hundred(values: list[float]) -> None:
-    window = Window(0.05)
-    for value in values:
-        window.add(value)
-    last = np.array(values[-100:])
-    assert (window.now, window.count) == (values[-1], len(values))
-    assert window.mean == pytest.approx(last.mean())
-    assert window.std == pytest.approx(last.std(), abs=1e-12)
-    assert (window.min, window.max) == (last.min(), last.max())
-    assert window.violations == (last > 0.05).sum()
-    assert window.worst == max(values)
-
-
-@given(st.lists(durations, min_size=1, max_size=300))
-def test_percentiles_of_the_run_are_within_two_percent_of_a_value_of_their_rank(values: list[float]) -> None:
-    window = Window()
-    for value in values:
-        window.add(value)
-    ordered = sorted(values)
-    for share, seen in ((0.5, window.p50), (0.99, window.p99)):
-        true = ordered[max(0, int(np.ceil(share * len(values))) - 1)]
-        assert seen == pytest.approx(true, rel=0.021)
-    assert window.p50 <= window.p99 <= window.worst
-
-
-@pytest.mark.parametrize("value", [0.0, 1e-9, 1e-6, 100.0, 1e300])
-def test_values_beyond_the_histogram_keep_their_own_size(value: float) -> None:
-    window = Window()
-    window.add(value)
-    assert (window.p50, window.p99) == (value, value)
-
-
-@pytest.mark.parametrize("unknown", [nan, -1e-9, -inf, inf])
-def test_what_is_unknown_or_negative_is_too_late_and_in_no_average(unknown: float) -> None:
-    window = Window(0.05)
-    window.add(0.01, 1.0)
-    window.add(unknown, 1.01)
-    assert isnan(window.now)
-    assert (window.mean, window.max, window.worst, window.count) == (0.01, 0.01, 0.01, 2)
-    assert window.violations == 1
-    assert window.p95(1.02) == inf
-    window.add(0.02, 1.03)
-    assert window.now == 0.02
-
-
-def test_p95_looks_at_the_last_half_second_alone() -> None:
-    window = Window()
-    for tick in range(200):
-        window.add(0.2 if tick < 100 else 0.01, tick * 0.01)
-    assert window.p95(1.99) == 0.01
-    assert window.p95(1.20) == 0.2
-    assert isnan(window.p95(3.0))
-    assert isnan(window.p95(nan))
-
-
-@pytest.mark.parametrize(("late", "seen"), [(2, 0.01), (3, 0.2)])
-def test_p95_lets_five_percent_be_late_and_no_more(late: int, seen: float) -> None:
-    window = Window()
-    for tick in range(50):
-        window.add(0.2 if tick < late else 0.01, tick * 0.01)
-    assert window.p95(0.49) == seen
-
-
-# ---------------------------------------------------------------------------------------------- health
+from twind.safety.alarm import Alert
+from twind.safety.health import COMMAND, MOVING, READING, Health
 
 
 class Exchange:
@@ -137,40 +51,93 @@ def test_while_nobody_answers_the_latency_grows_and_then_it_counts_as_disconnect
 def test_in_sim_nothing_of_a_bus_is_known() -> None:
     health = Health(2)
     health.update(reading(1.0), Exchange(), 1.0, live=True)
-    assert health.update(reading(1.01), Exchange(), 1.01, live=False) == ()
+    health.update(reading(1.01), Exchange(), 1.01, live=False)
     assert isnan(health.latency(1.01))
     assert not health.connected(1.01)
 
 
 def test_the_hops_have_names_and_others_are_errors() -> None:
     health = Health(1)
-    assert tuple(health.hops) == HOPS
-    health.hop("twin", 0.001, 0.0)
-    assert health.hops["twin"].now == 0.001
+    assert tuple(health.hops) == (*READING, *COMMAND)
+    health.hop("twin", 0.001, 5.0)
+    assert (health.hops["twin"].now, health.hops["twin"].at) == (0.001, 5.0)
     with pytest.raises(KeyError):
         health.hop("bridge", 0.001, 0.0)
 
 
-def warnings(latencies: list[float]) -> int:
-    """How often it is told, when the latency at the start of each tick of 10 ms is this."""
-    health, count = Health(2), 0
+def test_another_threshold_is_that_of_all_but_the_motors() -> None:
+    health = Health(2)
+    health.warn_above(0.02)
+    others = [window for name, window in health.hops.items() if name != "moved"]
+    assert {window.threshold for window in (health.total, *health.buses, *others)} == {0.02}
+    assert health.hops["moved"].threshold == MOVING
+
+
+# ---------------------------------------------------------------------------------------------- alerts
+
+
+def told(latencies: list[float]) -> list[Alert]:
+    """What is told, when the latency at the start of each tick of 10 ms is this."""
+    health = Health(2)
     for tick, latency in enumerate(latencies):
         now = tick * 0.01
-        count += len(health.update(reading(now, 0.0), Exchange(), now, live=True))
+        health.update(reading(now, 0.0), Exchange(), now, live=True)
         # What the next tick will see: a reading that is as old as wanted then.
         health.update(reading(now + 0.01 - latency, 0.0), Exchange(), now, live=True)
-    return count
+    return health.alerts()
 
 
 def test_a_latency_above_the_threshold_is_told_once_with_its_numbers() -> None:
     health = Health(2)
     health.update(reading(0.0, 0.0), Exchange(), 0.0, live=True)
-    assert health.update(reading(0.05, 0.0), Exchange(), 0.05, live=True) == ()
-    found = health.update(reading(0.05, 0.0), Exchange(), 0.11, live=True)
-    assert found == (Finding(Code.LATENCY_WARN, value=pytest.approx(0.06), bound=0.05, message="s"),)
-    assert health.update(reading(0.05, 0.0), Exchange(), 0.12, live=True) == ()
+    health.update(reading(0.05, 0.0), Exchange(), 0.05, live=True)
+    assert health.alerts() == []
+    health.update(reading(0.05, 0.0), Exchange(), 0.11, live=True)
+    assert health.alerts() == [Alert("total", pytest.approx(0.06), 0.05)]
+    health.update(reading(0.05, 0.0), Exchange(), 0.12, live=True)
+    assert health.alerts() == []
 
 
 @pytest.mark.parametrize(("calm", "level", "times"), [(50, 0.01, 1), (110, 0.01, 2), (110, 0.045, 1)])
 def test_it_is_told_again_only_after_it_was_calm_for_a_second(calm: int, level: float, times: int) -> None:
-    assert warnings([0.01, 0.06, *[level] * calm, 0.06, 0.01]) == times
+    alerts = told([0.01, 0.06, *[level] * calm, 0.06, 0.01])
+    assert [alert.calm for alert in alerts] == [False, True, False][: 2 * times - 1]
+    assert {alert.hop for alert in alerts} == {"total"}
+
+
+def test_a_latency_that_is_not_known_is_too_late() -> None:
+    health = Health(2)
+    health.update(reading(0.0, nan), Exchange(), 0.0, live=True)
+    health.update(reading(0.01, 0.0), Exchange(), 0.01, live=True)
+    assert health.alerts() == [Alert("total", inf, 0.05)]
+
+
+def test_each_hop_is_told_by_its_name_and_held_to_its_own_bound() -> None:
+    health = Health(1)
+    health.hop("reply", 0.06, 1.0)
+    health.hop("received", 0.3, 1.0, bound=inf)  # a long path is long judged
+    health.hop("moved", 0.15, 1.0)
+    health.hop("gated", -0.001, 1.0, bound=inf)
+    assert health.alerts() == [Alert("reply", 0.06, 0.05), Alert("gated", -0.001, inf)]
+    health.hop("moved", 0.21, 1.0)
+    assert health.alerts() == [Alert("moved", 0.21, MOVING)]
+
+
+def test_an_answer_that_is_missing_is_a_violation_and_no_line_of_its_own() -> None:
+    health, silent = Health(2), Exchange()
+    silent.hops = (nan, nan)
+    for tick in range(3):
+        health.update(reading(1.0 + tick * 0.01), silent, 1.0 + tick * 0.01, live=True)
+    assert health.hops["request"].violations == health.hops["reply"].violations == 3
+    assert health.alerts() == []
+
+
+def test_what_was_told_of_a_robot_is_forgotten_in_sim_and_what_was_told_of_commands_is_not() -> None:
+    health = Health(2)
+    for name in ("reply", "written"):
+        health.hop(name, 0.06, 1.0)
+    assert len(health.alerts()) == 2
+    health.update(reading(1.01), Exchange(), 1.01, live=False)
+    for name in ("reply", "written"):
+        health.hop(name, 0.06, 1.02)
+    assert health.alerts() == [Alert("reply", 0.06, 0.05)]

@@ -10,6 +10,7 @@ from rig import Rig
 
 from twind import link
 from twind.robot.modes import Mode
+from twind.safety.health import COMMAND, READING
 
 N = 24
 
@@ -170,7 +171,7 @@ def test_every_hop_is_told_with_its_figures(live: Rig) -> None:
     live.connect()
     live.seconds(1.0)
     told = {latency.hop: latency for latency in of(live, link.Overview)[-1].latencies}
-    assert list(told) == ["total", "request", "reply", "state", "twin"]
+    assert list(told) == ["total", *READING, *COMMAND]
     assert told["total"].now_ms > 0.0
     assert told["total"].min_ms <= told["total"].mean_ms <= told["total"].max_ms
     assert told["total"].violations == 0

@@ -26,7 +26,7 @@ REST = 0.05  # rad from the rest pose, and it is there
 QUIET = {"debug", "info"}
 FREE = {1, 2, 10, 11, 13, 14, 17, 18}  # rows of which every third robot stands by itself
 LEGS = ("hip", "knee", "ankle")
-AFTER = {"MOTION", "LATENCY_WARN"}  # told of whatever stops a motion or delays a reading
+AFTER = {"MOTION", "LATENCY_WARN", "LATENCY_CALM"}  # told of whatever stops a motion or delays a reading
 AWAY = (
     "PORT_UNAVAILABLE",
     "HW_DISCONNECTED",

@@ -52,8 +52,12 @@ class Report:
             "violations": news.violations,
         }
         for hop in news.latencies:
-            summary[f"{hop.hop}_ms"] = None if hop.now_ms is None else round(hop.now_ms, 3)
+            if hop.now_ms is None:  # none of late: a command's hops while nobody commands
+                continue
+            summary[f"{hop.hop}_ms"] = round(hop.now_ms, 3)
             summary[f"{hop.hop}_p99_ms"] = None if hop.p99_ms is None else round(hop.p99_ms, 3)
+            if hop.violations and hop.hop != "total":
+                summary[f"{hop.hop}_violations"] = hop.violations
         return {key: value for key, value in summary.items() if value is not None}
 
 

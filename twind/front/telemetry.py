@@ -5,6 +5,7 @@ The body of a message is encoded once per piece of news, however many watch.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 from twind.front.accepted import Accepted
 from twind.front.calls import Call
@@ -14,6 +15,7 @@ from twind.link import Event, Moment, Overview, Tick
 
 # topic -> Hz where the call does not say
 PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0, "raw": 10.0}
+HISTOGRAMS = "histograms"  # of topic latency, due once a second
 TOPICS = (*PERIODIC, "events", "verdicts", "trajectories")
 
 
@@ -44,6 +46,17 @@ class Watcher:
             self.stream.publish(body + b"}", self)
         else:
             self.call.reply(b'{"dropped":0,' + body)
+
+
+def by_histograms(wanting: list[Watcher], now: float) -> dict[bool, list[Watcher]]:
+    """Who of those that want latencies gets histograms with them (True): everybody once a second."""
+    found: dict[bool, list[Watcher]] = {True: [], False: []}
+    for watcher in wanting:
+        due = watcher.due.get(HISTOGRAMS, now)
+        whole = now + 0.05 >= due
+        watcher.due[HISTOGRAMS] = now + 1.0 if whole else due
+        found[whole].append(watcher)
+    return found
 
 
 class Telemetry:
@@ -79,7 +92,9 @@ class Telemetry:
         """Topics that follow the overview."""
         sequence = 0 if self._world.tick is None else self._world.tick.sequence
         wanting = [watcher for watcher in self._watchers if watcher.wants("latency", overview.time, 0.05)]
-        self._send(wanting, "latency", b"latency", self._world.latency, overview.time, sequence)
+        for whole, to in by_histograms(wanting, overview.time).items():
+            piece = partial(self._world.latency, whole=whole)
+            self._send(to, "latency", b"latency", piece, overview.time, sequence)
 
     def event(self, event: Event) -> None:
         """To all who watch events."""

@@ -10,7 +10,7 @@ import msgspec
 
 from twind.briefing import Briefing
 from twind.front.naming import Names
-from twind.link import Event, Moment, Overview, Tick
+from twind.link import Event, LatencyInfo, LoopInfo, Moment, Overview, Tick
 
 # Bits of a servo's hardware error register (Protocol 2.0, address 70), and of what the CAN drivers make of a
 # fault (`twind_drivers.can.family`); bit 8: its last answer's alert.
@@ -67,8 +67,11 @@ class World:
         self.names = Names([joint.name for joint in briefing.joints])
         self.tick: Tick | None = None
         self.overview: Overview | None = None
+        self.flight: dict[str, Any] | None = None  # `Flight` of the interface; None: nothing is recorded
         self._cache: dict[str, bytes] = {}
         self._slow: dict[str, msgspec.Raw] = {}
+        self._histograms: dict[str, LatencyInfo] = {}  # of each hop the last with its histogram
+        self._lateness: LoopInfo | None = None  # the same
         self._columns: Slow | None = None
 
     def brief(self, briefing: Briefing) -> None:
@@ -88,10 +91,12 @@ class World:
             self.tick = news
         else:
             self.overview = news
+            self._histograms |= {hop.hop: hop for hop in news.latencies if hop.histogram is not None}
+            self._lateness = news.loop if news.loop.lateness is not None else self._lateness
             self._slow = {
                 "faults": msgspec.Raw(encode(self.names.findings(news.faults))),
                 "buses": msgspec.Raw(encode(news.buses)),
-                "loop": msgspec.Raw(encode(news.loop)),
+                "loop": msgspec.Raw(encode(self._loop(news.loop))),
             }
             self._columns = _slow_columns(news)
 
@@ -124,9 +129,11 @@ class World:
             }
         )
 
-    def latency(self) -> bytes:
-        """`[]Latency` of the interface, encoded."""
-        return self._once("latency", lambda: encode([] if self.overview is None else self.overview.latencies))
+    def latency(self, *, whole: bool = False) -> bytes:
+        """`[]Latency` of the interface, encoded. `whole`: with the histograms as they were told last."""
+        assert self.overview is not None
+        told = [self._hop(hop, whole=whole) for hop in self.overview.latencies]
+        return encode(told)
 
     def robot(self) -> bytes:
         """The reply's parameters of GetRobot, encoded."""
@@ -150,6 +157,15 @@ class World:
     def verdict(self, moment: Moment) -> bytes:
         """Of the topic `verdicts`: the verdict, and which trajectory it is of; encoded."""
         return encode(self.names.verdict(moment.verdict)) + b',"id":' + encode(moment.id or None)
+
+    def _hop(self, hop: LatencyInfo, *, whole: bool) -> LatencyInfo:
+        last = self._histograms.get(hop.hop) if whole else None
+        counts, total = (None, None) if last is None else (last.histogram, last.histogram_sum_ms)
+        return msgspec.structs.replace(hop, histogram=counts, histogram_sum_ms=total)
+
+    def _loop(self, loop: LoopInfo) -> LoopInfo:
+        last = self._lateness or loop
+        return msgspec.structs.replace(loop, lateness=last.lateness, lateness_sum_ms=last.lateness_sum_ms)
 
     def _once(self, key: str, make: Any) -> bytes:
         made = self._cache.get(key)
@@ -179,6 +195,7 @@ class World:
                 "skew_ms": overview.skew_ms,
                 "skew_max_ms": overview.skew_max_ms,
                 "lease": overview.lease,
+                "flight": self.flight,
                 **self._slow,
             }
         )

@@ -1,7 +1,6 @@
 """What the front asks of the loop. Joints are indices, times the loop's monotonic seconds."""
 
 from collections.abc import Sequence
-from math import nan
 from typing import Any
 
 import msgspec
@@ -20,7 +19,9 @@ class Command(Base, frozen=True, kw_only=True, tag=True, tag_field="kind"):
     client: int  # number of the connection, > 0, never used again
     uid: int = -1
     holder: str = ""  # how the client is named to others: "uid 1000, pid 4711"
-    received: float = nan  # s, when the whole call was in the front and its turn had come; NaN: nobody called
+    received: float | None = (
+        None  # s, when the whole call was in the front and its turn had come; None: unknown
+    )
 
 
 class SetMode(Command, frozen=True, kw_only=True):

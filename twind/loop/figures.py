@@ -3,7 +3,7 @@
 from collections import deque
 
 from twind import link
-from twind.safety.health import Window
+from twind.safety.window import BOUNDS_MS, Window
 
 ON_TIME = 0.002  # s: a tick that begins later than this is late (R02 warns from here)
 
@@ -24,8 +24,8 @@ class Figures:
         self._late.add(lateness)
         self._punctual.append(lateness <= ON_TIME)
 
-    def info(self) -> link.LoopInfo:
-        """As the interface spells it. p50, p99 and max are of the whole run."""
+    def info(self, *, whole: bool = False) -> link.LoopInfo:
+        """As the interface spells it. p50, p99 and max are of the whole run. `whole`: with the histogram."""
         late = self._late
         known = self.ticks > 0
         return link.LoopInfo(
@@ -37,4 +37,12 @@ class Figures:
             late_p99_us=late.p99 * 1e6 if known else None,
             late_max_us=late.worst * 1e6 if known else None,
             realtime=self._realtime,
+            lateness=buckets(late) if whole else None,
+            lateness_sum_ms=late.sum * 1e3 if whole else None,
         )
+
+
+def buckets(window: Window) -> list[link.Bucket]:
+    """The run of a window, as the interface spells it."""
+    bounds = (*BOUNDS_MS, None)
+    return [link.Bucket(bound, count) for bound, count in zip(bounds, window.buckets, strict=True)]

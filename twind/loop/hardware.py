@@ -48,6 +48,7 @@ class Hardware:
         self.lost: list[Lost] = []  # ports lost since the last look
         self.clamped: WireClamp | None = None  # why the last goals were not sent
         self.left = False  # the last goals went out, to every bus that holds
+        self.sent = -inf  # s, when all of the last exchange had been handed to the ports
         self.quiet_until = -inf  # s: until then no packet leaves, so that the servos' watchdogs run out
         self.discarded = 0  # bytes thrown away in the last exchange (R07)
         self.traffic = tuple(Traffic() for _ in self.ports)  # of the last exchange, bus by bus
@@ -252,7 +253,7 @@ class Hardware:
         quiet = now < self.quiet_until
         awake = [] if quiet else [pair for pair in self.pairs if not pair[0].resting]
         asked = [pair for pair in awake if self._try(pair, "request")]
-        sent = self.clock.now()
+        sent = self.sent = self.clock.now()
         first = self._collect(asked)
         received, heard = sent, np.zeros(len(self.joints), np.bool_)
         earliest, latest = inf, -inf  # s, when the buses had answered

@@ -9,16 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind import link
+from twind.loop.figures import buckets
 from twind.loop.ports import Link
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
-from twind.safety.health import Window
+from twind.safety.window import Window
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
 ALERT = 0x80  # of a status' error byte: read the hardware error
 OVERVIEW = 0.1  # s between two overviews
+WHOLE = 0.9  # s between two with histograms: every tenth, however urgent the others are
+FRESH = 5.0  # s: what a hop took is told as of now for so long
 
 
 class Publisher:
@@ -27,7 +30,7 @@ class Publisher:
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
         self.urgent = True
-        self._next = 0.0
+        self._next = self._whole = 0.0  # s, when it is time for an overview, and for one with histograms
         self._unknown = np.full(len(loop.joints), np.nan).tobytes()
 
     def publish(self, now: float) -> None:
@@ -95,6 +98,8 @@ class Publisher:
         """What changes slowly."""
         loop = self._loop
         slow, latency = loop.hardware.slow, loop.health.total
+        whole = now >= self._whole
+        self._whole = now + WHOLE if whole else self._whole
         return link.Overview(
             time=now,
             latency_ms=_ms(latency.now) if loop.mode is not Mode.SIM else None,
@@ -109,8 +114,8 @@ class Publisher:
             lease_client=loop.lease.holder_client(now),
             faults=self._faulty(),
             buses=[self._bus(place) for place in range(len(loop.hardware.ports))],
-            loop=loop.figures.info(),
-            latencies=[_latency(hop, window) for hop, window in self._windows()],
+            loop=loop.figures.info(whole=whole),
+            latencies=[_latency(hop, window, now, whole) for hop, window in self._windows()],
             temperature=slow.temperature.tobytes(),
             voltage=slow.voltage.tobytes(),
             torque=loop.torque_known.tobytes(),
@@ -158,10 +163,10 @@ class Publisher:
         )
 
 
-def _latency(hop: str, window: Window) -> link.LatencyInfo:
+def _latency(hop: str, window: Window, now: float, whole: bool) -> link.LatencyInfo:
     return link.LatencyInfo(
         hop=hop,
-        now_ms=_ms(window.now),
+        now_ms=_ms(window.now) if now - window.at <= FRESH else None,
         mean_ms=_ms(window.mean),
         std_ms=_ms(window.std),
         min_ms=_ms(window.min),
@@ -169,6 +174,8 @@ def _latency(hop: str, window: Window) -> link.LatencyInfo:
         p50_ms=_ms(window.p50),
         p99_ms=_ms(window.p99),
         violations=window.violations,
+        histogram=buckets(window) if whole else None,
+        histogram_sum_ms=window.sum * 1e3 if whole else None,
     )
 
 

@@ -116,8 +116,7 @@ class Reloads:
                 return False
             put_in_force(loop, one)  # may raise, before it has changed anything
         loop.parts = replace(loop.parts, thresholds=thresholds)
-        for window in (loop.health.total, *loop.health.buses, *loop.health.hops.values()):
-            window.threshold = thresholds.latency_warn
+        loop.health.warn_above(thresholds.latency_warn)
         self.generation = command.generation
         self.judged_since = self.generation if robot else self.judged_since
         loop.link.brief(briefing)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,9 +12,11 @@ from twind import link
 from twind.loop.procedures import Procedure
 from twind.motion.executor import Outcome, Tolerances
 from twind.motion.goals import led_in
+from twind.robot.arrays import Bools, Ints
 from twind.robot.finding import Code, Finding, Verdict
 from twind.robot.trajectory import Trajectory
 from twind.safety import gate, stream
+from twind.safety.way import STREAM, Taken
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -53,24 +56,26 @@ class Submissions:
 
     def begin(self, command: link.Submit, data: bytes, now: float) -> None:
         """Start judging; answers `accepted` or Refused, or the verdict alone for `check_only`."""
-        self._loop.procedures.beside(self._judge(command, data, now))
+        way, clock = self._loop.way, self._loop.clock
+        taken = None if command.check_only else way.take(command.received, clock.now(), inf)
+        self._loop.procedures.beside(self._judge(command, data, taken, now))
 
-    def _judge(self, command: link.Submit, data: bytes, now: float) -> Procedure:
+    def _judge(self, command: link.Submit, data: bytes, taken: Taken | None, now: float) -> Procedure:
         loop = self._loop
         try:
             path = link.unpack_path(data, command, len(loop.joints))
         except ValueError as error:
-            self._refuse(command, Verdict((Finding(Code.BAD_SHAPE, message=str(error)),)), now)
+            self._refuse(command, Verdict((Finding(Code.BAD_SHAPE, message=str(error)),)), taken, now)
             return
         if command.generation < loop.reloads.judged_since:
             message = "the limits were changed while this was judged: send it again"
-            self._refuse(command, Verdict((Finding(Code.CMD_EXPIRED, message=message),)), now)
+            self._refuse(command, Verdict((Finding(Code.CMD_EXPIRED, message=message),)), taken, now)
             return
         waiting = command.start_in > 0.0 and loop.executor.waiting > 0
         if self.busy or (waiting and not command.check_only):
             message = "another trajectory is being judged" if self.busy else "one already waits for its start"
             busy = Finding(Code.BUSY, message=f"{message}: try again, or cancel")
-            self._refuse(command, Verdict((busy,)), now)
+            self._refuse(command, Verdict((busy,)), taken, now)
             return
         asked = loop.snapshot(command.client, now)
         soon = 0.0 < command.start_in <= loop.parts.thresholds.max_duration
@@ -99,12 +104,13 @@ class Submissions:
             refusals = self._still_true(command, asked, path.commanded, now)
         verdict = Verdict(refusals, judged.verdict.warnings, judged.verdict.changes)
         if verdict.refusals:
-            self._refuse(command, verdict, now)
+            self._refuse(command, verdict, taken, now)
             return
         followed = self._follow(command, judged.path, now)
         if isinstance(followed, Finding):
-            self._refuse(command, replace(verdict, refusals=(followed,)), now)
+            self._refuse(command, replace(verdict, refusals=(followed,)), taken, now)
         else:
+            self._on_its_way(command, taken, path.commanded)
             self._accept(command, verdict, followed, now)
 
     def _still_true(
@@ -167,10 +173,19 @@ class Submissions:
             verdict=plain(verdict),
         )
 
-    def _refuse(self, command: link.Submit, verdict: Verdict, now: float) -> None:
+    def _on_its_way(self, command: link.Submit, taken: Taken | None, commanded: Bools) -> None:
+        """Its figures; of one that is to begin later the verdict's is the last: it waits on purpose."""
+        loop, reference, at = self._loop, self._loop.executor.reference, self._loop.clock.now()
+        if taken is not None:
+            loop.way.judge(taken, at)
+            if reference is not None and not command.start_in:
+                loop.way.accept(taken, command.id, commanded, reference, at)
+
+    def _refuse(self, command: link.Submit, verdict: Verdict, taken: Taken | None, now: float) -> None:
         """The caller is told, and unless it only asked whoever watches and the log."""
         loop = self._loop
-        if not command.check_only:
+        if taken is not None:
+            loop.way.judge(taken, loop.clock.now())
             self._tell(command.id, verdict, now)
             codes = sorted({finding.code.value for finding in verdict.refusals})
             said = f"refused {command.id}: {', '.join(codes)}"
@@ -186,10 +201,26 @@ class Submissions:
     def setpoint(self, command: link.Setpoint, now: float) -> None:
         """One streamed goal: judged at once, in place of the last."""
         loop = self._loop
+        taken = loop.way.take(command.received, loop.clock.now())
+        judged = self._streamed(command, now)
+        before, at = loop.executor.reference, loop.clock.now()
+        loop.way.judge(taken, at)
+        if judged.verdict.refusals:
+            self._tell(STREAM, judged.verdict, now)
+            loop.say.refuse(command, judged.verdict.refusals)
+            return
+        if before is not None:
+            loop.way.accept(taken, STREAM, self._places(judged.joints), before, at)
+        loop.untouched, loop.motion_epoch = False, loop.lease.epoch
+        changes = [asdict(finding) for finding in judged.verdict.changes]
+        loop.say.reply(command, sequence=loop.figures.ticks, changes=changes)
+
+    def _streamed(self, command: link.Setpoint, now: float) -> stream.Aim:
+        """Judged, and followed unless its verdict says otherwise."""
+        loop = self._loop
         snapshot = loop.snapshot(command.client, now)
         joints = np.array(command.joints, np.int64)
-        commanded = np.isin(np.arange(len(loop.joints)), joints)
-        verdict = gate.admit(snapshot, commanded, loop.parts.thresholds, setpoint=True)
+        verdict = gate.admit(snapshot, self._places(joints), loop.parts.thresholds, setpoint=True)
         judged = stream.judge(
             joints,
             np.array(command.positions, np.float64),
@@ -201,17 +232,15 @@ class Submissions:
         refusals = (*verdict.refusals, *judged.verdict.refusals)
         if not refusals and loop.outlook is not None:
             refusals = loop.outlook.refuses(loop.executor, judged.joints, judged.position, judged.velocity)
-        if refusals:
-            loop.say.refuse(command, refusals)
-            return
-        loop.lease.renew(command.client, now, streaming=True)
-        refused = loop.executor.setpoint(judged.joints, judged.position, judged.velocity, command.valid_for)
-        if refused is not None:
-            loop.say.refuse(command, (refused,))
-            return
-        loop.untouched, loop.motion_epoch = False, loop.lease.epoch
-        changes = [asdict(finding) for finding in judged.verdict.changes]
-        loop.say.reply(command, sequence=loop.figures.ticks, changes=changes)
+        if not refusals:
+            loop.lease.renew(command.client, now, streaming=True)
+            args = (judged.joints, judged.position, judged.velocity, command.valid_for)
+            refused = loop.executor.setpoint(*args)
+            refusals = () if refused is None else (refused,)
+        return replace(judged, verdict=Verdict(refusals, changes=judged.verdict.changes))
+
+    def _places(self, joints: Ints) -> Bools:
+        return np.isin(np.arange(len(self._loop.joints)), joints)
 
     # --------------------------------------------------------------------------- outcomes
 
@@ -238,6 +267,8 @@ class Submissions:
 
     def _end(self, outcome: Outcome) -> None:
         loop = self._loop
+        if outcome.phase != "succeeded":
+            loop.way.end(outcome.id)
         level = "info" if outcome.phase in ("succeeded", "replaced", "cancelled") else "warning"
         loop.say.event(level, "MOTION", f"{outcome.id} {outcome.phase}", outcome.findings)
         loop.publisher.urgent = True

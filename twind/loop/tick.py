@@ -34,6 +34,7 @@ from twind.safety import gate
 from twind.safety.guard import Guard
 from twind.safety.headroom import Condition
 from twind.safety.states import LATCHED, TABLE, Event, Latch
+from twind.safety.way import STREAM, Way
 
 if TYPE_CHECKING:
     from twind.loop.described import Robot
@@ -98,7 +99,7 @@ class Loop:
         self.rest, self.support = parts.rest, parts.support
         self.hardware, self.twin, self.executor = parts.hardware, parts.twin, parts.executor
         self.lease, self.health, self.link = parts.lease, parts.health, parts.link
-        self.outlook = parts.outlook
+        self.outlook, self.way = parts.outlook, Way(parts.health)
         self.say = Voice(parts.link, parts.clock)
         self.procedures = Procedures()
         self.stops = Stops(self)
@@ -156,10 +157,12 @@ class Loop:
         target = self.measured if live else self.simulated  # whom commands go to, and who judges them
         goal = self.guard(self.executor.goal(now), target, now)
         self.measured = self.hardware.exchange(goal if live and self.armed else None, now)
-        self.written = goal if goal is not None and (self.hardware.left or not live) else self.written
+        left = goal if self.hardware.left or not live else None
+        self.written = self.written if left is None else left
         read = self.clock.now()
         self.simulated = self.twin.update(self.measured, goal, now)
         self._observe(now, read)
+        self._follow(left, target, self.hardware.sent if live else read)
         self.publisher.publish(now)
 
     def _attempt(self, now: float) -> None:
@@ -189,6 +192,7 @@ class Loop:
         """Take up a mode: what is open, and where the target of commands stands."""
         self.mode = mode
         self.written = None
+        self.way.forget()
         self.hardware.access(read=mode is not Mode.SIM, write=mode is Mode.LIVE)
         if mode is Mode.SIM and self.state not in (State.DISCONNECTED, *LATCHED):
             self.change(Event.PORT_LOST, self.clock.now())
@@ -351,14 +355,28 @@ class Loop:
         if self.measured.heard.any():
             self.health.hop("state", read - self.measured.time, now)
             self.health.hop("twin", self.clock.now() - read, now)
-        found = self.health.update(self.measured, self.hardware, now, live=self.mode is not Mode.SIM)
-        for finding in found:
-            self.say.event("warning", finding.code, "latency is above the warning threshold", (finding,))
+        self.health.update(self.measured, self.hardware, now, live=self.mode is not Mode.SIM)
         if self.twin.resets != self._resets:
             self._broke_down()
         self.executor.observe(self.measured if self.mode is Mode.LIVE else self.simulated)
         self.submissions.report(now)
         self.stops.answer()
+
+    def _follow(self, goal: Floats | None, before: JointState, at: float) -> None:
+        """How far the last command has come: `goal` left `at` that time (s), `before` is whom it went to."""
+        live = self.mode is Mode.LIVE
+        if goal is None:
+            self.way.silence()
+        else:
+            if self.executor.motion is not Motion.STREAMING:
+                self.way.end(STREAM)
+            self.way.write(goal, at, before)
+        if live:
+            self.way.look(self.measured, self.measured.time)
+        else:
+            self.way.look(self.simulated, self.clock.now())
+        for alert in self.health.alerts():
+            self.say.slow(alert)
 
 
 def _torque_text(off: bool | None) -> str:

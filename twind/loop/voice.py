@@ -5,7 +5,8 @@ from typing import Any
 
 from twind import link
 from twind.loop.link import Outside
-from twind.robot.finding import Finding
+from twind.robot.finding import Code, Finding
+from twind.safety.alarm import CALM, CALM_FOR, Alert
 from twind_drivers.clock import Clock
 
 
@@ -39,6 +40,15 @@ class Voice:
                 findings=list(findings),
             )
         )
+
+    def slow(self, alert: Alert) -> None:
+        """A hop became too slow, or has recovered."""
+        if alert.calm:
+            said = f"{alert.hop} is below {CALM * alert.bound * 1e3:g} ms again, for more than {CALM_FOR:g} s"
+            self.event("info", "LATENCY_CALM", said)
+            return
+        finding = Finding(Code.LATENCY_WARN, value=alert.value, bound=alert.bound, message=f"s, {alert.hop}")
+        self.event("warning", finding.code, f"{alert.hop} is above its threshold", (finding,))
 
     def mark(self, command: link.Mark, code: str, message: str) -> None:
         """What a client says of what the robot is doing, as an event; the reply names it."""

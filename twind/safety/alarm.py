@@ -1,0 +1,41 @@
+"""When something is slow it is told once, and once that it is fast again: no line twice without the other."""
+
+from dataclasses import dataclass
+from math import inf, isnan
+
+CALM = 0.8  # of the bound: what was told must stay below this share ...
+CALM_FOR = 1.0  # s ... for longer than this before it counts as over, and may be told again
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """A hop became too slow, or it has recovered (`calm`)."""
+
+    hop: str
+    value: float  # s
+    bound: float  # s
+    calm: bool = False
+
+
+class Alarm:
+    """Hysteresis over one hop's durations. A negative one is as wrong as one that is too long.
+
+    One that is not known (NaN) is no news, but nothing to be calm about either.
+    """
+
+    def __init__(self, hop: str) -> None:
+        self._hop = hop
+        self._loud, self._high_at = False, -inf
+
+    def judge(self, value: float, bound: float, now: float) -> Alert | None:
+        """One more duration, s, at `now`; what is to be told."""
+        if 0.0 <= value <= CALM * bound:
+            if not self._loud or not now - self._high_at > CALM_FOR:
+                return None
+            self._loud = False
+            return Alert(self._hop, value, bound, calm=True)
+        self._high_at = now
+        if self._loud or isnan(value) or 0.0 <= value <= bound:
+            return None
+        self._loud = True
+        return Alert(self._hop, value, bound)

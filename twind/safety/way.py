@@ -1,0 +1,138 @@
+"""The way of a command, hop by hop: called, taken by the loop, judged, written, moved. Pure; times are s.
+
+A figure is given for what happened, once, and for nothing else: a command that was refused has no `written`,
+one that was replaced or ended before its first goal left neither, a joint that never moved no `moved`.
+
+`moved` is the time from the first goal that asks a joint for a visible move to the reading that shows it. It
+is looked for where the joint stood still, since what moved already says nothing of when it was told.
+"""
+
+from dataclasses import dataclass
+from math import inf, nan
+
+import numpy as np
+
+from twind.robot.arrays import Bools, Floats, some
+from twind.robot.state import JointState
+from twind.robot.trajectory import Reference
+from twind.safety.health import Health
+
+VISIBLE = 0.005  # rad: a few counts of a servo, more than an encoder's noise
+STILL = 0.05  # rad/s, of reference and reading: counts as standing (as S22)
+PATIENCE = 1.0  # s: a joint that has not moved by then is not looked at any longer
+STREAM = ""  # the name of every setpoint
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """A command that the loop has begun with."""
+
+    received: float  # when it was called, NaN unknown
+    taken: float
+    bound: float | None  # for its figures: a long path is long judged, and not late. None: the threshold
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Accepted:
+    """A command that the next goal follows; arrays (n,)."""
+
+    id: str
+    taken: Taken
+    judged: float
+    joints: Bools  # that are commanded and were meant to stand
+    begin: Floats  # rad, the reference before it
+
+
+@dataclass(slots=True, eq=False)
+class _Watch:
+    """Joints that stand and were written to; then the one that is asked to move."""
+
+    joints: Bools
+    begin: Floats  # rad, the reference
+    place: Floats  # rad, where they were
+    since: float  # s
+    joint: int = -1  # none is asked for a visible move yet
+    direction: float = 0.0
+    asked: float = inf
+
+
+class Way:
+    """The command hops of one loop. One command at a time is followed to the end of its way."""
+
+    def __init__(self, health: Health) -> None:
+        self._health = health
+        self._accepted: _Accepted | None = None
+        self._watch: _Watch | None = None
+
+    def take(self, received: float | None, now: float, bound: float | None = None) -> Taken:
+        """The loop begins with a command that was `received` then; None: nobody knows."""
+        received = nan if received is None else received
+        self._health.hop("received", now - received, now, bound)
+        return Taken(received, now, bound)
+
+    def judge(self, taken: Taken, now: float) -> None:
+        """It has its verdict."""
+        self._health.hop("gated", now - taken.taken, now, taken.bound)
+
+    def accept(self, taken: Taken, id: str, joints: Bools, before: Reference, now: float) -> None:
+        """The goals to come follow it: `joints` (n,) are commanded, `before` is what it begins from."""
+        standing = joints & (np.abs(before.velocity) <= STILL)
+        self._accepted = _Accepted(id, taken, now, standing, before.position)
+
+    def end(self, id: str) -> None:
+        """It ended or was replaced: if none of its goals has left yet, none will."""
+        if self._accepted is not None and self._accepted.id == id:
+            self._accepted = None
+
+    def write(self, goal: Floats, at: float, state: JointState) -> None:
+        """A goal (n,) left; `state` is what was known of whom it went to before."""
+        accepted = self._accepted
+        if accepted is not None:
+            self._accepted, taken = None, accepted.taken
+            self._health.hop("written", at - accepted.judged, at)
+            self._health.hop("command", at - taken.received, at, taken.bound)
+            if accepted.id != STREAM or self._watch is None:  # of a stream not every goal is a new one
+                still = accepted.joints & (np.abs(state.velocity) <= STILL) & state.heard
+                self._watch = _Watch(still, accepted.begin, state.position, at) if some(still) else None
+        if self._watch is not None:
+            self._aim(self._watch, goal, at, state)
+
+    def silence(self) -> None:
+        """No goal left: if a joint moves now, nobody says why."""
+        self._watch = None
+
+    def forget(self) -> None:
+        """Whoever moved, it is another one from now on."""
+        self._accepted = self._watch = None
+
+    def look(self, state: JointState, at: float) -> None:
+        """A reading of whom the goals go to, true `at` that time."""
+        watch = self._watch
+        if watch is None or watch.joint < 0:
+            return
+        if self._moved(watch, state):
+            self._health.hop("moved", at - watch.asked, at)
+            self._watch = None
+        elif at - watch.asked > PATIENCE:
+            self._watch = None
+
+    def _aim(self, watch: _Watch, goal: Floats, at: float, state: JointState) -> None:
+        """Whom this goal asks to move; nobody any longer, once it leads back or too much time has passed."""
+        way = goal - watch.begin
+        if watch.joint >= 0:
+            if way[watch.joint] * watch.direction < VISIBLE:
+                self._watch = None
+            return
+        far = np.where(watch.joints, np.abs(way), 0.0)
+        joint = int(far.argmax())
+        if far[joint] >= VISIBLE:
+            watch.joint, watch.direction, watch.asked = joint, float(np.sign(way[joint])), at
+            if self._moved(watch, state):  # before it was asked: by something else
+                self._watch = None
+        elif at - watch.since > PATIENCE:
+            self._watch = None
+
+    @staticmethod
+    def _moved(watch: _Watch, state: JointState) -> bool:
+        way = state.position[watch.joint] - watch.place[watch.joint]
+        return bool(way * watch.direction >= VISIBLE)

@@ -1,0 +1,125 @@
+"""How long something took, time after time: the last 100 values, and the whole run as histograms.
+
+Adding a value costs about a microsecond; statistics are worked out when somebody asks. Times are seconds.
+An unknown (NaN, inf) or negative duration is never averaged away: it counts as a violation and as too late.
+"""
+
+from array import array
+from bisect import bisect_left
+from collections import deque
+from math import ceil, exp, inf, log, nan, sqrt
+
+import numpy as np
+
+from twind.robot.arrays import Floats
+
+SIZE = 100  # values of a window
+KEPT = 1024  # values with their time, for a share of the last half second at up to 1000 Hz and beyond
+RECENT = 0.5  # s
+SMALLEST, BINS, STEP = 1e-6, 400, 0.04  # the run's quantiles: 1 µs to 9 s in bins 4 % wide
+BOUNDS_MS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+BOUNDS = tuple(bound / 1e3 for bound in BOUNDS_MS)  # s, of the buckets that are told
+
+
+class Window:
+    """The last 100 values, and the run as a histogram. What is not known yet is NaN."""
+
+    def __init__(self, threshold: float = inf) -> None:
+        self.threshold = threshold  # of the values to come
+        self.now = nan  # the last value; NaN unknown
+        self.at = -inf  # s, when it was added
+        self.count = 0  # values added in the run, unknown ones included
+        self.worst = nan  # of the run
+        self.sum = 0.0  # of the run's known values
+        self.buckets = [0] * (len(BOUNDS) + 1)  # values of the run at most as large as each bound; the rest
+        self._least = nan
+        # Written one number at a time, which `array` does several times as fast; read through numpy.
+        self._ring = array("d", [nan] * SIZE)  # NaN unknown
+        self._values = np.frombuffer(self._ring)
+        self._late = bytearray(SIZE)  # 1: above the threshold, or unknown
+        self._recent: deque[tuple[float, float]] = deque(maxlen=KEPT)  # (s, value), inf unknown
+        self._bins = array("q", [0] * BINS)
+        self._counts = np.frombuffer(self._bins, np.int64)
+
+    def add(self, value: float, now: float = nan, bound: float | None = None) -> None:
+        """One more value, at `now` (needed for `p95` and `at`). `bound`: in place of the threshold."""
+        place, self.count, self.at = self.count % SIZE, self.count + 1, now
+        if not 0.0 <= value < inf:
+            self.now = self._ring[place] = nan
+            self._late[place] = 1
+            self._recent.append((now, inf))
+            self.buckets[-1] += 1
+            return
+        self._late[place] = not value <= (self.threshold if bound is None else bound)
+        self.sum += value
+        self.buckets[bisect_left(BOUNDS, value)] += 1
+        self.now = self._ring[place] = value
+        self._recent.append((now, value))
+        if not value <= self.worst:
+            self.worst = value
+        if not value >= self._least:
+            self._least = value
+        bin = int(log(value / SMALLEST) / STEP) if value > SMALLEST else 0
+        self._bins[min(bin, BINS - 1)] += 1
+
+    @property
+    def violations(self) -> int:
+        """Values of the window that were above the threshold, or unknown."""
+        return self._late.count(1)
+
+    @property
+    def mean(self) -> float:
+        """Of the window's known values."""
+        known = self._known()
+        return float(known.sum()) / len(known) if len(known) else nan
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the window's known values."""
+        known = self._known()
+        if not len(known):
+            return nan
+        off = known - known.sum() / len(known)
+        return sqrt(float(off @ off) / len(known))
+
+    @property
+    def min(self) -> float:
+        """Of the window's known values."""
+        known = self._known()
+        return float(known.min()) if len(known) else nan
+
+    @property
+    def max(self) -> float:
+        """Of the window's known values."""
+        known = self._known()
+        return float(known.max()) if len(known) else nan
+
+    @property
+    def p50(self) -> float:
+        """Median of the run's known values, within 2 %."""
+        return self._quantile(0.5)
+
+    @property
+    def p99(self) -> float:
+        """99 % of the run's known values are below, within 2 %."""
+        return self._quantile(0.99)
+
+    def p95(self, now: float, span: float = RECENT) -> float:
+        """95 % of the values of the last `span` s are at most this; unknown ones count as inf.
+
+        NaN when there were none.
+        """
+        values = sorted(value for time, value in self._recent if 0.0 <= now - time <= span)
+        return values[ceil(0.95 * len(values)) - 1] if values else nan
+
+    def _known(self) -> Floats:
+        return self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
+
+    def _quantile(self, share: float) -> float:
+        seen = self._counts.cumsum()
+        if not seen[-1]:
+            return nan
+        # At least one value: the share 0 is the first bin that has any.
+        bin = int(seen.searchsorted(max(share * float(seen[-1]), 1.0)))
+        middle = SMALLEST * exp((bin + 0.5) * STEP)
+        return max(self._least, min(self.worst, middle))
