@@ -1,7 +1,10 @@
 """Fixtures shared by the tests."""
 
+import atexit
 import os
+import shutil
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +19,10 @@ from rig import Rig
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# Daemons keep what they write (flight recorders) out of the state of this machine.
+os.environ["STATE_DIRECTORY"] = tempfile.mkdtemp(prefix="twind-tests-state-")
+atexit.register(shutil.rmtree, os.environ["STATE_DIRECTORY"], ignore_errors=True)
+
 # How long an example takes says how busy the machine is: no test here claims it.
 settings.register_profile("twind", deadline=None)
 settings.load_profile("twind")
@@ -24,14 +31,25 @@ settings.load_profile("twind")
 LONGEST = "test_five_minutes_of_robot"  # begun first: two workers then end together
 
 
-# Real processes whose claim is no time, and of which none holds up a robot: these run two at once.
+# Real processes whose claim is no time, or one of seconds: these run two at once, beside computing.
 SIDE_BY_SIDE = """
-    activation adopt_verb calibrate_scan can_socketcan check_offline cli client codes_reached
-    ctl_main doctor_can_line doctor_can_links doctor_files doctor_machine doctor_mend doctor_ports
-    edited front_log front_process front_reload front_server front_telemetry fuzz loop_notify machine many
-    metrics_live packaged plug reload_live scan_verb service service_files streams virtual_can_clients
-    virtual_child virtual_clients virtual_main virtual_serve virtual_servos
+    activation adopt_verb calibrate_import_verb calibrate_scan calibrate_verbs can_socketcan check_offline
+    cli client codes_reached ctl_main docs doctor doctor_can_line doctor_can_links doctor_daemon
+    doctor_files doctor_fix_live doctor_machine doctor_mend doctor_ports edited failsafe_live
+    front_find_stop front_limits front_log front_process front_reload front_server front_telemetry fuzz
+    h24_mixed_live loop_notify loop_slow_answers_live machine many metrics_live model_live monitor_live
+    packaged plug prove_verb register_verb reload_live replug robot scan_verb service service_files
+    streams virtual_can_clients virtual_child virtual_clients virtual_main virtual_serve
+    view_door view_parts virtual_servos wiggle_verb
 """
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Where only tests in real time are asked for, files that have none are not read: most of them."""
+    file = collection_path.suffix == ".py" and collection_path.name.startswith("test_")
+    if file and config.option.markexpr.startswith(("realtime", "alone")):
+        return True if "realtime" not in collection_path.read_text() else None
+    return None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

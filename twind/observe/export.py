@@ -1,6 +1,6 @@
 """Make an .mcap file, for Foxglove and ROS 2 tools, of a flight recorder's file or of another recording.
 
-Of a flight file the raw bytes of the buses come along, as the topic /twind/wire. No file is ever written over.
+Of a flight file the raw bytes of the buses come along, as the topic /twind/wire. No file is written over.
 `ros2 bag` reads no file in which some messages are JSON: for it, --ros puts them into std_msgs/String.
 """
 
@@ -82,7 +82,7 @@ def _lines(flight: Flight, clocks: Clocks) -> Iterator[Line]:
     for answer in answers(flight):
         scribe.mode = modes.get(answer["time"], scribe.mode)
         yield from scribe.take(answer)
-    buses = [str(bus.get("name")) for bus in flight.briefing.description.get("buses") or ()]
+    buses = [str(name) for name in flight.meta.get("buses") or ()]
     for entry in wire(flight):
         yield Line(WIRE, clocks.wall(entry.time), _wire(entry, buses))
 

@@ -1,16 +1,27 @@
 """What a flight recorder heard on the link, as `Monitor` would have told it: one form for all who look on."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import msgspec
 
 from twind.flight import Entry, Flight, Kind
-from twind.front.world import World
-from twind.link import Event, Moment, Outward, Overview, Tick, decode_news
+from twind.front.accepted import Accepted, Judged
+from twind.front.world import World, encode
+from twind.link import (
+    Event,
+    Moment,
+    Outward,
+    Overview,
+    Submit,
+    Tick,
+    decode_command,
+    decode_news,
+    unpack_path,
+)
 
-STATUS_PERIOD = 0.5  # s, as the topic has it
+STATUS_PERIOD, HISTOGRAMS = 0.5, 1.0  # s, as the topics have it
 
 
 def news(flight: Flight) -> Iterator[Outward]:
@@ -33,26 +44,68 @@ def answers(flight: Flight) -> Iterator[dict[str, Any]]:
 
     `time` in s, monotonic. State begins with the first overview: before it nobody knows what is slow.
     """
-    world, status_due = World(flight.briefing), float("-inf")
-    for each in news(flight):
+    told = _Told(World(flight.briefing))
+    entries = flight.contents.entries
+    for place, entry in enumerate(entries):
+        if entry.kind == Kind.COMMAND:
+            told.submitted(entry, entries[place + 1 : place + 2])
+        elif entry.kind == Kind.NEWS:
+            yield from told.news(entry)
+
+
+class _Told:
+    """What a front would have told, datagram by datagram."""
+
+    def __init__(self, world: World) -> None:
+        self._world, self._judged = world, Judged()
+        self._status_due = self._histograms_due = float("-inf")
+
+    def news(self, entry: Entry) -> Iterator[dict[str, Any]]:
+        """Answers to one datagram of the loop."""
+        try:
+            each = decode_news(entry.data)
+        except msgspec.DecodeError:
+            return
         if isinstance(each, Tick | Overview):
-            world.take(each)
-        if isinstance(each, Tick) and world.known:
-            yield _answer("state", each.time, each.sequence, b'"joints":' + world.state())
-            if each.time >= status_due:
-                status_due = each.time + STATUS_PERIOD
-                yield _answer("status", each.time, each.sequence, b'"status":' + world.status())
+            self._world.take(each)
+        if isinstance(each, Tick):
+            yield from self._tick(each)
         elif isinstance(each, Overview):
-            yield _answer("latency", each.time, 0, b'"latency":' + world.latency())
+            whole = each.time >= self._histograms_due
+            self._histograms_due = each.time + HISTOGRAMS if whole else self._histograms_due
+            yield _answer("latency", each.time, 0, b'"latency":' + self._world.latency(whole=whole))
         elif isinstance(each, Event):
-            yield _answer("events", each.time, each.sequence, b'"event":' + world.event(each))
+            yield _answer("events", each.time, each.sequence, b'"event":' + self._world.event(each))
         elif isinstance(each, Moment):
-            yield from _moment(world, each)
+            verdict = b'"verdict":' + self._world.verdict(each)
+            yield _answer("verdicts", each.time, each.sequence, verdict) | {"id": each.id}
+            followed = self._judged.said(each)
+            if followed is not None:
+                accepted = b'"accepted":' + encode(followed.plain(self._world.names))
+                yield _answer("trajectories", each.time, each.sequence, accepted)
 
+    def submitted(self, entry: Entry, after: Sequence[Entry]) -> None:
+        """A command; a trajectory's numbers come `after` it."""
+        try:
+            command = decode_command(entry.data)
+            if not isinstance(command, Submit) or command.check_only or not after:
+                return
+            path = unpack_path(after[0].data, command, len(self._world.briefing.joints))
+        except (msgspec.DecodeError, ValueError):
+            return
+        names = self._world.names.joints
+        tolerances = [{"joint": names[j], "path": way, "goal": goal} for j, way, goal in command.tolerances]
+        asked = {"start_in": command.start_in, "goal_time": command.goal_time, "tolerances": tolerances}
+        self._judged.wait(Accepted(command.id, command.holder, path, asked))
 
-def _moment(world: World, moment: Moment) -> Iterator[dict[str, Any]]:
-    verdict = b'"id":' + json.dumps(moment.id).encode() + b',"verdict":' + world.verdict(moment)
-    yield _answer("verdicts", moment.time, moment.sequence, verdict)
+    def _tick(self, tick: Tick) -> Iterator[dict[str, Any]]:
+        world = self._world
+        if not world.known:
+            return
+        yield _answer("state", tick.time, tick.sequence, b'"joints":' + world.state())
+        if tick.time >= self._status_due:
+            self._status_due = tick.time + STATUS_PERIOD
+            yield _answer("status", tick.time, tick.sequence, b'"status":' + world.status())
 
 
 def _answer(topic: str, time: float, sequence: int, body: bytes) -> dict[str, Any]:

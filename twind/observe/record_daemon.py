@@ -40,11 +40,12 @@ class Listening:
         state, others = (self._client(options) for _ in range(2))
         status = state.call("GetStatus", joints=True)
         robot = state.call("GetRobot")
+        individual = state.call("GetParameters")["parameters"].get("individual")
         joints = [joint["name"] for joint in status["joints"]]
         now = clocks()
         self.scribe = Scribe(joints, now, status["status"]["mode"])
         self.session = Session(
-            status["status"]["robot"], now, _about(status["status"], robot, now), _attachments(robot)
+            status["status"]["robot"], now, _about(status["status"], individual, now), _attachments(robot)
         )
         streams = [
             (state, state.stream("Monitor", topics=["state"], rate=status["status"]["loop"]["rate_hz"])),
@@ -88,12 +89,12 @@ class Listening:
             client.close()
 
 
-def _about(status: Mapping[str, Any], robot: Mapping[str, Any], now: Clocks) -> dict[str, str]:
-    calibration = robot.get("calibration") or {}
+def _about(status: Mapping[str, Any], individual: Any, now: Clocks) -> dict[str, str]:
+
     return {
         "version": str(status["version"]),
         "robot": str(status["robot"]),
-        "individual": str(calibration.get("individual") or ""),
+        "individual": str(individual or ""),
         "mode": str(status["mode"]),
         "rate_hz": str(status["loop"]["rate_hz"]),
         "monotonic": repr(now.monotonic),

@@ -1,6 +1,6 @@
 """What the channels of a recording hold: types of ROS, and JSON schemas of the interface's own types. Pure.
 
-A JSON channel has no schema record: rosbags opens no file with one that is not of ROS. Its JSON schema stands in
+A JSON channel has no schema record: rosbags opens no file with one that is not of ROS. Its JSON schema is in
 the channel's metadata.
 """
 

@@ -80,7 +80,7 @@ class Recording:
     simulated: Floats  # rad
     events: tuple[Said, ...] = ()  # Event of the interface
     verdicts: tuple[Said, ...] = ()  # Verdict
-    trajectories: tuple[Said, ...] = ()  # Trajectory: what passed the gate
+    trajectories: tuple[Said, ...] = ()  # Trajectory and its id: what passed the gate
     statuses: tuple[Said, ...] = ()  # Status
     notes: tuple[Said, ...] = ()  # of who recorded: drops, steps of the clock
     slow: Slow | None = None

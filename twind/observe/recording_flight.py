@@ -54,8 +54,9 @@ def _recording(
         return tuple(Said(each.time, each.what[field]) for each in topics.get(topic, ()))
 
     simulated = np.array([tick.mode == "sim" for tick in ticks], np.bool_)
-    measured = column("position").copy()
-    measured[simulated] = np.nan  # there is no robot: a tick shows the simulation in its place
+    measured, velocity, effort = (column(name).copy() for name in ("position", "velocity", "effort"))
+    for each in (measured, velocity, effort):
+        each[simulated] = np.nan  # there is no robot: a tick shows the simulation in its place
     events = said("events", "event")
     return Recording(
         path=path,
@@ -63,13 +64,13 @@ def _recording(
         joints=joints,
         time=np.array([tick.time - begin for tick in ticks], np.float64),
         measured=measured,
-        velocity=column("velocity"),
-        effort=column("effort"),
+        velocity=velocity,
+        effort=effort,
         goal=column("goal"),
         simulated=column("simulated"),
         events=events,
         verdicts=tuple(Said(each.time, _verdict(each.what)) for each in topics.get("verdicts", ())),
-        trajectories=said("trajectories", "accepted"),
+        trajectories=tuple(Said(each.time, _path(each.what)) for each in topics.get("trajectories", ())),
         statuses=said("status", "status"),
         slow=slow(_now_and_then(topics.get("state", [])), joints),
         latency=hops([(each.time, each.what["latency"] or ()) for each in topics.get("latency", ())]),
@@ -83,6 +84,11 @@ def _recording(
 
 def _verdict(answer: Any) -> dict[str, Any]:
     return {"id": answer["id"], **answer["verdict"]}
+
+
+def _path(answer: Any) -> dict[str, Any]:
+    accepted = answer["accepted"]
+    return {"id": accepted["id"], **accepted["trajectory"]}
 
 
 def _now_and_then(states: list[Said]) -> list[Said]:
