@@ -1,5 +1,6 @@
 """The doctor's checks of servos over surveys as data: where each bound lies, and what must not be said."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import JointSpec
+from twind.ctl.main import main
 from twind_calibration.doctor import mend, robot_checks, runner, table
 from twind_calibration.doctor.bench import together
 from twind_calibration.doctor.complaint import Fix, Found
@@ -194,6 +196,21 @@ def test_a_robot_in_sim_has_no_buses_to_look_at(tmp_path: Path) -> None:
     file.write_text("mode: sim\nrobot: h24\n")
     outcome = look("--config", str(file), only=[code for check in CHECKS for code in check.codes])
     assert (outcome.found, outcome.looked, outcome.unseen) == ([], [], [])
+
+
+def test_where_nothing_was_looked_at_nothing_is_called_right(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--socket", "/nowhere", "doctor", "--robot", "h24", "--only"]
+    assert main([*words, "LATENCY_FLOOR"]) == 1
+    *_, last = capsys.readouterr().out.splitlines()
+    assert last == "nothing is known; looked at 0 things; could not look at: latency (no serial port)"
+    assert main(["--json", *words, "LATENCY_FLOOR"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert (said["looked"], said["not_looked"]) == ([], [{"what": "latency", "why": "no serial port"}])
+    assert main(["--socket", "/nowhere", "calibrate", "scan", "--robot", "h24"]) == 1
+    *_, last = capsys.readouterr().out.splitlines()
+    assert last.startswith("nothing is known; looked at 0 things; could not look at: serial buses, servos (")
+    assert main([*words, "FILE_REFUSED"]) == 0
+    assert "nothing wrong; looked at 1 thing" in capsys.readouterr().out
 
 
 def test_a_bus_without_a_port_is_said_to_be_unseen(tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_what_could_not_be_looked_at_is_said_and_what_is_not_there_is_not() -> N
     outcome = run(check("moons", error=CannotLook("clouds")), check("CAN", error=NothingThere("no CAN")))
     assert (outcome.found, outcome.looked, outcome.unseen) == ([], [], [("moons", "clouds")])
     assert report.text(outcome, ROWS, None, verbose=True).splitlines()[-1] == (
-        "nothing wrong; looked at: nothing; could not look at: moons (clouds)"
+        "nothing is known; looked at: nothing; could not look at: moons (clouds)"
     )
     assert report.text(outcome, ROWS, None).endswith("looked at 0 things; could not look at: moons (clouds)")
 

@@ -35,8 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0: nothing wrong (notes alone do not count), 1: something found. Raises UsageError."""
+    """Exit code 0: nothing wrong (notes alone do not count), 1: something found, or nothing looked at.
+
+    Raises UsageError.
+    """
     # MuJoCo, numpy, YAML: seconds that `twindctl --help` need not pay.
+    from twind.ctl.progress import Progress
     from twind_calibration.again import again
     from twind_calibration.doctor import report, runner, table
     from twind_calibration.doctor.examined import Examined
@@ -56,8 +60,9 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--only: no complaint {unknown[0]!r}; known: {', '.join(known)}")
     examined = look()
     try:
-        with _gently(examined.daemon is not None):
-            outcome = runner.run(examined, runner.chosen(checks, options.only), known)
+        with _gently(examined.daemon is not None), Progress(options, "doctor") as progress:
+            chosen = progress.each(runner.chosen(checks, options.only), lambda check: check.what)
+            outcome = runner.run(examined, chosen, known)
         if options.only:
             outcome.found = [each for each in outcome.found if each.code in {*options.only, "CHECK_BROKEN"}]
             outcome.because = {}
@@ -73,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
             mended = runner.mend(outcome, look, checks, known)
     text = report.text(outcome, known, mended, verbose=options.verbose)
     show(options, report.data(outcome, known, mended), text)
-    return REFUSED if report.wrong(outcome, known, mended) else DONE
+    return DONE if outcome.looked and not report.wrong(outcome, known, mended) else REFUSED
 
 
 @contextmanager

@@ -53,7 +53,7 @@ def data(
             for place, found in enumerate(outcome.found)
         ],
         "looked": outcome.looked,
-        "not_looked": [{"what": what, "why": why} for what, why in outcome.unseen],
+        "not_looked": [{"what": what, "why": why} for what, why in _unseen(outcome)],
         "mended": None
         if mended is None
         else [
@@ -76,6 +76,11 @@ def wrong(outcome: Outcome, complaints: Mapping[str, Complaint], mended: Sequenc
         complaints[found.code].severity is not Severity.NOTE and id(found) not in gone
         for found in outcome.found
     )
+
+
+def _unseen(outcome: Outcome) -> list[tuple[str, str]]:
+    """What was not looked at, and why; what is not there at all where there was nothing else."""
+    return outcome.unseen or ([] if outcome.looked else outcome.absent)
 
 
 def _about(about: Mapping[str, Any]) -> str:
@@ -138,12 +143,14 @@ def _last(
         "nothing wrong" if count == 0 else "1 thing is wrong" if count == 1 else f"{count} things are wrong"
     )
     seen = len(outcome.looked)
+    if not seen and not count:
+        verdict = "nothing is known"
     line = f"{verdict}; looked at {seen} thing{'s' * (seen != 1)}"
     if verbose:
         line = f"{verdict}; looked at: {', '.join(outcome.looked) or 'nothing'}"
-    if outcome.unseen:
+    if unseen := _unseen(outcome):
         reasons: dict[str, list[str]] = {}
-        for what, why in outcome.unseen:
+        for what, why in unseen:
             reasons.setdefault(why, []).append(what)
         grouped = [f"{', '.join(dict.fromkeys(whats))} ({why})" for why, whats in reasons.items()]
         line += "; could not look at: " + "; ".join(grouped)

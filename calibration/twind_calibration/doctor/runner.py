@@ -1,7 +1,7 @@
 """Runs the checks over what was examined. One that breaks becomes a finding, and the others go on."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,6 +28,7 @@ class Outcome:
     )  # place in `found` -> code that probably explains it
     looked: list[str] = field(default_factory=list)  # what was looked at, in a word each
     unseen: list[tuple[str, str]] = field(default_factory=list)  # what could not be looked at, and why
+    absent: list[tuple[str, str]] = field(default_factory=list)  # what is not there to be looked at, and why
     fix: str = ""  # the command that does what `--fix` can do; "": nothing
 
 
@@ -40,7 +41,7 @@ class Mended:
     there: bool  # it is still found, of one of its things at least
 
 
-def run(examined: Examined, checks: Sequence[Check], complaints: Mapping[str, Complaint]) -> Outcome:
+def run(examined: Examined, checks: Iterable[Check], complaints: Mapping[str, Complaint]) -> Outcome:
     """Every check once, in order; what was found sorted: what explains others first, then by severity."""
     outcome = Outcome(examined.about())
     for check in checks:
@@ -117,7 +118,8 @@ def _run_one(examined: Examined, check: Check, outcome: Outcome) -> None:
     try:
         for found in check.look(examined):  # one by one: what came before a failure counts
             outcome.found.append(found)
-    except NothingThere:
+    except NothingThere as error:
+        outcome.absent.append((check.what, str(error)))
         return
     except CannotLook as error:
         if (check.what, str(error)) not in outcome.unseen:  # several checks look at the same thing
