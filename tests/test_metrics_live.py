@@ -102,7 +102,7 @@ def test_a_real_daemon_is_told_of_from_its_start_to_its_end_and_again(tmp_path: 
         found = re.fullmatch(r"metrics +http://127\.0\.0\.1:(\d+)/metrics", address)
         assert found is not None
         port = int(found[1])
-        wait(lambda: total(port, "twind_up"), "a daemon that is there is not told of")
+        wait(lambda: total(port, "twind_loop_lateness_seconds_count"), "no histogram is told")
         with Client(folder) as client:
             client.call("AcquireLease")
             points = [{"positions": [99.0], "time_from_start": 1.0}]
