@@ -91,11 +91,15 @@ class FullDisk(Disk):
 
     def __init__(self, path: Path, room: int) -> None:
         super().__init__(path)
-        self._room = room
+        self._room, self._poured = room, 0
 
-    def write(self, data: bytes | bytearray | memoryview) -> int:
-        left = self._room - self.size
-        if len(data) > left:
-            super().write(memoryview(data)[: max(0, left)])
+    def pour(self, data: memoryview) -> None:
+        part = data[: max(0, self._room - self._poured)]
+        self._poured += len(part)
+        super().pour(part)
+        if len(part) < len(data):
             raise OSError(errno.ENOSPC, "No space left on device")
-        return super().write(data)
+
+    def cut(self, size: int) -> None:
+        super().cut(size)
+        self._poured = size

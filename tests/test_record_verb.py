@@ -17,7 +17,6 @@ from twind.observe.record_run import Course, line, summary
 from twind.observe.record_writer import Mark, RecordWriter, Tally
 from twind.observe.recording import open_recording
 
-
 SIZES = [("0", 0), ("512", 512), ("1k", 1024), ("500M", 500 << 20), ("1.5GiB", 3 << 29), ("2T", 2 << 40)]
 
 

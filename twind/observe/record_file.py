@@ -20,14 +20,15 @@ PROFILE = "ros2"
 
 
 class Disk:
-    """Bytes to a file that must not be there yet. Without a buffer: what was written is the system's.
+    """Bytes to a file that must not be there yet. They wait until `flush`: few writes cost less.
 
     Locked while it is open, so that nobody takes it for an old one.
     """
 
     def __init__(self, path: Path) -> None:
         """Raises OSError."""
-        self.size = 0  # bytes
+        self.size = 0  # bytes, those that wait included
+        self._waiting = bytearray()
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
         fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -37,12 +38,9 @@ class Disk:
             os.close(folder)
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """All of it. Raises OSError."""
-        view = memoryview(data)
-        while view:
-            done = os.write(self._fd, view)
-            self.size += done
-            view = view[done:]
+        """Take all of it."""
+        self._waiting += data
+        self.size += len(data)
         return len(data)
 
     def tell(self) -> int:
@@ -50,7 +48,14 @@ class Disk:
         return self.size
 
     def flush(self) -> None:
-        """Nothing waits here."""
+        """Write all that waits. Raises OSError."""
+        waiting, self._waiting = self._waiting, bytearray()
+        self.pour(memoryview(waiting))
+
+    def pour(self, data: memoryview) -> None:
+        """Hand it to the system, in as many parts as that takes it. Raises OSError."""
+        while data:
+            data = data[os.write(self._fd, data) :]
 
     def sync(self) -> None:
         """Wait until it is on the disk. Raises OSError."""
@@ -58,6 +63,7 @@ class Disk:
 
     def cut(self, size: int) -> None:
         """Leave `size` bytes. Raises OSError."""
+        self._waiting.clear()
         os.ftruncate(self._fd, size)
         os.lseek(self._fd, size, os.SEEK_SET)
         self.size = size
@@ -133,6 +139,7 @@ class RecordFile:
         self._writer.flush()
         self._whole = self._disk.size
         self._writer.finish()
+        self._disk.flush()
         self._disk.sync()
         self._disk.close()
 
@@ -141,6 +148,7 @@ class RecordFile:
         try:
             self._disk.cut(self._whole)
             self._disk.write(_end())
+            self._disk.flush()
         except OSError:
             pass  # not even that fits: `twindctl recover` makes it whole
         self._disk.close()
