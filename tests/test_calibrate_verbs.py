@@ -108,6 +108,11 @@ def told(said: str) -> list[dict[str, Any]]:
 
 
 def test_what_makes_no_sense_is_said_before_anybody_moves(bench: Bench, capsys: Captured) -> None:
+    for step in ("zero", "limits", "endstop --side lower", "prove --base back"):  # and nobody to ask
+        assert bench.verb(*step.split(), "l_kne") == 1
+        assert "h24 has no joint 'l_kne'; nearest: l_knee" in capsys.readouterr().err
+        assert bench.verb(*step.split(), "l_knee") == 2
+        assert "standard input is no terminal; add --yes" in capsys.readouterr().err
     assert bench.verb("zero") == 2
     assert "standard input is no terminal; add --yes" in capsys.readouterr().err
     assert bench.verb("zero", "--yes", "--json") == 1

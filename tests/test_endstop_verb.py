@@ -222,6 +222,7 @@ def test_nothing_moves_before_all_that_speaks_against_it_was_looked_at(file: Pat
 
 
 def test_nobody_who_says_no_is_moved(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdin.readline", lambda: "n\n", raising=False)
     daemon = Daemon(ROBOT, file, [0, 0])
     with pytest.raises(Rejected, match="nothing moved"):

@@ -246,7 +246,6 @@ def test_joints_of_a_transmission_are_planned_for_nobody(tmp_path: Path, capsys:
         (["--base", "side"], "no base pose 'side': say --base"),
         (["--base", "back", "--degrees", "nan"], "--degrees nan is outside 3 to 45"),
         (["--base", "back", "--friction", "-1"], "--friction -1 is outside"),
-        (["--base", "back"], "add --yes"),
     ],
 )
 def test_what_makes_no_sense_is_a_usage_error(

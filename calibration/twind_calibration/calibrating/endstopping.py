@@ -13,6 +13,7 @@ from twind.client import Client
 from twind.config.actuator import ServoType
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import angle_of
+from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, Rejected, UsageError, calibrating, operator
 from twind.motion.homing import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES
 from twind_calibration.again import again
@@ -55,7 +56,6 @@ class Touch:
 def endstop(options: argparse.Namespace) -> int:
     """Exit code 0: done. Raises Rejected, UsageError, ClientError."""
     try:
-        require_somebody(options)
         with operator(options) as client:
             return _endstop(options, client)
     except Rejected as error:  # what it says to type is typed for the same daemon
@@ -65,6 +65,7 @@ def endstop(options: argparse.Namespace) -> int:
 def _endstop(options: argparse.Namespace, client: Client) -> int:
     place = ground(options, client)
     touch = _touch(options, place)
+    require_somebody(options)
     calibration = place.calibration()
     entry = None if calibration is None else calibration.by_name.get(touch.slot.name)
     if calibration is None or entry is None:
@@ -137,13 +138,16 @@ def _found(options: argparse.Namespace, client: Client, touch: Touch) -> list[in
     how = {"current_share": touch.share, "speed": touch.speed, "times": touch.times}
     given = {key: value for key, value in how.items() if value is not None}
     last, phase, told = {}, "", -inf
-    for last in client.stream("FindStop", joint=touch.slot.joint.name, side=touch.side, **given):
-        if options.json:
-            news = {"joint": touch.slot.name, "phase": last["phase"], "progress": last["progress"]}
-            print(json.dumps(news), flush=True)
-        elif last["phase"] != phase or last["progress"] - told >= 0.1:
-            phase, told = last["phase"], last["progress"]
-            print(f"{touch.slot.name}: {phase}, {told:.0%}", file=sys.stderr, flush=True)
+    with Progress(options, touch.slot.name) as progress:
+        for last in client.stream("FindStop", joint=touch.slot.joint.name, side=touch.side, **given):
+            if options.json:
+                news = {"joint": touch.slot.name, "phase": last["phase"], "progress": last["progress"]}
+                print(json.dumps(news), flush=True)
+            elif progress.live:
+                progress.tell(last["phase"], last["progress"])
+            elif last["phase"] != phase or last["progress"] - told >= 0.1:
+                phase, told = last["phase"], last["progress"]
+                print(f"{touch.slot.name}: {phase}, {told:.0%}", file=sys.stderr, flush=True)
     if not last.get("ticks"):
         why = "; ".join(finding["message"] for finding in last.get("findings") or ()) or "it was cut short"
         raise Rejected(f"{touch.slot.name}: {why}. Nothing was written")

@@ -72,7 +72,6 @@ class Fence:
 def limits(options: argparse.Namespace) -> int:
     """Exit code 0: done, or nothing to do. Raises Rejected, UsageError, ClientError."""
     try:
-        require_somebody(options)
         with operator(options) as client:
             return _limits(options, client)
     except Rejected as error:  # what it says to type is typed for the same daemon
@@ -81,6 +80,8 @@ def limits(options: argparse.Namespace) -> int:
 
 def _limits(options: argparse.Namespace, client: Client) -> int:
     place, clock = ground(options, client), MonotonicClock()
+    place.chosen(options.joints, [slot.name for slot in slots(place.robot)])
+    require_somebody(options)
     if client.call("GetStatus")["status"]["mode"] != "live":
         raise Rejected("registers are written in mode live alone: `twindctl mode live`, then again")
     calibration = place.calibration()

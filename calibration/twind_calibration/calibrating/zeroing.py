@@ -89,7 +89,6 @@ class Placed:
 def zero(options: argparse.Namespace) -> int:
     """Exit code 0: all that were asked for are in the file. Raises Rejected, UsageError, ClientError."""
     try:
-        require_somebody(options)
         with operator(options) as client:
             return _zero(options, client)
     except Rejected as error:  # what it says to type is typed for the same daemon
@@ -99,6 +98,10 @@ def zero(options: argparse.Namespace) -> int:
 def _zero(options: argparse.Namespace, client: Client) -> int:
     place, clock = ground(options, client), MonotonicClock()
     every = slots(place.robot)
+    place.chosen(
+        options.joints, [slot.name for slot in every]
+    )  # a yes to a name that is none is worth nothing
+    require_somebody(options)
     calibration = place.calibration()
     draft = drafts.load(place.path, place.robot)
     swept = travels_of(draft, calibration)
