@@ -37,12 +37,21 @@ test-slow: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m 'slow and not realtime'
 	$(BIN)/pytest -m 'slow and realtime'
 
-# All tests, fast and slow together, so that they are collected no more often than they must. One group after the
-# other: even idle computing beside them disturbs those whose claim is timing.
-check: format lint types imports
-	$(BIN)/pytest -n auto -m 'not realtime'
-	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone'
+# All tests, fast and slow together, so that they are collected no more often than they must. Computing that has only
+# what nobody else wants fills the time that real processes sleep; whose claim is timing has the machine to itself.
+check: $(VENV)/.ready
+	$(MAKE) $(TWO) format lint types imports
+	$(MAKE) $(TWO) computed lived
 	$(BIN)/pytest -m alone
+
+TWO := --no-print-directory --jobs 2 --output-sync --keep-going
+IDLE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
+
+computed: $(VENV)/.ready
+	$(IDLE) $(BIN)/pytest -n auto -m 'not realtime'
+
+lived: $(VENV)/.ready
+	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone'
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format --check .

@@ -13,6 +13,7 @@ from pathlib import Path
 import built
 import overlay
 import pytest
+from test_install import wheel
 from unit_files import METRICS, SERVICES, SOCKETS, SYSTEMD
 
 from twind.version import __version__
@@ -46,13 +47,13 @@ wait $daemon
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with all wheels."""
     overlay.require()
-    return built.wheels(tmp_path_factory.getbasetemp())
+    return built.wheels(built.shared(tmp_path_factory))
 
 
 @pytest.fixture(scope="module")
 def package(wheels: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package, built."""
-    return built.package(tmp_path_factory.getbasetemp())
+    return built.package(built.shared(tmp_path_factory))
 
 
 @pytest.fixture(scope="module")
@@ -145,9 +146,11 @@ def test_the_package_installs_without_a_network_runs_and_goes_without_a_trace(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("debian")
-def test_package_and_make_install_do_not_stand_in_each_others_way(
-    package: Path, wheels: Path, tmp_path: Path
-) -> None:
+def test_package_and_make_install_do_not_stand_in_each_others_way(tmp_path: Path) -> None:
+    """What is installed does not matter to that: a wheel with one command."""
+    overlay.require()
+    wheels = wheel(tmp_path / "wheels", __version__)
+    package = built.build(tmp_path / "package", wheels)
     make = f"make -s -C {ROOT}"
     ran = overlay.run(
         tmp_path,

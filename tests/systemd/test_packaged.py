@@ -20,7 +20,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
     if (reason := why_not()) is not None:
         pytest.skip(reason)
     built.require_debian()
-    package = built.package(tmp_path_factory.getbasetemp())
+    package = built.package(built.shared(tmp_path_factory))
     made = Machine(lambda tree: tree.mkdir(), {})
     try:
         made.boot()
@@ -30,32 +30,42 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
         made.down()
 
 
-def test_a_package_starts_nothing_keeps_what_runs_and_stops_it_when_it_goes(bare: Machine) -> None:
-    service = Service(bare)
+@pytest.fixture(scope="module")
+def installed(bare: Machine) -> Machine:
+    """The same, once the package is installed."""
     bare.run("dpkg", "-i", PACKAGE, seconds=SECONDS)
+    return bare
+
+
+def test_a_package_starts_nothing_and_the_next_one_keeps_what_runs(installed: Machine) -> None:
+    service = Service(installed)
     assert service.show("ActiveState") == "inactive"
     assert service.show("UnitFileState") == "disabled"
     service.start()
     before = service.show("MainPID")
-    bare.run("dpkg", "-i", PACKAGE, seconds=SECONDS)
+    installed.run("dpkg", "-i", PACKAGE, seconds=SECONDS)
     assert service.show("MainPID") == before
     assert service.show("ActiveState") == "active"
-    bare.run("systemctl", "enable", "twind.service", "twind-observe.socket")
-    bare.run("dpkg", "-r", "twind", seconds=SECONDS)
-    assert bare.try_run("systemctl", "is-active", "twind.service").stdout.strip() == "inactive"
-    assert not list(bare.inside("/etc/systemd/system").glob("*.wants/twind*"))
-    assert not bare.inside("/opt/twind").exists()
-    assert Path(bare.inside("/etc/twind/twind.yaml")).exists()
+    service.stop()
 
 
-def test_a_virtual_robot_lives_in_the_fence_of_the_service(bare: Machine) -> None:
+def test_a_virtual_robot_lives_in_the_fence_of_the_service(installed: Machine) -> None:
     """Pseudo-terminals made and opened under its device rules, muscles under its memory rules."""
-    bare.run("dpkg", "-i", PACKAGE, seconds=SECONDS)
     folder = "/etc/systemd/system/twind.service.d"
-    bare.run("install", "-D", "-t", folder, "/usr/share/doc/twind/examples/virtual.conf")
-    bare.run("systemctl", "daemon-reload")
-    service = Service(bare).start()
+    installed.run("install", "-D", "-t", folder, "/usr/share/doc/twind/examples/virtual.conf")
+    installed.run("systemctl", "daemon-reload")
+    service = Service(installed).start()
     status = service.reach(mode="live", state="connected")
     assert status["buses"][0]["connected"]
     service.stop()
     assert service.show("Result") == "success"
+
+
+def test_a_package_that_goes_stops_what_runs_and_leaves_the_settings(installed: Machine) -> None:
+    Service(installed).start()
+    installed.run("systemctl", "enable", "twind.service", "twind-observe.socket")
+    installed.run("dpkg", "-r", "twind", seconds=SECONDS)
+    assert installed.try_run("systemctl", "is-active", "twind.service").stdout.strip() == "inactive"
+    assert not list(installed.inside("/etc/systemd/system").glob("*.wants/twind*"))
+    assert not installed.inside("/opt/twind").exists()
+    assert Path(installed.inside("/etc/twind/twind.yaml")).exists()
