@@ -217,6 +217,18 @@ class Life:
             self.call(link.AcquireLease)
             reply = self.call(link.Arm)
             said = str(reply)[:300] if reply is not None else ""
+            if reply is not None:
+                self._by_hand(reply)
+
+    def _by_hand(self, refused: link.Reply) -> None:
+        """What a hand took out of its travel a hand puts back, as the refusal says."""
+        for finding in refused.parameters.get("findings") or ():
+            if finding["code"] == "CALIB_MISMATCH" and "by hand" in finding["message"]:
+                id = self.rig.robot.joints[finding["joint"]].id
+                self.obey({"fault": "hand", "id": id, "rad": 0.0, "speed": 3.0})
+                self.seconds(1.5)
+                self.obey({"fault": "hand", "id": id, "off": True})
+                self.acts["by hand"] = self.acts.get("by hand", 0) + 1
 
     def _reboot(self) -> None:
         for name, bus in self.rig.virtual.items():

@@ -4,6 +4,8 @@ import pytest
 
 from soak.growth import Growth
 from soak.life import Life
+from twind import link
+from twind.robot.modes import State
 
 
 @pytest.mark.slow
@@ -18,6 +20,18 @@ def test_six_minutes_of_a_random_life_breaks_no_rule_and_grows_nothing() -> None
     found = Life(2).live(0.1)
     assert not found["wrong"], found
     assert sum(found["faults"].values()) > 4
+
+
+def test_a_joint_that_a_hand_took_out_of_its_travel_is_put_back_by_one() -> None:
+    life = Life(3)
+    life.ready()
+    life.call(link.EStop, level="cut")
+    life.obey({"fault": "hand", "id": 16, "to": 3500, "speed": 10.0})
+    life.seconds(2.0)
+    life.obey({"fault": "hand", "id": 16, "off": True})
+    life.ready()
+    assert (life.wrong, life.acts["by hand"], life.rig.loop.state) == ([], 1, State.ARMED)
+    life.rig.close()
 
 
 @pytest.mark.parametrize(("leak", "files"), [(0.0, 0), (0.5, 0), (0.0, 1)])
