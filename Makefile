@@ -18,7 +18,7 @@ SAMPLE ?=
 CHANGED ?=
 
 .PHONY: demo test test-fast test-slow check computed lived format lint types imports bench coverage oracle fuzz \
-	mutate clean faults soak kills model cast \
+	mutate clean faults soak kills model cast pictures \
 	install uninstall deb
 
 demo: $(VENV)/.ready
@@ -101,6 +101,10 @@ model: $(VENV)/.ready
 # A terminal recorded: docs/calibration.cast, and what it shows in calibration/README.md.
 cast: $(VENV)/.ready
 	$(BIN)/python tests/calibration_cast.py
+
+# docs/pictures: browser, terminal and page of a virtual robot that waves. Needs Chromium, and a machine that is calm.
+pictures: $(VENV)/.ready
+	$(BIN)/python tests/pictures.py
 
 # What a machine gets, and where; DESTDIR, WHEELS, PURGE and the rest stand in packaging/install.sh. An interpreter is
 # named to these only where it was named to make: `python3` may be one below /root, which the service does not see.
