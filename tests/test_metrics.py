@@ -198,6 +198,16 @@ def test_the_dashboard_and_the_rules_ask_for_nothing_that_is_not_told() -> None:
     assert empty <= {family.name for family in families(ledger(*WHOLE).news(NOW))}
 
 
+def test_the_page_names_every_figure_and_no_other() -> None:
+    page = (FILES.parents[1] / "docs" / "observe.md").read_text()
+    told = set(re.findall(r"`(twind_\w+)", page))
+    there = set()
+    for family in families(ledger(*WHOLE).news(NOW)):
+        suffix = {"counter": "_total", "info": "_info"}.get(family.type, "")
+        there.add(family.name + suffix)
+    assert told == there
+
+
 def test_panels_do_not_overlap_and_have_each_a_number_of_their_own() -> None:
     panels = json.loads((FILES / "twind-dashboard.json").read_text())["panels"]
     assert len({panel["id"] for panel in panels}) == len(panels)

@@ -9,6 +9,7 @@ from twind.observe.recording import Floats, Recording
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#7f3c8d")
 # Okabe and Ito's, which the colour blind tell apart (yellow left out: too light for a line), and one more.
 DRAWN = 6  # joints in colour where nobody names them
+NOTABLE = 0.05  # of the worst: who is followed better than that needs no colour
 GAP = 2.5  # of the usual distance between two values: from here on something is missing between them
 MOST = 6000  # points of a line; an A4 page has a thousand columns
 
@@ -65,7 +66,8 @@ def worst(recording: Recording, window: Window) -> tuple[str, ...]:
         target = recording.target[inside]
         error = target - _mean(target)
     score = np.sqrt(_mean(np.square(error)))
-    order = np.argsort(-np.nan_to_num(score, nan=-1.0), kind="stable")
+    score = np.nan_to_num(score, nan=-1.0)
+    order = [place for place in np.argsort(-score, kind="stable") if score[place] >= NOTABLE * score.max()]
     return tuple(recording.joints[place] for place in order[:DRAWN])
 
 
