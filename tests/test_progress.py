@@ -56,15 +56,17 @@ def test_a_share_beyond_the_whole_breaks_no_bar(
     assert line.count("━") + line.count("─") == BAR
 
 
-def test_it_is_drawn_ten_times_a_second_at_most_and_at_once_after_a_clearing(
+def test_a_step_is_drawn_ten_times_a_second_at_most_and_a_new_one_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     told = Told(monkeypatch)
     assert told.after(0.0, "one")
-    assert told.after(0.05, "two") == ""
+    assert told.after(0.05, "one", 0.9) == ""
+    assert "two" in told.after(0.0, "two")
+    assert "two" in told.after(0.15, "two")
     told.progress.clear()
     assert told.out.getvalue().endswith("\r\x1b[K")
-    assert "three" in told.after(0.0, "three")
+    assert "two" in told.after(0.0, "two")
 
 
 def test_clearing_what_is_not_shown_writes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,8 +117,10 @@ def test_a_line_is_never_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch
 def test_things_are_told_as_they_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     told = Told(monkeypatch)
     taken = []
-    for thing in told.progress.each("abcd", "letters"):
+    for thing in told.progress.each("abcd", "letter {}".format):
         taken.append(thing)
         told.time += 1.0
     assert taken == list("abcd")
-    assert [f"{share:>3}%" in told.out.getvalue() for share in (0, 25, 50, 75)] == [True] * 4
+    shown = told.out.getvalue().split("\r")[1:]
+    assert [line.split()[2] for line in shown] == ["0%", "25%", "50%", "75%"]
+    assert [line.split()[-1] for line in shown] == [f"{letter}\x1b[K" for letter in "abcd"]

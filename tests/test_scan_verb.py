@@ -116,11 +116,12 @@ def test_on_a_terminal_each_step_is_shown_and_wiped(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
     with port(2) as there:
         assert main(["scan", "--port", there.path, *FEW]) == 0
     said = capsys.readouterr().err
     assert "1000000 baud: asking everybody" in said
-    assert re.search(r"\d+ of about 0 s  1000000 baud: reading id 2", said)
+    assert re.search(r"\rscan  ━+─* +\d+%  0:0\d  1000000 baud: reading id 2\x1b\[K", said)
     assert said.endswith("\r\x1b[K")
 
 

@@ -5,7 +5,9 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 
+from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, REFUSED, Rejected
 from twind_drivers.bus import PortError
 from twind_drivers.clock import Clock, MonotonicClock
@@ -39,13 +41,14 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
         return Prober(port, clock, baud, timer=timer)
 
     seconds = sum(estimate(baud, ids, thorough=options.thorough, timer=timer) for baud in bauds)
-    progress = _Progress(options, clock, seconds)
-    progress.begin(port, bauds, ids)
+    _begin(options, port, bauds, ids, seconds)
     rates = []
-    for rate in scan(at, bauds, ids, thorough=options.thorough, tell=progress.tell):
-        progress.clear()
-        rates.append(rate)
-        _show(options, rate)
+    with Progress(options, "scan", seconds=seconds, now=clock.now) as progress:
+        tell = partial(_tell, progress)
+        for rate in scan(at, bauds, ids, thorough=options.thorough, tell=tell):
+            progress.clear()
+            rates.append(rate)
+            _show(options, rate)
     found = [each for rate in rates for each in rate.found]
     if not found:
         more = " Without --baud all rates are looked at." if options.baud else ""
@@ -53,34 +56,25 @@ def _look(options: argparse.Namespace, port: SerialTransport, clock: Clock) -> i
     return REFUSED if any(each.trouble for each in found) else DONE
 
 
-class _Progress:
-    """One line on a terminal that says what is being done; silent elsewhere."""
+def _tell(progress: Progress, baud: int, what: str) -> None:
+    progress.tell(f"{baud} baud: {what}")
 
-    def __init__(self, options: argparse.Namespace, clock: Clock, seconds: float) -> None:
-        self._on = sys.stderr.isatty() and not options.json
-        self._quiet = options.json
-        self._clock, self._begun, self._seconds = clock, clock.now(), seconds
 
-    def begin(self, port: SerialTransport, bauds: Sequence[int], ids: Sequence[int]) -> None:
-        """What is going to be done, how long it takes, and what is wrong with the port."""
-        if not self._quiet:
-            rates = "1 baud rate" if len(bauds) == 1 else f"{len(bauds)} baud rates"
-            says = f"{port.name}: ids {min(ids)} to {max(ids)} at {rates}, about {self._seconds:.0f} s"
-            print(says, file=sys.stderr, flush=True)
-            if port.warning:
-                print(f"{port.name}: {port.warning}", file=sys.stderr, flush=True)
-
-    def tell(self, baud: int, what: str) -> None:
-        """A step begins."""
-        if self._on:
-            past = self._clock.now() - self._begun
-            line = f"\r\x1b[K{past:3.0f} of about {self._seconds:.0f} s  {baud} baud: {what}"
-            print(line, end="", file=sys.stderr, flush=True)
-
-    def clear(self) -> None:
-        """Make room for a result."""
-        if self._on:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+def _begin(
+    options: argparse.Namespace,
+    port: SerialTransport,
+    bauds: Sequence[int],
+    ids: Sequence[int],
+    seconds: float,
+) -> None:
+    """What is going to be done, how long it takes, and what is wrong with the port."""
+    if options.json:
+        return
+    rates = "1 baud rate" if len(bauds) == 1 else f"{len(bauds)} baud rates"
+    says = f"{port.name}: ids {min(ids)} to {max(ids)} at {rates}, about {seconds:.0f} s"
+    print(says, file=sys.stderr, flush=True)
+    if port.warning:
+        print(f"{port.name}: {port.warning}", file=sys.stderr, flush=True)
 
 
 def _show(options: argparse.Namespace, rate: Rate) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 from twind.client.errors import finding_lines
 from twind.ctl.motions import load_motion
+from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, operator, show
 
 
@@ -78,16 +79,19 @@ def _robot(options: argparse.Namespace) -> int:
     from twind.twin.clearance import survey
 
     try:
-        robot = load_robot(options.file)
-        report = check_robot(robot, options.rate)
-        errors = list(report.errors)
-        said, near = list(report.lines), None
-        try:
-            motions, wrong = motions_of(robot)
-            said += [f"warning: {each}" for each in wrong]
-            near = survey(bind(robot, None), motions)
-        except BindingError as error:
-            errors.append(str(error))
+        with Progress(options, "check") as progress:
+            progress.tell("the file")
+            robot = load_robot(options.file)
+            report = check_robot(robot, options.rate)
+            errors = list(report.errors)
+            said, near = list(report.lines), None
+            try:
+                motions, wrong = motions_of(robot)
+                said += [f"warning: {each}" for each in wrong]
+                progress.tell(f"clearances of {len(robot.poses)} poses and {len(motions)} motions")
+                near = survey(bind(robot, None), motions)
+            except BindingError as error:
+                errors.append(str(error))
     except ConfigError as error:
         raise Rejected(str(error)) from None
     if near is not None:

@@ -3,6 +3,7 @@
 import argparse
 import json
 
+from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, Plain, UsageError, operator, show, write_register
 
 
@@ -11,17 +12,20 @@ def _scan_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _scan(options: argparse.Namespace) -> int:
-    with operator(options) as client:
+    with operator(options) as client, Progress(options, "scan") as progress:
         client.timeout = 65.0
-        for found in client.stream("Scan", bus=options.bus):
+        progress.tell("asking who answers")
+        for count, found in enumerate(client.stream("Scan", bus=options.bus), 1):
             if options.json:
                 print(json.dumps(found), flush=True)
                 continue
             model = found.get("model_name") or f"model {found['model']}"
+            progress.clear()
             print(
                 f"{found['bus']}  id {found['id']:>3}  {model}  firmware {found.get('firmware', '-')}",
                 flush=True,
             )
+            progress.tell(f"{count} answered")
     return DONE
 
 

@@ -14,6 +14,7 @@ from typing import Any
 from twind.client import Client
 from twind.client.errors import finding_lines
 from twind.ctl.motions import load_motion
+from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, REFUSED, Plain, UsageError, lease, operator, show
 
 SHORTEST = 1.0  # s, of a move without --time
@@ -96,10 +97,10 @@ def _follow(client: Client, trajectory: dict[str, Any], options: argparse.Namesp
     """The last report. Ctrl-C cancels, and the robot holds; a second one hangs up, which holds as well."""
     last: dict[str, Any] = {}
     client.timeout = 130.0  # a start may lie 60 s ahead, and nothing is reported until then
-    with _interruptible(options):
+    with _interruptible(options), Progress(options, options.verb) as progress:
         for report in client.stream("SubmitTrajectory", trajectory=trajectory):
             last = report
-            _report(report, options)
+            _report(report, options, progress)
     return last
 
 
@@ -121,18 +122,16 @@ def _interruptible(options: argparse.Namespace) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _report(report: dict[str, Any], options: argparse.Namespace) -> None:
+def _report(report: dict[str, Any], options: argparse.Namespace, progress: Progress) -> None:
     if options.json:
         print(json.dumps(report, ensure_ascii=False), flush=True)
         return
     verdict = report.get("verdict") or {}
     for key, mark in (("warnings", "warning"), ("changes", "changed")):
         for line in finding_lines(verdict.get(key) or (), mark):
+            progress.clear()
             print(line, file=sys.stderr)
-    if sys.stderr.isatty():
-        print(f"\r{report['phase']:<10} {report['progress']:4.0%}", end="", file=sys.stderr, flush=True)
-        if report["phase"] not in ("accepted", "running"):
-            print(file=sys.stderr)
+    progress.tell(report["phase"], report["progress"])
 
 
 MOVE = Plain(_move_arguments, _move)

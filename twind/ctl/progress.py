@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import TextIO, TypeVar
 
-PERIOD = 0.1  # s between two drawings at least
+PERIOD = 0.1  # s between two drawings of the same step at least
 BAR = 24  # characters
 KNOWN_AFTER, KNOWN_FROM = 2.0, 0.02  # s and share after which what is left is guessed
 _Thing = TypeVar("_Thing")
@@ -32,9 +32,9 @@ class Progress:
     ) -> None:
         """`what` the line begins with. `seconds`: how long it will take, for steps that tell no share."""
         self._out = sys.stderr if out is None else out
-        self._live = not options.json and self._out.isatty() and os.environ.get("TERM") != "dumb"
+        self.live = not options.json and self._out.isatty() and os.environ.get("TERM") != "dumb"
         self._what, self._seconds, self._now = what, seconds, now
-        self._begun, self._drawn, self._shown = now(), -PERIOD, False
+        self._begun, self._drawn, self._shown = now(), -PERIOD, ""
 
     def __enter__(self) -> "Progress":
         return self
@@ -47,9 +47,9 @@ class Progress:
     def tell(self, text: str, share: float | None = None) -> None:
         """What is being done now; `share` of the whole, 0..1, that is done (None: unknown)."""
         now = self._now()
-        if not self._live or (self._shown and now - self._drawn < PERIOD):
+        if not self.live or (text == self._shown and now - self._drawn < PERIOD):
             return
-        self._drawn, self._shown = now, True
+        self._drawn, self._shown = now, text
         past = now - self._begun
         if share is None and self._seconds:
             share = past / self._seconds
@@ -58,14 +58,14 @@ class Progress:
 
     def clear(self) -> None:
         """Room for a result or a question."""
-        if self._shown:
-            self._shown = False
+        if self._drawn >= 0.0:
+            self._drawn = -PERIOD
             self._write("\r\x1b[K")
 
-    def each(self, things: Sequence[_Thing], text: str) -> Iterator[_Thing]:
+    def each(self, things: Sequence[_Thing], say: Callable[[_Thing], str]) -> Iterator[_Thing]:
         """The things, one after the other, told as they are taken."""
         for place, thing in enumerate(things):
-            self.tell(text, place / len(things))
+            self.tell(say(thing), place / len(things))
             yield thing
 
     def _columns(self) -> int:

@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
+from twind.ctl.progress import Progress
 from twind.ctl.table import lined_up
 from twind.ctl.verb import DONE, REFUSED, show
 from twind_calibration.again import again
@@ -36,7 +37,8 @@ def scan(options: argparse.Namespace) -> int:
     known, checks = table.complaints(), [each for each in table.checks() if each.what in LOOKS]
     examined = examine(options, Host(), MonotonicClock())
     try:
-        outcome = runner.run(examined, checks, known)
+        with Progress(options, "scan") as progress:
+            outcome = runner.run(examined, progress.each(checks, lambda check: check.what), known)
         beside = examined.daemon is not None
         here = again(options, examined.sockets or None)
         outcome.found, outcome.fix = told(outcome.found, known, here, daemon=beside)

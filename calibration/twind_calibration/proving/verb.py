@@ -13,6 +13,7 @@ from twind.client import Client
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.robot_spec import JointSpec
 from twind.config.saving import Folder
+from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.twin.base_pose import BASES
 from twind.twin.binding import BindingError
@@ -46,7 +47,6 @@ def prove(options: argparse.Namespace) -> int:
     if options.base not in BASES:
         said = "how is the base held" if options.base is None else f"no base pose {options.base!r}"
         raise UsageError(f"{said}: say --base {', '.join(BASES)}; --plan says which proves what")
-    require_somebody(options)
     try:
         return _prove(options)
     except Rejected as error:  # what it says to type is typed for the same daemon
@@ -56,6 +56,7 @@ def prove(options: argparse.Namespace) -> int:
 def _prove(options: argparse.Namespace) -> int:
     with operator(options) as client:
         session = Session(options, client, MonotonicClock())
+        require_somebody(options)
         session.require_ready()
         verdicts: list[Verdict] = []
         try:
@@ -206,11 +207,15 @@ class Session:
     def _sweep(self, place: int, way: Sweep) -> tuple[Gone, list[Stay] | None]:
         """How it went, and its stays; None: they were not all heard."""
         name = self.names[place]
-        with observer(self._options) as watching, watched(watching, self.names) as trace:
+        with (
+            observer(self._options) as watching,
+            watched(watching, self.names) as trace,
+            Progress(self._options, name) as progress,
+        ):
             self._rest()
             gone = go(
                 self._client, self._clock, name, way.home, way.farthest,
-                take=self._options.take, along=way.path(name),
+                take=self._options.take, along=way.path(name), tell=progress.tell,
             )  # fmt: skip
             self._rest()
         return gone, None if gone.ended or not gone.moved else trace.visits(place, way.visits)

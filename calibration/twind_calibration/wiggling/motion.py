@@ -1,6 +1,6 @@
 """Sending one joint away and home: through the daemon's gate, with the lease, and never left elsewhere."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -76,15 +76,18 @@ def go(
     *,
     take: bool,
     along: dict[str, Any] | None = None,
+    tell: Callable[[str, float], None] = lambda _phase, _share: None,
 ) -> Gone:
     """There and home, or along another path that ends there and goes no farther than `way`.
 
     What the daemon ended on the way is brought home as soon as the gate lets it. Whoever says stop or takes
-    the robot over has it: then it is left where it is.
+    the robot over has it: then it is left where it is. `tell` is told each phase, and which share is done.
     """
     with lease(client, take=take):
         try:
-            *_, last = client.stream("SubmitTrajectory", trajectory=along or path(joint, home, way))
+            last: dict[str, Any] = {}
+            for last in client.stream("SubmitTrajectory", trajectory=along or path(joint, home, way)):
+                tell(last["phase"], last["progress"])
         except Refused as refusal:
             return Gone(way, refused=tuple(finding_text(each) for each in refusal.findings))
         if last["phase"] == "succeeded":
