@@ -197,16 +197,6 @@ def test_a_monitor_of_nothing_is_refused(loop: StandIn, rate: float, topics: lis
     assert answer["error"] == f"{SERVICE}.InvalidParameter"
 
 
-@pytest.mark.parametrize(
-    ("method", "parameters"),
-    [("DumpRecorder", {})],
-)
-def test_what_is_not_served_yet_says_so(loop: StandIn, method: str, parameters: dict[str, Any]) -> None:
-    with Raw(loop) as client:
-        assert client.call(method, **parameters)["error"] == f"{SERVICE}.MethodNotImplemented"
-    assert not [command for command in loop.commands if isinstance(command, link.Command)]
-
-
 # --------------------------------------------------------------------------- what goes to the loop
 
 

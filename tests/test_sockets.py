@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from twind.loop.sockets import GROUPS, SocketError, group_of, handed_over, listen
+from twind.loop.sockets import GROUPS, Handed, SocketError, group_of, handed_over, listen
 
 
 @contextmanager
@@ -247,6 +247,9 @@ HANDED = """
 import fcntl, json, os, socket, sys
 from twind.loop.sockets import handed_over
 
+def inheritable(fd):
+    return os.path.exists(f"/proc/self/fd/{fd}") and os.get_inheritable(fd)
+
 setting = json.loads(sys.argv[1])
 made = []
 for place, name in enumerate(setting["made"]):
@@ -259,8 +262,9 @@ for place, fd in enumerate(made):
 os.environ |= {"LISTEN_FDS": str(len(made)), "LISTEN_PID": str(os.getpid())} | setting["environment"]
 found = handed_over()
 print(json.dumps({
-    "found": {name: one.getsockname() for name, one in found.items()},
-    "inheritable": [os.get_inheritable(3 + place) for place in range(len(made))],
+    "found": {name: one.getsockname() for name, one in found.sockets.items()},
+    "wreck": found.wreck,
+    "inheritable": [inheritable(3 + place) for place in range(len(made))],
     "left": [key for key in os.environ if key.startswith("LISTEN_")],
 }))
 """
@@ -303,12 +307,20 @@ def test_sockets_are_taken_by_name_and_not_by_place(tmp_path: Path) -> None:
 def test_sockets_without_names_are_not_ours_and_are_not_passed_on_either(tmp_path: Path) -> None:
     answer = handed(tmp_path, ["a"], LISTEN_FDNAMES="")
     assert answer.pop("said").startswith("twind: a socket named '' was handed over")
-    assert answer == {"found": {}, "inheritable": [False], "left": []}
+    assert answer == {"found": {}, "wreck": None, "inheritable": [False], "left": []}
 
 
 def test_sockets_meant_for_another_process_are_left_alone(tmp_path: Path) -> None:
     answer = handed(tmp_path, ["c"], LISTEN_FDNAMES="control", LISTEN_PID="1")
-    assert answer == {"found": {}, "inheritable": [True], "left": [], "said": ""}
+    assert answer == {"found": {}, "wreck": None, "inheritable": [True], "left": [], "said": ""}
+
+
+def test_the_recorder_of_a_daemon_that_is_gone_is_told_apart_and_only_the_last_is_taken(
+    tmp_path: Path,
+) -> None:
+    answer = handed(tmp_path, ["f", "c", "g"], LISTEN_FDNAMES="flight:control:flight")
+    assert (answer["found"], answer["wreck"], answer["said"]) == ({"control": "c"}, 5, "")
+    assert answer["inheritable"] == [False] * 3
 
 
 @pytest.mark.parametrize("count", ["", "-1", "two", "0"])
@@ -316,11 +328,11 @@ def test_a_count_that_is_none_hands_nothing_over(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("LISTEN_FDS", count)
     monkeypatch.setenv("LISTEN_PID", str(os.getpid()))
     monkeypatch.setenv("LISTEN_FDNAMES", "control:observe")
-    assert handed_over() == {}
+    assert handed_over() == Handed()
     assert not any(key.startswith("LISTEN_") for key in os.environ)
 
 
 def test_without_a_service_manager_nothing_is_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     for key in ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES"):
         monkeypatch.delenv(key, raising=False)
-    assert handed_over() == {}
+    assert handed_over() == Handed()

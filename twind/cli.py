@@ -9,25 +9,29 @@ import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from types import FrameType
 
 from twind.config.files import Described, Sources, UsageError, describe, packed
 from twind.config.located import ConfigError
 from twind.config.ports import virtual_port
 from twind.config.robot_file import load_robot
-from twind.loop import assembly, realtime
+from twind.flight import copy
+from twind.front.flight_folder import Folder, meta_of, plain
+from twind.loop import assembly, realtime, tape
 from twind.loop.described import Robot
 from twind.loop.failsafe import Aloud, Failsafe
 from twind.loop.hangups import HangUps
 from twind.loop.link import Outside
 from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
-from twind.loop.sockets import GROUPS, NAMES, SocketError, group_of, handed_over, listen
+from twind.loop.sockets import GROUPS, NAMES, WRECK, SocketError, group_of, handed_over, listen
+from twind.loop.tape import Recorder
 from twind.loop.tick import Loop
 from twind.loop.virtual_child import VirtualChild, VirtualError
 from twind.robot.modes import Mode
 from twind.safety.gate import Thresholds
-from twind.streams import lines, stand_in_for_closed
+from twind.streams import lines, stand_in_for_closed, tell
 from twind.twin.binding import BindingError, bind
 from twind.version import __version__
 from twind_drivers.bus import PortError, PortTaken
@@ -102,8 +106,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     hang_ups = HangUps()  # before all that takes time
     inherited = handed_over()  # before any child: LISTEN_* is not for it
-    for listener in inherited.values():
-        stack.callback(listener.close)
+    stack.callback(inherited.close)
     sources = _sources(options)
     if options.virtual:
         sources = _with_virtual(sources, stack)
@@ -114,7 +117,7 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     notifier.send(STATUS=f"starting: the model of {robot.name} is compiled")
     notifier.extend(STARTING)
     one, buses = _made(described)
-    sockets = {name: inherited.get(name) or listen(settings.socket_dir, name) for name in NAMES}
+    sockets = {name: inherited.sockets.get(name) or listen(settings.socket_dir, name) for name in NAMES}
     for listener in sockets.values():
         stack.callback(listener.close)
     if mode is not Mode.SIM:
@@ -127,8 +130,12 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         described.files,
         packed(sources, described),
     )
-    link = assembly.front(briefing, sockets["control"], sockets["observe"])
-    return run(_loop(described, one, buses, link, notifier), notifier, sockets, hang_ups)
+    recorder = tape.recorder(described.robot, described.rate_hz, MonotonicClock())
+    folder = _flights(settings.state_dir, virtual=options.virtual)
+    link = assembly.front(briefing, sockets["control"], sockets["observe"], recorder, folder, inherited.wreck)
+    loop = _loop(described, one, buses, link, notifier, recorder)
+    notifier.drop(WRECK) if recorder is None else notifier.store(WRECK, recorder.fd)
+    return run(loop, notifier, sockets, hang_ups)
 
 
 def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
@@ -145,7 +152,9 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     buses.refuse_taken()
     notifier = Notifier()
     stack.callback(notifier.close)
-    loop = _loop(described, one, buses, Aloud(2), notifier)
+    recorder = tape.recorder(described.robot, described.rate_hz, MonotonicClock())
+    aloud = Aloud(2) if recorder is None else Aloud(2, recorder.link)
+    loop = _loop(described, one, buses, aloud, notifier, recorder)
     failsafe = Failsafe(loop)
 
     def stop(number: int, frame: FrameType | None) -> None:  # on the way down nothing ends earlier by it
@@ -162,6 +171,8 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
         loop.close()
     if failsafe.left:
         print(lines(2, "error", f"twind --failsafe: {LEFT}"), file=sys.stderr)
+    if recorder is not None:
+        _write(described, one, recorder, loop.mode.value)
     return FAILED if failsafe.left else 0
 
 
@@ -172,8 +183,36 @@ def _made(described: Described) -> tuple[Robot, Buses]:
     return one, Buses(robot, one.binding.joint_map, described.ports, described.rate_hz)
 
 
-def _loop(described: Described, one: Robot, buses: Buses, link: Outside, notifier: Notifier) -> Loop:
+def _flights(state_dir: Path, *, virtual: bool = False) -> Path:
+    """Where flight recorders are written to. A virtual robot's faults push no real one's out."""
+    folder = state_dir.absolute() / "flight"
+    return folder / "virtual" if virtual else folder
+
+
+def _write(described: Described, one: Robot, recorder: Recorder, mode: str) -> None:
+    """What the fail-safe saw and did: torque is off by now, or the robot left as it is."""
     settings = described.settings
+    folder = Folder(_flights(settings.state_dir))
+    try:
+        briefing = assembly.briefing(one, described.rate_hz, settings.parameters(), files=described.files)
+        meta = meta_of(briefing, "failsafe", "FAILSAFE", mode)
+        path = folder.write("FAILSAFE", meta, plain(briefing), copy(recorder.fd))
+        tell(2, "info", f"twind --failsafe: what was done is written down in {path}")
+    except OSError as error:
+        tell(2, "warning", f"twind --failsafe: what was done could not be written down: {error}")
+
+
+def _loop(
+    described: Described,
+    one: Robot,
+    buses: Buses,
+    link: Outside,
+    notifier: Notifier,
+    recorder: Recorder | None,
+) -> Loop:
+    settings = described.settings
+    if recorder is not None:
+        buses = replace(buses, tapes=recorder.tapes)
     return assembly.build(
         one,
         mode=Mode(settings.mode),
@@ -190,6 +229,7 @@ def _loop(described: Described, one: Robot, buses: Buses, link: Outside, notifie
         realtime=realtime.enter(cpu=settings.cpu),
         live_denied=described.live_denied,
         rewire=lambda robot: replace(buses, robot=robot.file, joints=robot.binding.joint_map).enable,
+        tapes=buses.tapes,
     )
 
 
@@ -221,6 +261,7 @@ def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket], ha
         loop.run()
     finally:
         loop.close()
+        notifier.drop(WRECK)  # the front has written what there was to write
     return 0
 
 

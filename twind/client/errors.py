@@ -125,6 +125,7 @@ _SENTENCES: dict[str, Callable[[Mapping[str, Any]], str]] = {
     ),
     "Busy": lambda p: f"busy: {p['what']}",
     "BusFailed": lambda p: f"bus {p['bus']}: {p['message']}" if p["bus"] else str(p["message"]),
+    "NotWritten": lambda p: f"{p['path']}: not written: {p['message']}" if p["path"] else str(p["message"]),
     "InvalidParameter": lambda p: f"parameter {p['parameter']}: {p.get('message', 'not allowed')}",
     "MethodNotFound": lambda p: f"the daemon knows no method {p['method']}",
     "MethodNotImplemented": lambda p: f"the daemon does not serve {p['method']} yet",

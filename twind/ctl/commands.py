@@ -1,4 +1,4 @@
-"""Verbs of one call: mode, arm, disarm, estop, reset, stop, mark. Standard library only."""
+"""Verbs of one call: mode, arm, disarm, estop, reset, stop, mark, dump. Standard library only."""
 
 import argparse
 
@@ -99,6 +99,17 @@ def _mark(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _dump_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", nargs="?", metavar="NAME", help="part of the file's name (default DUMP)")
+
+
+def _dump(options: argparse.Namespace) -> int:
+    with operator(options) as client:
+        answer = client.call("DumpRecorder", name=options.name)
+    show(options, answer, answer["path"])
+    return DONE
+
+
 MODE = Plain(_mode_arguments, _mode)
 ARM = Plain(_arm_arguments, _arm)
 DISARM = Plain(_none, _disarm)
@@ -106,3 +117,4 @@ ESTOP = Plain(_estop_arguments, _estop)
 RESET = Plain(_reset_arguments, _reset)
 STOP = Plain(_none, _stop)
 MARK = Plain(_mark_arguments, _mark)
+DUMP = Plain(_dump_arguments, _dump)

@@ -26,6 +26,7 @@ BUILT_IN = {
     "reset": ("twind.ctl.commands:RESET", "acknowledge latched faults"),
     "stop": ("twind.ctl.commands:STOP", "decelerate and hold"),
     "mark": ("twind.ctl.commands:MARK", "say what the robot is doing: begin TASK, end, note TEXT"),
+    "dump": ("twind.ctl.commands:DUMP", "write the last half minute into a file, and print its path"),
     "move": ("twind.ctl.motion:MOVE", "move joints: JOINT=RAD ..."),
     "play": ("twind.ctl.motion:PLAY", "play a trajectory file, or a motion of the robot by name"),
     "reload": ("twind.ctl.reload:RELOAD", "have the daemon read its files again; what may change does"),

@@ -4,9 +4,9 @@ The loop appends (`Ring`); the front copies (`copy`) and writes (`save`); whoeve
 Knows bytes and times alone: what they mean say `twind.link` and the drivers.
 """
 
-from twind.flight.file import Flight, load, save
+from twind.flight.file import Flight, about, load, save
 from twind.flight.records import NO_BUS, Contents, Entry, FlightError, Kind, Packed, pack
-from twind.flight.ring import Ring, copy, read
+from twind.flight.ring import Ring, copy, held, read
 
 __all__ = [
     "NO_BUS",
@@ -17,7 +17,9 @@ __all__ = [
     "Kind",
     "Packed",
     "Ring",
+    "about",
     "copy",
+    "held",
     "load",
     "pack",
     "read",

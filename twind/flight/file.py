@@ -77,12 +77,20 @@ def _sync(folder: Path) -> None:
         os.close(fd)
 
 
+def about(path: Path | str) -> dict[str, Any]:
+    """The `meta` of a flight file alone, which takes no time. Raises as `load`."""
+    with open(path, "rb") as file:
+        _require_magic(str(path), file.read(len(_MAGIC)))
+        start = file.read(_HEAD.size)
+        size = _HEAD.unpack(start)[0] if len(start) == _HEAD.size else 0
+        return _open(str(path), start + file.read(min(size, MOST)))[0].meta
+
+
 def load(path: Path | str) -> Flight:
     """A flight file. Raises FlightError (cut, damaged, or no file of ours), OSError (not readable)."""
     name = str(path)
     with open(path, "rb") as file:
-        if file.read(len(_MAGIC)) != _MAGIC:
-            raise FlightError(name, "is no flight file of this version", "`twindctl dump` writes one")
+        _require_magic(name, file.read(len(_MAGIC)))
         data = file.read()
     head, sections = _open(name, data)
     raw = _unpack(name, sections, head.sections)
@@ -93,6 +101,11 @@ def load(path: Path | str) -> Flight:
     except (msgspec.MsgspecError, KeyError, ValueError) as error:
         raise broken(name, f"what it holds is not ours ({error})") from None
     return Flight(head.meta, briefing, Packed(kept, entries).parse(name))
+
+
+def _require_magic(path: str, found: bytes) -> None:
+    if found != _MAGIC:
+        raise FlightError(path, "is no flight file of this version", "`twindctl dump` writes one")
 
 
 def _open(path: str, data: bytes) -> tuple[_Head, bytes]:

@@ -162,6 +162,19 @@ def copy(fd: int) -> Packed:
     return Packed(kept, b"".join(reversed(run)))
 
 
+def held(fd: int) -> tuple[float | None, int]:
+    """When its oldest record was written (s, monotonic; None: there is none), and bytes of all. Some 20 us.
+
+    Raises FlightError.
+    """
+    count, segment, _, _, first = _geometry(fd)
+    rows = _rows(fd, first)[:count]
+    _, place = min(((row[0], place) for place, row in enumerate(rows) if row[0]), default=(0, 0))
+    head = os.pread(fd, HEAD, first + place * segment) if rows[place][1] else b""
+    oldest = RECORD.unpack(head)[3] if head else None
+    return oldest, sum(used for sequence, used in rows if sequence)
+
+
 def _settle() -> None:
     select.select((), (), (), SETTLE)
 

@@ -10,10 +10,12 @@ import os
 import signal
 import socket
 import sys
+from pathlib import Path
 
 import msgspec
 
 from twind.briefing import Briefing
+from twind.front.flight import Recorded
 from twind.front.journal import SOCKET
 from twind.front.log import Log, Writer
 from twind.front.server import Front
@@ -28,11 +30,14 @@ def main() -> int:
     parser.add_argument("--briefing", type=int, required=True, help="sealed memfd")
     parser.add_argument("--control", type=int, help="listening socket for operators")
     parser.add_argument("--observe", type=int, help="listening socket for observers")
+    parser.add_argument("--flight", type=int, help="memfd of the flight recorder")
+    parser.add_argument("--wreck", type=int, help="the same of a daemon before this one that is gone")
+    parser.add_argument("--folder", type=Path, default=Path(), help="where flight recorders are written to")
     arguments = parser.parse_args()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
     for fd in vars(arguments).values():
-        if fd is not None:
+        if isinstance(fd, int):
             os.set_inheritable(fd, False)
     briefing = msgspec.msgpack.decode(unseal(arguments.briefing), type=Briefing)
     os.close(arguments.briefing)
@@ -41,14 +46,21 @@ def main() -> int:
     log = Log(Writer(stderr, SOCKET if journal else None), briefing.log_level, journal=journal)
     listeners = {"operator": arguments.control, "observer": arguments.observe}
     try:
-        asyncio.run(_serve(socket.socket(fileno=arguments.link), briefing, log, listeners))
+        recorded = Recorded(arguments.folder, arguments.flight, arguments.wreck)
+        asyncio.run(_serve(socket.socket(fileno=arguments.link), briefing, log, listeners, recorded))
     finally:
         log.close()
     return 0
 
 
-async def _serve(link: socket.socket, briefing: Briefing, log: Log, listeners: dict[str, int | None]) -> None:
-    front = Front(link, briefing, log)
+async def _serve(
+    link: socket.socket,
+    briefing: Briefing,
+    log: Log,
+    listeners: dict[str, int | None],
+    recorded: Recorded,
+) -> None:
+    front = Front(link, briefing, log, recorded)
     front.loop.set_exception_handler(front.unexpected)
     for role, fd in listeners.items():
         if fd is not None:
@@ -56,6 +68,7 @@ async def _serve(link: socket.socket, briefing: Briefing, log: Log, listeners: d
     await front.ended.wait()
     front.shut()  # at once: threads that load a model are waited for
     front.reloads.close()
+    await front.flights.end()
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from twind.front.reload import PARAMETERS
 from twind.front.telemetry import TOPICS
 from twind.front.tickets import ESTOPS
 from twind.front.world import encode
-from twind.protocol import CONTROL, SERVICE
+from twind.protocol import SERVICE
 from twind.robot.finding import Code, Finding, Verdict
 
 if TYPE_CHECKING:
@@ -268,8 +268,8 @@ def _set_parameters(front: Front, call: Call) -> None:
     front.reloads.ask(call, {PARAMETERS[name]: value for name, value in given.items()})
 
 
-def _not_served(_front: Front, call: Call) -> None:
-    call.error("MethodNotImplemented", {"method": f"{CONTROL}.{call.method}"}, SERVICE)
+def _dump_recorder(front: Front, call: Call) -> None:
+    front.flights.dump(call)
 
 
 METHODS: dict[str, Method] = {
@@ -298,7 +298,7 @@ METHODS: dict[str, Method] = {
     "WriteRegister": _as_it_stands(link.WriteRegister),
     "Reboot": _as_it_stands(link.Reboot),
     "Reload": _reload,
-    "DumpRecorder": _not_served,
+    "DumpRecorder": _dump_recorder,
 }
 
 

@@ -13,6 +13,7 @@ from twind.briefing import Briefing
 from twind.front.accepted import Judged
 from twind.front.calls import Call, Caller
 from twind.front.door import Spares
+from twind.front.flight import Flights, Recorded
 from twind.front.foreseen import Foreseen
 from twind.front.log import Log
 from twind.front.loop_end import LoopEnd
@@ -41,7 +42,10 @@ class Front:
 
     SUBMITS_PER_SECOND = 20  # of one peer
 
-    def __init__(self, link: socket.socket, briefing: Briefing, log: Log) -> None:
+    def __init__(
+        self, link: socket.socket, briefing: Briefing, log: Log, recorded: Recorded | None = None
+    ) -> None:
+        """`recorded`: the flight recorder; None: there is none."""
         loop = asyncio.get_running_loop()
         self.loop, self.log = loop, log
         self.ended = asyncio.Event()
@@ -55,6 +59,7 @@ class Front:
         self.sessions: dict[int, Session] = {}
         self.foreseen = Foreseen(self)
         self.reloads = Reloads(self)
+        self.flights = Flights(self, recorded)
         self.submitted = Judged()
         self._doors: list[socket.socket] = []
         self._listeners: list[tuple[socket.socket, str]] = []  # of these, those that nobody watches yet
@@ -226,6 +231,7 @@ class Front:
                 self.tickets.answer(news, self.now())
         elif isinstance(news, Event):
             self.telemetry.event(news)
+            self.flights.event(news)
             state = None if self.world.tick is None else self.world.tick.state
             buses = [joint.bus for joint in self.world.briefing.joints]
             self._report.event(news, self.world.names, buses, state)
@@ -259,6 +265,7 @@ class Front:
         self.link.heartbeat()
         self.foreseen.keep()
         self.reloads.tend(now)
+        self.flights.tend(now)
         self._starved = not self._spares.refill()
         self._listeners, self._resting = [*self._listeners, *self._resting], []
         if self.world.known:

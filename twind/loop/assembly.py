@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -130,6 +131,19 @@ def brief(
 
     `files`: path -> sha256 of what it is described by, as it was read. `described`: what the files said.
     """
+    made = briefing(robot, rate_hz, parameters, log_level, files, described)
+    return seal("twind-briefing", msgspec.msgpack.encode(made))
+
+
+def briefing(
+    robot: Robot,
+    rate_hz: float,
+    parameters: dict[str, Any],
+    log_level: str = "info",
+    files: Mapping[str, str] | None = None,
+    described: bytes = b"",
+) -> Briefing:
+    """The same, not packed."""
     binding = robot.binding
     limits, joint_map = binding.limits, binding.joint_map
     at = {int(place): (bus, i) for bus in joint_map.buses for i, place in enumerate(bus.joints)}
@@ -145,7 +159,7 @@ def brief(
         )
         for place, name in enumerate(joint_map.names)
     ]
-    briefing = Briefing(
+    return Briefing(
         version=__version__,
         robot=robot.file.name,
         joints=joints,
@@ -162,10 +176,21 @@ def brief(
         texts=texts(files or {}),
         described=described,
     )
-    return seal("twind-briefing", msgspec.msgpack.encode(briefing))
 
 
-def front(briefing: int, control: Any, observe: Any, recorder: Recorder | None = None) -> Link:
-    """The link to a front that is started with the first tick."""
-    process = FrontProcess(briefing, control, observe)
+def front(
+    briefing: int,
+    control: Any,
+    observe: Any,
+    recorder: Recorder | None,
+    folder: Path,
+    wreck: int | None = None,
+) -> Link:
+    """The link to a front that is started with the first tick.
+
+    `folder`: where flight recorders are written to, `recorder`'s and that of a daemon before us, `wreck`,
+    which is closed when the front has it.
+    """
+    process = FrontProcess(briefing, control, observe, None if recorder is None else recorder.fd, folder)
+    process.wreck = wreck
     return Link(process) if recorder is None else Link(process, recorder.link)

@@ -21,7 +21,8 @@ import os
 from typing import TYPE_CHECKING
 
 from twind import link
-from twind.loop.link import Incoming
+from twind.flight import Kind
+from twind.loop.link import Incoming, Record, unrecorded
 from twind.loop.ports import Link as Stage
 from twind.loop.procedures import Procedure, Rank
 from twind.loop.release import LETTING_GO, Manner, release
@@ -156,9 +157,10 @@ def _afterwards(loop: Loop) -> str:
 class Aloud:
     """The `Outside` of a loop without a front: nobody commands, events are lines of a descriptor, or lost."""
 
-    def __init__(self, fd: int) -> None:
+    def __init__(self, fd: int, record: Record = unrecorded) -> None:
+        """`record`: who writes down what is told."""
         self.dropped, self.lost, self.no_front = 0, False, ""
-        self._fd, self._numbers = fd, 0
+        self._fd, self._numbers, self._record = fd, 0, record
 
     def tend(self, now: float) -> None:
         """There is no front."""
@@ -179,6 +181,7 @@ class Aloud:
 
     def event(self, event: link.Event | link.Moment) -> None:
         """A line, now or never."""
+        self._record(Kind.NEWS, link.encode(event))
         if isinstance(event, link.Event):
             tell(self._fd, event.level, f"{event.level} {event.code}: {event.message}")
 
@@ -188,7 +191,8 @@ class Aloud:
         return self._numbers
 
     def state(self, news: link.Tick | link.Overview) -> None:
-        """Nobody looks."""
+        """Nobody looks, but later, where it is written down."""
+        self._record(Kind.NEWS, link.encode(news))
 
     def flush(self) -> None:
         """Nothing waits."""

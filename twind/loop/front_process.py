@@ -12,23 +12,35 @@ import select
 import signal
 import socket
 import sys
+from pathlib import Path
 from typing import Any
 
 HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started anew (design 2)
 GRACE = 10.0  # s a new front may take to its first sign of life
 LATER = 1.0  # s until the next try when a front could not be started
-LAST_WORDS = 1.0  # s that a front has to end by itself
+LAST_WORDS = 4.0  # s that a front has to end by itself: it may have a flight recorder to write
 AGAIN = 0.2  # s between a front's end and the next start; doubled for each that lived less than GRACE
 AGAIN_MOST = 5.0  # s between two starts of fronts that die young
-_LINK, _BRIEFING, _CONTROL, _OBSERVE = 3, 4, 5, 6  # descriptors in the child
+_LINK = 3  # descriptor in the child; the others follow
 _PR_CAP_AMBIENT, _CLEAR_ALL = 47, 4  # <linux/prctl.h>
 
 
 class FrontProcess:
     """One front at a time. `socket` is the inner end of the link, None while there is no front."""
 
-    def __init__(self, briefing: int, control: socket.socket, observe: socket.socket) -> None:
-        self._handed = (briefing, control.fileno(), observe.fileno())
+    def __init__(
+        self,
+        briefing: int,
+        control: socket.socket,
+        observe: socket.socket,
+        flight: int | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        """`flight`: descriptor of the flight recorder, `folder` where it is written to."""
+        self._handed = {"briefing": briefing, "control": control.fileno(), "observe": observe.fileno()}
+        self._handed |= {} if flight is None else {"flight": flight}
+        self._folder = folder
+        self.wreck: int | None = None  # the recorder of a daemon before us: for the first front, then closed
         self._cpus = os.sched_getaffinity(0)  # of before the loop was pinned: a front may run anywhere
         self.socket: socket.socket | None = None
         self.pid: int | None = None
@@ -41,8 +53,8 @@ class FrontProcess:
 
     def brief(self, briefing: int) -> None:
         """What fronts started from now on are told: a sealed memfd, which is ours to close."""
-        os.close(self._handed[0])
-        self._handed = (briefing, *self._handed[1:])
+        os.close(self._handed["briefing"])
+        self._handed["briefing"] = briefing
 
     def start(self, now: float) -> None:
         """Start a front. The old one must be gone. Raises OSError; then nothing of it is left."""
@@ -56,6 +68,9 @@ class FrontProcess:
         self.socket, self.starts = inner, self.starts + 1
         self._alive_until = now + GRACE
         self._born = now
+        if self.wreck is not None:  # a front that dies of it is the last
+            os.close(self.wreck)
+            self.wreck = None
 
     def _spawn(self, inner: socket.socket, outer: socket.socket) -> int:
         inner.setblocking(False)
@@ -63,15 +78,18 @@ class FrontProcess:
             with contextlib.suppress(OSError):
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
         # -P: no module of the folder that the daemon happened to be started in.
-        arguments = [sys.executable, "-P", "-m", "twind.front", "--link", str(_LINK)]
-        arguments += ["--briefing", str(_BRIEFING), "--control", str(_CONTROL), "--observe", str(_OBSERVE)]
+        arguments = [sys.executable, "-P", "-m", "twind.front"]
+        arguments += [] if self._folder is None else ["--folder", str(self._folder)]
+        handed = {"link": outer.fileno(), **self._handed}
+        handed |= {} if self.wreck is None else {"wreck": self.wreck}
         with contextlib.ExitStack() as copies:
             actions = []
-            for place, fd in enumerate((outer.fileno(), *self._handed)):
-                # Up and out of the way: dup2 onto 3..6 must not overwrite a source that is still to come.
+            for place, (name, fd) in enumerate(handed.items(), _LINK):
+                # Up and out of the way: dup2 onto 3, 4 ... must not overwrite a source that is still to come.
                 high = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 64)
                 copies.callback(os.close, high)
-                actions.append((os.POSIX_SPAWN_DUP2, high, _LINK + place))
+                actions.append((os.POSIX_SPAWN_DUP2, high, place))
+                arguments += [f"--{name}", str(place)]
             copies.callback(os.sched_setaffinity, 0, os.sched_getaffinity(0))
             os.sched_setaffinity(0, self._cpus)  # a child begins where its parent may run
             _keep_rights()

@@ -3,6 +3,7 @@
 READY does not say that the servos answer: an unplugged robot must not fail the start. The status does.
 """
 
+import array
 import contextlib
 import os
 import socket
@@ -39,6 +40,20 @@ class Notifier:
         lines = "\n".join(f"{key}={value}" for key, value in fields.items())
         with contextlib.suppress(OSError):  # the manager is busy or gone; its own timeout speaks then
             self._socket.sendto(lines.encode(), self._address)
+
+    def store(self, name: str, fd: int) -> None:
+        """Keep `fd` over our death, however we die, for the next start (FDSTORE), in place of what is stored
+        by that name."""
+        self.drop(name)
+        if self._socket is not None:
+            message = f"FDSTORE=1\nFDNAME={name}".encode()
+            with contextlib.suppress(OSError):
+                rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [fd]))]
+                self._socket.sendmsg([message], rights, 0, self._address)
+
+    def drop(self, name: str) -> None:
+        """Let go of what is stored by that name."""
+        self.send(FDSTOREREMOVE="1", FDNAME=name)
 
     def extend(self, seconds: float) -> None:
         """The start, or the end, that is under way may take so much longer (EXTEND_TIMEOUT_USEC)."""

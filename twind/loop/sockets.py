@@ -9,11 +9,14 @@ import os
 import pwd
 import socket
 import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from twind.streams import tell
 
 NAMES = ("control", "observe")
+WRECK = "flight"  # FDNAME of what the loop stores: the flight recorder of a daemon that is gone
 GROUPS = {"control": "twind-operator", "observe": "twind-observe"}
 BACKLOG = 128  # connections that may wait to be taken: a crowd must not turn away who wants to stop
 _FIRST = 3  # SD_LISTEN_FDS_START
@@ -23,29 +26,46 @@ class SocketError(Exception):
     """A control socket could not be made."""
 
 
-def handed_over() -> dict[str, socket.socket]:
-    """Sockets that the service manager listens on for us, by FileDescriptorName=; clears LISTEN_*.
+@dataclass(frozen=True, slots=True)
+class Handed:
+    """What the service manager handed over, ours to close."""
 
-    One by another name is told, and left to the manager: we neither serve nor close it.
+    sockets: Mapping[str, socket.socket] = field(default_factory=dict)  # that it listens on, by name
+    wreck: int | None = None  # memfd of a daemon before us
+
+    def close(self) -> None:
+        """Let go of all of it."""
+        for listener in self.sockets.values():
+            listener.close()
+
+
+def handed_over() -> Handed:
+    """What the service manager hands over, by FileDescriptorName= or FDNAME=; clears LISTEN_*.
+
+    A socket by another name is told, and left to the manager: we neither serve nor close it.
     """
     count, mine = os.environ.get("LISTEN_FDS", ""), os.environ.get("LISTEN_PID", "")
     names = os.environ.get("LISTEN_FDNAMES", "").split(":")
     for key in ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES"):
         os.environ.pop(key, None)
     if not count.isdigit() or mine != str(os.getpid()):
-        return {}
-    found = {}
+        return Handed()
+    found, wreck = {}, None
     handed = range(_FIRST, _FIRST + int(count))
     for fd in handed:
         os.set_inheritable(fd, False)
     for fd, name in zip(handed, names, strict=False):
         if name in NAMES:
             found[name] = socket.socket(fileno=fd)
+        elif name == WRECK:
+            if wreck is not None:
+                os.close(wreck)
+            wreck = fd
         else:
             known = " or ".join(NAMES)
             said = f"a socket named {name!r} was handed over, and nobody serves it"
             tell(2, "warning", f"twind: {said}: FileDescriptorName= of its unit must be {known}")
-    return found
+    return Handed(found, wreck)
 
 
 def listen(directory: Path, name: str) -> socket.socket:

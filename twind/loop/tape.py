@@ -9,6 +9,7 @@ from itertools import count
 from twind.config.robot_spec import RobotFile
 from twind.flight import NO_BUS, Entry, Kind, Ring, pack
 from twind.flight.ring import TRANSCRIPT
+from twind.streams import tell
 from twind_drivers.bus import Transport
 from twind_drivers.can.channel import Channel
 from twind_drivers.can.frame import Frames
@@ -58,6 +59,16 @@ class Recorder:
     def close(self) -> None:
         """Let go of it."""
         self._ring.close()
+
+
+def recorder(robot: RobotFile, rate_hz: float, clock: Clock) -> Recorder | None:
+    """One for this robot; None, and why is told: there is no memory for it."""
+    try:
+        ring = Ring.create(size(robot, rate_hz), buses=len(robot.buses))
+    except OSError as error:
+        tell(2, "warning", f"twind: no flight recorder, this run leaves nothing behind: {error}")
+        return None
+    return Recorder(ring, [bus.name for bus in robot.buses], clock)
 
 
 def size(robot: RobotFile, rate_hz: float) -> int:
