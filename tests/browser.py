@@ -30,6 +30,7 @@ FLAGS = [
 ]
 SIZE = (1280, 800)
 MIDDLE = {"x": 310, "y": 160, "width": 640, "height": 500}  # of that page: what no panel covers
+SELDOM = "const f = requestAnimationFrame; window.requestAnimationFrame = g => setTimeout(() => f(g), 300)"
 CELL = 5  # pixels of a cell's side
 SETTLED = 15.0  # s until the page shows what it was told
 
@@ -64,9 +65,15 @@ def browser() -> Iterator[Any]:
             found.close()
 
 
-def opened(found: Any, url: str, size: tuple[int, int] = SIZE) -> Any:
-    """The page, once it shows its panels. `page.asked`: the address of every request it made."""
-    page = found.new_page(viewport={"width": size[0], "height": size[1]})
+def opened(found: Any, url: str, size: tuple[int, int] = SIZE, *, looked_at: bool = True) -> Any:
+    """The page, once it shows its panels. `page.asked`: the address of every request it made.
+
+    Where it is not `looked_at` it draws small and thrice a second: a robot beside it needs the processor.
+    """
+    sharp = 1.0 if looked_at else 0.2
+    page = found.new_page(viewport={"width": size[0], "height": size[1]}, device_scale_factor=sharp)
+    if not looked_at:
+        page.add_init_script(SELDOM)
     page.asked = []
     page.on("request", lambda request: page.asked.append(request.url))
     page.on("websocket", lambda socket: page.asked.append(socket.url))

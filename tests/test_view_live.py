@@ -1,0 +1,199 @@
+"""`twindctl view` beside real daemons, in a real browser: who stops the robot, who moves it, who is gone."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import browser, missing, opened
+from processes import Daemon, arm, daemon, go, robot, until
+
+from twind.client import Refused
+
+pytest.importorskip("viser", reason="the extra `view` is not installed")
+pytest.importorskip("mjviser", reason="the extra `view` is not installed")
+pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
+LONG = {
+    "joint_names": ["l_shoulder_roll"],
+    "points": [{"positions": [1.0], "velocities": [0.0], "time_from_start": 12.0}],
+}
+HOME = {"joint_names": ["l_shoulder_roll"], "points": [{"positions": [0.0], "time_from_start": 2.0}]}
+WAIT = 20_000  # ms that a busy machine may be behind
+TRIES = 5  # of a motion that a busy machine ends
+
+
+class Viewing:
+    """A `twindctl view` that runs, and its address."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(folder), "view", *options]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
+        assert self.process.stdout is not None
+        self.url = self.process.stdout.readline().decode().split()[1]
+
+    def end(self, number: int = signal.SIGTERM) -> int:
+        self.process.send_signal(number)
+        code = self.process.wait(10.0)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return code
+
+
+@contextlib.contextmanager
+def viewing(folder: Path, *options: str) -> Iterator[Viewing]:
+    view = Viewing(folder, *options)
+    try:
+        yield view
+    finally:
+        if view.process.poll() is None:
+            view.end(signal.SIGKILL)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    with browser() as found:
+        yield found
+
+
+@contextlib.contextmanager
+def simulated(folder: Path, robot: str = "h24") -> Iterator[Daemon]:
+    running = Daemon(folder, "--mode", "sim", "--robot", robot)
+    try:
+        running.reach(mode="sim")
+        yield running
+    finally:
+        running.end()
+
+
+def press(page: Any, name: str) -> None:
+    """By force: a page that is drawn without a graphics card is long in standing still."""
+    page.get_by_role("button", name=name, exact=True).click(force=True, timeout=WAIT)
+
+
+class Moving(threading.Thread):
+    """A client that plays a long motion; `last` is how it ended."""
+
+    def __init__(self, running: Daemon) -> None:
+        super().__init__(daemon=True)
+        self._running, self.last = running, ""
+        self.start()
+
+    def run(self) -> None:
+        with self._running.client() as client:
+            client.call("AcquireLease")
+            try:
+                for report in client.stream("SubmitTrajectory", trajectory=LONG):
+                    self.last = report["phase"]
+            except Refused as refusal:  # a busy machine
+                self.last = str(refusal)
+
+
+def stopped(running: Daemon, page: Any) -> str:
+    """How a motion ends when Stop is pressed while it runs; anew where a busy machine ended it before."""
+    for _ in range(TRIES):
+        until(lambda: running.status()["lease"] is None, 5.0, "who armed or moved it is done")
+        with running.client() as client:
+            go(client, HOME)
+        moving = Moving(running)
+        until(lambda moving=moving: running.status()["motion"] == "active" or moving.last, 10.0, "it moves")
+        press(page, "Stop")
+        moving.join(10.0)
+        if moving.last == "cancelled":
+            break
+        print(f"pressed again: the motion was {moving.last}")
+    return moving.last
+
+
+def libraries(process: int) -> list[str]:
+    """What GL there is in a process."""
+    maps = Path(f"/proc/{process}/maps").read_text().lower()
+    return [name for name in ("glfw", "libgl", "libegl", "osmesa") if name in maps]
+
+
+def test_stop_stops_estop_stops_and_a_killed_viewer_changes_nothing(chromium: Any) -> None:
+    with robot() as (virtual, folder), daemon(virtual, folder) as running:
+        running.reach(state="connected")
+        assert [libraries(each) for each in (running.process.pid, running.front(), virtual.process.pid)] == [
+            [],
+            [],
+            [],
+        ]
+        with viewing(running.sockets) as view, running.client() as operator:
+            page = opened(chromium, view.url, looked_at=False)
+            assert page.get_by_text("Take the lease").count() == 0  # without --operate there is none
+            arm(operator)
+            assert stopped(running, page) == "cancelled"
+            page.get_by_text("the motion comes to a hold").first.wait_for(timeout=WAIT)
+
+            press(page, "E-STOP")
+            page.get_by_text("state estop").first.wait_for(timeout=WAIT)
+            assert running.status()["state"] == "estop"
+
+            view.end(signal.SIGKILL)
+            before = running.status()
+            time.sleep(0.5)
+            after = running.status()
+            assert after["loop"]["ticks"] > before["loop"]["ticks"] + 30
+            assert after["state"] == "estop" and running.process.poll() is None
+            page.close()
+
+
+def test_who_took_the_lease_on_purpose_moves_the_robot_until_the_tab_is_closed(
+    chromium: Any, tmp_path: Path
+) -> None:
+    with simulated(tmp_path) as running, viewing(running.sockets, "--operate") as view:
+        page = opened(chromium, view.url, looked_at=False)
+        assert page.get_by_role("button", name="Play", exact=True).is_disabled()
+        assert running.status()["lease"] is None
+        take_and_play(page, running)
+        time.sleep(1.5)  # longer than a lease lasts
+        assert running.status()["lease"] is not None
+
+        second = opened(chromium, view.url, looked_at=False)
+        press(second, "Stop")
+        until(lambda: running.status()["motion"] == "holding", 5.0, "stop needs no lease")
+        page.close()
+        until(lambda: running.status()["lease"] is None, 3.0, "the lease of a tab that is closed")
+
+        take_and_play(second, running)
+        view.end(signal.SIGKILL)
+        until(lambda: running.status()["motion"] == "holding", 3.0, "the lease of a killed viewer lapses")
+        assert running.status()["lease"] is None
+        second.close()
+
+
+def take_and_play(page: Any, running: Daemon) -> None:
+    press(page, "Take the lease ...")
+    press(page, "Take it")
+    page.get_by_text("lease taken").first.wait_for(timeout=WAIT)
+    press(page, "Play")
+    until(lambda: running.status()["motion"] == "active", 10.0, "the motion that was played")
+
+
+def test_the_page_outlives_the_daemon_and_shows_the_next_ones_robot(chromium: Any, tmp_path: Path) -> None:
+    with contextlib.ExitStack() as stack:
+        first = stack.enter_context(simulated(tmp_path))
+        view = stack.enter_context(viewing(first.sockets))
+        page = opened(chromium, view.url, looked_at=False)
+        page.get_by_text("h24, mode sim").wait_for(timeout=WAIT)
+        first.end(signal.SIGKILL)
+        page.get_by_text("the daemon is not there, tried again").wait_for(timeout=WAIT)
+        press(page, "E-STOP")
+        page.get_by_text("use its own switch").wait_for(timeout=WAIT)
+        stack.enter_context(simulated(tmp_path, "h24-split"))
+        page.get_by_text("h24-split, mode sim").wait_for(timeout=WAIT)
+        assert view.end() == 0
+        page.close()
+
+
+def test_without_a_daemon_there_is_nothing_to_show(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "twind.ctl.main", "--socket", str(tmp_path), "view"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=False)
+    assert done.returncode == 3
+    assert "no daemon" in done.stderr
