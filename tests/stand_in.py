@@ -78,6 +78,8 @@ def overview(now: float, ticks: int = 0, count: int = 24) -> link.Overview:
     torque = np.array([1] * (count - 2) + [0, -1], np.int8)
     bits = np.zeros(count, np.int16)
     bits[0], bits[-1] = 0b100000 | 0b100, -1
+    whole = ticks % 100 == 1  # once a second, as the loop does
+    runs = ([link.Bucket(0.05, ticks), link.Bucket(None, 1)], 7.5) if whole else (None, None)
     return link.Overview(
         time=now,
         latency_ms=2.5,
@@ -92,8 +94,8 @@ def overview(now: float, ticks: int = 0, count: int = 24) -> link.Overview:
         lease_client=0,
         faults=[Finding(Code.STATE_STALE, joint=3, value=0.2, bound=0.1)],
         buses=[link.BusInfo("main", "/dev/ttyUSB0", True, 1.5, None, 0.4, 1000, 2)],
-        loop=link.LoopInfo(100.0, ticks, 0, 1.0, 40.0, 80.0, 200.0, {"policy": "other"}),
-        latencies=[link.LatencyInfo("bus", 1.5, 1.5, 0.1, 1.4, 1.9, 1.5, 1.8, 0)],
+        loop=link.LoopInfo(100.0, ticks, 0, 1.0, 40.0, 80.0, 200.0, {"policy": "other"}, *runs),
+        latencies=[link.LatencyInfo("bus", 1.5, 1.5, 0.1, 1.4, 1.9, 1.5, 1.8, 0, *runs)],
         temperature=np.full(count, 40.0).tobytes(),
         voltage=np.full(count, 12.0).tobytes(),
         torque=torque.tobytes(),

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.safety.alarm import CALM, CALM_FOR, Alarm, Alert
+from twind.safety.alarm import Alarm, Alert
 
+CALM, CALM_FOR = 0.8, 1.0  # of the bound; s: as docs/safety.md says
 BOUND = 0.05
 LOW, MIDDLE, HIGH = 0.01, 0.045, 0.06
 
@@ -43,6 +44,7 @@ def test_it_has_recovered_when_it_stayed_below_the_calm_share_for_longer_than_a_
     assert told((0.0, HIGH), (CALM_FOR, calm)) == [(0.0, False)]
     assert told((0.0, HIGH), (CALM_FOR + 1e-9, calm)) == [(0.0, False), (CALM_FOR + 1e-9, True)]
     above = calm * (1.0 + 1e-12)
+    assert told((0.0, 0.0), (0.1, HIGH), (1.2, 0.0)) == [(0.1, False), (1.2, True)]
     assert told((0.0, HIGH), (0.5, above), (1.2, LOW), (1.4, LOW)) == [(0.0, False)]
     assert told((0.0, HIGH), (5.0, above), (5.1, LOW)) == [(0.0, False)]
 

@@ -3,10 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-import gate_world as w
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from rig import Rig
 
 from twind import link
@@ -14,27 +12,8 @@ from twind.front.accepted import WAITING, Accepted, Judged
 from twind.front.naming import Names
 from twind.robot.finding import Code
 from twind.robot.trajectory import Trajectory
-from twind.safety.gate import Demand
-from twind.safety.retime import changed
 
 JOINT = "l_elbow"
-
-
-def same(one: Trajectory, other: Trajectory) -> bool:
-    pairs = [
-        (getattr(one, name), getattr(other, name))
-        for name in ("time", "position", "velocity", "acceleration")
-    ]
-    return all((a is None and b is None) or np.array_equal(a, b, equal_nan=True) for a, b in pairs)
-
-
-@settings(max_examples=150, deadline=None)
-@given(w.paths(most=4))
-def test_the_changes_of_a_verdict_make_the_path_that_was_judged_to_the_last_bit(path: Trajectory) -> None:
-    limit, before = w.limits(velocity=1.5, acceleration=8.0), w.at_rest(path.position[0])
-    for demand in (Demand(), Demand("retime"), Demand(append_stop=True), Demand("retime", append_stop=True)):
-        judged = w.ask(path, limit, before, demand)
-        assert same(changed(path, judged.verdict.changes), judged.path)
 
 
 # ------------------------------------------------------------------------------------- from the loop

@@ -133,6 +133,36 @@ def test_one_that_is_refused_is_no_trajectory(loop: StandIn) -> None:
             watcher.receive()
 
 
+# ------------------------------------------------------------------------------------- histograms
+
+
+def test_histograms_come_with_the_first_message_and_once_a_second(loop: StandIn) -> None:
+    with watching(loop, "latency") as watcher:
+        hops = [told(watcher)["latency"][0] for _ in range(22)]
+    whole = [place for place, hop in enumerate(hops) if hop["histogram"] is not None]
+    assert whole[0] == 0
+    assert len(whole) in (2, 3)
+    first = hops[0]
+    assert [bucket["upper_ms"] for bucket in first["histogram"]] == [0.05, None]
+    assert first["histogram_sum_ms"] == 7.5
+    assert hops[1]["histogram_sum_ms"] is None
+
+
+def test_who_asks_seldom_gets_histograms_every_time(loop: StandIn) -> None:
+    with Raw(loop, "observe") as watcher:
+        watcher.send("Monitor", parameters={"topics": ["latency"], "rate": 0.9}, more=True)
+        assert all(told(watcher)["latency"][0]["histogram"] for _ in range(3))
+
+
+def test_lateness_is_in_every_status(loop: StandIn) -> None:
+    with Raw(loop, "observe") as client:
+        for _ in range(3):
+            told_by = client.call("GetStatus")["parameters"]["status"]["loop"]
+            assert [bucket["upper_ms"] for bucket in told_by["lateness"]] == [0.05, None]
+            assert told_by["lateness_sum_ms"] == 7.5
+            time.sleep(0.1)
+
+
 # ------------------------------------------------------------------------------------- marks
 
 

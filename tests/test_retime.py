@@ -12,7 +12,7 @@ from twind.robot.finding import Code, Finding
 from twind.robot.limits import Limits
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.gate import Demand
-from twind.safety.retime import needed
+from twind.safety.retime import changed, needed
 
 RETIME, STOP, BOTH = Demand("retime"), Demand(append_stop=True), Demand("retime", append_stop=True)
 
@@ -189,3 +189,29 @@ def test_ramp_and_stretch_go_together() -> None:
     assert judged.verdict.accepted
     assert [change.code for change in judged.verdict.changes] == [Code.STOP_APPENDED, Code.RETIMED]
     assert not w.oracle_faults(judged.path, w.at_rest([0.0]), limit)
+
+
+# ----------------------------------------------------------------------------------------- told again
+
+
+def same(one: Trajectory, other: Trajectory) -> bool:
+    pairs = [
+        (getattr(one, name), getattr(other, name))
+        for name in ("time", "position", "velocity", "acceleration")
+    ]
+    return all((a is None and b is None) or np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+
+@settings(max_examples=150, deadline=None)
+@given(w.paths(most=4))
+def test_the_changes_of_a_verdict_make_the_path_that_was_judged_to_the_last_bit(path: Trajectory) -> None:
+    limit, before = w.limits(velocity=1.5, acceleration=8.0), w.at_rest(path.position[0])
+    for demand in (Demand(), RETIME, STOP, BOTH):
+        judged = w.ask(path, limit, before, demand)
+        assert same(changed(path, judged.verdict.changes), judged.path)
+
+
+def test_a_finding_that_is_no_change_changes_nothing() -> None:
+    path = w.path([1.0], [0.5], [0.0])
+    assert changed(path, [Finding(Code.POS_LIMIT, value=2.0)]) is path
+    assert changed(path, []) is path

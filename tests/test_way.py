@@ -12,43 +12,46 @@ from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety.alarm import Alert
 from twind.safety.health import COMMAND, Health
-from twind.safety.way import PATIENCE, STILL, STREAM, VISIBLE, Way
+from twind.safety.way import STREAM, Way
 
-TICK = 0.01
+VISIBLE, STILL, PATIENCE = 0.005, 0.05, 1.0  # rad, rad/s, s: as docs/safety.md says
+# Powers of two, so that sums of them are exact.
+TICK, ANSWER = 2.0**-7, 2.0**-8  # s
+CALLED, JUDGING, WAITING = 2.0**-8, 2.0**-10, 2.0**-11  # s
 FAR = 2.0 * VISIBLE
 BOTH = np.array([True, True])
 
 
 class World:
-    """Two joints that stand at 1 and -1 rad; time is the test's."""
+    """Two joints that stand; time is the test's."""
 
-    def __init__(self) -> None:
+    def __init__(self, begin: tuple[float, float] = (1.0, -1.0)) -> None:
         self.health = Health(1)
         self.way = Way(self.health)
         self.now = 10.0
-        self.begin = np.array([1.0, -1.0])
+        self.begin = np.array(begin)
         self.state = JointState(
             self.now, self.begin, np.zeros(2), np.zeros(2), np.zeros(2), np.ones(2, np.bool_), 0.0
         )
 
     def command(self, id: str = "t", *, speed: float = 0.0, joints: np.ndarray = BOTH) -> None:
-        """Called 3 ms ago, judged in 1 ms, accepted."""
-        taken = self.way.take(self.now - 0.003, self.now)
-        self.now += 0.001
+        """Called a little ago, judged, accepted."""
+        taken = self.way.take(self.now - CALLED, self.now)
+        self.now += JUDGING
         self.way.judge(taken, self.now)
         before = Reference(self.begin, np.array([speed, 0.0]), np.zeros(2))
         self.way.accept(taken, id, joints, before, self.now)
-        self.now += 0.0005
+        self.now += WAITING
 
     def tick(self, goal: list[float] | None, moved: list[float] | None = None) -> None:
-        """A goal so far from where it began (None: none leaves), then a reading so far, 4 ms later."""
+        """A goal so far from where it began (None: none leaves), then a reading so far, a little later."""
         if goal is None:
             self.way.silence()
         else:
             self.way.write(self.begin + goal, self.now, self.state)
         place = self.state.position if moved is None else self.begin + moved
         self.state = replace(self.state, position=place)
-        self.way.look(self.state, self.now + 0.004)
+        self.way.look(self.state, self.now + ANSWER)
         self.now += TICK
 
     def told(self) -> dict[str, int]:
@@ -72,11 +75,11 @@ def test_every_hop_of_a_command_is_told_once() -> None:
     world.tick([FAR, 0.0], [FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
     assert world.told() == WHOLE
-    assert world.last("received") == pytest.approx(0.003)
-    assert world.last("gated") == pytest.approx(0.001)
-    assert world.last("written") == pytest.approx(0.0005)
-    assert world.last("command") == pytest.approx(0.0045)
-    assert world.last("moved") == pytest.approx(2 * TICK + 0.004)
+    assert world.last("received") == CALLED
+    assert world.last("gated") == JUDGING
+    assert world.last("written") == WAITING
+    assert world.last("command") == CALLED + JUDGING + WAITING
+    assert world.last("moved") == 2 * TICK + ANSWER
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -137,7 +140,7 @@ def test_one_that_was_replaced_before_its_first_goal_left_has_none_of_it() -> No
     world.command("two")
     world.tick([FAR, 0.0])
     assert world.told() == ON_ITS_WAY | {"received": 2, "gated": 2}
-    assert world.last("command") == pytest.approx(0.0045)
+    assert world.last("command") == CALLED + JUDGING + WAITING
 
 
 def test_while_no_goal_leaves_it_is_waited_and_the_wait_counts() -> None:
@@ -147,7 +150,7 @@ def test_while_no_goal_leaves_it_is_waited_and_the_wait_counts() -> None:
         world.tick(None)
     assert "written" not in world.told()
     world.tick([0.0, 0.0])
-    assert world.last("written") == pytest.approx(3 * TICK + 0.0005)
+    assert world.last("written") == 3 * TICK + WAITING
 
 
 def test_a_joint_that_never_moves_has_no_figure_and_later_moves_are_not_its() -> None:
@@ -159,24 +162,40 @@ def test_a_joint_that_never_moves_has_no_figure_and_later_moves_are_not_its() ->
     assert world.told() == ON_ITS_WAY
 
 
-def test_one_that_moves_within_the_patience_has_its_figure() -> None:
+@pytest.mark.parametrize(("late", "moved"), [(0.0, 1), (TICK, 0)])
+def test_one_that_has_not_moved_after_the_patience_is_given_up_and_no_sooner(late: float, moved: int) -> None:
     world = World()
     world.command()
-    for _ in range(round(PATIENCE / TICK)):
-        world.tick([FAR, 0.0])
+    world.tick([FAR, 0.0])
+    world.now += PATIENCE - ANSWER - TICK + late
+    world.tick([FAR, 0.0])  # looked at, to the bit, so much after it was asked
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == WHOLE
-    assert world.last("moved") == pytest.approx(PATIENCE + 0.004)
+    assert world.told().get("moved", 0) == moved
 
 
-def test_a_command_that_asks_nobody_for_a_visible_move_is_not_waited_for_for_ever() -> None:
+@pytest.mark.parametrize(("wait", "moved"), [(PATIENCE, 1), (PATIENCE + TICK, 0)])
+def test_a_command_that_asks_nobody_for_a_visible_move_is_not_waited_for_for_ever(
+    wait: float, moved: int
+) -> None:
     world = World()
     world.command()
-    for _ in range(round(PATIENCE / TICK) + 2):
-        world.tick([0.0, 0.0])
+    world.tick([0.0, 0.0])
+    world.now += wait - TICK
+    world.tick([0.0, 0.0])
     world.tick([FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
-    assert world.told() == ON_ITS_WAY
+    assert world.told() == (WHOLE if moved else ON_ITS_WAY)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_visible_move_is_this_far_and_no_less(side: float) -> None:
+    below = float(np.nextafter(VISIBLE, 0.0))
+    for asked, gone, moved in ((VISIBLE, VISIBLE, 1), (below, VISIBLE, 0), (VISIBLE, below, 0)):
+        world = World(begin=(0.0, 0.0))
+        world.command()
+        world.tick([side * asked, 0.0])
+        world.tick([side * asked, 0.0], [side * gone, 0.0])
+        assert world.told().get("moved", 0) == moved
 
 
 def test_one_whose_goals_turn_back_has_no_figure() -> None:
@@ -222,7 +241,7 @@ def test_one_that_moved_before_it_was_asked_moved_for_another_reason() -> None:
 @pytest.mark.parametrize("what", ["reference", "reading", "unheard", "not commanded", "unknown"])
 def test_only_who_stands_and_is_commanded_and_heard_is_looked_at(what: str) -> None:
     world = World()
-    fast = np.array([2.0 * STILL, 0.0])
+    fast = np.array([1.000001 * STILL, 0.0])
     if what == "reading":
         world.state = replace(world.state, velocity=-fast)
     if what == "unknown":
@@ -230,7 +249,7 @@ def test_only_who_stands_and_is_commanded_and_heard_is_looked_at(what: str) -> N
     if what == "unheard":
         world.state = replace(world.state, heard=np.array([False, True]))
     joints = np.array([False, True]) if what == "not commanded" else BOTH
-    world.command(speed=-2.0 * STILL if what == "reference" else 0.0, joints=joints)
+    world.command(speed=-1.000001 * STILL if what == "reference" else 0.0, joints=joints)
     world.tick([FAR, 0.0])
     world.tick([FAR, 0.0], [FAR, 0.0])
     assert world.told() == ON_ITS_WAY
@@ -275,7 +294,7 @@ def test_of_a_stream_the_start_is_looked_at_and_not_every_setpoint_anew() -> Non
     world.command(STREAM)
     world.tick([4.0 * VISIBLE, 0.0], [1.1 * VISIBLE, 0.0])
     assert world.told() == {"received": 6, "gated": 6, "written": 6, "moved": 1, "command": 6}
-    assert world.last("moved") == pytest.approx(4 * (TICK + 0.0015) + 0.004)
+    assert world.last("moved") == 4 * (TICK + JUDGING + WAITING) + ANSWER
 
 
 # ------------------------------------------------------------------------------------- wrong times, bounds

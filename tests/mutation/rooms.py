@@ -27,7 +27,7 @@ def _room(name: str, folder: str, modules: str, tests: str) -> Room:
 ROOMS = (
     _room("states", "twind/safety", "states", "states"),
     _room("lease", "twind/safety", "lease", "lease"),
-    _room("latency", "twind/safety", "window alarm health way", "window alarm health way"),
+    _room("latency", "twind/safety", "alarm way", "alarm way"),
     _room(
         "codec",
         DRIVER,

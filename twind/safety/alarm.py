@@ -1,7 +1,7 @@
 """When something is slow it is told once, and once that it is fast again: no line twice without the other."""
 
 from dataclasses import dataclass
-from math import inf, isnan
+from math import isnan
 
 CALM = 0.8  # of the bound: what was told must stay below this share ...
 CALM_FOR = 1.0  # s ... for longer than this before it counts as over, and may be told again
@@ -25,17 +25,19 @@ class Alarm:
 
     def __init__(self, hop: str) -> None:
         self._hop = hop
-        self._loud, self._high_at = False, -inf
+        self._high_at: float | None = None  # s, since it was told: when it was last not calm; None: it is
 
     def judge(self, value: float, bound: float, now: float) -> Alert | None:
         """One more duration, s, at `now`; what is to be told."""
-        if 0.0 <= value <= CALM * bound:
-            if not self._loud or not now - self._high_at > CALM_FOR:
+        within, told = 0.0 <= value <= bound, self._high_at
+        if told is None:
+            if within or isnan(value):
                 return None
-            self._loud = False
+            self._high_at = now
+            return Alert(self._hop, value, bound)
+        if not (within and value <= CALM * bound):
+            self._high_at = now
+        elif now - told > CALM_FOR:
+            self._high_at = None
             return Alert(self._hop, value, bound, calm=True)
-        self._high_at = now
-        if self._loud or isnan(value) or 0.0 <= value <= bound:
-            return None
-        self._loud = True
-        return Alert(self._hop, value, bound)
+        return None

@@ -8,7 +8,7 @@ is looked for where the joint stood still, since what moved already says nothing
 """
 
 from dataclasses import dataclass
-from math import inf, nan
+from math import nan
 
 import numpy as np
 
@@ -43,17 +43,24 @@ class _Accepted:
     begin: Floats  # rad, the reference before it
 
 
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """A goal asked a joint for a visible move."""
+
+    joint: int
+    forward: bool
+    at: float
+
+
 @dataclass(slots=True, eq=False)
 class _Watch:
-    """Joints that stand and were written to; then the one that is asked to move."""
+    """Joints that stand and were written to, and which of them was asked to move."""
 
     joints: Bools
     begin: Floats  # rad, the reference
     place: Floats  # rad, where they were
     since: float  # s
-    joint: int = -1  # none is asked for a visible move yet
-    direction: float = 0.0
-    asked: float = inf
+    asked: _Asked | None = None
 
 
 class Way:
@@ -108,31 +115,33 @@ class Way:
     def look(self, state: JointState, at: float) -> None:
         """A reading of whom the goals go to, true `at` that time."""
         watch = self._watch
-        if watch is None or watch.joint < 0:
+        if watch is None or watch.asked is None:
             return
-        if self._moved(watch, state):
-            self._health.hop("moved", at - watch.asked, at)
+        asked = watch.asked
+        if _gone(state.position - watch.place, asked):
+            self._health.hop("moved", at - asked.at, at)
             self._watch = None
-        elif at - watch.asked > PATIENCE:
+        elif at - asked.at > PATIENCE:
             self._watch = None
 
     def _aim(self, watch: _Watch, goal: Floats, at: float, state: JointState) -> None:
         """Whom this goal asks to move; nobody any longer, once it leads back or too much time has passed."""
         way = goal - watch.begin
-        if watch.joint >= 0:
-            if way[watch.joint] * watch.direction < VISIBLE:
+        if watch.asked is not None:
+            if not _gone(way, watch.asked):
                 self._watch = None
             return
         far = np.where(watch.joints, np.abs(way), 0.0)
         joint = int(far.argmax())
         if far[joint] >= VISIBLE:
-            watch.joint, watch.direction, watch.asked = joint, float(np.sign(way[joint])), at
-            if self._moved(watch, state):  # before it was asked: by something else
+            watch.asked = _Asked(joint, bool(way[joint] >= VISIBLE), at)
+            if _gone(state.position - watch.place, watch.asked):  # before it was asked: by something else
                 self._watch = None
         elif at - watch.since > PATIENCE:
             self._watch = None
 
-    @staticmethod
-    def _moved(watch: _Watch, state: JointState) -> bool:
-        way = state.position[watch.joint] - watch.place[watch.joint]
-        return bool(way * watch.direction >= VISIBLE)
+
+def _gone(way: Floats, asked: _Asked) -> bool:
+    """So far (n,), rad, is the visible move that was asked for."""
+    one = float(way[asked.joint])
+    return (one if asked.forward else -one) >= VISIBLE

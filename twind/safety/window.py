@@ -59,7 +59,7 @@ class Window:
             self.worst = value
         if not value >= self._least:
             self._least = value
-        bin = int(log(value / SMALLEST) / STEP) if value > SMALLEST else 0
+        bin = int((log(value) - log(SMALLEST)) / STEP) if value > SMALLEST else 0
         self._bins[min(bin, BINS - 1)] += 1
 
     @property
