@@ -80,6 +80,12 @@ def test_a_robot_that_is_not_armed_may_be_limp() -> None:
     assert "off" in row(armed=False, torque=False)[0]
 
 
+def test_a_simulation_needs_no_calibration() -> None:
+    block = table(view(joints=joints(l_knee={"calibrated": False}), mode="sim"), 120)
+    assert not any(row.urgent for row in block.rows)
+    assert "uncalibrated" not in plain([row.line for row in block.rows])
+
+
 def test_what_is_not_known_is_a_dash_and_no_trouble() -> None:
     unknown = dict.fromkeys(
         ("position", "velocity", "effort", "goal", "temperature", "voltage", "age_ms", "torque", "verified")
@@ -90,7 +96,7 @@ def test_what_is_not_known_is_a_dash_and_no_trouble() -> None:
 
 
 def test_a_zero_has_no_sign() -> None:
-    assert "-0.00" not in row(velocity=-0.001, effort=-0.004)[0]
+    assert "-0.00" not in row(velocity=-0.001, effort=-0.004, goal=0.35, position=0.3501)[0]
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,12 @@ def test_a_bus_that_is_read_less_often_than_the_loop_runs_catches_the_eye_but_no
     assert "!" not in plain([buses(sim, 100).rows[0].line])
 
 
+def test_a_bus_that_a_simulation_never_opens_is_no_trouble() -> None:
+    (row,) = buses(view(mode="sim", buses=[bus("upper", connected=False, port="")]), 100).rows
+    assert "not opened" in plain([row.line])
+    assert not row.urgent
+
+
 def test_every_hop_has_its_numbers_and_what_took_too_long_comes_first_where_room_is_short() -> None:
     block = hops(view(), 100)
     rows = [plain([row.line]).split() for row in block.rows]

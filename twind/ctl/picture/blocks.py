@@ -67,6 +67,7 @@ def header(view: View, width: int) -> Line:
     if status is None:
         return line((" twind ", "head"), " waiting for what the daemon says")
     state, style = status["state"], STATES.get(status["state"], "")
+    style = "" if status["mode"] == "sim" and style == "warn" else style
     said: list[Span] = [
         (f" {status['robot']} ", "head"),
         (f" {status['mode'].upper()} ", "title"),

@@ -30,25 +30,39 @@ class _Column:
     rank: int  # the highest is dropped first; 0: never
 
 
+@dataclass(frozen=True, slots=True)
+class _Looks:
+    """What is asked of a joint: torque where the robot is armed; a calibration where there is a robot."""
+
+    armed: bool
+    robot: bool
+
+
 def joints(view: View, width: int) -> Block:
     """All joints; those that need a look are urgent."""
     if not view.joints:
         return Block("joints", (), (), 0)
     name = min(NAME, max(5, *(len(joint["name"]) for joint in view.joints)))
-    armed = bool(view.status and view.status["armed"])
+    status = view.status or {"armed": False, "mode": ""}
+    looks = _Looks(armed=status["armed"], robot=status["mode"] != "sim")
     columns = _columns(width, width - name - 2 - NOTES)
     titles = [right(title, size) for title, size, _ in columns]
     head = line((f"  {left('joint', name)}{''.join(titles)}  notes", "dim"))
-    rows = [_row(joint, view.bounds, columns, name, width, armed) for joint in view.joints]
+    rows = [_row(joint, view.bounds, columns, name, width, looks) for joint in view.joints]
     return Block("joints", (cut(head, width),), rows, min(1 + len(rows), 10), scrolls=True)
 
 
 def _row(
-    joint: Answer, bounds: Mapping[str, Bounds], columns: Sequence[_Shown], name: int, width: int, armed: bool
+    joint: Answer,
+    bounds: Mapping[str, Bounds],
+    columns: Sequence[_Shown],
+    name: int,
+    width: int,
+    looks: _Looks,
 ) -> Row:
     known = bounds.get(joint["name"], _UNKNOWN)
     cells = [(size, *cell(joint, known)) for _, size, cell in columns]
-    notes = _notes(joint, known, armed)
+    notes = _notes(joint, known, looks)
     worst = _worst([*(style for _, _, style in cells), *(style for _, style in notes)])
     mark: Span = {"bad": ("! ", "bad"), "warn": ("? ", "warn")}.get(worst, ("  ", ""))
     spans: list[Span] = [mark, (left(joint["name"], name), worst if worst == "bad" else "")]
@@ -75,10 +89,10 @@ def _columns(width: int, room: int) -> list[_Shown]:
     ]
 
 
-def _notes(joint: Answer, known: Bounds, armed: bool) -> list[Span]:
+def _notes(joint: Answer, known: Bounds, looks: _Looks) -> list[Span]:
     """What the numbers do not say, in words."""
     notes: list[Span] = [] if joint["heard"] else [("SILENT", "bad")]
-    if armed and joint["torque"] is False:
+    if looks.armed and joint["torque"] is False:
         notes.append(("LIMP", "bad"))
     position, heat, volt = joint["position"], joint["temperature"], joint["voltage"]
     if position is not None and (position < known.lower or position > known.upper):
@@ -88,7 +102,7 @@ def _notes(joint: Answer, known: Bounds, armed: bool) -> list[Span]:
     if volt is not None and volt <= known.low:
         notes.append(("SUPPLY LOW", "bad") if volt <= known.flat else ("supply low", "warn"))
     notes += [(fault, "bad") for fault in joint["faults"]]
-    if not joint["calibrated"]:
+    if looks.robot and not joint["calibrated"]:
         notes.append(("uncalibrated", "warn"))
     elif joint.get("verified") is False:
         notes.append(("unverified", "warn"))
@@ -108,7 +122,9 @@ def _error(joint: Answer, _known: Bounds) -> Span:
     if goal is None or position is None:
         return "-", ""
     error = goal - position
-    return f"{error:+.3f}", "bad" if abs(error) >= FAR else "warn" if abs(error) >= OFF else ""
+    return f"{round(error, 3) + 0.0:+.3f}", "bad" if abs(error) >= FAR else "warn" if abs(
+        error
+    ) >= OFF else ""
 
 
 def _heat(joint: Answer, known: Bounds) -> Span:

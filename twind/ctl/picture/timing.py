@@ -35,7 +35,9 @@ def _bus(bus: Answer, rate: float | None, wanted: float, sizes: Sequence[int], w
     on, warned = bus["connected"], bool(bus.get("warning"))
     slow = on and rate is not None and rate < SLOW * wanted
     full = bus["utilisation"] >= FULL
-    connected: Span = ("connected", "") if on else ("NOT CONNECTED", "bad")
+    connected: Span = (
+        ("connected", "") if on else ("NOT CONNECTED", "bad") if wanted else ("not opened", "dim")
+    )
     spans: list[Span] = [
         (left(bus["name"], sizes[0]) + "  ", ""),
         (left(bus["port"] or "no port", sizes[1]) + "  ", ""),
@@ -48,7 +50,7 @@ def _bus(bus: Answer, rate: float | None, wanted: float, sizes: Sequence[int], w
     ]
     if warned:
         spans.append((" !", "warn"))
-    return Row(cut(line(*spans), width), urgent=not on or slow or warned)
+    return Row(cut(line(*spans), width), urgent=(not on and wanted > 0.0) or slow or warned)
 
 
 def hops(view: View, width: int) -> Block:
