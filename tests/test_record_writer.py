@@ -1,5 +1,7 @@
 """Who writes recordings: files that end in time, bounded disks, counted losses."""
 
+import errno
+import fcntl
 import threading
 from pathlib import Path
 from typing import Any
@@ -239,3 +241,26 @@ def test_a_named_file_is_never_written_over(tmp_path: Path) -> None:
     told.writer.close()
     assert told.writer.tally.files == (place, tmp_path / "run.2.mcap")
     assert recover(place).out is None
+
+
+def test_where_a_file_system_has_no_locks_it_goes_without_and_spares_its_own_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(_fd: int, _how: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", none)
+    told = Told(lambda now: RecordWriter(tmp_path, Bounds(keep=8, free=0, file=1 << 40), now))
+    old = tmp_path / "twind-20200101T000000Z-two.mcap"
+    old.write_bytes(bytes(9))
+    told.run(0.3)
+    told.writer.close()
+    assert not old.exists() and open_recording(told.writer.tally.files[0]).time.size == 30
+
+
+def test_what_is_put_after_the_end_begins_no_file(told: Told) -> None:
+    told.run(0.3)
+    told.writer.close()
+    told.run(0.3)
+    told.writer.close()
+    assert len(told.writer.tally.files) == 1

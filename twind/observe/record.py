@@ -18,6 +18,7 @@ from twind.observe.record_folder import Bounds
 from twind.observe.record_run import Course
 from twind.observe.record_writer import RecordWriter
 
+STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
@@ -103,9 +104,10 @@ def usual_folder(options: argparse.Namespace) -> Path:
 
 @contextmanager
 def _told_to_stop() -> Iterator[threading.Event]:
-    """Set by Ctrl-C and SIGTERM."""
+    """Set by Ctrl-C, SIGTERM and a terminal that is closed, unless whoever started us wants that ignored."""
     stop = threading.Event()
-    usual = {each: signal.signal(each, lambda *_: stop.set()) for each in (signal.SIGINT, signal.SIGTERM)}
+    signals = [each for each in STOPS if signal.getsignal(each) != signal.SIG_IGN]
+    usual = {each: signal.signal(each, lambda *_: stop.set()) for each in signals}
     try:
         yield stop
     finally:

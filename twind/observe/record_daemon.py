@@ -38,19 +38,16 @@ class Listening:
         self._stop = threading.Event()
         self.answers = 0
         state, others = (self._client(options) for _ in range(2))
-        status = state.call("GetStatus", joints=True)
-        robot = state.call("GetRobot")
-        individual = state.call("GetParameters")["parameters"].get("individual")
-        joints = [joint["name"] for joint in status["joints"]]
-        now = clocks()
-        self.scribe = Scribe(joints, now, status["status"]["mode"])
-        self.session = Session(
-            status["status"]["robot"], now, _about(status["status"], individual, now), _attachments(robot)
-        )
-        streams = [
-            (state, state.stream("Monitor", topics=["state"], rate=status["status"]["loop"]["rate_hz"])),
-            (others, others.stream("Monitor", topics=list(OTHERS))),
-        ]
+        try:
+            self._ask(state)
+            streams = [
+                (state, state.stream("Monitor", topics=["state"], rate=float(self.session.about["rate_hz"]))),
+                (others, others.stream("Monitor", topics=list(OTHERS))),
+            ]
+        except ClientError:
+            state.close()
+            others.close()
+            raise
         writer.begin(self.session)
         self._threads = [
             threading.Thread(target=self._listen, args=each, name="listening", daemon=True)
@@ -64,6 +61,15 @@ class Listening:
         self._stop.set()
         for thread in self._threads:
             thread.join(1.0)
+
+    def _ask(self, client: Client) -> None:
+        """Which robot it is, and what time."""
+        status = client.call("GetStatus", joints=True)
+        robot = client.call("GetRobot")
+        individual = client.call("GetParameters")["parameters"].get("individual")
+        now, known = clocks(), status["status"]
+        self.scribe = Scribe([joint["name"] for joint in status["joints"]], now, known["mode"])
+        self.session = Session(known["robot"], now, _about(known, individual, now), _attachments(robot))
 
     def _client(self, options: argparse.Namespace) -> Client:
         client = observer(options)

@@ -1,5 +1,6 @@
 """One .mcap file that is being written: whole up to half a second ago, whatever ends process or power."""
 
+import contextlib
 import fcntl
 import os
 from collections.abc import Mapping
@@ -30,12 +31,12 @@ class Disk:
         self.size = 0  # bytes, those that wait included
         self._waiting = bytearray()
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
-        fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with contextlib.suppress(OSError):  # where a file system has no locks it goes without
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
+        with contextlib.suppress(OSError):
             os.fsync(folder)  # else a power cut may leave no name
-        finally:
-            os.close(folder)
+        os.close(folder)
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
         """Take all of it."""
@@ -145,12 +146,10 @@ class RecordFile:
 
     def abandon(self) -> None:
         """Close after an error: what is whole stays, with an end that readers know; without an index."""
-        try:
+        with contextlib.suppress(OSError):  # not even that fits: `twindctl recover` makes it whole
             self._disk.cut(self._whole)
             self._disk.write(_end())
             self._disk.flush()
-        except OSError:
-            pass  # not even that fits: `twindctl recover` makes it whole
         self._disk.close()
 
     def _open(self, topic: str) -> int:

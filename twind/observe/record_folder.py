@@ -1,5 +1,6 @@
 """The folder of recordings: names, and how much of a disk they may take."""
 
+import contextlib
 import fcntl
 import os
 import re
@@ -38,10 +39,10 @@ def fresh(folder: Path, time_ns: int, name: str) -> Path:
     raise FileExistsError(f"{folder}: no name is free for a recording of {when}")
 
 
-def make_room(folder: Path, keep: int) -> list[Path]:
+def make_room(folder: Path, keep: int, spare: Path | None = None) -> list[Path]:
     """Remove the oldest recordings of ours until the rest takes at most `keep` bytes; what was removed.
 
-    Others' files are never touched, nor a recording that somebody writes right now; both may stay above it.
+    Others' files are never touched, nor a recording that somebody writes right now, nor `spare`.
     """
     files = sorted(_ours(folder))
     total = sum(size for _, _, size in files)
@@ -49,7 +50,7 @@ def make_room(folder: Path, keep: int) -> list[Path]:
     for _, path, size in files:
         if total <= keep:
             break
-        if _remove(path):
+        if path != spare and _remove(path):
             removed.append(path)
             total -= size
     return removed
@@ -76,10 +77,21 @@ def _remove(path: Path) -> bool:
     except OSError:
         return False
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with contextlib.suppress(OSError):  # a file system without locks has no locked files
+            if not _idle(fd):
+                return False
         path.unlink()
     except OSError:
         return False
     finally:
         os.close(fd)
+    return True
+
+
+def _idle(fd: int) -> bool:
+    """Nobody writes it. Raises OSError where nobody can say."""
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
     return True

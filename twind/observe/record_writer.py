@@ -16,7 +16,7 @@ from twind.observe.record_folder import Bounds, free, fresh, make_room
 from twind.observe.record_lines import Clocks, Line, note
 from twind.observe.topics import COMMANDS, END, EPISODE, JOINTS, LATENCY, MEASURED, SIMULATED, STATUS
 
-ROOM = 16 << 20  # bytes that may wait: half a minute of a robot of 24 joints at 100 Hz
+ROOM = 16 << 20  # bytes that may wait: a minute of a robot of 24 joints at 100 Hz
 PERIODIC = frozenset({MEASURED, SIMULATED, COMMANDS, JOINTS, LATENCY, STATUS})
 FLUSH = 0.5  # s between two ends of a chunk: with what waits less than a second is not on the disk yet
 NAP = 0.1  # s in which lines gather
@@ -121,19 +121,20 @@ class RecordWriter:
         self._closing = True
         self._wake.set()
         if self._thread is None:
-            self.step()
+            self.step(last=True)
             return True
         self._thread.join(patience)
         return not self._thread.is_alive()
 
-    def step(self) -> None:
-        """Write what waits, end the chunk when it is time, the file when it is over."""
+    def step(self, *, last: bool = False) -> None:
+        """Write what waits, end the chunk when it is time; `last`: finish the file."""
         try:
             while self._drain():
                 self._upkeep()
             self._upkeep()
-            if self._closing:
+            if last:
                 self._finish("stopped")
+                self._session = None
         except OSError as error:
             self.stopped = f"{self.tally.path or self.folder}: {error.strerror or error}"
             if self._file is not None:
@@ -154,7 +155,7 @@ class RecordWriter:
                 self._wake.wait(NAP)
                 self._wake.clear()
                 last = self._closing  # what is put from now on need not be written
-                self.step()
+                self.step(last=last)
         finally:
             if not last:
                 self.stopped = self.stopped or "the writer failed, which is an error of twind; see above"
@@ -254,7 +255,7 @@ class RecordWriter:
     def _make_room(self) -> None:
         """Old recordings go; where the disk is too full all the same, `stopped` says so."""
         if self._single is None:
-            gone = make_room(self.folder, self._bounds.keep)
+            gone = make_room(self.folder, self._bounds.keep, self.tally.path)
             self.tally = replace(self.tally, removed=self.tally.removed + len(gone))
         left = free(self.folder)
         if left < self._bounds.free:

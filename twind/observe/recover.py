@@ -6,12 +6,14 @@ Writes what is whole into a new file, with an index. The old one stays as it is;
 import argparse
 import contextlib
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
+from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, Rejected, show
 from twind.observe.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap, Schema
 from twind.observe.record_file import CHUNK, as_text
@@ -20,6 +22,7 @@ from twind.ros import STRING, definition_text
 from twind.version import __version__
 
 TEXT = -1  # no schema of a file has this number
+TOLD = 1000  # messages between two words of how far it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Recover; 1 where nothing can be."""
-    found = recover(options.file, options.out)
+    with Progress(options, "recover") as progress:
+        found = recover(options.file, options.out, tell=lambda share: progress.tell(options.file.name, share))
     data = {
         "file": str(options.file),
         "out": None if found.out is None else str(found.out),
@@ -69,10 +73,13 @@ def run(options: argparse.Namespace) -> int:
     return DONE
 
 
-def recover(path: Path, out: Path | None = None, *, ros: bool = False) -> Recovered:
+def recover(
+    path: Path, out: Path | None = None, *, ros: bool = False, tell: Callable[[float], None] = lambda _: None
+) -> Recovered:
     """Write all that is whole of `path` to `out`; nothing where it is whole and no `out` is named.
 
     `ros`: JSON goes into std_msgs/String, since `ros2 bag` reads no file of two encodings.
+    `tell`: told of the share that is done, 0..1, now and then.
     Raises Rejected: no MCAP file, nothing in it, or `out` is there already.
     """
     target = out if out is not None else path.with_name(f"{path.stem}-recovered{path.suffix}")
@@ -80,7 +87,7 @@ def recover(path: Path, out: Path | None = None, *, ros: bool = False) -> Recove
         before = _look(path)
         if before.out is None and out is None:
             return before
-        return _copy(path, target, ros)
+        return _copy(path, target, ros, tell)
     except NotMcap as error:
         raise Rejected(str(error)) from None
     except FileExistsError:
@@ -97,11 +104,11 @@ def _look(path: Path) -> Recovered:
     return _found(file, span, path if file.cut or file.damaged else None)
 
 
-def _copy(path: Path, target: Path, ros: bool) -> Recovered:
+def _copy(path: Path, target: Path, ros: bool, tell: Callable[[float], None]) -> Recovered:
     fd = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
     try:
         with open(fd, "wb") as stream:
-            found = _rewrite(path, target, stream, ros)
+            found = _rewrite(path, target, stream, ros, tell)
             stream.flush()
             os.fsync(stream.fileno())
     except BaseException:
@@ -111,7 +118,7 @@ def _copy(path: Path, target: Path, ros: bool) -> Recovered:
     return found
 
 
-def _rewrite(path: Path, target: Path, stream: Any, ros: bool) -> Recovered:
+def _rewrite(path: Path, target: Path, stream: Any, ros: bool, tell: Callable[[float], None]) -> Recovered:
     file, span = McapFile(path), _Span()
     writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType.ZSTD)
     schemas: dict[int, int] = {0: 0}
@@ -127,6 +134,8 @@ def _rewrite(path: Path, target: Path, stream: Any, ros: bool) -> Recovered:
         elif isinstance(each, Attachment):
             writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
         else:
+            if span.messages % TOLD == 0:
+                tell(file.kept / file.size)
             number = channels.get(each.channel)
             if number is None:
                 number = channels[each.channel] = _channel(writer, file, each.channel, schemas, ros)
