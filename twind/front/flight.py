@@ -55,7 +55,7 @@ class Flights:
         self._thread = ThreadPoolExecutor(1, "flight", _stand_back)
         self._causes: list[Event] = []
         self._due: float | None = None  # s, when the file of a fault is written
-        self._why = ("", "")  # reason and code of it
+        self._reason, self._told = "", list[str]()  # of it: the state, and what was told just before
         self._next = self._look = 0.0  # s, before which no other is; when the ring is looked at again
         self._farewell = False
         self._asked = 0  # calls that wait for their file
@@ -72,10 +72,8 @@ class Flights:
         if event.level in ("warning", "error"):
             self._causes = [each for each in self._causes if each.time >= event.time - CAUSE] + [event]
         if event.code in FAULTS and self._due is None:
-            causes = [each for each in self._causes if each.time >= event.time - CAUSE]
-            worst = next((each for each in causes if each.level == "error"), None) or next(iter(causes), None)
-            self._why = (event.code, worst.code if worst is not None else event.code.upper())
-            self._due = max(self._front.now() + AFTERMATH, self._next)
+            self._told = [each.code for each in self._causes if each.time >= event.time - CAUSE]
+            self._reason, self._due = event.code, max(self._front.now() + AFTERMATH, self._next)
 
     def tend(self, now: float) -> None:
         """Once per round of housekeeping."""
@@ -108,10 +106,10 @@ class Flights:
 
     async def end(self) -> None:
         """The loop has gone: what is due is written now, and what it was doing if it took no farewell."""
-        recorded = self._recorded.ring is not None
-        if recorded and not self._farewell and await self._orphaned():
-            self._due, self._why = 0.0, ("crash", CRASH)
-        if self._due is not None:
+        ring = self._recorded.ring
+        if ring is not None and not self._farewell and await self._orphaned():
+            self._begin(ring, "crash", CRASH)
+        elif self._due is not None:
             self._write_due()
         await self._front.loop.run_in_executor(None, self._thread.shutdown)
         await asyncio.sleep(0)  # what became of it is told
@@ -126,7 +124,14 @@ class Flights:
     def _write_due(self) -> None:
         self._due, self._next = None, self._front.now() + AGAIN
         if self._recorded.ring is not None:
-            self._begin(self._recorded.ring, *self._why)
+            self._begin(self._recorded.ring, self._reason, self._cause())
+
+    def _cause(self) -> str:
+        """Of what was told just before the fault, what is latched; else the last of it."""
+        overview = self._front.world.overview
+        latched = {finding.code.value for finding in overview.faults} if overview is not None else set()
+        last = self._told[-1] if self._told else self._reason.upper()
+        return next((code for code in self._told if code in latched), last)
 
     def _begin(
         self, ring: int, reason: str, label: str, call: Call | None = None, *, wreck: bool = False
@@ -145,11 +150,11 @@ class Flights:
 
         def done(future: Future[Path | None]) -> None:
             with contextlib.suppress(RuntimeError):  # the front has ended
-                self._front.loop.call_soon_threadsafe(self._told, future, reason, call)
+                self._front.loop.call_soon_threadsafe(self._tell, future, reason, call)
 
         self._thread.submit(work).add_done_callback(done)
 
-    def _told(self, future: Future[Path | None], reason: str, call: Call | None) -> None:
+    def _tell(self, future: Future[Path | None], reason: str, call: Call | None) -> None:
         """To the log, and to who asked."""
         self._asked -= call is not None
         now, error = self._front.now(), future.exception()

@@ -68,7 +68,7 @@ class Folder:
             with contextlib.suppress(OSError):
                 path.unlink()
             raise
-        self._make_room()
+        self._make_room(path)
         return path
 
     def _reserve(self, label: str, wall_ns: int) -> Path:
@@ -83,28 +83,31 @@ class Folder:
 
     def _told(self, meta: dict[str, Any]) -> bool:
         """A crash of this robot was written down in the last minute."""
-        since = meta["wall_ns"] / 1e9 - APART
+        now = meta["wall_ns"] / 1e9
         for path in self.path.glob(f"flight-*-{CRASH}*.flight"):
             with contextlib.suppress(OSError, FlightError):
-                other = about(path) if path.stat().st_mtime > since else {}
+                other = about(path) if abs(path.stat().st_mtime - now) < APART else {}
                 if other and all(other.get(key) == meta[key] for key in ("reason", "robot", "individual")):
                     return True
         return False
 
-    def _make_room(self) -> None:
-        """Remove the oldest beyond what is kept, and what was begun and never finished."""
+    def _make_room(self, newest: Path) -> None:
+        """Remove the oldest beyond what is kept, and what was begun and never finished.
+
+        `newest` stays, whatever the clock says: of a machine that keeps no time it may be the oldest.
+        """
         found = []
         for path in self.path.glob("flight-*.flight"):
             with contextlib.suppress(OSError):  # another daemon made room as well
                 size, at = path.stat().st_size, path.stat().st_mtime_ns
-                found.append((at, path, size))
+                found.append((path == newest, at, path, size))
         bytes_kept = 0
-        for place, (_, path, size) in enumerate(sorted(found, reverse=True)):
+        for place, (_, _, path, size) in enumerate(sorted(found, reverse=True)):
             bytes_kept += size
             if place >= self.kept or (place and bytes_kept > self.most):
                 with contextlib.suppress(OSError):
                     path.unlink()
         for path in self.path.glob(".flight-*.tmp"):
             with contextlib.suppress(OSError):
-                if path.stat().st_mtime < time.time() - LEFT:
+                if abs(path.stat().st_mtime - time.time()) > LEFT:
                     path.unlink()
