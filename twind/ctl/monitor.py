@@ -35,7 +35,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topics",
         default="state",
-        help="with --json: topics, by commas: state, latency, status, raw, events, verdicts (default state)",
+        help="with --json: state (default), latency, status, raw, events, verdicts, trajectories; by commas",
     )
 
 
