@@ -55,7 +55,7 @@ def ramped(path: Trajectory, duration: float) -> Trajectory:
     """`path`, which has velocities, brought to rest with constant decelerations in `duration` s."""
     assert path.velocity is not None  # else there is nothing to bring to rest
     with np.errstate(all="ignore"):
-        end = path.position[-1] + 0.5 * np.where(path.commanded, path.velocity[-1], 0.0) * duration
+        end = path.position[-1] + 0.5 * path.velocity[-1] * duration
     still = np.zeros((1, len(end)))
     return replace(
         path,

@@ -8,10 +8,11 @@ from array import array
 from bisect import bisect_left
 from collections import deque
 from math import ceil, exp, inf, log, nan, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
-from twind.robot.arrays import Floats
+from twind.robot.arrays import Ints
 
 SIZE = 100  # values of a window
 KEPT = 1024  # values with their time, for a share of the last half second at up to 1000 Hz and beyond
@@ -33,6 +34,7 @@ class Window:
         self.sum = 0.0  # of the run's known values
         self.buckets = [0] * (len(BOUNDS) + 1)  # values of the run at most as large as each bound; the rest
         self._least = nan
+        self._figures: _Figures | None = None
         # Written one number at a time, which `array` does several times as fast; read through numpy.
         self._ring = array("d", [nan] * SIZE)  # NaN unknown
         self._values = np.frombuffer(self._ring)
@@ -70,39 +72,32 @@ class Window:
     @property
     def mean(self) -> float:
         """Of the window's known values."""
-        known = self._known()
-        return float(known.sum()) / len(known) if len(known) else nan
+        return self._worked_out().mean
 
     @property
     def std(self) -> float:
         """Standard deviation of the window's known values."""
-        known = self._known()
-        if not len(known):
-            return nan
-        off = known - known.sum() / len(known)
-        return sqrt(float(off @ off) / len(known))
+        return self._worked_out().std
 
     @property
     def min(self) -> float:
         """Of the window's known values."""
-        known = self._known()
-        return float(known.min()) if len(known) else nan
+        return self._worked_out().min
 
     @property
     def max(self) -> float:
         """Of the window's known values."""
-        known = self._known()
-        return float(known.max()) if len(known) else nan
+        return self._worked_out().max
 
     @property
     def p50(self) -> float:
         """Median of the run's known values, within 2 %."""
-        return self._quantile(0.5)
+        return self._worked_out().p50
 
     @property
     def p99(self) -> float:
         """99 % of the run's known values are below, within 2 %."""
-        return self._quantile(0.99)
+        return self._worked_out().p99
 
     def p95(self, now: float, span: float = RECENT) -> float:
         """95 % of the values of the last `span` s are at most this; unknown ones count as inf.
@@ -112,14 +107,40 @@ class Window:
         values = sorted(value for time, value in self._recent if 0.0 <= now - time <= span)
         return values[ceil(0.95 * len(values)) - 1] if values else nan
 
-    def _known(self) -> Floats:
-        return self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
+    def _worked_out(self) -> "_Figures":
+        """All figures as of the last value: worked out once, however many are asked for."""
+        if self._figures is None or self._figures.values != self.count:
+            self._figures = self._work_out()
+        return self._figures
 
-    def _quantile(self, share: float) -> float:
+    def _work_out(self) -> "_Figures":
         seen = self._counts.cumsum()
+        p50, p99 = self._quantile(seen, 0.5), self._quantile(seen, 0.99)
+        known = self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
+        if not len(known):
+            return _Figures(self.count, nan, nan, nan, nan, p50, p99)
+        mean = float(known.sum()) / len(known)
+        off = known - mean
+        std = sqrt(float(off @ off) / len(known))
+        return _Figures(self.count, mean, std, float(known.min()), float(known.max()), p50, p99)
+
+    def _quantile(self, seen: Ints, share: float) -> float:
+        """`seen`: values of the run up to each bin."""
         if not seen[-1]:
             return nan
         # At least one value: the share 0 is the first bin that has any.
         bin = int(seen.searchsorted(max(share * float(seen[-1]), 1.0)))
         middle = SMALLEST * exp((bin + 0.5) * STEP)
         return max(self._least, min(self.worst, middle))
+
+
+class _Figures(NamedTuple):
+    """Of a window that has had so many values."""
+
+    values: int
+    mean: float
+    std: float
+    min: float
+    max: float
+    p50: float
+    p99: float
