@@ -331,7 +331,7 @@ def test_caps_and_ranges_follow_the_operating_mode(tmp_path: Path) -> None:
         ("extended_position", 4, 2047, 3058),
         ("current_based_position", 5, 371, 3058),
     ):
-        robot.write_text(text.replace("mode: position", f"mode: {mode}, current_limit_a: 1.0"))
+        robot.write_text(text.replace("mode: position", f"mode: {mode}"))
         servo = world.Limits.read(robot, calibration, "main").servos[1]
         assert (servo.mode, servo.cap, servo.upper) == (number, cap, upper)
     narrow = calibration.read_text().replace("max_ticks: 3200", "max_ticks: 3000")

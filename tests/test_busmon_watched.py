@@ -1,24 +1,28 @@
 """The real daemon in virtual time under the monitor: every byte of a working day keeps the rules."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from busmon.watched import Watched
+from homing_world import homed
 from rig import Rig
+from turning_world import arm_in
 
 from twind import link
 from twind.loop import damping
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.virtual.specimen import save
+from twind.virtual.truth import JointTruth, Truth
 
 
 class Day:
     """A rig that is watched."""
 
-    def __init__(self, folder: Path, robot: str = "h24", mode: Mode = Mode.LIVE) -> None:
-        self.rig = Rig(robot, mode)
+    def __init__(self, folder: Path, robot: str = "h24", mode: Mode = Mode.LIVE, **how: Any) -> None:
+        self.rig = Rig(robot, mode, **how)
         save(self.rig.made, folder / "calibration.yaml")
         self.watched = Watched(self.rig, folder / "calibration.yaml")
         self.rig.connect()
@@ -83,6 +87,34 @@ def test_a_stop_that_becomes_damping_keeps_every_rule(tmp_path: Path) -> None:
     damping.demand(day.rig.loop, (), day.rig.clock.now())
     day.run(7.0)
     assert day.rig.loop.torque_off
+    day.verdict()
+    day.rig.close()
+
+
+def test_a_stop_that_is_found_keeps_every_rule(tmp_path: Path) -> None:
+    with homed() as rig:
+        save(rig.made, tmp_path / "calibration.yaml")
+        watched = Watched(rig, tmp_path / "calibration.yaml")
+        rig.ready(odd=False)
+        found = rig.last(rig.find(times=2, speed=0.5)).parameters
+        rig.undone()
+        watched.look()
+        watched.verdict()
+        monitor = watched.monitors["main"]
+        assert monitor.goal_packets > 100
+        assert max(found["ticks"]) < monitor.servos.lower[rig.row], "it went where nobody else may"
+
+
+@pytest.mark.parametrize("turns", [-2, 3])
+def test_a_robot_whose_counts_are_turns_off_keeps_every_rule(turns: int, tmp_path: Path) -> None:
+    off = {name: JointTruth(turns=turns) for name in ("extended", "capped")}
+    day = Day(tmp_path, arm_in(tmp_path), truth=Truth(off))
+    day.arm()
+    servos = day.watched.monitors["main"].servos
+    assert abs(servos.goal[1]) > 4096 and abs(servos.goal[2]) > 4096
+    day.nod()
+    day.run(3.0)
+    day.stop("settle")
     day.verdict()
     day.rig.close()
 

@@ -13,6 +13,7 @@ from evil import world
 from evil.every import EVILS
 from evil.good import Cutting, Good, Killed, Mirror, Reborn
 from evil.registry import Evil
+from evil.search import Seeker
 
 LIMITS = world.limits()
 RULES = {f"W{number}" for number in range(1, 12)}
@@ -39,7 +40,7 @@ class Plain(Good):
         return {row[4]: int.from_bytes(row[9:-2], "little", signed=size == 4) for row in rows}
 
 
-@pytest.mark.parametrize("daemon", [Good, Cutting, Mirror, Killed, Reborn, Backwards, Plain])
+@pytest.mark.parametrize("daemon", [Good, Cutting, Mirror, Killed, Reborn, Backwards, Plain, Seeker])
 def test_a_daemon_that_does_everything_right_breaks_nothing(daemon: type[Good]) -> None:
     port = world.VirtualPort(LIMITS)
     daemon(port, LIMITS).live()

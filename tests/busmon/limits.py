@@ -16,6 +16,9 @@ X_SERIES = ("XL", "XC", "XM", "XH", "XD", "XW", "2X")
 TURNS = 1_048_575  # counts either way in the modes that have no limit registers
 AMPERE = 0.00269  # A a count of an X series servo, where the robot file says nothing else
 MOST_CURRENT = 2047
+SEARCHED = 0.2  # rad beyond its stop that a joint may be sent in search of it ...
+SLOWLY = 0.5  # rad/s ...
+WEAKLY = 0.15  # of the current limit
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,11 @@ class Servo:
     speed: float  # counts/s, fastest that a goal may move
     brake: float  # counts/s², the acceleration limit
     cap: int  # largest goal current
+    turn: int  # counts of a turn
+    middle: float  # count in the middle of its travel; which turn is meant is the one nearest to it
+    stops: tuple[int, int]  # smallest and largest goal word of a search for its stop
+    slow: float  # counts/s of such a search
+    weak: int  # largest goal current of it
 
 
 @dataclass(frozen=True)
@@ -78,6 +86,8 @@ def _servo(name: str, joint: dict[str, Any], kind: dict[str, Any], measured: dic
     turn = int(kind.get("ticks_per_turn", 4096))
     each = sign / ratio * math.tau / turn  # rad a count
     lower, upper = _range(joint["limits_rad"], each, mode, measured)
+    sweep = [int(count) for count in measured["sweep_ticks"]]
+    full = float(kind.get("current_limit_a", 0.0)) / float(kind.get("current_lsb_a", AMPERE))
     if not lower < upper:
         raise ValueError(f"{name}: no count between {lower} and {upper}")
     return Servo(
@@ -89,7 +99,19 @@ def _servo(name: str, joint: dict[str, Any], kind: dict[str, Any], measured: dic
         speed=_least(joint, kind, "velocity_limit_rad_s", 2.0, ratio) / abs(each),
         brake=_least(joint, kind, "acceleration_limit_rad_s2", 10.0, ratio) / abs(each),
         cap=_cap(mode, kind),
+        turn=turn,
+        middle=sum(sweep) / 2.0,
+        stops=_stops(joint.get("stop_rad") or {}, each, int(measured["zero_ticks"]), lower, upper),
+        slow=SLOWLY / abs(each),
+        weak=math.floor(WEAKLY * full),
     )
+
+
+def _stops(described: dict[str, float], each: float, zero: int, lower: int, upper: int) -> tuple[int, int]:
+    """Its range, and on a side whose stop is described as far as a search may go there."""
+    way = {"lower": -1.0, "upper": 1.0}
+    ends = [zero + (rad + way[side] * SEARCHED) / each for side, rad in described.items()]
+    return math.floor(min([lower, *ends])) - 1, math.ceil(max([upper, *ends])) + 1
 
 
 def _range(limits: list[float], each: float, mode: int, measured: dict[str, Any]) -> tuple[int, int]:

@@ -15,8 +15,10 @@ from busmon.answers import Ear
 from busmon.limits import Limits
 from busmon.packet import Malformed, size_of
 from busmon.requests import ACTION, BULK_WRITE, REBOOT, REG_WRITE, SYNC_WRITE, WRITE, Parser, Request
-from busmon.shadow import Servos
+from busmon.search import STATE as SEARCHING
+from busmon.search import Search
 from busmon.stopping import Stopping
+from busmon.turns import Turning
 from busmon.words import Words
 
 SILENCE = 0.06  # s between two packets of an armed bus (W7)
@@ -58,13 +60,14 @@ class Monitor:
 
     def __init__(self, limits: Limits, *, writes: bool = True, hearsay: float = 0.0) -> None:
         """`writes` False: a mirror or a simulation, which writes nothing (W10)."""
-        self.limits, self.servos, self.parser = limits, Servos(limits), Parser(limits)
+        self.limits, self.servos, self.parser = limits, Turning(limits), Parser(limits)
         self.violations: list[Violation] = []
         self.last: deque[Seen] = deque(maxlen=KEPT)
         self.sent_packets = self.answers = self.goal_packets = 0
         self.ear = Ear()
         self.words = Words(self._broken, writes=writes, hearsay=hearsay)
         self.stopping = Stopping(self._broken, limits, self.servos)
+        self.search = Search(limits, self.servos)
         self._rest, self._rest_since = b"", -np.inf
         self._since, self._alone = -np.inf, True
         self._packet_at = -np.inf  # s, the last instruction packet
@@ -248,6 +251,7 @@ class Monitor:
             words = [int.from_bytes(data, "little", signed=True) for _, data in goals]
             self._goals(np.array([row for row, _ in goals]), np.array(words, np.int64), now)
         for row, address, data in known:
+            self.search.written(row, address, data)
             if address <= allowed.TORQUE < address + len(data):
                 self._torque(row, data[allowed.TORQUE - address], now)
             if address <= allowed.WATCHDOG < address + len(data):
@@ -272,7 +276,10 @@ class Monitor:
             if not ((words < servos.lower) | (words > servos.upper) | (move > servos.step)).any():
                 servos.aim(now, words)
                 return
-        self.words.goal(now, servos.ids[int(rows[0])])
+        if self.words.state == SEARCHING:
+            self._sought(rows, now, "a goal")
+        else:
+            self.words.goal(now, servos.ids[int(rows[0])])
         anew = rows[servos.anew[rows]]
         for row, word in zip(rows.tolist(), words.tolist(), strict=True):
             self._goal(row, word, now)
@@ -289,7 +296,13 @@ class Monitor:
     def _goal(self, row: int, word: int, now: float) -> None:
         servos, id = self.servos, self.servos.ids[row]
         lower, upper = int(servos.lower[row]), int(servos.upper[row])
-        if not lower <= word <= upper:
+        if self.words.state == SEARCHING:
+            rule, _, text = self.search.goal(row, word, now).partition(" ")
+            if rule:
+                self._broken(rule, now, id, text)
+            if rule or not (servos.anew[row] or servos.first[row] or servos.off[row]):
+                return
+        elif not lower <= word <= upper:
             self._broken("W1", now, id, f"goal {word} outside {lower}..{upper}")
         before = int(servos.goal[row])
         moved = abs(word - before)
@@ -317,7 +330,10 @@ class Monitor:
             servos.on[row], servos.off[row], servos.bare[row] = False, True, np.inf
             self.stopping.let_go(now)
             return
-        self.words.torque(now, id)
+        if self.words.state == SEARCHING:
+            self._sought(np.array([row]), now, "torque on")
+        else:
+            self.words.torque(now, id)
         if not servos.known[row] or servos.anew[row]:
             self._broken("W4", now, id, "torque on, and no goal was written before")
         elif not servos.is_here(row, int(servos.goal[row]), self._since):
@@ -327,6 +343,14 @@ class Monitor:
             state = f"written {servos.watchdog[row]}, read back {bool(servos.proved[row])}"
             self._broken("W7", now, id, f"torque on, and its watchdog is {state}")
         servos.on[row], servos.off[row], servos.first[row] = True, False, True
+        servos.lost[row] = False
+
+    def _sought(self, rows: np.ndarray, now: float, what: str) -> None:
+        """W5 while nobody is armed: only what finds a stop."""
+        for row in rows.tolist():
+            if wrong := self.search.wrong(row):
+                self._broken("W5", now, self.servos.ids[row], f"{what} in state {SEARCHING}, {wrong}")
+                return
 
     def _watchdog(self, row: int, value: int, now: float) -> None:
         servos = self.servos
@@ -367,7 +391,9 @@ class Monitor:
 
     def _registers(self, row: int, address: int, data: bytes) -> None:
         servos, end = self.servos, address + len(data)
-        if address <= allowed.TORQUE < end and not servos.on[row]:
-            servos.off[row] = data[allowed.TORQUE - address] == 0
+        self.search.read(row, address, data)
+        if address <= allowed.TORQUE < end:
+            limp = data[allowed.TORQUE - address] == 0
+            servos.off[row], servos.lost[row] = limp and not servos.on[row], limp and servos.on[row]
         if address <= allowed.WATCHDOG < end:
             servos.proved[row] = data[allowed.WATCHDOG - address] == servos.watchdog[row]

@@ -34,6 +34,7 @@ class Servos:
         count = len(self.ids)
         self.anew = np.ones(count, np.bool_)  # its next goal is where the servo is (W4)
         self.on = np.zeros(count, np.bool_)  # torque it has switched on, and not off again
+        self.lost = np.zeros(count, np.bool_)  # torque it has switched on, and read off since
         self.off = np.zeros(count, np.bool_)  # torque it knows to be off: switched off, or read off
         self.first = np.zeros(count, np.bool_)  # no goal has gone out since torque-on
         self.watchdog = np.full(count, -1, np.int64)  # as it wrote it
@@ -51,7 +52,7 @@ class Servos:
             seen.popleft()
 
     def present(self, row: int, now: float) -> list[int]:
-        """Where that servo was in the readings that are fresh, inside its range."""
+        """Where that servo was in the readings that are fresh, and where inside its range is nearest."""
         found = []
         for time, rows, positions in reversed(self.seen):
             if time < now - FRESH - 1e-9:
@@ -60,7 +61,8 @@ class Servos:
                 found.append(int(positions[row]))
             else:
                 found += [int(positions[each]) for each in np.flatnonzero(rows == row)]
-        return [min(max(place, int(self.lower[row])), int(self.upper[row])) for place in found]
+        lower, upper = int(self.lower[row]), int(self.upper[row])
+        return found + [min(max(place, lower), upper) for place in found if not lower <= place <= upper]
 
     def is_here(self, row: int, goal: int, now: float) -> bool:
         """That goal is where the servo is."""

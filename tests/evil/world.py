@@ -27,12 +27,13 @@ support: gantry
 loop: {rate_hz: 100}
 buses: {main: {kind: dynamixel2, baud: 2000000}}
 types:
-  arm: {device: XM430-W350, mode: position, velocity_limit_rad_s: 4.0, acceleration_limit_rad_s2: 20.0}
+  arm: {device: XM430-W350, mode: position, velocity_limit_rad_s: 4.0, acceleration_limit_rad_s2: 20.0,
+        current_limit_a: 1.0}
 defaults: {type: arm, bus: main, sign: 1, ratio: 1.0}
 joints:
   a: {id: 1, limits_rad: [-1.5, 1.5]}
   b: {id: 2, limits_rad: [-0.7, 0.7], sign: -1, ratio: 2.0, velocity_limit_rad_s: 1.5}
-  c: {id: 5, limits_rad: [-1.0, 0.5]}
+  c: {id: 5, limits_rad: [-1.0, 0.5], stop_rad: {upper: 0.6}}
 """
 JOINT = """
   {name}:
