@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twind.observe.mcap_records import Attachment, Channel, McapFile, Message, Metadata, NotMcap
+from twind.observe.joint_rows import JointRows
+from twind.observe.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap
 from twind.observe.recording import Floats, Hop, Recording, Said, Slow, Unreadable, marked
 from twind.observe.topics import (
+    ABOUT,
     CALIBRATION,
     COMMANDS,
     EVENTS,
@@ -25,11 +26,11 @@ from twind.observe.topics import (
     TRAJECTORY,
     VERDICTS,
 )
-from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, CdrError, JointStateLayout, decode
+from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, CdrError, decode
 from twind.ros.cdr import HEAD
 
 SECOND = 1e9  # ns
-Times = NDArray[np.int64]
+SAID = frozenset({STATUS, EVENTS, VERDICTS, LATENCY, JOINTS, NOTES, TRAJECTORY})
 FIGURES = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
 
 
@@ -43,47 +44,56 @@ class Kept(NamedTuple):
 def read(path: Path) -> Recording:
     """The recording in an .mcap file. Raises Unreadable."""
     file = McapFile(path)
-    topics: dict[str, list[Kept]] = {}
-    states: dict[str, None] = {}
-    files: dict[str, bytes] = {}
-    meta: dict[str, str] = {}
+    taken = _Taken(file)
     try:
         for each in file.contents():
-            if isinstance(each, Message):
-                channel = file.channels[each.channel]
-                topics.setdefault(channel.topic, []).append(Kept(each.log_time, each.data))
-                if _is_state(file, channel):
-                    states[channel.topic] = None
-            elif isinstance(each, Attachment):
-                files[each.name] = each.data
-            elif isinstance(each, Metadata) and each.name == "twind":
-                meta |= each.data
+            taken.take(each)
     except (NotMcap, OSError, KeyError) as error:
         raise Unreadable(f"{path}: {error}") from None
-    if not topics:
+    except CdrError as error:
+        raise Unreadable(f"{path}: a JointState that is none: {error}") from None
+    if taken.start is None:
         raise Unreadable(f"{path}: no message is in it" + (f": {file.cut}" if file.cut else ""))
-    return _recording(path, file, topics, list(states), files, meta)
+    return _recording(path, taken, taken.start)
 
 
-def _is_state(file: McapFile, channel: Channel) -> bool:
-    schema = file.schemas.get(channel.schema)
-    ours = (JOINT_STATE, JOINT_STATE.replace("/msg/", "/"))
-    return schema is not None and schema.name in ours and channel.encoding == "cdr"
+class _Taken:
+    """What is of use in a file: JointStates as numbers, what was said as bytes; the rest is passed over."""
+
+    def __init__(self, file: McapFile) -> None:
+        self.file = file
+        self.states: dict[str, JointRows] = {}
+        self.said: dict[str, list[Kept]] = {}
+        self.files: dict[str, bytes] = {}
+        self.meta: dict[str, str] = {}
+        self.start: int | None = None  # ns, of the first message
+
+    def take(self, each: Message | Attachment | Metadata) -> None:
+        """Raises CdrError, KeyError."""
+        if isinstance(each, Message):
+            topic = self.file.channels[each.channel].topic
+            self.start = each.log_time if self.start is None else min(self.start, each.log_time)
+            if topic in SAID:
+                self.said.setdefault(topic, []).append(Kept(each.log_time, each.data))
+            elif topic in self.states or self._is_state(each.channel):
+                self.states.setdefault(topic, JointRows()).add(each.log_time, each.data)
+        elif isinstance(each, Attachment):
+            self.files[each.name] = each.data
+        elif each.name == ABOUT:
+            self.meta |= each.data
+
+    def _is_state(self, number: int) -> bool:
+        channel = self.file.channels[number]
+        schema = self.file.schemas.get(channel.schema)
+        names = (JOINT_STATE, JOINT_STATE.replace("/msg/", "/"))
+        return schema is not None and schema.name in names and channel.encoding == "cdr"
 
 
-def _recording(
-    path: Path,
-    file: McapFile,
-    topics: Mapping[str, list[Kept]],
-    states: Sequence[str],
-    files: Mapping[str, bytes],
-    meta: Mapping[str, str],
-) -> Recording:
-    start = min(kept[0].time for kept in topics.values())
-    chosen = _chosen(states)
-    rows = {role: Rows(path, topic, topics[topic]) for role, topic in chosen.items()}
+def _recording(path: Path, taken: _Taken, start: int) -> Recording:
+    chosen = _chosen(list(taken.states))
+    rows = {role: taken.states[topic].settled() for role, topic in chosen.items()}
     joints = tuple(dict.fromkeys(name for each in rows.values() for name in each.names))
-    times = np.unique(np.concatenate([each.times for each in rows.values()] or [np.zeros(0, np.int64)]))
+    times = np.unique(np.concatenate([np.zeros(0, np.int64), *(each.times for each in rows.values())]))
 
     def column(role: str, place: int) -> Floats:
         table = np.full((times.size, len(joints)), np.nan)
@@ -92,10 +102,12 @@ def _recording(
         return table
 
     def said(topic: str) -> tuple[Said, ...]:
-        return tuple(Said((kept.time - start) / SECOND, _json(kept.data)) for kept in topics.get(topic, ()))
+        return tuple(
+            Said((kept.time - start) / SECOND, _json(kept.data)) for kept in taken.said.get(topic, ())
+        )
 
     events, notes = said(EVENTS), said(NOTES)
-    mjcf = files.get(MJCF)
+    mjcf = taken.files.get(MJCF)
     return Recording(
         path=path,
         start_ns=start,
@@ -108,17 +120,17 @@ def _recording(
         simulated=column("simulated", 0),
         events=events,
         verdicts=said(VERDICTS),
-        trajectories=_trajectories(topics.get(TRAJECTORY, ()), start),
+        trajectories=_trajectories(taken.said.get(TRAJECTORY, ()), start),
         statuses=said(STATUS),
         notes=notes,
         slow=slow(said(JOINTS), joints),
         latency=hops([(each.time, each.what.get("hops") or ()) for each in said(LATENCY)]),
         episodes=marked(sorted((*events, *notes), key=lambda each: each.time)),
-        meta=meta,
-        robot=_attached(files, ROBOT),
-        calibration=_attached(files, CALIBRATION),
+        meta=taken.meta,
+        robot=_attached(taken.files, ROBOT),
+        calibration=_attached(taken.files, CALIBRATION),
         mjcf=None if mjcf is None else mjcf.decode(),
-        damage=_damage(file),
+        damage=_damage(taken.file),
     )
 
 
@@ -137,48 +149,6 @@ def _damage(file: McapFile) -> str:
     if file.damaged:
         parts.append(f"{file.damaged} chunks do not match their checksums and are left out")
     return "; ".join(parts)
-
-
-# ------------------------------------------------------------------------------------------ joint states
-
-
-class Rows:
-    """The messages of one topic of JointState: `names` of all of them, `times` (k,) in ns."""
-
-    def __init__(self, path: Path, topic: str, kept: Sequence[Kept]) -> None:
-        """Raises Unreadable."""
-        self.times = np.array([each.time for each in kept], np.int64)
-        self._groups: list[tuple[JointStateLayout, list[int]]] = []
-        self._kept = kept
-        last = -1
-        for place, each in enumerate(kept):
-            if last < 0 or not self._groups[last][0].fits(each.data):
-                last = self._group(path, topic, each.data)
-            self._groups[last][1].append(place)
-        self.names = tuple(dict.fromkeys(name for layout, _ in self._groups for name in layout.names))
-
-    def _group(self, path: Path, topic: str, data: bytes) -> int:
-        """Place of the layout that `data` has."""
-        for place, (layout, _) in enumerate(self._groups):
-            if layout.fits(data):
-                return place
-        try:
-            self._groups.append((JointStateLayout.of(data), []))
-        except CdrError as error:
-            raise Unreadable(f"{path}: {topic}: {error}") from None
-        return len(self._groups) - 1
-
-    def lay(self, table: Floats, times: Times, joints: Sequence[str], place: int) -> None:
-        """Write one column of each message (0 position, 1 velocity, 2 effort) into the rows of its time."""
-        for layout, places in self._groups:
-            first, count = layout.columns[place]
-            if count != len(layout.names):
-                continue
-            raw = np.frombuffer(b"".join(self._kept[each].data for each in places), np.uint8)
-            cut = raw.reshape(len(places), layout.size)[:, first : first + 8 * count]
-            numbers = np.ascontiguousarray(cut).view("<f8")
-            at = np.searchsorted(times, self.times[places])
-            table[at[:, None], np.array([joints.index(name) for name in layout.names])] = numbers
 
 
 # ------------------------------------------------------------------------------------------ what was said
