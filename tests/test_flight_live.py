@@ -1,0 +1,86 @@
+"""The recorder of a real daemon: dumped, left behind by a kill, and of no harm where it cannot be written."""
+
+import signal
+import stat
+from pathlib import Path
+
+import pytest
+from processes import Daemon, until
+
+from twind import link
+from twind.client import CallError
+from twind.ctl.main import main
+from twind.flight import Kind, load
+
+pytestmark = pytest.mark.realtime
+
+
+def daemon(tmp_path: Path) -> Daemon:
+    """In sim mode, which needs no robot, and has ticked."""
+    started = Daemon(tmp_path / "run", "--mode", "sim", environment={"STATE_DIRECTORY": str(tmp_path)})
+    started.reach()
+    return started
+
+
+def files(tmp_path: Path) -> list[Path]:
+    return sorted((tmp_path / "flight").glob("flight-*.flight"))
+
+
+def test_twindctl_dump_prints_the_path_of_a_file_that_holds_what_was_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    twind = daemon(tmp_path)
+    try:
+        with twind.client() as client:
+            client.call("Mark", kind="note", text="it wobbles")
+        assert main(["--socket", str(twind.sockets), "dump", "wobbles"]) == 0
+        path = Path(capsys.readouterr().out.strip())
+        assert files(tmp_path) == [path]
+        assert path.name.endswith("-wobbles.flight")
+        flight = load(path)
+        news = [link.decode_news(each.data) for each in flight.contents.entries if each.kind is Kind.NEWS]
+        assert [each.code for each in news if isinstance(each, link.Event)][-1] == "NOTE"
+        assert any(isinstance(each, link.Tick) for each in news)
+        commands = [
+            link.decode_command(each.data) for each in flight.contents.entries if each.kind is Kind.COMMAND
+        ]
+        assert [type(each) for each in commands] == [link.Mark, link.Gone]
+        assert flight.briefing.robot == "h24"
+        assert stat.S_IMODE(path.stat().st_mode) & 0o137 == 0
+        shown = twind.status()["flight"]
+        assert (shown["last"], shown["bytes"] > 0) == (str(path), True)
+    finally:
+        twind.end()
+    assert files(tmp_path) == [path]  # an end that was asked for leaves none
+
+
+def test_the_front_of_a_loop_that_was_killed_writes_it_down_before_it_ends(tmp_path: Path) -> None:
+    twind = daemon(tmp_path)
+    front = twind.front()
+    assert twind.end(signal.SIGKILL) == -signal.SIGKILL
+    until(lambda: not Path(f"/proc/{front}").exists(), 10.0, "a front that ends")
+    (path,) = files(tmp_path)
+    flight = load(path)
+    assert (flight.meta["reason"], flight.meta["mode"]) == ("crash", "sim")
+    assert "FLIGHT_WRITTEN" in twind.log.read_text()
+    ticks = [
+        news
+        for each in flight.contents.entries
+        if each.kind is Kind.NEWS and isinstance(news := link.decode_news(each.data), link.Tick)
+    ]
+    assert [tick.sequence for tick in ticks] == list(range(ticks[0].sequence, ticks[-1].sequence + 1))
+
+
+def test_where_it_cannot_be_written_that_is_told_and_the_daemon_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "flight").write_text("no folder")
+    twind = daemon(tmp_path)
+    try:
+        with twind.client() as client:
+            with pytest.raises(CallError, match="not written: "):
+                client.call("DumpRecorder")
+            client.call("EStop")
+            until(lambda: "FLIGHT_NOT_WRITTEN" in twind.log.read_text(), 10.0, "a line of the log")
+            assert client.call("GetStatus")["status"]["flight"]["last"] is None
+    finally:
+        assert twind.end() == 0
+    assert (tmp_path / "flight").read_text() == "no folder"
