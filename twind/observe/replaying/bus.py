@@ -15,12 +15,15 @@ from typing import Any
 
 from twind.observe.replaying.servos import Passage, ToldServos, specs, still
 from twind.observe.replaying.story import Story
-from twind.observe.replaying.wire import Exchange, asks, packets
+from twind.observe.replaying.wire import FAST, Exchange, asks, packets
+from twind_drivers.dynamixel.packet import STATUS_OVERHEAD
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.history import History
+from twind_drivers.virtual.wire import BITS
 
-NEAR = 1.5  # of a period of the loop: a question so far from where it was asked is still the same one
+NEAR = 0.6  # of a period of the loop: a question so far from where it was asked is still the same one
 USUAL = 0.5  # s after the beginning in which is looked for what is asked in every tick
+WOKEN = 0.001  # s, half of what a driver waits beyond the time on the wire
 PATIENCE = 1.0  # s after which the replay begins with another question than the one it should begin with
 
 
@@ -46,7 +49,7 @@ class ToldBus:
         answers set out earlier, where they take time on their way. Raises Unknown."""
         self.name, self.faults = story.name, SimpleNamespace(stalled=False)
         self._story, self._passage, self._leads, self._now = story, passage, leads, now
-        self._near, self._head_start = NEAR * period, head_start
+        self._near, self._head_start, self._baud = NEAR * period, head_start, baud
         given = specs(story, baud)
 
         def made(*arguments: Any, **more: Any) -> ToldServos:
@@ -167,10 +170,18 @@ class ToldBus:
             self._bus.receive(question, now)
             return
         self.verbatim += 1
+        latest = self._latest(exchange) if exchange.whole else inf
         for after, data in exchange.answers:
-            heapq.heappush(
-                self._under_way, (now + max(0.0, after - self._head_start), next(self._number), data)
-            )
+            at = now + max(0.0, min(after, latest) - self._head_start)
+            heapq.heappush(self._under_way, (at, next(self._number), data))
+
+    def _latest(self, exchange: Exchange) -> float:
+        """s after the question. What was taken had come in time, however late whoever took it woke up."""
+        fast, told = exchange.asks[7] in FAST, exchange.told
+        size = len(exchange.asks) + sum(len(each.data) + (4 if fast else STATUS_OVERHEAD) for each in told)
+        size += sum(len(span.data) + 1 for span in exchange.writes)
+        delay = max(self.servos.registers.delays(range(len(self.ids()))), default=0.0)
+        return BITS * size / self._baud + (1 if fast else len(told)) * delay + WOKEN
 
     def _usual(self, begin: float) -> Exchange | None:
         """The first of the question that is asked most often after the beginning: that of every tick."""

@@ -48,12 +48,12 @@ class Outcome:
             "answers": [
                 {
                     "method": each.method,
+                    "answered": each.answered,
                     "error": each.error,
                     "phase": each.phase,
                     "findings": [{"code": code, "joint": joint} for code, joint in each.findings],
                 }
                 for each in self.answers
-                if each.answered
             ],
             "faults": [
                 {"code": code, "joint": joint, "time": round(time, 3)}
@@ -63,6 +63,26 @@ class Outcome:
             "mode": self.mode,
             "armed": self.armed,
         }
+
+
+def outcome_of(plain: Mapping[str, Any]) -> Outcome:
+    """The inverse of `Outcome.plain`. Raises KeyError."""
+    return Outcome(
+        tuple(
+            Answer(
+                each["method"],
+                each["error"],
+                tuple((found["code"], found["joint"]) for found in each["findings"]),
+                each["phase"],
+                each["answered"],
+            )
+            for each in plain["answers"]
+        ),
+        {(each["code"], each["joint"]): each["time"] for each in plain["faults"]},
+        plain["state"],
+        plain["mode"],
+        plain["armed"],
+    )
 
 
 def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None = None) -> Answer:
@@ -106,7 +126,9 @@ class Standing:
 
 def differences(recorded: Outcome, replayed: Outcome, tolerance: float) -> Iterator[str]:
     """What came out differently, in words; times may differ by `tolerance` (s)."""
-    pairs = zip(recorded.answers, replayed.answers, strict=True)
+    if len(recorded.answers) != len(replayed.answers):
+        yield f"recorded {len(recorded.answers)} commands, replayed {len(replayed.answers)}"
+    pairs = zip(recorded.answers, replayed.answers, strict=False)
     for number, (then, now) in enumerate(pairs, 1):
         if not _same(then, now):
             yield f"command {number}: recorded {then.words()}; replayed {now.words()}"

@@ -66,7 +66,8 @@ def score(flight: Flight) -> Score:
     heard = list(_news(flight))
     if not heard:
         raise Unplayable("the recording holds no states: nothing was recorded yet")
-    tick, overview = _beginning(heard)
+    told = (each.time for each in flight.contents.entries if each.kind in (Kind.OUT, Kind.IN))
+    tick, overview = _beginning(heard, next(told, float("-inf")))
     begin = tick.time
     asked, left_out = _asked(flight, begin)
     commands = [each.command for each in asked if isinstance(each.command, link.Command)]
@@ -124,17 +125,17 @@ def _time(news: Outward, otherwise: float) -> float:
     return float(getattr(news, "time", otherwise))
 
 
-def _beginning(news: Sequence[Outward]) -> tuple[Tick, Overview]:
+def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
     """The first moment of a robot at rest, all of it heard, with nothing latched, and what was told of it.
 
-    Raises Unplayable: there is none.
+    `first`: s, of the first bytes of its buses: what they were before nobody knows. Raises Unplayable.
     """
     overview: Overview | None = None
     why = "its robot is never at rest"
     for each in news:
         if isinstance(each, Overview):
             overview = each
-        if not isinstance(each, Tick) or overview is None or each.motion not in REST:
+        if not isinstance(each, Tick) or overview is None or each.motion not in REST or each.time < first:
             continue
         if each.mode == "sim":
             fit = each.state == "disconnected"

@@ -16,7 +16,7 @@ from twind_drivers.virtual.servos import BAUDS, TRIPPED, Servos, ServoSpec
 
 Bools = NDArray[np.bool_]
 CLOCK = 32768  # ms: the realtime tick (120) counts up to this
-LEAD = 5.0  # s from the first question to the planned beginning: a daemon is connected and armed by then
+LEAD = 5.0  # s: a daemon is connected and armed by then
 SOON = 2.0  # s after the beginning by which everything was read once
 AHEAD = 0.002  # s: what was read so little later was true already
 
@@ -27,9 +27,9 @@ class Passage:
     Shared by all buses, and by whoever commands. Only the clocks of the servos run before the beginning.
     """
 
-    def __init__(self, begin: float) -> None:
-        """`begin`: s, of the recording."""
-        self.begin, self.ready = begin, False
+    def __init__(self, begin: float, lead: float = LEAD) -> None:
+        """`begin`: s, of the recording; `lead`: s from the first question to it."""
+        self.begin, self._lead, self.ready = begin, lead, False
         self._first = inf  # s, now: the first question
         self.shift = inf  # s, now less the time of the recording; inf: not let go yet
 
@@ -41,7 +41,7 @@ class Passage:
     def due(self, now: float) -> bool:
         """It may be let go: whoever commands is ready, and the planned time has come."""
         self._first = min(self._first, now)
-        return self.ready and now >= self._first + LEAD
+        return self.ready and now >= self._first + self._lead
 
     def go(self, now: float, moment: float) -> None:
         """Let it go: now is that moment of the recording."""
@@ -53,7 +53,7 @@ class Passage:
 
     def clock(self, now: float) -> float:
         """The same for what runs before it, so that clocks do not jump where it is let go as planned."""
-        return now - self.shift if self.running else self.begin - (min(self._first, now) + LEAD - now)
+        return now - self.shift if self.running else self.begin - (min(self._first, now) + self._lead - now)
 
 
 class ToldServos(Servos):
@@ -132,14 +132,15 @@ class ToldServos(Servos):
         self._check_at = inf
 
     def _foresee(self, begin: float) -> None:
-        """What was not read by the beginning was as it was read first."""
+        """What was not read by the beginning was as it was read first; EEPROM however late that was."""
         known = np.zeros_like(self.memory.raw, np.bool_)
+        kept = max(each.end for made in self.memory.tables for each in made.fields.values() if each.eeprom)
         for turn in self._turns:
-            if turn.time > begin + SOON:
-                return
-            if turn.what == told.READ:
+            if turn.what == told.READ and (turn.time <= begin + SOON or turn.address < kept):
                 row, span = self._rows[turn.id], slice(turn.address, turn.address + len(turn.data))
-                fresh = self._owned(row, span) & ~known[row, span]
+                fresh = (self._owned(row, span) | (np.arange(span.start, span.stop) < kept)) & ~known[
+                    row, span
+                ]
                 self.memory.raw[row, span][fresh] = np.frombuffer(turn.data, np.uint8)[fresh]
                 known[row, span] = True
                 if not isfinite(self._ticks[row]):

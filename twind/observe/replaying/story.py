@@ -2,8 +2,8 @@
 
 Three kinds of change. What only a servo writes (positions, temperatures) is as it was last read. What a host
 writes (torque, gains, goals) is the business of whoever is the host now; but where the recording reads
-something else than its host wrote, the servo changed it itself, and that happens again. A device that was
-asked and not heard is silent until it is heard.
+something else than its host wrote, the servo changed it itself, and that happens again. A device that left
+two questions open is silent from the first of them until it is heard.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +16,7 @@ from twind.observe.replaying.wire import FIRMWARE, Exchange, exchanges
 from twind_drivers.dynamixel.packet import ALERT
 from twind_drivers.dynamixel.tables import Field, Table, table
 
+JUST = 1e-3  # s before what is first known
 SILENT, HEARD, READ, CHANGED, DAMAGED = range(5)
 
 
@@ -117,8 +118,9 @@ def _part(address: int, data: bytes, wanted: int, size: int, before: int) -> int
 class Witness:
     """What is known of one device while its exchanges are gone through."""
 
-    def __init__(self, id: int, made: Table) -> None:
-        self.id, self._table = id, made
+    def __init__(self, id: int, made: Table, since: float) -> None:
+        """`since`: s, from when on it is watched; what was read first was so then."""
+        self.id, self._table, self._since = id, made, since
         self._fields: dict[tuple[int, int], list[Field]] = {}
         self._fault = made.fields.get("hardware_error_status")
         self._known: dict[
@@ -127,16 +129,20 @@ class Witness:
         self._alerts_since = float("inf")  # s, when it began to say that something is wrong
         self._bits = 0  # what is wrong since then, as far as it was read
         self._silent = True  # until it was heard
+        self._missed_at: float | None = None  # s, since when it leaves questions open
 
     def missed(self, time: float) -> Iterator[Turn]:
-        """It was asked, and said nothing that counts."""
-        if not self._silent:
+        """It was asked, and said nothing that counts. One lost answer is no silence yet."""
+        if self._missed_at is None:
+            self._missed_at = time
+        elif not self._silent:
             self._silent = True
-            yield Turn(time, SILENT, self.id)
+            yield Turn(self._missed_at, SILENT, self.id)
 
-    def look_away(self) -> None:
-        """What came next was not recorded: a host may have written anything meanwhile."""
+    def look_away(self, until: float) -> None:
+        """What came next was not recorded until then (s): a host may have written anything meanwhile."""
         self._known.clear()
+        self._since = until
 
     def written(self, time: float, address: int, data: bytes) -> None:
         """The recording's host wrote this."""
@@ -146,6 +152,7 @@ class Witness:
 
     def heard(self, time: float, error: int, address: int, data: bytes) -> Iterator[Turn]:
         """It answered at `time`."""
+        self._missed_at = None
         if self._silent:
             self._silent = False
             yield Turn(time, HEARD, self.id)
@@ -159,8 +166,10 @@ class Witness:
         for each in self._host(address, len(data)):
             at = each.address - address
             value = data[at : at + each.size]
-            since, before = self._known.get(each.key, (time, value))
-            if value != before:  # nobody wrote that: it changed between the two looks
+            since, before = self._known.get(each.key, (time, None))
+            if before is None:
+                yield Turn(self._since, CHANGED, self.id, each.address, value)
+            elif value != before:  # nobody wrote that: it changed between the two looks
                 yield Turn((since + time) / 2.0, CHANGED, self.id, each.address, value)
             self._known[each.key] = time, value
 
@@ -186,12 +195,13 @@ class Witness:
 
 
 def _turns(story: Story) -> Iterator[Turn]:
-    seen = {id: Witness(id, made) for id, made in story.tables.items()}
+    begin = min((each.time for each in (*story.kept[:1], *story.told[:1])), default=0.0)
+    seen = {id: Witness(id, made, begin - JUST) for id, made in story.tables.items()}
     first = story.told[0] if story.told else None
     for exchange in (*story.kept, *story.told):
         if exchange is first:
             for witness in seen.values():
-                witness.look_away()
+                witness.look_away(exchange.time - JUST)
         for each in exchange.told:
             if each.id in seen:
                 yield from seen[each.id].heard(exchange.time, each.error, each.address, each.data)

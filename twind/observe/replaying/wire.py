@@ -26,6 +26,7 @@ QUESTIONS = frozenset(
 PINGED = 3  # bytes that a ping tells: model number 2, firmware 1
 FIRMWARE = 6  # address of the latter; the former's is 0
 THROWN = 0.0002  # s before the next request: what was found waiting then had come earlier, nobody knows when
+PAUSE = 0.004  # s without a byte, after which even what completes an answer was too late for it
 
 
 class Told(NamedTuple):
@@ -53,6 +54,7 @@ class Exchange:
     asks: bytes  # the packet that asks; empty: none did
     writes: tuple[Span, ...]
     answers: tuple[tuple[float, bytes], ...]  # s after `time`
+    whole: bool  # all that was asked for is among them
     told: tuple[Told, ...]
     missed: tuple[int, ...]  # ids that were asked and had no sound answer; behind a hole nobody knows
 
@@ -152,7 +154,7 @@ def _exchange(
             asking = packet
         else:
             writes += _written(packet)
-    bare = Exchange(out.time, asking, tuple(writes), tuple(chunks), (), ())
+    bare = Exchange(out.time, asking, tuple(writes), tuple(chunks), False, (), ())
     if not asking:
         return bare
     if asking not in questions:
@@ -161,7 +163,10 @@ def _exchange(
     if question is None:
         return bare
     told, missed, done = question.hear([data for _, data in chunks])
-    return replace(bare, told=told, missed=missed, answers=tuple(_earlier(chunks, done, until)))
+    if until is None and missed:  # nobody knows what would have come
+        return replace(bare, asks=b"")
+    answers = tuple(_earlier(chunks, done, until))
+    return replace(bare, told=told, missed=missed, answers=answers, whole=not missed)
 
 
 def _question(packet: bytes) -> Question | None:
@@ -179,7 +184,7 @@ def _earlier(
     """What was found waiting when the next request left came half-way between the read before and that."""
     before = 0.0
     for place, (at, data) in enumerate(chunks):
-        late = until is not None and until - at < THROWN and place >= done
+        late = until is not None and until - at < THROWN and (place >= done or at - before > PAUSE)
         yield ((before + at) / 2.0 if late else at, data)
         before = at
 
