@@ -95,9 +95,9 @@ def test_a_clock_that_is_set_is_noted_once_with_both_and_times_go_on_as_they_wer
 
 def test_what_is_told_of_it_names_what_was_lost() -> None:
     tally = Tally(path=Path("/x/a.mcap"), files=(Path("/x/a.mcap"),), messages=9, bytes=3 << 20)
-    assert line(tally, 301.4) == "a.mcap  301 messages/s  3.0 MiB"
+    assert line(tally, 301.4) == "301 messages/s  3.0 MiB  a.mcap"
     busy = Tally(path=Path("/x/a.mcap"), dropped=3, missed=2, episode=Mark("pick", 0))
-    assert line(busy, 0.0) == "a.mcap  0 messages/s  0.0 MiB  5 DROPPED  episode pick"
+    assert line(busy, 0.0) == "0 messages/s  0.0 MiB  5 DROPPED  episode pick  a.mcap"
     assert summary(tally, 2.0) == "/x/a.mcap\n2.0 s, 9 messages; nothing dropped"
     lost = Tally(files=(Path("/x/a.mcap"),), messages=9, dropped=3, missed=2, episodes=2, removed=1)
     assert summary(lost, 2.0).endswith(

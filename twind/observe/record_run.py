@@ -132,13 +132,13 @@ class Course:
 
 def line(tally: Tally, rate: float) -> str:
     """One line for people while it runs."""
-    parts = [tally.path.name if tally.path else "between two episodes", f"{rate:.0f} messages/s"]
-    parts.append(megabytes(tally.bytes))
+    parts = [f"{rate:.0f} messages/s", megabytes(tally.bytes)]
     lost = tally.dropped + tally.missed
     if lost:
         parts.append(f"{lost} DROPPED")
     if tally.episode is not None:
         parts.append(f"episode {tally.episode.task}".rstrip())
+    parts.append(tally.path.name if tally.path else "between two episodes")  # what a narrow terminal cuts
     return "  ".join(parts)
 
 
