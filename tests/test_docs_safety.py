@@ -11,7 +11,7 @@ from twind.front import server
 from twind.loop import arming, damping, failsafe, front_process, ports, release, submissions, tick
 from twind.robot.finding import Code
 from twind.robot.modes import State
-from twind.safety import gate, guard, lease, senses, stream
+from twind.safety import alarm, gate, guard, health, lease, senses, stream, way
 from twind.safety.states import TABLE, Event
 from twind.twin import binding, reach
 from twind_drivers.dynamixel import budget
@@ -86,6 +86,13 @@ def unit(key: str, name: str = "twind.service") -> str:
 
 NUMBERS = {
     "latency (state age + bus round trip): told": ms(GATE.latency_warn),
+    "a hop of a reading or of a setpoint: told": f"{health.LATENCY * 1e3:g} ms",
+    f"a joint that stood, from a goal {way.VISIBLE:g} rad away to {way.VISIBLE:g} rad moved: told": (
+        f"{health.MOVING * 1e3:g} ms"
+    ),
+    "what was told of a hop: over, and may be told again": (
+        f"below {alarm.CALM * 100:g} % of its bound for more than {alarm.CALM_FOR:g} s"
+    ),
     "latency: motion and arming refused": ms(GATE.latency_block),
     "joint not heard: motion and arming refused": ms(GATE.stale),
     "temperature and supply, oldest: motion and arming refused": f"{GATE.health:g} s",

@@ -7,6 +7,7 @@ import pytest
 from varlink.scanner import Interface as PeerInterface
 
 from twind.protocol import CONTROL, SERVICE, WrongParameter, load, parse
+from twind.safety.health import COMMAND, READING
 
 CONTRACT = load(CONTROL)
 
@@ -111,3 +112,9 @@ def test_every_method_is_documented() -> None:
         assert f"`{method}`" in page, method
     for error in CONTRACT.errors:
         assert error in page, error
+
+
+def test_the_page_has_every_hop_and_no_other() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "protocol.md").read_text("utf-8")
+    rows = re.findall(r"^\| `(\w+)` \|", page.split("## Latency")[1].split("## ")[0], re.MULTILINE)
+    assert rows == ["total", *READING, *COMMAND]
