@@ -203,10 +203,14 @@ def _histogram(
 def _counted(news: News) -> Iterator[Metric]:
     """What this process counted, since it began."""
     counted = news.counted
-    refusals = CounterMetricFamily("twind_refusals", "Trajectories refused, by reason.", labels=("code",))
+    refusals = CounterMetricFamily(
+        "twind_refusals", "Trajectories and setpoints refused, by reason.", labels=("code",)
+    )
     for code, count in sorted(counted.refusals.items()):
         refusals.add_metric((code,), count, counted.since)
-    verdicts = CounterMetricFamily("twind_verdicts", "Trajectories judged.", labels=("verdict",))
+    verdicts = CounterMetricFamily(
+        "twind_verdicts", "Trajectories judged, and setpoints that were refused.", labels=("verdict",)
+    )
     for verdict, count in counted.verdicts.items():
         verdicts.add_metric((verdict,), count, counted.since)
     events = CounterMetricFamily("twind_events", "Events told, by what happened.", labels=("code",))
