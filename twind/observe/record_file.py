@@ -98,7 +98,7 @@ class RecordFile:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._json = json_schemas()
-        self._whole = 0  # bytes up to the end of the last whole chunk
+        self._whole = self._kept = 0  # bytes and messages up to the end of the last whole chunk
         try:
             self._writer.start(profile=PROFILE, library=f"twind {__version__}")
             self._writer.add_metadata("twind", dict(about))
@@ -128,7 +128,7 @@ class RecordFile:
     def flush(self) -> None:
         """Close the chunk: all messages so far are in the file, and on the disk."""
         self._writer.flush()
-        self._whole = self._disk.size
+        self._whole, self._kept = self._disk.size, self.messages
         self._disk.sync()
 
     def metadata(self, name: str, data: Mapping[str, str]) -> None:
@@ -138,19 +138,23 @@ class RecordFile:
     def finish(self) -> None:
         """Write the index and close."""
         self._writer.flush()
-        self._whole = self._disk.size
+        self._whole, self._kept = self._disk.size, self.messages
         self._writer.finish()
         self._disk.flush()
         self._disk.sync()
         self._disk.close()
 
-    def abandon(self) -> None:
-        """Close after an error: what is whole stays, with an end that readers know; without an index."""
+    def abandon(self) -> int:
+        """Close after an error: what is whole stays, with an end that readers know; without an index.
+
+        How many messages are lost.
+        """
         with contextlib.suppress(OSError):  # not even that fits: `twindctl recover` makes it whole
             self._disk.cut(self._whole)
             self._disk.write(_end())
             self._disk.flush()
         self._disk.close()
+        return self.messages - self._kept
 
     def _open(self, topic: str) -> int:
         """The number of a topic's channel, which is new."""

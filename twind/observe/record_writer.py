@@ -138,8 +138,15 @@ class RecordWriter:
         except OSError as error:
             self.stopped = f"{self.tally.path or self.folder}: {error.strerror or error}"
             if self._file is not None:
-                self._file.abandon()
-                self._file = None
+                self._abandon(self._file)
+
+    def _abandon(self, file: RecordFile) -> None:
+        lost = file.abandon()
+        with self._lock:
+            self._dropped += lost
+        self._count()
+        self.tally = replace(self.tally, messages=self.tally.messages - lost)
+        self._file = None
 
     def _tell(self, item: Session | None) -> None:
         with self._lock:
