@@ -17,7 +17,7 @@ from twind.observe.viewing.figure import shown_geoms
 from twind.observe.viewing.likeness import Likeness, NoLikeness
 from twind.observe.viewing.live import messages
 from twind.observe.viewing.news import WINDOW, Described, Known, Lost, News
-from twind.observe.viewing.operate import Operator, arm
+from twind.observe.viewing.operate import Operator, arm, look_after
 from twind.observe.viewing.scene import AUTO, BOTH, NONE, ghosts
 from twind.observe.viewing.stops import Outcome, Stops
 
@@ -170,6 +170,23 @@ def test_what_is_asked_meanwhile_is_refused_and_never_done_later(daemons: Any, t
     going_on.set()
     assert told(outcomes).title == "armed"
     assert outcomes.empty() and daemon.asked.count("Arm") == 1
+
+
+@pytest.mark.realtime
+def test_a_page_that_does_not_answer_loses_the_lease(daemons: Any, tmp_path: Path) -> None:
+    daemon = daemons("control", lambda method: {"parameters": {}})
+    operator, outcomes = Operator(str(tmp_path), lambda tab: None), queue.Queue()
+    operator.take(1, outcomes.put)
+    assert told(outcomes).done
+    answers = iter([RuntimeError("it may not read what it keeps"), TimeoutError("nothing came")])
+
+    def ask() -> None:
+        raise next(answers)
+
+    look_after(operator, 1, ask)
+    assert daemon.ended.get(timeout=5.0) == "closed"
+    operator.take(1, outcomes.put)  # it came back, and asks anew
+    assert told(outcomes).done
 
 
 @pytest.mark.realtime

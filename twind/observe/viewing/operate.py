@@ -6,6 +6,7 @@ while a call is under way it is not renewed, so it lapses by itself if the tab g
 
 import queue
 import threading
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from twind.ctl.verb import Rejected, UsageError
 from twind.observe.viewing.stops import Outcome, Tell
 
 RENEWED = 0.3  # s between two renewals; a lease lasts 1 s
+ASKED, ANSWER = 0.5, 4.0  # s between two questions whether a page is there, and until it must have said so
 PACE = 2.0  # s per rad on the way to the rest pose
 SHORTEST = 2.0  # s, of that way
 
@@ -42,6 +44,7 @@ class Operator(threading.Thread):
 
     def take(self, tab: int, tell: Tell) -> None:
         """The lease for this tab. Refused while another tab has it."""
+        self._gone.discard(tab)
         if self._tab not in (None, tab):
             tell(Outcome(False, "no lease", "another tab of this viewer holds the lease"))
             return
@@ -74,8 +77,13 @@ class Operator(threading.Thread):
         self._with_lease(tab, and_held, tell)
 
     def left(self, tab: int) -> None:
-        """A tab was closed, or its browser no longer answers."""
+        """A tab was closed, or its page no longer answers. It may take the lease anew."""
         self._gone.add(tab)
+
+    @property
+    def holder(self) -> int | None:
+        """The tab that holds the lease."""
+        return self._tab
 
     def _with_lease(self, tab: int, work: Work, tell: Tell) -> None:
         if self._tab != tab:
@@ -134,6 +142,22 @@ class Operator(threading.Thread):
         if tab != self._tab:
             self._tab = tab
             self._changed(tab)
+
+
+def look_after(operator: Operator, tab: int, ask: Callable[[], object]) -> None:
+    """While a tab holds the lease its page must answer: a connection whose other end is gone looks whole.
+
+    `ask` raises TimeoutError where no answer came within `ANSWER`.
+    """
+    while operator.holder == tab:
+        try:
+            ask()
+        except TimeoutError:
+            operator.left(tab)
+            return
+        except RuntimeError:  # it answered that it may not, or was closed, which is told by itself
+            pass
+        time.sleep(ASKED)
 
 
 # ---------------------------------------------------------------------------------------- what may be asked

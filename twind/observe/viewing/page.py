@@ -1,7 +1,7 @@
 """The page of one robot: buttons, words, plots. Nothing here waits: what a button asks for is done
 elsewhere."""
 
-import asyncio
+import threading
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -151,11 +151,21 @@ class Controls:
 
     async def _left(self, client: Any) -> None:
         self._operator.left(client.client_id)
-        await asyncio.sleep(0)
 
     def _changed(self, tab: int | None) -> None:
         """In the operator's thread."""
         held = tab is not None
+        client = self._server.get_clients().get(tab)
+        if tab is not None and client is None:
+            self._operator.left(tab)
+        elif tab is not None:
+            threading.Thread(target=self._look_after, args=(tab, client), daemon=True).start()
         self._take.disabled = held
         for button in (self._give, self._arm, self._disarm, self._play, self._rest):
             button.disabled = not held
+
+    def _look_after(self, tab: int, client: Any) -> None:
+        """The page answers what it keeps under a name: nothing, but it answers."""
+        operate.look_after(
+            self._operator, tab, lambda: client.local_storage.get_item("twind", timeout=operate.ANSWER)
+        )
