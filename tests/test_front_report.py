@@ -3,12 +3,13 @@
 import json
 import os
 
+from msgspec.structs import replace
 from stand_in import NAMES, overview, tick
 
 from twind.front.log import Log, Writer
 from twind.front.naming import Names
 from twind.front.report import Report
-from twind.link import Event
+from twind.link import Event, LatencyInfo
 from twind.robot.finding import Code, Finding
 
 
@@ -47,3 +48,36 @@ def test_latency_is_reported_every_five_seconds() -> None:
     assert [line["event"] for line in said] == ["latency"] * 3
     assert {line["hz"] for line in said} <= {98.8, 99.0, 99.2}
     assert (said[0]["bus_ms"], said[0]["state"], said[0]["late_p99_us"]) == (1.5, "armed", 80.0)
+
+
+def test_command_hops_are_in_the_report_where_there_were_commands_and_violations_where_there_were_any() -> (
+    None
+):
+    def hops(step: int) -> list[LatencyInfo]:
+        at = 3.0 if step < 60 else None  # nobody commands any more
+        return [
+            LatencyInfo("total", 3.0, 3.0, 0.1, 2.9, 3.1, 3.0, 3.1, 4),
+            LatencyInfo("command", at, 3.0, 0.1, 2.9, 3.1, 3.0, 3.1, 7),
+        ]
+
+    lines = Lines()
+    report = Report(lines.log)
+    for step in range(105):
+        news = replace(overview(100.0 + step / 10.0, ticks=step * 10), latencies=hops(step))
+        report.overview(news, tick(0.0, 1))
+    busy, idle = lines.read()
+    assert (busy["command_ms"], busy["command_p99_ms"], busy["command_violations"]) == (3.0, 3.1, 7)
+    assert not [key for key in idle if key.startswith("command")]
+    assert idle["total_ms"] == 3.0
+    assert "total_violations" not in busy  # they are the line's own
+
+
+def test_what_a_client_says_of_the_robot_is_told_with_its_name_and_counted_with_what_clients_cause() -> None:
+    lines = Lines()
+    event = Event(time=1.0, sequence=1, level="info", code="NOTE", message="slips", holder="uid 1, pid 2")
+    for _ in range(100):
+        Report(lines.log).event(event, Names(NAMES))
+    Report(lines.log).event(replace(event, code="MOTION", message="done", holder=""), Names(NAMES))
+    said = lines.read()
+    assert said[0]["holder"] == "uid 1, pid 2"
+    assert [line["event"] for line in said] == ["NOTE"] * 20 + ["MOTION"]
