@@ -35,12 +35,13 @@ LONGEST = "test_five_minutes_of_robot"  # begun first: two workers then end toge
 SIDE_BY_SIDE = """
     activation adopt_verb calibrate_import_verb calibrate_scan calibrate_verbs can_socketcan check_offline
     cli client codes_reached ctl_main docs doctor doctor_can_line doctor_can_links doctor_daemon
-    doctor_files doctor_fix_live doctor_machine doctor_mend doctor_ports edited failsafe_live
-    front_find_stop front_limits front_log front_process front_reload front_server front_telemetry fuzz
-    h24_mixed_live latency_live loop_notify loop_slow_answers_live machine many metrics_live model_live
-    monitor_live packaged plug prove_verb record_live register_verb reload_live replug robot scan_verb
-    service service_files streams virtual_can_clients virtual_child virtual_clients virtual_main virtual_serve
-    view_door view_parts virtual_servos wiggle_verb
+    doctor_files doctor_fix_live doctor_machine doctor_mend doctor_ports edited failsafe_live flight_live
+    flight_ring front_find_stop front_limits front_log front_process front_reload front_server
+    front_telemetry fuzz h24_mixed_live latency_live loop_notify loop_slow_answers_live machine many
+    metrics_live model_live monitor_live packaged plug prove_verb record_live recorder register_verb
+    reload_live replug robot scan_verb service service_files streams view_door view_parts
+    virtual_can_clients virtual_child virtual_clients virtual_main virtual_serve virtual_servos
+    wiggle_verb
 """
 
 
