@@ -51,14 +51,11 @@ def chromium() -> str | None:
 
 @contextlib.contextmanager
 def browser() -> Iterator[Any]:
-    """A browser with a new, empty profile. It draws without a graphics card: others go before it."""
+    """A browser with a new, empty profile."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as play, tempfile.TemporaryDirectory(prefix="twind-browser-") as folder:
-        behind = Path(folder) / "chromium"
-        behind.write_text(f'#!/bin/sh\nexec nice -n 5 {chromium()} "$@"\n')
-        behind.chmod(0o700)
-        found = play.chromium.launch(executable_path=behind, args=FLAGS, env={"HOME": folder})
+        found = play.chromium.launch(executable_path=chromium(), args=FLAGS, env={"HOME": folder})
         try:
             yield found
         finally:

@@ -18,13 +18,15 @@ from twind.client import Refused
 
 pytest.importorskip("viser", reason="the extra `view` is not installed")
 pytest.importorskip("mjviser", reason="the extra `view` is not installed")
+from twind.observe.viewing.operate import ANSWER
+
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
 LONG = {
     "joint_names": ["l_shoulder_roll"],
     "points": [{"positions": [1.0], "velocities": [0.0], "time_from_start": 12.0}],
 }
 HOME = {"joint_names": ["l_shoulder_roll"], "points": [{"positions": [0.0], "time_from_start": 2.0}]}
-WAIT = 20_000  # ms that a busy machine may be behind
+WAIT = 60_000  # ms that a busy machine may be behind
 TRIES = 5  # of a motion that a busy machine ends
 
 
@@ -72,8 +74,8 @@ def simulated(folder: Path, robot: str = "h24") -> Iterator[Daemon]:
 
 
 def press(page: Any, name: str) -> None:
-    """By force: a page that is drawn without a graphics card is long in standing still."""
-    page.get_by_role("button", name=name, exact=True).click(force=True, timeout=WAIT)
+    """As an event: a pointer waits until a page stands still, which takes long without a graphics card."""
+    page.get_by_role("button", name=name, exact=True).dispatch_event("click", timeout=WAIT)
 
 
 class Moving(threading.Thread):
@@ -96,10 +98,12 @@ class Moving(threading.Thread):
 
 def stopped(running: Daemon, page: Any) -> str:
     """How a motion ends when Stop is pressed while it runs; anew where a busy machine ended it before."""
+    moving = None
     for _ in range(TRIES):
         until(lambda: running.status()["lease"] is None, 5.0, "who armed or moved it is done")
-        with running.client() as client:
-            go(client, HOME)
+        if moving is not None:
+            with running.client() as client:
+                go(client, HOME)
         moving = Moving(running)
         until(lambda moving=moving: running.status()["motion"] == "active" or moving.last, 10.0, "it moves")
         press(page, "Stop")
@@ -107,7 +111,7 @@ def stopped(running: Daemon, page: Any) -> str:
         if moving.last == "cancelled":
             break
         print(f"pressed again: the motion was {moving.last}")
-    return moving.last
+    return "" if moving is None else moving.last
 
 
 def libraries(process: int) -> list[str]:
@@ -151,29 +155,39 @@ def test_who_took_the_lease_on_purpose_moves_the_robot_until_the_tab_is_closed(
         page = opened(chromium, view.url, looked_at=False)
         assert page.get_by_role("button", name="Play", exact=True).is_disabled()
         assert running.status()["lease"] is None
-        take_and_play(page, running)
-        time.sleep(1.5)  # longer than a lease lasts
-        assert running.status()["lease"] is not None
-
-        second = opened(chromium, view.url, looked_at=False)
-        press(second, "Stop")
-        until(lambda: running.status()["motion"] == "holding", 5.0, "stop needs no lease")
+        assert held(page, running, ANSWER + 1.0)  # longer than a lease lasts, and a page may be silent
         page.close()
         until(lambda: running.status()["lease"] is None, 3.0, "the lease of a tab that is closed")
+        until(lambda: running.status()["motion"] == "holding", 3.0, "its motion")
 
-        take_and_play(second, running)
+        page = opened(chromium, view.url, looked_at=False)
+        assert held(page, running, 0.0)
         view.end(signal.SIGKILL)
-        until(lambda: running.status()["motion"] == "holding", 3.0, "the lease of a killed viewer lapses")
-        assert running.status()["lease"] is None
-        second.close()
+        until(lambda: running.status()["lease"] is None, 3.0, "the lease of a killed viewer lapses")
+        until(lambda: running.status()["motion"] == "holding", 3.0, "its motion")
+        page.close()
 
 
-def take_and_play(page: Any, running: Daemon) -> None:
-    press(page, "Take the lease ...")
-    press(page, "Take it")
-    page.get_by_text("lease taken").first.wait_for(timeout=WAIT)
-    press(page, "Play")
-    until(lambda: running.status()["motion"] == "active", 10.0, "the motion that was played")
+def held(page: Any, running: Daemon, seconds: float) -> bool:
+    """A motion runs, and the lease is held so long. Taken anew where a busy machine was too slow."""
+    for _ in range(TRIES):
+        take = page.get_by_role("button", name="Take the lease ...", exact=True)
+        until(lambda take=take: take.is_enabled(), 30.0, "the lease may be taken")
+        press(page, "Take the lease ...")
+        press(page, "Take it")
+        until(lambda: running.status()["lease"], 30.0, "the lease")
+        play = page.get_by_role("button", name="Play", exact=True)
+        until(lambda play=play: play.is_enabled() or not running.status()["lease"], 30.0, "the page may play")
+        press(page, "Play")
+        with contextlib.suppress(AssertionError):
+            until(lambda: running.status()["motion"] == "active", 5.0, "the motion that was played")
+            end = time.monotonic() + seconds
+            while time.monotonic() < end and running.status()["lease"]:
+                time.sleep(0.1)
+            if running.status()["lease"]:
+                return True
+        print("taken again")
+    return False
 
 
 def test_the_page_outlives_the_daemon_and_shows_the_next_ones_robot(chromium: Any, tmp_path: Path) -> None:
