@@ -68,6 +68,10 @@ class Hand:
         self.ask("AcquireLease")
         self.say("SubmitTrajectory", more=True, trajectory={"joint_names": [joint], "points": rows})
 
+    def close(self) -> None:
+        """Hang up."""
+        self._line.close()
+
     def fault(self, name: str, **arguments: Any) -> None:
         """Order it."""
         self.virtual.order(fault=name, **arguments)
@@ -178,6 +182,7 @@ def record(scene: Callable[[Hand], None], file: Path) -> float:
         scene(hand)
         path = hand.ask("DumpRecorder", name=file.stem)["path"]
         file.write_bytes(Path(path).read_bytes())
+        hand.close()
         running.end()
     return begun
 
@@ -218,8 +223,7 @@ def keep(flight: Flight, name: str, why: str) -> None:
     save(path, {"why": why}, msgspec.msgpack.encode(briefing), flight.contents)
     path.chmod(0o644)
     assert path.stat().st_size < LARGEST, f"{path}: {path.stat().st_size} bytes, at most {LARGEST}: cut it"
-    told = {"why": why} | score(load(path)).recorded.plain()
-    (HERE / f"{name}.expected.json").write_text(json.dumps(told, indent=1) + "\n")
+    expect(name)
 
 
 def expected(name: str) -> Outcome:
@@ -230,6 +234,13 @@ def expected(name: str) -> Outcome:
 def names() -> list[str]:
     """Of all captures."""
     return sorted(path.stem for path in HERE.glob("*.flight"))
+
+
+def expect(name: str) -> None:
+    """Write what must come out of a capture anew: what its daemon said."""
+    recorded = load(HERE / f"{name}.flight")
+    told = {"why": recorded.meta["why"]} | score(recorded).recorded.plain()
+    (HERE / f"{name}.expected.json").write_text(json.dumps(told, indent=1) + "\n")
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from twind.observe.replaying.servos import Passage
 
 TOLERANCE = 0.25  # s that a fault may come earlier or later than it was recorded
+LONGEST = 60  # characters of a folder in which sockets can lie in folders
 ON_ITS_WAY = 0.001  # s that an answer takes from our thread through a pseudo-terminal to a daemon, with luck
 ABOUT = """\
 FILE is a flight file, as a daemon leaves it behind at a fault and `twindctl dump` writes one. Its servos come
@@ -37,6 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = ABOUT
     parser.add_argument("file", metavar="FILE", help="a flight file; with --view a recording (.mcap) too")
     parser.add_argument(
+        "--last", type=float, default=float("inf"), metavar="S", help="play the last S seconds alone"
+    )
+    parser.add_argument(
         "--view", action="store_true", help="show its states in a browser; no daemon is started"
     )
     parser.add_argument(
@@ -53,10 +57,13 @@ def run(options: argparse.Namespace) -> int:
     """Play or show it. Raises Rejected: it cannot be played; UsageError."""
     if options.speed is not None and not (options.view and 0.01 <= options.speed <= 100.0):
         raise UsageError("--speed X goes with --view and is 0.01 to 100: servos and a daemon keep real time")
+    if not options.last > 0.0:
+        raise UsageError(f"--last {options.last:g}: seconds of the recording, more than 0")
     if options.view:
         return _view(options)
     flight = _load(Path(options.file))
-    score, replayed, share = _play(flight, None if options.robot is None else Path(options.robot))
+    robot = None if options.robot is None else Path(options.robot)
+    score, replayed, share = _play(flight, robot, options.last)
     return _report(options, flight, score, replayed, share)
 
 
@@ -76,7 +83,7 @@ def _load(path: Path) -> "Flight":
 # ------------------------------------------------------------------------------------------- playing
 
 
-def _play(flight: "Flight", robot: Path | None) -> tuple["Score", "Outcome", float]:
+def _play(flight: "Flight", robot: Path | None, last: float) -> tuple["Score", "Outcome", float]:
     """What was asked, what came of it now, and the share of questions answered with recorded bytes."""
     from twind.observe.replaying.conductor import Conductor
     from twind.observe.replaying.daemon import Daemon
@@ -89,10 +96,11 @@ def _play(flight: "Flight", robot: Path | None) -> tuple["Score", "Outcome", flo
 
     clock = MonotonicClock()
     try:
-        asked = score(flight)
+        asked = score(flight, last)
         passage = Passage(asked.begin)
         with contextlib.ExitStack() as stack:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="twind-replay-")))
+            short = None if len(tempfile.gettempdir()) < LONGEST else "/tmp"  # a socket's path is 107 bytes
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="twind-replay-", dir=short)))
             files = lay_out(flight.briefing, folder, robot)
             places = folder / "ports", folder / "run"
             for place in places:

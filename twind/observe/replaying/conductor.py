@@ -72,7 +72,7 @@ class Conductor:
         deadline = self._clock.now() + ANSWER
         while True:
             try:
-                self._ask("RenewLease")
+                self._ask("AcquireLease")  # it may have lapsed meanwhile
                 self._ask("Arm")
             except Unplayable:
                 if self._clock.now() > deadline:

@@ -6,14 +6,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
+from twind.client import NoDaemon
 from twind.config.ports import virtual_port
+from twind.observe.replaying.calls import Line
 from twind.observe.replaying.score import Unplayable
 from twind.observe.replaying.stage import Files
 
 START = 60.0  # s until its sockets are there
-END = 10.0  # s that it may take to end
+SOON, END = 0.5, 10.0  # s that it may take to end when told, and when killed
 WORDS = 2000  # characters of its own words that are told
 OURS = ("LISTEN_", "NOTIFY_", "WATCHDOG_", "STATE_DIRECTORY", "XDG_")  # of the environment: not for it
 
@@ -54,17 +57,36 @@ class Daemon:
 
     def _await(self) -> None:
         deadline = time.monotonic() + START
-        while not (self.sockets / "observe.sock").is_socket():
+        while not self._listens():
             if self._process.poll() is not None or time.monotonic() > deadline:
                 raise Unplayable(f"the daemon did not start: {self.words}")
             time.sleep(0.02)
 
+    def _listens(self) -> bool:
+        try:
+            Line(self.sockets / "observe.sock").close()
+        except NoDaemon:
+            return False
+        return True
+
     def _end(self) -> None:
-        """A robot that has torque is lowered first, which takes as long as it takes: it is no robot."""
+        """A robot that has torque would be lowered first, which takes as long as it takes: it is no robot."""
+        front = self._children()
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
         try:
-            self._process.wait(0.5)
+            self._process.wait(SOON)
         except subprocess.TimeoutExpired:
+            for child in front:  # or it would write down what the daemon held when it was killed
+                with suppress(ProcessLookupError):
+                    os.kill(child, signal.SIGKILL)
             self._process.kill()
             self._process.wait(END)
+
+    def _children(self) -> list[int]:
+        """Processes that it has started."""
+        pid = self._process.pid
+        try:
+            return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        except OSError:
+            return []

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import msgspec
@@ -60,21 +61,22 @@ class Score:
         return tuple(each for each in self.asked if isinstance(each.command, link.Command))
 
 
-def score(flight: Flight) -> Score:
-    """Raises Unplayable."""
+def score(flight: Flight, last: float = inf) -> Score:
+    """Of the `last` seconds of a recording. Raises Unplayable."""
     names = Names([joint.name for joint in flight.briefing.joints])
     heard = list(_news(flight))
     if not heard:
         raise Unplayable("the recording holds no states: nothing was recorded yet")
     told = (each.time for each in flight.contents.entries if each.kind in (Kind.OUT, Kind.IN))
-    tick, overview = _beginning(heard, next(told, float("-inf")))
+    end = flight.contents.entries[-1].time
+    tick, overview = _beginning(heard, max(end - last, next(told, -inf)))
     begin = tick.time
     asked, left_out = _asked(flight, begin)
     commands = [each.command for each in asked if isinstance(each.command, link.Command)]
     return Score(
         names=names.joints,
         begin=begin,
-        end=flight.contents.entries[-1].time,
+        end=end,
         mode=tick.mode,
         armed=tick.armed,
         holder=overview.lease_client,
@@ -88,15 +90,18 @@ def score(flight: Flight) -> Score:
 def outcome(names: Names, begin: float, commands: Sequence[link.Command], news: Sequence[Outward]) -> Outcome:
     """What these messages of a loop say of its commands. `begin`: s, from which faults are counted."""
     replies: dict[int, list[Reply]] = {}
-    standing, tick = Standing(), None
+    standing, tick, overview = Standing(), None, None
     for each in news:
         if isinstance(each, Reply):
             replies.setdefault(each.ticket, []).append(each)
+        elif isinstance(each, Overview):
+            overview = each
         elif isinstance(each, Tick):
             tick = each
-        elif isinstance(each, Overview) and tick is not None:
-            faults = [(fault.code.value, names.name(fault.joint)) for fault in each.faults]
-            standing.look(each.time - begin, tick.state, faults)
+            if overview is not None:  # sent right before the tick that has its state
+                faults = [(fault.code.value, names.name(fault.joint)) for fault in overview.faults]
+                standing.look(overview.time - begin, tick.state, faults)
+            overview = None
     answers = tuple(_answer(names, each, replies.get(each.ticket, [])) for each in commands)
     state, mode, armed = ("", "", False) if tick is None else (tick.state, tick.mode, tick.armed)
     return Outcome(answers, standing.end(), state, mode, armed)
@@ -128,7 +133,7 @@ def _time(news: Outward, otherwise: float) -> float:
 def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
     """The first moment of a robot at rest, all of it heard, with nothing latched, and what was told of it.
 
-    `first`: s, of the first bytes of its buses: what they were before nobody knows. Raises Unplayable.
+    `first`: s, at the earliest: what its buses were before their first bytes nobody knows. Raises Unplayable.
     """
     overview: Overview | None = None
     why = "its robot is never at rest"

@@ -16,7 +16,7 @@ from twind_drivers.virtual.servos import BAUDS, TRIPPED, Servos, ServoSpec
 
 Bools = NDArray[np.bool_]
 CLOCK = 32768  # ms: the realtime tick (120) counts up to this
-LEAD = 5.0  # s: a daemon is connected and armed by then
+LEAD = 3.0  # s: a daemon is connected and armed by then
 SOON = 2.0  # s after the beginning by which everything was read once
 AHEAD = 0.002  # s: what was read so little later was true already
 
