@@ -4,6 +4,7 @@ Writes docs/pictures/view.png (Chromium looks at the page), monitor.svg (what th
 (of the recording that was made meanwhile).
 """
 
+import os
 import re
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from browser import SIZE, browser, missing, opened
@@ -38,6 +39,7 @@ def main() -> int:
     FOLDER.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="twind-pictures-") as made, robot() as (virtual, folder):
         recording = Path(made) / "wave.mcap"
+        punctual(virtual.process.pid)
         with daemon(virtual, folder) as running:
             running.reach(state="connected")
             with recorded(running, recording), waving(running):
@@ -60,6 +62,13 @@ def main() -> int:
     for each, size in sizes.items():
         print(f"{each}: {size} bytes")
     return int(max(sizes.values()) > MOST)
+
+
+def punctual(pid: int) -> None:
+    """Virtual servos answer as real ones do, whoever else computes, such as a browser that draws."""
+    with suppress(PermissionError):
+        for thread in Path(f"/proc/{pid}/task").iterdir():
+            os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(20))
 
 
 def ctl(running: Daemon, *words: str) -> "subprocess.Popen[str]":
