@@ -6,7 +6,9 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -56,10 +58,29 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The order of everything else stays."""
     shared = {f"test_{name}.py" for name in SIDE_BY_SIDE.split()}
+    _one_life_each(items)
     for item in items:
         if item.get_closest_marker("realtime") and item.path.name not in shared:
             item.add_marker("alone")
     items.sort(key=lambda item: not item.name.startswith(LONGEST))
+
+
+@cache
+def _lives(module: ModuleType) -> bool:
+    """Its tests run the whole loop."""
+    return any(isinstance(each, type) and issubclass(each, Rig) for each in vars(module).values())
+
+
+def _one_life_each(items: list[pytest.Item]) -> None:
+    """Of a claim about whole lives of the loop the fast tests have the first case, all tests have all."""
+    begun: set[tuple[Path, str]] = set()
+    for item in items:
+        if isinstance(item, pytest.Function) and _lives(item.module):
+            claim = item.path, item.originalname
+            if claim in begun:
+                item.add_marker("slow")
+            elif not item.get_closest_marker("slow"):
+                begun.add(claim)
 
 
 @pytest.fixture

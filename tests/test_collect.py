@@ -4,6 +4,7 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
+import pytest
 from rig import Rig
 from two_buses import TwoBuses
 
@@ -76,6 +77,7 @@ class Watched(Rig):
         controller.hear, reader.feed, reader.finish = came, look, finished
 
 
+@pytest.mark.slow
 def test_a_can_reading_is_taken_in_few_looks_and_soon_after_its_last_frame() -> None:
     rig = Watched("h24-mixed")
     rig.ticks(250)
@@ -89,6 +91,7 @@ def test_a_can_reading_is_taken_in_few_looks_and_soon_after_its_last_frame() -> 
     assert max(rig.looks) <= 5
 
 
+@pytest.mark.slow
 def test_a_can_reading_is_taken_as_soon_again_after_somebody_was_silent() -> None:
     rig = Watched("h24-mixed")
     rig.ticks(250)

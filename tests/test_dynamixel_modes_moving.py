@@ -66,6 +66,7 @@ class Bench:
         return sample
 
 
+@pytest.mark.slow
 def test_each_servo_obeys_in_its_own_unit() -> None:
     bench = Bench()
     bench.arm()

@@ -79,6 +79,7 @@ def test_it_arms_moves_reads_what_is_true_and_disarms(rig: Rig) -> None:
     assert rig.truth == pytest.approx(np.zeros(5), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_an_ankle_of_can_actuators_goes_where_it_is_sent_too(tmp_path: Path) -> None:
     rig = Rig(str(linked.write(tmp_path, linked.CAN_ROBOT)))
     rig.arm()

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 from rig import Rig
 
 from twind import link
@@ -202,6 +203,7 @@ def test_r11_only_the_bus_of_the_restarted_servo_is_asked_anew() -> None:
     rig.close()
 
 
+@pytest.mark.slow
 def test_r11_clocks_that_wrap_are_no_restart(armed: Rig) -> None:
     """e-manual, Realtime Tick (120): 0..32767 ms, then 0."""
     armed.seconds(34.0)

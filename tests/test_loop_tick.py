@@ -112,6 +112,7 @@ def test_a_servo_silent_for_half_a_second_is_a_fault_and_the_others_hold(armed: 
     assert (np.delete(armed.register("torque_enable"), 6) == 0).all()
 
 
+@pytest.mark.slow
 def test_a_servo_silent_for_half_a_second_lowers_what_stands_freely() -> None:
     rig = Rig(support="free")
     rig.arm()
@@ -244,6 +245,7 @@ def test_two_buses_work_as_one_robot() -> None:
     rig.close()
 
 
+@pytest.mark.slow
 def test_one_bus_lost_lowers_the_rest_of_a_free_robot_and_torque_goes_off_there() -> None:
     rig = Rig("h24-split", support="free")
     rig.arm()

@@ -63,6 +63,7 @@ def truths(draw: st.DrawFn) -> Truth:
 STARTS = st.fixed_dictionaries({name: st.floats(-0.7, 0.7) for name in NAMES})
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, phases=[Phase.generate])
 @given(truths(), STARTS, st.floats(-0.6, 0.6))
 def test_every_start_gives_a_continuous_angle_or_is_refused_by_name(

@@ -120,6 +120,7 @@ def test_a_restart_loses_the_turns_and_finds_them(arm: Rig) -> None:
 # ----------------------------------------------------------------------------------------------- limp
 
 
+@pytest.mark.slow
 def test_a_hand_across_the_seam_and_a_power_cut_there_change_no_angle(arm: Rig) -> None:
     faults = arm.virtual["main"].faults
     for pose in ({"extended": 0.6, "capped": -0.5}, {"extended": -0.6, "capped": 0.5, "single": -0.4}):

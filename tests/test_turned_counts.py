@@ -50,6 +50,7 @@ def test_a_joint_stands_where_its_count_and_its_turns_say(
         before = shift
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(TURNS, st.lists(st.integers(LOWER, UPPER), min_size=3, max_size=3).map(np.array))
 def test_goals_leave_as_the_counts_of_the_wire_and_never_others(off: np.ndarray, goal: np.ndarray) -> None:

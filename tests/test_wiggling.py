@@ -37,6 +37,7 @@ def judged(stays: Stays, name: str) -> tuple[Answer, Load]:
 # ------------------------------------------------------------------------------------- a robot
 
 
+@pytest.mark.slow
 def test_a_joint_that_is_right_follows_and_its_load_agrees_where_the_pose_shows_it() -> None:
     with armed(H24, BENT) as rig:
         seen, load = judged(rig.wiggled("waist_pitch"), "waist_pitch")
@@ -49,6 +50,7 @@ def test_a_joint_that_is_right_follows_and_its_load_agrees_where_the_pose_shows_
         assert (seen.motion, seen.others) == (Motion.STILL, ())
 
 
+@pytest.mark.slow
 def test_a_reversed_joint_follows_all_the_same_and_only_the_load_of_a_pose_that_shows_it_tells() -> None:
     """Goal and reading share the sign, so no encoder can tell; what hangs feels the same either way."""
     with armed(built("waist_pitch", sign=-1)) as rig:
