@@ -20,10 +20,13 @@ from twind import link
 from twind.ctl.main import main
 from twind.ctl.verb import REFUSED, USAGE
 from twind.flight import Contents, Entry, Flight, Kind, load, save
+from twind.observe.recording import open_recording
 from twind.observe.replaying.calls import call
 from twind.observe.replaying.outcome import Answer, Outcome, differences, outcome_of
 from twind.observe.replaying.score import Unplayable, score
+from twind.observe.replaying.shown import messages
 from twind.observe.replaying.stage import lay_out
+from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
 
 ROUND = 0.06  # s: torque, hardware error and watchdog are read twenty times a second
@@ -305,3 +308,24 @@ def test_help_says_what_it_does_not_touch(capsys: pytest.CaptureFixture[str]) ->
         main(["replay", "--help"])
     told = " ".join(capsys.readouterr().out.split())
     assert "No port of this machine is opened" in told and "CAN buses" in told
+
+
+def test_the_viewer_is_given_the_states_at_the_pace_at_which_they_were() -> None:
+    recording = open_recording(HERE / "limit.flight")
+    clock = FakeClock(50.0)
+    seen = [(clock.now(), each) for each in messages(recording, clock, 2.0)]
+    times = [each["time"] for _, each in seen]
+    assert times == sorted(times)
+    assert {each["topic"] for _, each in seen} >= {"state", "status", "events", "verdicts"}
+    first, last = seen[0], seen[-1]
+    assert last[0] - first[0] == pytest.approx((last[1]["time"] - first[1]["time"]) / 2.0)
+    state = next(each for _, each in seen if each["topic"] == "state")
+    assert [row["name"] for row in state["joints"]][:1] == ["head_yaw"]
+    json.dumps([each for _, each in seen], allow_nan=False)
+
+
+def test_the_last_seconds_can_be_played_alone() -> None:
+    recorded = load(HERE / "limit.flight")
+    whole, last = score(recorded), score(recorded, 1.5)
+    assert last.begin > whole.begin
+    assert len(last.commands) < len(whole.commands)

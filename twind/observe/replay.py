@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,16 @@ No port of this machine is opened, no daemon of it is spoken to, and nothing tha
 replay begins at the first moment at which the robot is at rest without a fault. Only serial buses (Dynamixel)
 are played; a file with CAN buses, and a recording as .mcap (it has states, and no bytes), can be looked at
 with --view."""
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """A recording, played."""
+
+    asked: "Score"
+    outcome: "Outcome"
+    verbatim: float  # share of the questions that were answered with recorded bytes
+    missed: int  # ticks of the daemon
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,8 +74,7 @@ def run(options: argparse.Namespace) -> int:
         return _view(options)
     flight = _load(Path(options.file))
     robot = None if options.robot is None else Path(options.robot)
-    score, replayed, share = _play(flight, robot, options.last)
-    return _report(options, flight, score, replayed, share)
+    return _report(options, flight, _play(flight, robot, options.last))
 
 
 def _load(path: Path) -> "Flight":
@@ -83,8 +93,8 @@ def _load(path: Path) -> "Flight":
 # ------------------------------------------------------------------------------------------- playing
 
 
-def _play(flight: "Flight", robot: Path | None, last: float) -> tuple["Score", "Outcome", float]:
-    """What was asked, what came of it now, and the share of questions answered with recorded bytes."""
+def _play(flight: "Flight", robot: Path | None, last: float) -> "Played":
+    """Raises Rejected."""
     from twind.observe.replaying.conductor import Conductor
     from twind.observe.replaying.daemon import Daemon
     from twind.observe.replaying.ports import Ports
@@ -115,7 +125,7 @@ def _play(flight: "Flight", robot: Path | None, last: float) -> tuple["Score", "
             replayed = conductor.play()
             ports.check()
             verbatim, made = (sum(getattr(bus, what) for bus in buses) for what in ("verbatim", "made"))
-            return asked, replayed, verbatim / max(1, verbatim + made)
+            return Played(asked, replayed, verbatim / max(1, verbatim + made), conductor.missed)
     except (Unplayable, Unknown) as error:
         raise Rejected(f"this file cannot be played: {error}") from None
 
@@ -144,40 +154,41 @@ def _buses(flight: "Flight", asked: "Score", passage: "Passage", now: Any) -> It
 # ------------------------------------------------------------------------------------------- telling
 
 
-def _report(
-    options: argparse.Namespace, flight: "Flight", score: "Score", replayed: "Outcome", share: float
-) -> int:
+def _report(options: argparse.Namespace, flight: "Flight", played: Played) -> int:
     from twind.observe.replaying.outcome import differences
 
-    found = list(differences(score.recorded, replayed, TOLERANCE))
+    score = played.asked
+    found = list(differences(score.recorded, played.outcome, TOLERANCE))
     told = {
         "file": options.file,
         "version": flight.briefing.version,
         "seconds": round(score.end - score.begin, 3),
-        "verbatim": round(share, 3),
+        "verbatim": round(played.verbatim, 3),
+        "missed": played.missed,
         "left_out": list(score.left_out),
         "recorded": score.recorded.plain(),
-        "replayed": replayed.plain(),
+        "replayed": played.outcome.plain(),
         "differences": found,
     }
-    show(options, told, "\n".join(_lines(options.file, flight, score, replayed, share, found)))
+    show(options, told, "\n".join(_lines(options.file, flight, played, found)))
     return REFUSED if found else DONE
 
 
-def _lines(
-    file: str, flight: "Flight", score: "Score", replayed: "Outcome", share: float, found: Sequence[str]
-) -> Iterator[str]:
-    briefing = flight.briefing
+def _lines(file: str, flight: "Flight", played: Played, found: Sequence[str]) -> Iterator[str]:
+    briefing, score = flight.briefing, played.asked
+    seconds = score.end - score.begin
     yield f"{file}: {briefing.robot}, {score.mode}, recorded by twind {briefing.version}"
-    yield f"played {score.end - score.begin:.1f} s; {share:.0%} of the questions had their recorded answers"
+    yield f"played {seconds:.1f} s; {played.verbatim:.0%} of the questions had their recorded answers"
     yield from (f"not asked again: {what}" for what in score.left_out)
     yield from _outcome("recorded", score.recorded)
-    if found:
-        yield from _outcome("replayed", replayed)
-        yield "different:"
-        yield from (f"  {each}" for each in found)
-    else:
+    if not found:
         yield f"replayed: the same (times of faults within {TOLERANCE:g} s)"
+        return
+    yield from _outcome("replayed", played.outcome)
+    yield "different:"
+    yield from (f"  {each}" for each in found)
+    if played.missed:
+        yield f"this machine had no time for {played.missed} ticks: repeat it where there is more"
 
 
 def _outcome(what: str, outcome: "Outcome") -> Iterator[str]:

@@ -15,6 +15,7 @@ from twind.link import Adopt, Gone, Outward, Overview, Reply, Submit, Tick, deco
 from twind.observe.replaying.outcome import Answer, Outcome, Standing, answer
 from twind.robot.arrays import Floats
 
+LOOKING = 5.0  # s, at most, that a front looks ahead before it passes a trajectory on
 REST = ("idle", "holding")  # motions
 FIT = ("connected", "armed")  # states of a robot that a replay can begin with; in sim also without a bus
 VIEW = "`twindctl replay --view FILE` shows it all the same"
@@ -31,6 +32,12 @@ class Asked:
     time: float  # s, of the recording
     command: link.Command | Gone
     data: bytes  # arrays of a trajectory
+
+    @property
+    def said(self) -> float:
+        """s, when the call had come: before that of a trajectory was looked ahead at."""
+        received = getattr(self.command, "received", None) or self.time
+        return received if self.time - LOOKING <= received <= self.time else self.time
 
     @property
     def method(self) -> str:
