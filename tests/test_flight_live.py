@@ -8,7 +8,7 @@ import pytest
 from processes import Daemon, until
 
 from twind import link
-from twind.client import CallError
+from twind.client import CallError, ClientError
 from twind.ctl.main import main
 from twind.flight import Kind, load
 
@@ -57,7 +57,12 @@ def test_twindctl_dump_prints_the_path_of_a_file_that_holds_what_was_said(
 def test_the_front_of_a_loop_that_was_killed_writes_it_down_before_it_ends(tmp_path: Path) -> None:
     twind = daemon(tmp_path)
     front = twind.front()
-    assert twind.end(signal.SIGKILL) == -signal.SIGKILL
+    with twind.client() as client:
+        client.call("GetStatus")
+        assert twind.end(signal.SIGKILL) == -signal.SIGKILL
+        with pytest.raises(ClientError):
+            list(client.stream("Monitor", topics=["state"], rate=100.0))
+        assert files(tmp_path) == []  # clients know at once, not when the file is written
     until(lambda: not Path(f"/proc/{front}").exists(), 10.0, "a front that ends")
     (path,) = files(tmp_path)
     flight = load(path)

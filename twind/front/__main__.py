@@ -67,6 +67,7 @@ async def _serve(
             front.serve(socket.socket(fileno=fd), role)
     await front.ended.wait()
     front.shut()  # at once: threads that load a model are waited for
+    front.part()
     front.reloads.close()
     await front.flights.end()
 

@@ -94,6 +94,11 @@ class Front:
             door.close()
         self._doors, self._listeners, self._resting = [], [], []
 
+    def part(self) -> None:
+        """Let go of every client: the loop is gone, and they know at once, whatever is to be written yet."""
+        for session in list(self.sessions.values()):
+            session.stream.close()
+
     def _listen(self) -> None:
         for listener, role in self._listeners:
             self.loop.add_reader(listener, self._accept, listener, role)
