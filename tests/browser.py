@@ -87,7 +87,7 @@ def picture(page: Any, clip: dict[str, int] | None = None) -> Any:
     from PIL import Image
 
     def look() -> Any:
-        data = page.screenshot(clip=clip or MIDDLE)
+        data = page.screenshot(clip=clip or MIDDLE, timeout=90_000)
         pixels = np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(np.float64)
         rows, columns = pixels.shape[0] // CELL, pixels.shape[1] // CELL
         cells = pixels[: rows * CELL, : columns * CELL].reshape(rows, CELL, columns, CELL, 3)

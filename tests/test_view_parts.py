@@ -4,6 +4,7 @@ import json
 import queue
 import socket
 import threading
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,9 @@ import numpy as np
 import pytest
 from viewed import GROUP_THREE, h24, other, state, status
 
+from twind.ctl import demo_viewer
+from twind.ctl.verb import UsageError
+from twind.observe import view
 from twind.observe.viewing import plots, words
 from twind.observe.viewing.figure import shown_geoms
 from twind.observe.viewing.likeness import Likeness, NoLikeness
@@ -373,3 +377,16 @@ def test_latency_is_plotted_by_hop() -> None:
     time, total, twin, *_ = plots.latency(known)
     assert (time.tolist(), total.tolist()) == ([0.0], [3.0])
     assert np.isnan(twin).all()
+
+
+# ---------------------------------------------------------------------------------------- without the extra
+
+
+def test_without_its_libraries_the_viewer_says_what_to_install(monkeypatch: Any, capsys: Any) -> None:
+    monkeypatch.setattr(view, "find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r"pip install 'twind\[view\]'"):
+        view.run(Namespace())
+    monkeypatch.setattr(demo_viewer, "find_spec", lambda name: None)
+    with demo_viewer.viewer("nowhere", lambda: None):
+        said = capsys.readouterr().out
+    assert said.count("\n") == 1 and "pip install 'twind[view]'" in said

@@ -50,10 +50,11 @@ def run(options: argparse.Namespace) -> int:
     until = None if options.seconds is None else time.monotonic() + options.seconds
     with (
         tempfile.TemporaryDirectory(prefix="twind-demo-") as folder,
+        viewer(folder, _end_with_us),
         _daemon(folder, options.robot) as daemon,
     ):
         _await_robot(folder, daemon)
-        with viewer(folder, _end_with_us), Client(folder) as client:
+        with Client(folder) as client:
             _show(client, folder)
             try:
                 if until is None:

@@ -20,14 +20,15 @@ MISSING = "view      not installed; to see the robot in a browser: pip install '
 def viewer(folder: str, end_with_us: Callable[[], None]) -> Iterator[None]:
     """`twindctl view` of the daemon in `folder` until the end of the block; its address is printed.
 
-    The demonstration goes on without it. `end_with_us`: called in the child, before it is started.
+    Begun before that daemon, so that it is done with starting when a robot moves, on a machine with few
+    processors. The demonstration goes on without it. `end_with_us`: called in the child, before it starts.
     """
     if find_spec("viser") is None or find_spec("mjviser") is None:
         print(MISSING)
         yield
         return
     with tempfile.TemporaryFile() as said:
-        command = [sys.executable, "-m", "twind.ctl.main", "--socket", folder, "view"]
+        command = [sys.executable, "-m", "twind.ctl.main", "--socket", folder, "view", "--wait"]
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,

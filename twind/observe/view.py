@@ -20,6 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--port", type=int, metavar="N", help="of 127.0.0.1 (default: the first free one from 8099)"
     )
     parser.add_argument("--open", action="store_true", help="open the page in your browser")
+    parser.add_argument("--wait", action="store_true", help="begin though no daemon is there yet")
     parser.add_argument(
         "--operate",
         action="store_true",
@@ -41,5 +42,6 @@ def run(options: argparse.Namespace) -> int:
         port=options.port,
         open_page=options.open,
         operate=options.operate,
+        wait=options.wait,
         as_json=options.json,
     )

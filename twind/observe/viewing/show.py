@@ -53,20 +53,23 @@ def watch(
     port: int | None = None,
     open_page: bool = False,
     operate: bool = False,
+    wait: bool = False,
     as_json: bool = False,
 ) -> int:
     """The daemon whose sockets are in the folder `place`, and whoever comes after it; until Ctrl-C or
     SIGTERM.
 
-    Raises ClientError where none is there now, Rejected where no server can be started.
+    Raises ClientError where none is there now and `wait` is not asked for, Rejected where no server can be
+    started.
     """
-    with closing(observer(place, BOUND)) as client:
-        name = client.call("GetStatus")["status"]["robot"]
-    if operate:
+    if not wait:
+        with closing(observer(place, BOUND)) as client:
+            client.call("GetStatus")
+    if operate and not wait:
         with closing(Client(place)) as operator:
             operator.connect()  # whoever may not is told now, not at the first press
     known, ended = Known(), _until_told()
-    with tempfile.TemporaryDirectory(prefix="twind-view-") as folder, _site(port, f"twind {name}") as site:
+    with tempfile.TemporaryDirectory(prefix="twind-view-") as folder, _site(port, "twind") as site:
         page = Page(site.server, known, Stops(place))
         viewer = Viewer(site, known, page, Controls(site.server, place) if operate else None)
         _say(site, as_json=as_json)
