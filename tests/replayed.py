@@ -27,7 +27,7 @@ from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
 from twind.observe.replaying.bus import ToldBus
 from twind.observe.replaying.outcome import Outcome
-from twind.observe.replaying.score import Asked, Score, outcome, score
+from twind.observe.replaying.score import SIM, Asked, Score, outcome, score
 from twind.observe.replaying.servos import Passage
 from twind.observe.replaying.stage import lay_out
 from twind.observe.replaying.story import story
@@ -88,6 +88,7 @@ class Replay:
                 leads=place == 0,
             )
             for place, bus in enumerate(robot.buses)
+            if self.score.mode != SIM
         }
         one = Robot(robot, self.described.calibration, bind(robot, self.described.calibration))
         self.buses = Buses(robot, one.binding.joint_map, {}, self.described.rate_hz)
@@ -125,6 +126,8 @@ class Replay:
         if not self.score.holder:
             self._call(link.ReleaseLease, client=client)
         self.passage.ready = True
+        if self.score.mode == SIM:
+            self.passage.go(self._deadline, self.score.begin)
         while not self.passage.running:
             if self.score.holder:
                 self._send(link.RenewLease(ticket=0, client=client))

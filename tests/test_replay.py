@@ -26,6 +26,7 @@ from twind.observe.replaying.outcome import Answer, Outcome, differences, outcom
 from twind.observe.replaying.score import Unplayable, score
 from twind.observe.replaying.shown import messages
 from twind.observe.replaying.stage import lay_out
+from twind.robot.modes import Mode
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
 
@@ -329,3 +330,22 @@ def test_the_last_seconds_can_be_played_alone() -> None:
     whole, last = score(recorded), score(recorded, 1.5)
     assert last.begin > whole.begin
     assert len(last.commands) < len(whole.commands)
+
+
+@pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])
+def test_where_commands_go_to_the_simulation_the_same_comes_out_too(mode: Mode, tmp_path: Path) -> None:
+    rig = recording(mode=mode)
+    if mode is Mode.MIRROR:
+        rig.connect()
+    rig.seconds(0.5)
+    moved(rig)
+    rig.seconds(0.8)
+    rig.lease()
+    rig.submit(rig.path("head_yaw", [0.0, 9.0], [0.5, 2.0]))
+    rig.call(link.Arm)
+    rig.seconds(1.5)
+    recorded = flight(rig, tmp_path)
+    rig.close()
+    wanted = score(recorded).recorded
+    assert [each.findings[0][0] for each in wanted.answers if each.error] == ["POS_LIMIT", "MODE_DENIES"]
+    assert found(wanted, recorded, tmp_path / "replay") == []

@@ -117,7 +117,8 @@ def _play(flight: "Flight", robot: Path | None, last: float) -> "Played":
                 place.mkdir()
             buses = list(_buses(flight, asked, passage, clock.now))
             ports = stack.enter_context(Ports(buses, places[0], clock))
-            daemon = stack.enter_context(Daemon(files, asked.mode, ports.paths, places[1]))
+            named = {bus["name"]: places[0] / bus["name"] for bus in flight.briefing.description["buses"]}
+            daemon = stack.enter_context(Daemon(files, asked.mode, named | dict(ports.paths), places[1]))
             conductor = stack.enter_context(
                 contextlib.closing(Conductor(asked, daemon.sockets, passage, clock))
             )
@@ -133,12 +134,14 @@ def _play(flight: "Flight", robot: Path | None, last: float) -> "Played":
 def _buses(flight: "Flight", asked: "Score", passage: "Passage", now: Any) -> Iterator["ToldBus"]:
     """Raises Unplayable: a bus that is not serial."""
     from twind.observe.replaying.bus import ToldBus
-    from twind.observe.replaying.score import VIEW, Unplayable
+    from twind.observe.replaying.score import SIM, VIEW, Unplayable
     from twind.observe.replaying.story import story
 
     for place, bus in enumerate(flight.briefing.description["buses"]):
         if bus["kind"] == "can":
             raise Unplayable(f"bus {bus['name']} is a CAN bus: only serial buses are played; {VIEW}")
+        if asked.mode == SIM:  # its port is given a name all the same, behind which there is nothing
+            continue
         yield ToldBus(
             story(bus["name"], place, flight.contents),
             passage,

@@ -8,7 +8,7 @@ from twind import link
 from twind.client import CallError
 from twind.observe.replaying.calls import Line, Reply, call, wait
 from twind.observe.replaying.outcome import Answer, Named, Outcome, Standing, answer
-from twind.observe.replaying.score import Asked, Score, Unplayable
+from twind.observe.replaying.score import SIM, Asked, Score, Unplayable
 from twind.observe.replaying.servos import Passage
 from twind_drivers.clock import Clock
 
@@ -54,7 +54,7 @@ class Conductor:
     def prepare(self) -> None:
         """The daemon has found the robot, and it is as it was at the beginning. Raises Unplayable."""
         score = self._score
-        wanted = "disconnected" if score.mode == "sim" else "connected"
+        wanted = "disconnected" if score.mode == SIM else "connected"
         self._until(lambda: bool(self._status.get("state") == wanted), READY, f"it is not {wanted}")
         if score.armed or score.holder or self._away():
             self._ask("AcquireLease")
@@ -66,6 +66,8 @@ class Conductor:
         self._passage.ready = True
         self._missed = int(self._status["loop"]["missed"])
         renewed = self._clock.now()
+        if score.mode == SIM:  # no bus asks anything: it begins at once
+            self._passage.go(renewed, score.begin)
         while not self._passage.running:
             self._pump(0.005)
             if score.holder and self._clock.now() > renewed + RENEW:

@@ -16,6 +16,7 @@ from twind.observe.replaying.outcome import Answer, Outcome, Standing, answer
 from twind.robot.arrays import Floats
 
 LOOKING = 5.0  # s, at most, that a front looks ahead before it passes a trajectory on
+SIM = "sim"  # the mode without a bus
 REST = ("idle", "holding")  # motions
 FIT = ("connected", "armed")  # states of a robot that a replay can begin with; in sim also without a bus
 VIEW = "`twindctl replay --view FILE` shows it all the same"
@@ -149,7 +150,7 @@ def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
             overview = each
         if not isinstance(each, Tick) or overview is None or each.motion not in REST or each.time < first:
             continue
-        if each.mode == "sim":
+        if each.mode == SIM:
             fit = each.state == "disconnected"
         else:
             fit = each.state in FIT

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.observe.replaying import story as told
-from twind.observe.replaying.story import Story, Turn
+from twind.observe.replaying.story import Story, Turn, Unknown
 from twind_drivers.virtual.muscles import FirstOrder, Muscles
 from twind_drivers.virtual.servos import BAUDS, TRIPPED, Servos, ServoSpec
 
@@ -203,8 +203,10 @@ class ToldServos(Servos):
 def specs(story: Story, baud: int) -> list[ServoSpec]:
     """The servos that the recording knows, by id; `baud` where their own register was not read.
 
-    Raises Unknown: a model that no table has.
+    Raises Unknown: a model that no table has, or nobody at all.
     """
+    if not story.tables:
+        raise Unknown(f"bus {story.name}: nobody there ever said what it is")
     settings = {"baud_rate": BAUDS.index(baud)} if baud in BAUDS else {}
     return [
         ServoSpec(id, made.model, settings, firmware=story.models[id][1])
