@@ -51,7 +51,7 @@ def kept(thing: object, depth: int = 0) -> Iterator[np.ndarray]:
     if isinstance(thing, np.ndarray):
         yield thing
     elif depth < 3 and type(thing).__module__.startswith(("twind", "rig")):
-        names = getattr(type(thing), "__slots__", ()) or vars(thing)
+        names = getattr(type(thing), "__slots__", ()) or getattr(thing, "__dict__", ())
         for name in names:
             yield from kept(getattr(thing, name, None), depth + 1)
 
