@@ -2,6 +2,7 @@
 
 import os
 import stat
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.briefing import Briefing, JointInfo
-from twind.flight import Contents, Entry, FlightError, Kind, Packed, load, pack, save
+from twind.flight import Contents, Entry, FlightError, Kind, Packed, about, load, pack, save
+from twind.flight import file as file_module
 
 BRIEFING = Briefing(
     version="1",
@@ -42,7 +44,7 @@ entries = st.lists(
 ).map(tuple)
 
 
-@given(entries=entries, kept=st.dictionaries(st.integers(0, 255), entries, max_size=3))
+@given(entries=entries, kept=st.dictionaries(st.integers(0, 254), entries, max_size=3))
 def test_what_was_saved_is_what_is_loaded(
     tmp_path_factory: Any, entries: tuple[Entry, ...], kept: dict[int, tuple[Entry, ...]]
 ) -> None:
@@ -151,3 +153,70 @@ def test_a_link_in_the_place_of_its_draft_is_not_followed(tmp_path: Path) -> Non
     with pytest.raises(OSError, match="symbolic"):
         save(tmp_path / "a.flight", META, BYTES, CONTENTS)
     assert (tmp_path / "precious").read_bytes() == b"precious"
+
+
+# ------------------------------------------------------------------------------- made to do harm
+
+
+def forged(path: Path, head: bytes, *parts: bytes) -> Path:
+    """A file whose head is right as far as its checksum goes."""
+    start = file_module._MAGIC + file_module._HEAD.pack(len(head), zlib.crc32(head))
+    path.write_bytes(b"".join([start, head, *parts]))
+    return path
+
+
+def sections(*named: tuple[str, bytes]) -> tuple[bytes, list[bytes]]:
+    """A head with these sections, and they."""
+    packed = [zlib.compress(data) for _, data in named]
+    table = [(name, len(part), len(data)) for (name, data), part in zip(named, packed, strict=True)]
+    return msgspec.msgpack.encode({"meta": {}, "sections": table}), packed
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(FlightError) as error:
+        load(path)
+    return str(error.value)
+
+
+def test_many_sections_unpack_to_no_more_than_one_may(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(file_module, "MOST", 3000)
+    head, parts = sections(("briefing", BYTES), *[(f"kept {bus}", bytes(1000)) for bus in range(3)])
+    assert "are left of 3000" in refused(forged(tmp_path / "a.flight", head, *parts))
+    head, parts = sections(("briefing", BYTES), ("entries", b""), ("kept 0", bytes(1000)))
+    assert "makes no sense" in refused(
+        forged(tmp_path / "a.flight", head, *parts)
+    )  # unpacked, then looked at
+
+
+@pytest.mark.parametrize("name", ["kept 255", "kept -1", "kept 01", "other", "\x1b[2J", "entries"])
+def test_a_section_that_is_none_or_there_twice_is_refused_and_its_name_shown_harmless(
+    tmp_path: Path, name: str
+) -> None:
+    head, parts = sections(("briefing", BYTES), ("entries", b""), (name, b""))
+    said = refused(forged(tmp_path / "a.flight", head, *parts))
+    assert f"{name!r} is no section of it, or there twice" in said
+    assert "\x1b" not in said
+
+
+def test_a_head_or_a_briefing_that_is_nested_without_end_is_refused(tmp_path: Path) -> None:
+    deep = b"\x91" * 100_000 + b"\xc0"
+    head = b"\x82\xa4meta\x81\xa1a" + deep + b"\xa8sections\x90"
+    path = forged(tmp_path / "a.flight", head)
+    assert "its head is not ours" in refused(path)
+    with pytest.raises(FlightError, match="its head is not ours"):
+        about(path)
+    briefing = BYTES.replace(b"\xaaparameters\x80", b"\xaaparameters\x81\xa1a" + deep)
+    assert len(briefing) > len(deep)
+    save(tmp_path / "b.flight", META, briefing, CONTENTS)
+    assert "what it holds is not ours" in refused(tmp_path / "b.flight")
+
+
+def test_a_head_that_is_too_large_is_not_even_looked_at(tmp_path: Path) -> None:
+    path = forged(
+        tmp_path / "a.flight", msgspec.msgpack.encode({"meta": {"a": "x" * (1 << 20)}, "sections": []})
+    )
+    assert "at most 1048576" in refused(path)
+    with pytest.raises(FlightError, match="at most 1048576"):
+        about(path)

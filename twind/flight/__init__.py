@@ -4,7 +4,7 @@ The loop appends (`Ring`); the front copies (`copy`) and writes (`save`); whoeve
 Knows bytes and times alone: what they mean say `twind.link` and the drivers.
 """
 
-from twind.flight.file import Flight, about, load, save
+from twind.flight.file import Flight, about, draft, load, save, settle
 from twind.flight.records import NO_BUS, Contents, Entry, FlightError, Kind, Packed, pack
 from twind.flight.ring import Ring, copy, held, read
 
@@ -19,9 +19,11 @@ __all__ = [
     "Ring",
     "about",
     "copy",
+    "draft",
     "held",
     "load",
     "pack",
     "read",
     "save",
+    "settle",
 ]

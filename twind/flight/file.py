@@ -14,13 +14,16 @@ from typing import Any
 import msgspec
 
 from twind.briefing import Briefing
-from twind.flight.records import Contents, FlightError, Packed, broken
+from twind.flight.records import NO_BUS, Contents, FlightError, Packed, broken
 
-MOST = 128 << 20  # bytes of one section, unpacked: twice the largest ring
+MOST = 128 << 20  # bytes of all sections, unpacked: twice the largest ring
+HEAD_MOST = 1 << 20  # bytes of a head
+SECTIONS = {"briefing", "entries", *(f"kept {bus}" for bus in range(NO_BUS))}
 
 _MAGIC = b"twind flight 1\n\0"
 _HEAD = struct.Struct("<II")  # bytes of the head, their CRC-32
 _LEVEL = 3  # of zlib: the rest of a tenth costs as long again
+_FOREIGN = (msgspec.MsgspecError, RecursionError)  # the second: somebody nested it without end
 
 
 class _Head(msgspec.Struct):
@@ -43,33 +46,40 @@ def save(path: Path | str, meta: dict[str, Any], briefing: bytes, contents: Cont
     `briefing`: a Briefing in msgpack. It is on the disk on return; a power cut leaves it whole or not there.
     Raises OSError; then nothing of it is left.
     """
+    path = Path(path)
+    beside = path.with_name(f".{path.name}.tmp")
+    draft(beside, meta, briefing, contents)
+    try:
+        os.replace(beside, path)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
+    settle(path.parent)
+
+
+def draft(path: Path, meta: dict[str, Any], briefing: bytes, contents: Contents | Packed) -> None:
+    """As `save`, but `path` itself is written: a power cut may leave half of it."""
     packed = contents.packed() if isinstance(contents, Contents) else contents
     parts = [("briefing", briefing), ("entries", packed.entries)]
     parts += [(f"kept {bus}", data) for bus, data in packed.kept.items()]
     sections = [(name, zlib.compress(data, _LEVEL), len(data)) for name, data in parts]
     head = msgspec.msgpack.encode(_Head(meta, [(name, len(data), raw) for name, data, raw in sections]))
     pieces = [_MAGIC, _HEAD.pack(len(head), zlib.crc32(head)), head, *(data for _, data, _ in sections)]
-    path = Path(path)
-    beside = path.with_name(f".{path.name}.tmp")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    fd = os.open(path, flags, 0o640)
     try:
-        _write(beside, pieces)
-        os.replace(beside, path)
+        with open(fd, "wb") as file:
+            file.writelines(pieces)
+            file.flush()
+            os.fsync(file.fileno())
     except BaseException:
         with contextlib.suppress(OSError):
-            beside.unlink()
+            path.unlink()
         raise
-    _sync(path.parent)
 
 
-def _write(path: Path, pieces: list[bytes]) -> None:
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-    with open(os.open(path, flags, 0o640), "wb") as file:
-        file.writelines(pieces)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _sync(folder: Path) -> None:
+def settle(folder: Path) -> None:
+    """What is called how in `folder` is on the disk. Raises OSError."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(fd)
@@ -83,7 +93,7 @@ def about(path: Path | str) -> dict[str, Any]:
         _require_magic(str(path), file.read(len(_MAGIC)))
         start = file.read(_HEAD.size)
         size = _HEAD.unpack(start)[0] if len(start) == _HEAD.size else 0
-        return _open(str(path), start + file.read(min(size, MOST)))[0].meta
+        return _open(str(path), start + file.read(min(size, HEAD_MOST)))[0].meta
 
 
 def load(path: Path | str) -> Flight:
@@ -98,7 +108,7 @@ def load(path: Path | str) -> Flight:
         briefing = msgspec.msgpack.decode(raw.pop("briefing"), type=Briefing)
         entries = raw.pop("entries")
         kept = {int(key.removeprefix("kept ")): part for key, part in raw.items()}
-    except (msgspec.MsgspecError, KeyError, ValueError) as error:
+    except (*_FOREIGN, KeyError) as error:
         raise broken(name, f"what it holds is not ours ({error})") from None
     return Flight(head.meta, briefing, Packed(kept, entries).parse(name))
 
@@ -112,21 +122,28 @@ def _open(path: str, data: bytes) -> tuple[_Head, bytes]:
     """The head, and what follows it."""
     size, crc = _HEAD.unpack_from(data) if len(data) >= _HEAD.size else (1, 0)
     head = data[_HEAD.size : _HEAD.size + size]
+    if size > HEAD_MOST:
+        raise broken(path, f"its head is said to hold {size} bytes: at most {HEAD_MOST}")
     if len(head) != size or zlib.crc32(head) != crc:
         raise broken(path, "its head is cut or damaged")
     try:
         return msgspec.msgpack.decode(head, type=_Head), data[_HEAD.size + size :]
-    except msgspec.MsgspecError as error:
+    except _FOREIGN as error:
         raise broken(path, f"its head is not ours ({error})") from None
 
 
 def _unpack(path: str, data: bytes, sections: list[tuple[str, int, int]]) -> dict[str, bytes]:
     """The sections by name. Raises FlightError: cut, damaged, or with something behind them."""
-    at, raw = 0, {}
+    at, raw, room = 0, dict[str, bytes](), MOST
     for name, size, unpacked in sections:
+        if name not in SECTIONS or name in raw:
+            raise broken(path, f"{name[:40]!r} is no section of it, or there twice")
         part = zlib.decompressobj()
-        if not (0 <= unpacked <= MOST and size >= 0):
-            raise broken(path, f"its section {name} is said to hold {unpacked} bytes: at most {MOST}")
+        if not (0 <= unpacked <= room and size >= 0):
+            raise broken(
+                path, f"its section {name} is said to hold {unpacked} bytes: {room} are left of {MOST}"
+            )
+        room -= unpacked
         try:
             raw[name] = part.decompress(data[at : at + size], unpacked + 1)
         except zlib.error:
