@@ -2,6 +2,8 @@
 
 import os
 import stat
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -85,10 +87,55 @@ def test_a_crash_of_the_same_robot_within_a_minute_is_not_written_again(tmp_path
     assert write(folder, CRASH, at + 3 * APART, **crash) is not None
 
 
-def test_a_dump_that_is_called_so_hides_no_crash(tmp_path: Path) -> None:
+def test_a_dump_that_is_called_so_hides_no_crash_and_no_other_dump(tmp_path: Path) -> None:
     folder = Folder(tmp_path)
     assert write(folder, CRASH) is not None
+    assert write(folder, CRASH) is not None
     assert write(folder, CRASH, reason="crash") is not None
+
+
+KILLED = """
+import os, signal, sys, zlib
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from test_flight_folder import Folder, write
+zlib.compress = lambda data, level: os.kill(os.getpid(), signal.SIGKILL)
+if sys.argv[3] == "written":
+    import twind.flight.file as file
+    zlib.compress = lambda data, level: data
+    os.fsync = lambda fd: os.kill(os.getpid(), signal.SIGKILL)
+write(Folder(Path(sys.argv[1])), "CRASH", reason="crash")
+"""
+
+
+@pytest.mark.parametrize("at", ["packed", "written"])
+def test_a_writer_that_is_killed_leaves_nothing_that_counts_as_a_file(tmp_path: Path, at: str) -> None:
+    folder = Folder(tmp_path / "flight", kept=1)
+    first = write(folder, "FIRST")
+    assert first is not None
+    command = [sys.executable, "-c", KILLED, str(folder.path), str(Path(__file__).parent), at]
+    assert subprocess.run(command, timeout=60.0, check=False).returncode == -9
+    assert list(folder.path.glob("flight-*")) == [first]
+    assert write(folder, CRASH, reason="crash") is not None
+
+
+def test_a_disk_that_what_was_left_here_fills_is_cleared_before_it_is_written_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(3):
+        write(Folder(tmp_path), f"N{number}", 1_800_000_000.0 + number)
+    (tmp_path / ".flight-old-CRASH-7.tmp").write_text("half")
+    os.utime(tmp_path / ".flight-old-CRASH-7.tmp", (0, 0))
+
+    def full(_fd: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write(Folder(tmp_path, kept=2), "NEW", 1_800_000_100.0)
+    assert sorted(os.listdir(tmp_path)) == [
+        f"flight-20270115T08000{number}Z-N{number}.flight" for number in (1, 2)
+    ]
 
 
 def test_what_could_not_be_written_leaves_no_name_behind(

@@ -1,6 +1,7 @@
 """Flight files in their folder: names, how many are kept, no two of one crash. Front process, in a thread.
 
-Several daemons may share a folder: a name is taken by who makes its file first.
+Several daemons may share a folder. A file is written beside and gets its name when it is whole: who is killed
+meanwhile leaves nothing that counts.
 """
 
 import contextlib
@@ -13,12 +14,12 @@ from typing import Any
 import msgspec
 
 from twind.briefing import Briefing
-from twind.flight import FlightError, Packed, about, save
+from twind.flight import FlightError, Packed, about, draft, settle
 
 KEPT, MOST = 20, 200 << 20  # files, and bytes of all: the newest stay
 CRASH = "CRASH"  # the label of files of daemons that are gone
 APART = 60.0  # s between two files of crashes of one robot: who crashes again and again leaves one a minute
-LEFT = 3600.0  # s after which what a writer left unfinished is removed
+LEFT = 60.0  # s after which what a writer left unfinished is removed: it takes some 2 s
 
 
 def meta_of(
@@ -59,25 +60,28 @@ class Folder:
         None: of a crash that is told already, or follows another too soon. Raises OSError.
         """
         self.path.mkdir(mode=0o750, parents=True, exist_ok=True)
-        if label == CRASH and self._told(meta):
+        if meta["reason"] == "crash" and self._told(meta):
             return None
-        path = self._reserve(label, meta["wall_ns"])
+        self._make_room()  # before it too: of a full disk it may be what was left here that fills it
+        at = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(meta["wall_ns"] // 1_000_000_000))
+        stem = f"flight-{at}-{label}"
+        beside = self.path / f".{stem}-{os.getpid()}.tmp"
+        draft(beside, meta, briefing, packed)
         try:
-            save(path, meta, briefing, packed)
-        except BaseException:
+            path = self._publish(beside, stem)
+        finally:
             with contextlib.suppress(OSError):
-                path.unlink()
-            raise
+                beside.unlink()
         self._make_room(path)
         return path
 
-    def _reserve(self, label: str, wall_ns: int) -> Path:
-        """A name that nobody else has, also at the same second."""
-        stem = f"flight-{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime(wall_ns // 1_000_000_000))}-{label}"
+    def _publish(self, beside: Path, stem: str) -> Path:
+        """Under a name that nobody else has, also at the same second."""
         for number in range(1, 1000):
             path = self.path / f"{stem}{f'-{number}' if number > 1 else ''}.flight"
             with contextlib.suppress(FileExistsError):
-                os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640))
+                os.link(beside, path)
+                settle(self.path)
                 return path
         raise FileExistsError(f"{stem}.flight is there a thousand times")
 
@@ -91,7 +95,7 @@ class Folder:
                     return True
         return False
 
-    def _make_room(self, newest: Path) -> None:
+    def _make_room(self, newest: Path | None = None) -> None:
         """Remove the oldest beyond what is kept, and what was begun and never finished.
 
         `newest` stays, whatever the clock says: of a machine that keeps no time it may be the oldest.
