@@ -112,6 +112,16 @@ def test_every_make_command_is_a_target() -> None:
     assert {"demo", "test"} <= set(makes) <= targets
 
 
+def test_pictures_are_shown_and_small() -> None:
+    pictures = sorted((ROOT / "docs" / "pictures").iterdir())
+    shown = " ".join(page.read_text() for page in PAGES)
+    assert [each.name for each in pictures] == ["monitor.svg", "plot.png", "view.png"]
+    for each in pictures:
+        assert f"pictures/{each.name})" in shown
+        assert 20_000 < each.stat().st_size < 300_000
+        assert each.read_bytes().startswith(b"\x89PNG" if each.suffix == ".png" else b"<svg")
+
+
 # ---------------------------------------------------------------------------------------------- examples, run
 
 # What a test cannot run as it stands, and why.
