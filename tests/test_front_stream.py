@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.front.stream import PATIENCE, QUEUE, Stream
+from twind.front.stream import LARGE, PATIENCE, QUEUE, Stream
 
 
 class Owner:
@@ -127,6 +127,34 @@ def test_answers_survive_where_telemetry_is_dropped_and_counted() -> None:
             assert message["n"] - before - 1 == message["dropped"]
             before = message["n"]
         assert before == sent - 1  # the newest is never the one that is dropped
+
+    run(body)
+
+
+def test_a_large_message_neither_throws_out_the_others_nor_is_thrown_out_by_them() -> None:
+    watcher, body_of = Watcher(), b'"%s":%d,"fill":"%s"}}'
+
+    def body(stream: Stream, owner: Owner, peer: socket.socket) -> None:
+        def small(numbers: range) -> None:
+            for number in numbers:
+                stream.publish(body_of % (b"n", number, b"x" * 1000), watcher)
+
+        stream.publish(b'"first":0,"fill":"%s"}}' % (b"x" * LARGE), watcher)  # the pipe is full with it
+        small(range(100))
+        for path in range(3):
+            stream.publish(body_of % (b"path", path, b"x" * 3_000_000), watcher)
+            small(range(100 + 10 * path, 110 + 10 * path))
+        assert stream.backlog < QUEUE + 3_100_000
+        received = b""
+        peer.settimeout(1.0)
+        stream.finish()
+        while data := peer.recv(1 << 20):
+            received += data
+            turn(stream)
+        said = [json.loads(message)["parameters"] for message in received.split(b"\0")[:-1]]
+        assert [message["n"] for message in said if "n" in message] == list(range(130))
+        assert [message["path"] for message in said if "path" in message] == [2]
+        assert sum(message["dropped"] for message in said) == 2
 
     run(body)
 

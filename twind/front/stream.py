@@ -2,7 +2,8 @@
 
 The first terminator seen (NUL or newline) decides for the connection, and answers end with the same one.
 Telemetry that a slow reader leaves lying is dropped oldest first and counted; answers are never dropped,
-so no more messages are taken while too many of them wait.
+so no more messages are taken while too many of them wait. A long path is many times the queue: it would throw
+out all that waits, and be thrown out by what comes next. So such messages are counted by themselves.
 """
 
 import asyncio
@@ -12,6 +13,7 @@ from collections import deque
 from typing import Protocol
 
 QUEUE = 256 * 1024  # bytes that may wait for a reader before telemetry is dropped and calls are left unread
+LARGE = QUEUE // 4  # bytes; of larger telemetry one message may wait beside these: the newest
 DRAINED = QUEUE // 2  # bytes of answers at which calls are read on
 PATIENCE = 2.0  # s without progress, or with too many answers waiting, before a slow reader is closed
 _CHUNK = 65536
@@ -47,6 +49,7 @@ class Stream:
         self._searched = 0
         self._queue: deque[tuple[bytes, Counter | None]] = deque()
         self._queued = 0
+        self._large = 0  # bytes of what is queued that are a large message of telemetry
         self._answers = 0  # bytes of what is queued that are answers
         self._over: float | None = None  # s, since when too many answers wait
         self._declined = False  # by the owner, until it says `resume`
@@ -172,8 +175,9 @@ class Stream:
 
     def publish(self, body: bytes, counter: Counter) -> None:
         """Telemetry: `body` is what follows `"parameters":{"dropped":N,`. May be dropped, and counted."""
-        if self._queued + len(body) > QUEUE:
-            self._drop(len(body))
+        large = len(body) > LARGE
+        if self._large if large else self._queued - self._large + len(body) > QUEUE:
+            self._drop(len(body), large=large)
         self._put(body, counter)
 
     def _put(self, data: bytes, counter: Counter | None) -> None:
@@ -185,22 +189,30 @@ class Stream:
         self._queued += len(data)
         if counter is None:
             self._answers += len(data)
+        elif len(data) > LARGE:
+            self._large += len(data)
         if not self._rest:
             self._write()
         if self._over is None and self._answers + len(self._rest) > QUEUE:
             self._over = self._loop.time()
 
-    def _drop(self, room: int) -> None:
-        """Oldest telemetry first, until `room` bytes fit."""
+    def _drop(self, room: int, *, large: bool) -> None:
+        """The large message that waits; or of the rest the oldest telemetry, until `room` bytes fit."""
         kept: deque[tuple[bytes, Counter | None]] = deque()
-        while self._queue and self._queued + room > QUEUE:
+        while self._queue and (self._large if large else self._queued - self._large + room > QUEUE):
             data, counter = self._queue.popleft()
-            if counter is None:
+            if counter is None or (len(data) > LARGE) is not large:
                 kept.append((data, counter))
             else:
                 counter.dropped += 1
-                self._queued -= len(data)
+                self._gone(data)
         self._queue.extendleft(reversed(kept))
+
+    def _gone(self, telemetry: bytes) -> None:
+        """It waits no longer."""
+        self._queued -= len(telemetry)
+        if len(telemetry) > LARGE:
+            self._large -= len(telemetry)
 
     def _write(self) -> None:
         while not self.closed:
@@ -227,11 +239,12 @@ class Stream:
 
     def _next(self) -> bytes:
         data, counter = self._queue.popleft()
-        self._queued -= len(data)
         end = self._terminator or b"\0"
         if counter is None:
+            self._queued -= len(data)
             self._answers -= len(data)
             return data + end
+        self._gone(data)
         head = b'{"continues":true,"parameters":{"dropped":%d,' % counter.dropped
         counter.dropped = 0
         return head + data + end

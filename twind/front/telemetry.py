@@ -41,11 +41,11 @@ class Watcher:
         return True
 
     def send(self, body: bytes) -> None:
-        """A message whose parameters, but for `dropped`, are `body`; the only one without `more`."""
+        """A message that ends with `body`, parameters after `dropped`; the only one without `more`."""
         if self.call.more:
-            self.stream.publish(body + b"}", self)
+            self.stream.publish(body, self)
         else:
-            self.call.reply(b'{"dropped":0,' + body)
+            self.call.reply(b'{"dropped":0,' + body[:-1])
 
 
 def by_histograms(wanting: list[Watcher], now: float) -> dict[bool, list[Watcher]]:
@@ -133,7 +133,7 @@ class Telemetry:
     ) -> None:
         if not to:
             return
-        body = b'"topic":"%s","time":%.6f,"sequence":%d,"%s":%s}' % (
+        body = b'"topic":"%s","time":%.6f,"sequence":%d,"%s":%s}}' % (
             topic.encode(),
             time,
             sequence,
