@@ -1,6 +1,8 @@
 """What is followed is told as it is followed, by whoever only saw what was asked."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,9 +10,13 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.front.accepted import WAITING, Accepted, Judged
+from twind.front.accepted import WAITING, Accepted, Judged, kept
+from twind.front.calls import Call, Caller, Calls
+from twind.front.methods import METHODS
 from twind.front.naming import Names
-from twind.robot.finding import Code
+from twind.protocol import CONTROL
+from twind.robot.finding import Code, Verdict
+from twind.robot.splines import interpolate
 from twind.robot.trajectory import Trajectory
 
 JOINT = "l_elbow"
@@ -23,7 +29,7 @@ def sent(rig: Rig, path: Trajectory, **asked: Any) -> tuple[Judged, list[link.Mo
     """A path on its way through a real loop, and the verdicts that came of it."""
     waiting = Judged()
     ticket = rig.submit(path, **asked)
-    waiting.wait(Accepted(f"t{ticket}", "uid 1, pid 2", path, {"start_in": asked.get("start_in")}))
+    waiting.wait(Accepted(f"t{ticket}", "uid 1, pid 2", path, kept(asked)))
     rig.news.clear()
     rig.ticks(8)
     return waiting, [news for news in rig.news if isinstance(news, link.Moment)]
@@ -42,6 +48,7 @@ def moved(rig: Rig, way: list[float], time: list[float], velocity: list[float] |
 @pytest.mark.parametrize(
     ("way", "time", "velocity", "asked", "later"),
     [
+        ([0.1, 0.3], [0.04, 0.06], [-0.5, 0.0], {"policy": "retime"}, False),
         ([0.1], [1.0], None, {}, False),
         ([0.3], [0.05], [0.0], {"policy": "retime"}, False),
         ([0.1], [1.0], [-0.2], {"append_stop": True}, False),
@@ -49,20 +56,33 @@ def moved(rig: Rig, way: list[float], time: list[float], velocity: list[float] |
         ([0.01, 0.1], [0.0, 1.0], [0.0, 0.0], {}, True),
         ([0.01, 0.1], [0.0, 1.0], [0.0, 0.0], {"start_in": 0.03}, True),
     ],
-    ids=["as asked", "slower", "with a stop", "both", "led in", "led in at a later start"],
+    ids=[
+        "slower by two points",
+        "as asked",
+        "slower",
+        "with a stop",
+        "both",
+        "led in",
+        "led in at a later start",
+    ],
 )
 def test_what_is_told_is_what_the_loop_follows(
     armed: Rig, way: list[float], time: list[float], velocity: list[float] | None, asked: Any, later: bool
 ) -> None:
     path = moved(armed, way, time, velocity)
+    begin = armed.loop.executor.reference
     waiting, (moment,) = sent(armed, path, **asked)
     accepted = waiting.said(moment)
     assert accepted is not None
     (layer,) = armed.loop.executor._layers
     assert layer.goal.id == accepted.id
-    place = armed.names.index(JOINT)
-    assert layer.curve.duration == pytest.approx(accepted.path.time[-1], abs=1e-12)
-    assert accepted.path.position[-1, place] == layer.goal.path.position[-1, place]
+    told = interpolate(accepted.path, begin)
+    assert np.isfinite(told.sample(0.0).position[armed.names.index(JOINT)])
+    assert told.duration == pytest.approx(layer.curve.duration, abs=1e-12)
+    for time in np.linspace(0.0, layer.curve.duration, 50):
+        for column in ("position", "velocity", "acceleration"):
+            here, there = (getattr(curve.sample(float(time)), column) for curve in (told, layer.curve))
+            assert here == pytest.approx(there, rel=1e-9, abs=1e-9, nan_ok=True)
     assert (moment.lead > 0.0) == later
     assert waiting.said(moment) is None  # each once
 
@@ -96,7 +116,7 @@ def test_it_is_told_by_the_names_of_its_joints_in_the_robots_order() -> None:
     rows = np.array([[0.1, np.nan, 0.3], [0.2, np.nan, 0.4]])
     path = Trajectory(np.array([0.5, 1.0]), rows, np.array([True, False, True]), rows * 0.0)
     asked = {"start_in": 2.0, "policy": "retime", "append_stop": True, "joint_names": ["ankle", "hip"]}
-    told = Accepted("4f", "uid 1, pid 2", path, asked).plain(Names(["hip", "knee", "ankle"]))
+    told = Accepted("4f", "uid 1, pid 2", path, kept(asked)).plain(Names(["hip", "knee", "ankle"]))
     assert (told["id"], told["holder"]) == ("4f", "uid 1, pid 2")
     assert told["trajectory"] == {
         "joint_names": ["hip", "ankle"],
@@ -119,3 +139,35 @@ def test_of_paths_that_never_get_a_verdict_the_oldest_are_forgotten() -> None:
         for number in range(WAITING + 1)
     ]
     assert verdicts == [False, *[True] * WAITING]
+
+
+# ------------------------------------------------------------------------------------- on its way to the loop
+
+
+def submitting(method: str, *, room: bool) -> Judged:
+    """A call, judged by the front, of which the link takes the command while it has `room`."""
+    send: list[Callable[[Verdict, float], None]] = []
+    front: Any = SimpleNamespace(
+        now=lambda: 1.0,
+        in_time=lambda *_: True,
+        world=SimpleNamespace(
+            names=Names(["hip"]), briefing=SimpleNamespace(description={"gate": {}}, generation=1)
+        ),
+        foreseen=SimpleNamespace(judge=lambda job: send.append(job.forward)),
+        tickets=SimpleNamespace(open=lambda *_: 1, close=lambda _: None),
+        link=SimpleNamespace(send=lambda *_: room),
+        submitted=Judged(),
+    )
+    point = {"positions": [0.1], "time_from_start": 1.0}
+    given = {"trajectory": {"joint_names": ["hip"], "points": [point], "start_in": 2.0}}
+    calls = Calls(Caller(1, "operator", 0, 0), lambda _: None, lambda _: None)
+    METHODS[method](front, Call(calls, CONTROL, method, given, more=False, oneway=False))
+    send[0](Verdict(), 1.0)
+    return front.submitted
+
+
+def test_only_what_was_sent_and_may_move_waits_for_its_verdict_and_without_its_points_twice() -> None:
+    (waiting,) = submitting("SubmitTrajectory", room=True)._waiting.values()
+    assert waiting.asked == {"start_in": 2.0, "goal_time": None, "tolerances": None}
+    assert not submitting("SubmitTrajectory", room=False)._waiting
+    assert not submitting("Check", room=True)._waiting

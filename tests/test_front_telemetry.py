@@ -78,6 +78,17 @@ def test_trajectories_that_come_too_fast_are_refused_by_a_verdict(loop: StandIn)
     time.sleep(1.05)  # for the next test
 
 
+def test_marks_that_come_too_fast_are_refused_and_trajectories_are_counted_beside_them(loop: StandIn) -> None:
+    path = {"joint_names": [NAMES[0]], "points": [{"positions": [0.0], "time_from_start": 1.0}]}
+    with Raw(loop) as client:
+        answers = [client.call("Mark", kind="note", text=str(number)) for number in range(24)]
+        assert ["error" in answer for answer in answers] == [False] * 20 + [True] * 4
+        (finding,) = answers[-1]["parameters"]["findings"]
+        assert (finding["code"], finding["bound"]) == ("RATE_LIMIT", 20)
+        assert "error" not in client.call("Check", trajectory=path)
+    assert len([command for command in loop.commands if isinstance(command, link.Mark)]) == 20
+
+
 # ------------------------------------------------------------------------------------- trajectories
 
 

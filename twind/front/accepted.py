@@ -23,7 +23,7 @@ ASKED = ("start_in", "goal_time", "tolerances")  # what a trajectory has beside 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accepted:
-    """A path that is followed, or may be: `asked` is the `Trajectory` of the interface that it comes from."""
+    """A path that is followed, or may be: `asked` is what was asked beside its points (`kept`)."""
 
     id: str
     holder: str
@@ -39,9 +39,13 @@ class Accepted:
             {"time_from_start": time} | {key: row[place] for key, row in rows.items()}
             for place, time in enumerate(path.time.tolist())
         ]
-        asked = {key: self.asked.get(key) for key in ASKED}
-        trajectory = {"joint_names": [names.joints[joint] for joint in joints], "points": points} | asked
-        return {"id": self.id, "holder": self.holder, "trajectory": trajectory}
+        trajectory = {"joint_names": [names.joints[joint] for joint in joints], "points": points}
+        return {"id": self.id, "holder": self.holder, "trajectory": {**trajectory, **self.asked}}
+
+
+def kept(message: Mapping[str, Any]) -> Plain:
+    """What is kept of a `Trajectory` of the interface: its points are megabytes, and in the path already."""
+    return {key: message.get(key) for key in ASKED}
 
 
 class Judged:
@@ -51,7 +55,7 @@ class Judged:
         self._waiting: dict[str, Accepted] = {}
 
     def wait(self, sent: Accepted) -> None:
-        """This was sent. The oldest is forgotten where too many wait."""
+        """This was sent: its verdict is still to come. The oldest is forgotten where too many wait."""
         self._waiting[sent.id] = sent
         if len(self._waiting) > WAITING:
             del self._waiting[next(iter(self._waiting))]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from twind import link
 from twind.config.edited import edited
 from twind.front import marks, submit
-from twind.front.accepted import Accepted
+from twind.front.accepted import Accepted, kept
 from twind.front.calls import STOPS, Call
 from twind.front.foreseen import Job
 from twind.front.log import printable
@@ -36,12 +36,15 @@ Method = Callable[["Front", Call], None]
 
 def forward(
     front: Front, call: Call, kind: Callable[..., link.Inward], fd: int | None = None, **fields: Any
-) -> None:
-    """Send a command; the loop's answer goes to the caller. Stops are owed, others may find the pipe full."""
+) -> bool:
+    """Send a command; the loop's answer goes to the caller. Stops are owed, others may find the pipe full.
+
+    False: it was not sent, and the caller knows.
+    """
     caller, now = call.caller, front.now()
     if call.oneway and front.tickets.flooded(call):
         front.log.say("warning", "ONEWAY_FLOOD", now, holder=caller.holder, method=call.method)
-        return
+        return False
     ticket = front.tickets.open(call, now)
     who = {"client": caller.number, "uid": caller.uid, "holder": caller.holder}
     command = kind(ticket=ticket, received=call.began, **who, **fields)
@@ -55,10 +58,11 @@ def forward(
     except TooLarge as error:
         front.tickets.close(ticket)
         front.refuse(call, [Finding(Code.FRAME_TOO_LARGE, message=f"command to the loop: {error}")])
-        return
+        return False
     if not sent:
         front.tickets.close(ticket)
         call.error("Busy", {"what": "the loop: its link is full; try again"})
+    return sent
 
 
 def _as_it_stands(kind: Callable[..., link.Inward]) -> Method:
@@ -167,9 +171,7 @@ def _check(front: Front, call: Call) -> None:
 
 def _trajectory(front: Front, call: Call, *, check_only: bool) -> None:
     now, names, message = front.now(), front.world.names, call.parameters["trajectory"]
-    if not front.may_submit(call.caller, now):
-        reason = "trajectories per second of one peer; wait, or send longer ones"
-        front.refuse(call, [Finding(Code.RATE_LIMIT, bound=front.SUBMITS_PER_SECOND, message=reason)])
+    if not front.in_time(call, "trajectories", "wait, or send longer ones"):
         return
     try:
         policy = submit.policy(message, front.world.briefing.description)
@@ -186,10 +188,10 @@ def _trajectory(front: Front, call: Call, *, check_only: bool) -> None:
         asked = fields | {"policy": policy, "check_only": check_only, "more": call.more}
         judged = {"refused": found.refusals, "warned": found.warnings, "front_checked": as_of}
         judged["generation"] = front.world.briefing.generation
-        if not check_only:
-            front.submitted.wait(Accepted(fields["id"], call.caller.holder, path, message))
         with submit.Sealed(path) as fd:
-            forward(front, call, link.Submit, fd, **asked, **judged)
+            sent = forward(front, call, link.Submit, fd, **asked, **judged)
+        if sent and not check_only:
+            front.submitted.wait(Accepted(fields["id"], call.caller.holder, path, kept(message)))
 
     front.foreseen.judge(Job(call, path, fields["append_stop"], not check_only, send, now))
 
@@ -242,7 +244,9 @@ def _mark(front: Front, call: Call) -> None:
         name = printable(call.parameters["kind"][:40])
         call.error("NotFound", {"what": "kind", "name": name, "known": list(marks.KINDS)})
         return
-    forward(front, call, link.Mark, annotation=marks.annotation(call.parameters))
+    said = marks.annotation(call.parameters)
+    if front.in_time(call, "marks", "wait: they are for people"):  # each is remembered by all that record
+        forward(front, call, link.Mark, annotation=said)
 
 
 def _reload(front: Front, call: Call) -> None:

@@ -40,7 +40,7 @@ TEND = 0.25  # s between two rounds of housekeeping, and heartbeats
 class Front:
     """Everything the front process keeps. `ended` is set when the loop has gone."""
 
-    SUBMITS_PER_SECOND = 20  # of one peer
+    CALLS_PER_SECOND = 20  # of one peer and kind: trajectories, marks
 
     def __init__(
         self, link: socket.socket, briefing: Briefing, log: Log, recorded: Recorded | None = None
@@ -65,7 +65,7 @@ class Front:
         self._listeners: list[tuple[socket.socket, str]] = []  # of these, those that nobody watches yet
         self._resting: list[tuple[socket.socket, str]] = []  # nothing to take a client with, for a moment
         self._spares, self._starved = Spares(RESERVED), False
-        self._submits: dict[tuple[int, int], list[float]] = {}
+        self._paced: dict[tuple[int, int, str], list[float]] = {}
         self._report = Report(log)
         self._tend()
 
@@ -168,16 +168,20 @@ class Front:
         if session is not None:
             self.telemetry.watch(call, session.stream, topics, rate)
 
-    def may_submit(self, caller: Caller, now: float) -> bool:
-        """S01: at most so many trajectories per second of one peer."""
-        recent = self._submits.setdefault((caller.uid, caller.pid), [])
+    def in_time(self, call: Call, kind: str, remedy: str) -> bool:
+        """S01: at most so many calls of a kind per second of one peer; one too many is refused."""
+        caller, now = call.caller, self.now()
+        recent = self._paced.setdefault((caller.uid, caller.pid, kind), [])
         recent[:] = [at for at in recent if now - at < 1.0]
-        in_time = len(recent) < self.SUBMITS_PER_SECOND
+        in_time = len(recent) < self.CALLS_PER_SECOND
         if in_time:
             recent.append(now)
         session = self.sessions.get(caller.number)
         if session is not None:
             session.paced(in_time=in_time)
+        if not in_time:
+            reason = f"{kind} per second of one peer; {remedy}"
+            self.refuse(call, [Finding(Code.RATE_LIMIT, bound=self.CALLS_PER_SECOND, message=reason)])
         return in_time
 
     def refuse(self, call: Call, findings: list[Finding]) -> None:
@@ -279,8 +283,8 @@ class Front:
             self.log.say("error", "LOOP_SILENT", now, method=method)
         for session in list(self.sessions.values()):
             session.tend(now)
-        for peer in [peer for peer, recent in self._submits.items() if now - recent[-1] > 1.0]:
-            del self._submits[peer]
+        for peer in [peer for peer, recent in self._paced.items() if now - recent[-1] > 1.0]:
+            del self._paced[peer]
 
 
 def _place(error: BaseException) -> dict[str, Any]:

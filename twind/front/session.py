@@ -74,7 +74,7 @@ class Session:
             self.stream.finish()
 
     def paced(self, *, in_time: bool) -> None:
-        """A trajectory came in time, or too soon after the others: who never waits is hung up on."""
+        """A call that may come so often came in time, or too soon: who never waits is hung up on."""
         self._too_fast = 0 if in_time else self._too_fast + 1
         self._done = self._too_fast >= STRIKES
 
