@@ -1,6 +1,6 @@
 """A hop that is slow is told once, and once that it has recovered; never one of them twice."""
 
-from math import inf, nan
+from math import inf, isnan, nan
 
 import pytest
 from hypothesis import given
@@ -52,6 +52,18 @@ def test_it_has_recovered_when_it_stayed_below_the_calm_share_for_longer_than_a_
 def test_one_that_comes_back_before_it_was_calm_is_not_told_again() -> None:
     assert told((0.0, HIGH), (0.5, LOW), (0.9, HIGH), (1.2, LOW), (1.9, HIGH)) == [(0.0, False)]
     assert told((0.0, HIGH), (1.5, LOW), (1.6, HIGH)) == [(0.0, False), (1.5, True), (1.6, False)]
+
+
+def test_what_is_not_measured_any_longer_is_over_once_and_may_be_told_anew() -> None:
+    alarm = Alarm("reply")
+    assert alarm.drop() is None
+    assert alarm.judge(HIGH, BOUND, 1.0) is not None
+    over = alarm.drop()
+    assert over is not None
+    assert (over.hop, over.calm) == ("reply", True)
+    assert isnan(over.value) and isnan(over.bound)
+    assert alarm.drop() is None
+    assert alarm.judge(HIGH, BOUND, 1.1) == Alert("reply", HIGH, BOUND)
 
 
 steps = st.tuples(

@@ -87,9 +87,7 @@ def unit(key: str, name: str = "twind.service") -> str:
 NUMBERS = {
     "latency (state age + bus round trip): told": ms(GATE.latency_warn),
     "a hop of a reading or of a setpoint: told": f"{health.LATENCY * 1e3:g} ms",
-    f"a joint that stood, from a goal {way.VISIBLE:g} rad away to {way.VISIBLE:g} rad moved: told": (
-        f"{health.MOVING * 1e3:g} ms"
-    ),
+    "hop `moved`: a joint that stood is asked for, and shows, a move of": f"{way.VISIBLE:g} rad",
     "what was told of a hop: over, and may be told again": (
         f"below {alarm.CALM * 100:g} % of its bound for more than {alarm.CALM_FOR:g} s"
     ),
@@ -157,7 +155,7 @@ NUMBERS = {
     "brake: kept back": f"{GATE.brake_margin:g} rad/s",
     "end counts as rest": f"{GATE.end_velocity:g} rad/s",
     "jerk: told": f"{GATE.jerk_warn:g} rad/s³",
-    "trajectories of one process": f"{server.Front.SUBMITS_PER_SECOND} a second",
+    "trajectories of one process; marks": f"{server.Front.CALLS_PER_SECOND} a second",
     "lease": f"{lease.TRAJECTORY:g} s",
     "lease while streaming": f"{lease.STREAMING:g} s",
     "newest setpoint, oldest": f"{GUARD.setpoint_age:g} s",

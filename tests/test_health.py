@@ -1,13 +1,13 @@
 """The way of a reading, hop by hop, whether anybody answers, and what is told when a hop is too slow."""
 
-from math import inf, isnan, nan
+from math import inf, isfinite, isnan, nan
 
 import numpy as np
 import pytest
 
 from twind.robot.state import JointState
 from twind.safety.alarm import Alert
-from twind.safety.health import COMMAND, MOVING, READING, Health
+from twind.safety.health import COMMAND, READING, Health
 
 
 class Exchange:
@@ -70,7 +70,7 @@ def test_another_threshold_is_that_of_all_but_the_motors() -> None:
     health.warn_above(0.02)
     others = [window for name, window in health.hops.items() if name != "moved"]
     assert {window.threshold for window in (health.total, *health.buses, *others)} == {0.02}
-    assert health.hops["moved"].threshold == MOVING
+    assert health.hops["moved"].threshold == inf
 
 
 # ---------------------------------------------------------------------------------------------- alerts
@@ -115,12 +115,35 @@ def test_a_latency_that_is_not_known_is_too_late() -> None:
 def test_each_hop_is_told_by_its_name_and_held_to_its_own_bound() -> None:
     health = Health(1)
     health.hop("reply", 0.06, 1.0)
+    health.hop("written", 0.06, 1.0, bound=0.07)
+    health.hop("received", 0.03, 1.0, bound=0.02)
+    assert health.alerts() == [Alert("reply", 0.06, 0.05), Alert("received", 0.03, 0.02)]
+
+
+def test_what_nothing_is_too_long_for_is_a_figure_and_no_alarm() -> None:
+    health = Health(1)
     health.hop("received", 0.3, 1.0, bound=inf)  # a long path is long judged
-    health.hop("moved", 0.15, 1.0)
     health.hop("gated", -0.001, 1.0, bound=inf)
-    assert health.alerts() == [Alert("reply", 0.06, 0.05), Alert("gated", -0.001, inf)]
-    health.hop("moved", 0.21, 1.0)
-    assert health.alerts() == [Alert("moved", 0.21, MOVING)]
+    health.hop("moved", 0.9, 1.0)  # a slow move against friction
+    assert health.alerts() == []
+    assert [health.hops[name].count for name in ("received", "gated", "moved")] == [1, 1, 1]
+    assert [health.hops[name].violations for name in ("received", "gated", "moved")] == [0, 1, 0]
+
+
+def test_a_slow_stream_has_not_recovered_because_a_trajectory_is_never_late() -> None:
+    health = Health(1)
+    for tick in range(400):
+        now = 1.0 + tick * 0.01
+        if tick < 10 or tick == 200:
+            health.hop("received", 0.08, now)
+        elif tick < 300:
+            health.hop("received", 3.0, now, bound=inf)
+        else:
+            health.hop("received", 0.004, now)
+        for alert in health.alerts():
+            assert isfinite(alert.bound)
+            assert (tick, alert.calm) in ((0, False), (301, True))
+    assert health.alerts() == []
 
 
 def test_an_answer_that_is_missing_is_a_violation_and_no_line_of_its_own() -> None:
@@ -132,12 +155,15 @@ def test_an_answer_that_is_missing_is_a_violation_and_no_line_of_its_own() -> No
     assert health.alerts() == []
 
 
-def test_what_was_told_of_a_robot_is_forgotten_in_sim_and_what_was_told_of_commands_is_not() -> None:
+def test_what_was_told_of_a_robot_is_over_in_sim_and_what_was_told_of_commands_is_not() -> None:
     health = Health(2)
     for name in ("reply", "written"):
         health.hop(name, 0.06, 1.0)
     assert len(health.alerts()) == 2
-    health.update(reading(1.01), Exchange(), 1.01, live=False)
+    for now in (1.01, 1.015):
+        health.update(reading(now), Exchange(), now, live=False)
+    (over,) = health.alerts()
+    assert (over.hop, over.calm, isnan(over.value)) == ("reply", True, True)
     for name in ("reply", "written"):
         health.hop(name, 0.06, 1.02)
     assert health.alerts() == [Alert("reply", 0.06, 0.05)]

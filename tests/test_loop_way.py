@@ -144,6 +144,19 @@ def test_a_stream_that_comes_late_is_told_once_and_once_that_it_comes_in_time_ag
     assert warning.findings[0].value > 0.08
 
 
+def test_what_was_told_of_a_robot_is_over_when_it_is_let_go() -> None:
+    rig = Rig(mode=Mode.MIRROR)
+    rig.ticks(30)
+    rig.lease()
+    rig.loop.health.hop("reply", 0.08, rig.clock.now())
+    rig.call(link.SetMode, mode="sim")
+    assert [message for _, message in said(rig)] == [
+        "reply is above its threshold",
+        "reply is not measured any longer: no robot is read",
+    ]
+    rig.close()
+
+
 def test_a_trajectory_that_was_long_judged_is_no_alarm(ready: Rig) -> None:
     ready.submit(bent(ready, 0.1), received=ready.clock.now() - 3.0)
     ready.seconds(0.2)

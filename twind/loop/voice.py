@@ -1,6 +1,7 @@
 """What the loop says: answers to calls, and events for whoever watches. Everything leaves by the link."""
 
 from collections.abc import Sequence
+from math import isnan
 from typing import Any
 
 from twind import link
@@ -45,6 +46,8 @@ class Voice:
         """A hop became too slow, or has recovered."""
         if alert.calm:
             said = f"{alert.hop} is below {CALM * alert.bound * 1e3:g} ms again, for more than {CALM_FOR:g} s"
+            if isnan(alert.value):
+                said = f"{alert.hop} is not measured any longer: no robot is read"
             self.event("info", "LATENCY_CALM", said)
             return
         finding = Finding(Code.LATENCY_WARN, value=alert.value, bound=alert.bound, message=f"s, {alert.hop}")

@@ -1,7 +1,7 @@
 """When something is slow it is told once, and once that it is fast again: no line twice without the other."""
 
 from dataclasses import dataclass
-from math import isnan
+from math import isnan, nan
 
 CALM = 0.8  # of the bound: what was told must stay below this share ...
 CALM_FOR = 1.0  # s ... for longer than this before it counts as over, and may be told again
@@ -12,7 +12,7 @@ class Alert:
     """A hop became too slow, or it has recovered (`calm`)."""
 
     hop: str
-    value: float  # s
+    value: float  # s; NaN: calm because it is not measured any longer
     bound: float  # s
     calm: bool = False
 
@@ -41,3 +41,8 @@ class Alarm:
             self._high_at = None
             return Alert(self._hop, value, bound, calm=True)
         return None
+
+    def drop(self) -> Alert | None:
+        """The hop is not measured any longer: what was told of it is over, and that is to be told."""
+        told, self._high_at = self._high_at, None
+        return None if told is None else Alert(self._hop, nan, nan, calm=True)

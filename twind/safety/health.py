@@ -15,7 +15,6 @@ from twind.safety.window import Window
 READING = ("request", "reply", "state", "twin")  # its way: sent, first byte, last byte, state, twin
 COMMAND = ("received", "gated", "written", "moved", "command")  # its way, and the whole but the moving
 LATENCY = 0.05  # s, warned of above (design 6.4)
-MOVING = 0.2  # s: a motor takes its time, however fast everybody was before it
 SILENT = 2.0  # s without an answer: disconnected
 
 
@@ -38,13 +37,13 @@ class Health:
         self.total = Window(threshold)  # state age + bus round trip, at the start of each tick
         self.buses = tuple(Window(threshold) for _ in range(buses))
         self.hops: Mapping[str, Window] = {name: Window(threshold) for name in (*READING, *COMMAND)}
-        self.hops["moved"].threshold = MOVING
+        self.hops["moved"].threshold = inf  # a slow move against friction is nobody's latency
         self._time, self._trip = -inf, nan  # s, of the last exchange in which anybody answered
         self._alarms: dict[str, Alarm] = {}
         self._alerts: list[Alert] = []
 
     def warn_above(self, threshold: float) -> None:
-        """From now on this is too late, s; but for a motor to move, which has a bound of its own."""
+        """From now on this is too late, s; but not for a motor to move, which takes its time."""
         hops = [window for name, window in self.hops.items() if name != "moved"]
         for window in (self.total, *self.buses, *hops):
             window.threshold = threshold
@@ -54,7 +53,8 @@ class Health:
         if not live:
             self._time, self._trip = -inf, nan
             for name in ("total", *READING):
-                self._alarms.pop(name, None)
+                if name in self._alarms:
+                    self._tell(self._alarms[name].drop())
             return
         if isfinite(self._time):
             latency = self.latency(now)
@@ -70,11 +70,14 @@ class Health:
     def hop(self, name: str, duration: float, now: float, bound: float | None = None) -> None:
         """One hop took `duration` s, and more than `bound` is too long (None: the threshold).
 
+        With bound inf it is a figure alone: where nothing is too long, nothing has recovered either.
         Raises KeyError for a name that is no hop.
         """
         window = self.hops[name]
+        bound = window.threshold if bound is None else bound
         window.add(duration, now, bound)
-        self._judge(name, duration, window.threshold if bound is None else bound, now)
+        if bound < inf:
+            self._judge(name, duration, bound, now)
 
     def alerts(self) -> list[Alert]:
         """What is to be told since the last call."""
@@ -97,6 +100,8 @@ class Health:
         alarm = self._alarms.get(name)
         if alarm is None:
             alarm = self._alarms[name] = Alarm(name)
-        alert = alarm.judge(duration, bound, now)
+        self._tell(alarm.judge(duration, bound, now))
+
+    def _tell(self, alert: Alert | None) -> None:
         if alert is not None:
             self._alerts.append(alert)
