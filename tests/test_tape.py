@@ -89,6 +89,17 @@ def test_commands_are_written_down_as_they_were_taken_with_their_arrays_behind_t
     rig.close()
 
 
+def test_of_a_check_the_command_is_written_down_and_not_its_arrays(ring: Ring) -> None:
+    rig = Rig(ring=ring)
+    rig.arm()
+    for check_only in (True, False):
+        rig.submit(rig.path(rig.names[0], [0.0, 0.1], [0.2, 0.6]), check_only=check_only)
+        rig.ticks(2)
+    found = only(read(ring.fd), Kind.COMMAND, Kind.ARRAYS)[-3:]
+    assert [each.kind for each in found] == [Kind.COMMAND, Kind.COMMAND, Kind.ARRAYS]
+    rig.close()
+
+
 def test_times_are_those_of_the_loop_and_never_go_back(ring: Ring) -> None:
     rig = Rig(ring=ring)
     before = rig.clock.now()

@@ -19,9 +19,7 @@ class Command(Base, frozen=True, kw_only=True, tag=True, tag_field="kind"):
     client: int  # number of the connection, > 0, never used again
     uid: int = -1
     holder: str = ""  # how the client is named to others: "uid 1000, pid 4711"
-    received: float | None = (
-        None  # s, when the whole call was in the front and its turn had come; None: unknown
-    )
+    received: float | None = None  # s, the whole call was in the front and it was its turn; None: unknown
 
 
 class SetMode(Command, frozen=True, kw_only=True):

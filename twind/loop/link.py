@@ -26,6 +26,7 @@ from twind.link import (
     Overview,
     Reply,
     Reread,
+    Submit,
     Tick,
     decode_command,
     encode,
@@ -193,7 +194,8 @@ class Link:
             if not fds:
                 return Incoming(command)
             incoming = Incoming(command, unseal(fds[0], LARGEST))
-            self._record(Kind.ARRAYS, incoming.data)
+            if not (isinstance(command, Submit) and command.check_only):  # it moved nothing, and is megabytes
+                self._record(Kind.ARRAYS, incoming.data)
             return incoming
         except (msgspec.MsgspecError, ValueError):
             return None  # a front that cannot spell is as good as dead
