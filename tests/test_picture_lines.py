@@ -2,7 +2,7 @@
 
 import pytest
 
-from twind.ctl.picture.lines import beside, cut, fitting, harmless, left, length, line, padded, right, wrapped
+from twind.ctl.picture.lines import beside, cut, fitting, left, length, line, padded, right, wrapped
 from twind.ctl.picture.paint import plain
 
 WIDE = "腕一"  # two columns each
@@ -32,10 +32,6 @@ def test_parts_are_shown_whole_or_not_at_all_but_the_first() -> None:
     assert plain([fitting(parts, 40, line("l "))]) == "l one · two · three"
     assert plain([fitting(parts, 14, line("l "))]) == "l one · two"
     assert plain([fitting([("a long word", "")], 8)]) == "a long …"
-
-
-def test_what_is_not_visible_becomes_a_question_mark() -> None:
-    assert harmless("a\x1b[31m\n\x07\u200eb µ°") == "a?[31m???b µ°"
 
 
 def test_a_long_text_goes_on_below_its_first_word() -> None:

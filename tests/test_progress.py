@@ -42,6 +42,10 @@ def test_a_line_says_what_how_much_how_long_and_how_long_still(monkeypatch: pyte
     assert told.after(2.0, "1 Mbaud", 0.25) == f"\rscan  {bar}  25%  0:03, about 0:09 left  1 Mbaud\x1b[K"
 
 
+def test_a_step_with_escapes_in_its_name_moves_no_cursor(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Told(monkeypatch).after(0.0, "bus\x1b[2J\n").endswith("bus?[2J?\x1b[K")
+
+
 def test_what_nobody_can_tell_is_not_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert Told(monkeypatch).after(65.0, "asking") == "\rscan  1:05  asking\x1b[K"
     assert "25%" in Told(monkeypatch, seconds=40.0).after(10.0, "asking")

@@ -12,7 +12,7 @@ from types import FrameType
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.ctl.verb import DONE, Plain, UsageError, observer
+from twind.ctl.verb import DONE, Plain, UsageError, harmless, observer
 
 TOPICS = ("status", "state", "latency", "events", "verdicts")  # of a picture
 AGAIN = 0.3  # s between two tries to reach a daemon that went away
@@ -65,7 +65,7 @@ def _lines(options: argparse.Namespace) -> int:
     """NDJSON of the asked topics, as the interface spells them."""
 
     def gone(why: str) -> None:
-        print(f"twindctl: {why}; waiting for the next daemon", file=sys.stderr, flush=True)
+        print(f"twindctl: {harmless(why)}; waiting for the next daemon", file=sys.stderr, flush=True)
 
     news = steady(lambda: observer(options), options.topics.split(","), options.rate, gone)
     for shown, message in enumerate(news, 1):

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import TextIO, TypeVar
 
+from twind.ctl.verb import harmless
+
 PERIOD = 0.1  # s between two drawings of the same step at least
 BAR = 24  # characters
 KNOWN_AFTER, KNOWN_FROM = 2.0, 0.02  # s and share after which what is left is guessed
@@ -53,7 +55,7 @@ class Progress:
         past = now - self._begun
         if share is None and self._seconds:
             share = past / self._seconds
-        line = "  ".join([self._what, *_share(share, past), text])
+        line = harmless("  ".join([self._what, *_share(share, past), text]))
         self._write(f"\r{line[: self._columns() - 1]}\x1b[K")
 
     def clear(self) -> None:

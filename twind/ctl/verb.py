@@ -101,16 +101,27 @@ def write_register(client: Client, *, take: bool = False, **register: Any) -> An
         return client.call("WriteRegister", **register)
 
 
+def harmless(text: str) -> str:
+    """Of what a file, a daemon or a client said: no control character of theirs reaches the terminal."""
+    return text if text.isprintable() else "".join(each if each.isprintable() else "?" for each in text)
+
+
+def harmless_lines(text: str) -> str:
+    """Several lines, each of them harmless."""
+    return "\n".join(harmless(line) for line in text.split("\n"))
+
+
 def show(options: argparse.Namespace, data: Any, text: str) -> None:
-    """The result: `data` as one line of JSON, or `text` for people."""
-    print(json.dumps(data, ensure_ascii=False) if options.json else text, flush=True)
+    """The result: `data` as one line of JSON, or `text` for people, of which no control character is said."""
+    said = json.dumps(data, ensure_ascii=False) if options.json else harmless_lines(text)
+    print(said, flush=True)
 
 
 def complain(options: argparse.Namespace, error: Exception) -> None:
     """An error: as JSON on standard output, or as text on standard error."""
     if not options.json:
         for line in str(error).splitlines():
-            print(f"twindctl: {line}", file=sys.stderr)
+            print(f"twindctl: {harmless(line)}", file=sys.stderr)
     elif isinstance(error, CallError):
         print(json.dumps({"error": error.error, "parameters": error.parameters}, ensure_ascii=False))
     else:

@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from twind.ctl.verb import DONE, Plain, observer
+from twind.ctl.verb import DONE, Plain, harmless, observer
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,7 +16,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     with observer(options) as client:
         for shown, news in enumerate(client.stream("Monitor", topics=[options.topic]), 1):
-            print(json.dumps(news, ensure_ascii=False) if options.json else _line(news), flush=True)
+            print(json.dumps(news, ensure_ascii=False) if options.json else harmless(_line(news)), flush=True)
             if shown == options.count:
                 break
     return DONE

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Sequence
 
 from rich.cells import cell_len, set_cell_size
 
+from twind.ctl.verb import harmless
+
 Span = tuple[str, str]  # text, style
 Line = tuple[Span, ...]
 
@@ -17,11 +19,6 @@ def line(*spans: str | Span) -> Line:
     return tuple(
         (harmless(span), "") if isinstance(span, str) else (harmless(span[0]), span[1]) for span in spans
     )
-
-
-def harmless(text: str) -> str:
-    """No control character of anybody's reaches the terminal."""
-    return text if text.isprintable() else "".join(each if each.isprintable() else "?" for each in text)
 
 
 def wide(text: str) -> int:
