@@ -17,6 +17,7 @@ from replayed import Replay, flight, recording
 from rig import Rig
 
 from twind import link
+from twind.briefing import Briefing
 from twind.ctl.main import main
 from twind.ctl.verb import REFUSED, USAGE
 from twind.flight import Contents, Entry, Flight, Kind, load, save
@@ -230,6 +231,20 @@ def test_fewer_states_tell_the_same(tmp_path: Path) -> None:
     assert STATES > 1
 
 
+def test_checks_of_which_nothing_moved_are_not_asked_again_and_that_is_said_once(tmp_path: Path) -> None:
+    rig = recording()
+    rig.arm()
+    rig.seconds(0.3)
+    for _ in range(3):
+        rig.submit(rig.path("head_yaw", [0.0, 0.3], [0.5, 2.0]), check_only=True)
+    moved(rig)
+    rig.seconds(0.2)
+    found = score(flight(rig, tmp_path))
+    rig.close()
+    assert found.left_out == ("3 of Check: points were not recorded",)
+    assert [each.method for each in found.commands][-1] == "SubmitTrajectory"
+
+
 # ------------------------------------------------------------------------------------------- what cannot be
 
 
@@ -252,6 +267,59 @@ def test_the_files_of_a_recording_stay_in_their_folder(tmp_path: Path) -> None:
     assert len(written) == len(placed.texts) + 1
     assert all(path.resolve().is_relative_to(folder) for path in written)
     assert files.robot.is_relative_to(folder)
+
+
+def with_buses(briefing: Briefing, *names: str) -> Briefing:
+    """Told to have had these buses, whatever its robot file says."""
+    (bus,) = briefing.description["buses"]
+    described = {**briefing.description, "buses": [{**bus, "name": name} for name in names]}
+    return msgspec.structs.replace(briefing, description=described)
+
+
+@pytest.mark.parametrize(
+    "names", [("main", "extra"), (), ("../../victim",), ("/tmp/victim",), ("main", "main")]
+)
+def test_a_robot_file_with_other_buses_than_were_recorded_is_refused(
+    names: tuple[str, ...], tmp_path: Path
+) -> None:
+    """A bus that is not played would keep the port of the file: one of this machine."""
+    with pytest.raises(Unplayable, match=r"recorded were .*--robot FILE"):
+        lay_out(with_buses(load(HERE / "limit.flight").briefing, *names), tmp_path)
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_bus_that_was_not_recorded_never_opens_the_port_of_its_file(named: bool, tmp_path: Path) -> None:
+    """In the recorded file, and in one that is named instead."""
+    briefing = load(HERE / "limit.flight").briefing
+    path = briefing.description["path"]
+    more = briefing.texts[path].replace(
+        "buses:\n", "buses:\n  extra: {kind: dynamixel2, port: /dev/ttyUSB7, baud: 1000000}\n"
+    )
+    assert more != briefing.texts[path]
+    spoilt = msgspec.structs.replace(briefing, texts={**briefing.texts, path: more})
+    folder = tmp_path / "replay"
+    folder.mkdir()
+    other = None
+    if named:
+        kept = tmp_path / "kept"
+        kept.mkdir()
+        other = lay_out(briefing, kept).robot
+        other.write_text(more)
+        spoilt = briefing
+    with pytest.raises(Unplayable, match="extra"):
+        lay_out(spoilt, folder, other)
+
+
+def test_names_of_buses_are_no_paths(tmp_path: Path) -> None:
+    """A port of the replay hides no file of the user's."""
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    recorded = load(HERE / "limit.flight")
+    recorded = replace(recorded, briefing=with_buses(recorded.briefing, str(victim)))
+    path = tmp_path / "evil.flight"
+    save(path, {}, msgspec.msgpack.encode(recorded.briefing), recorded.contents)
+    assert main(["replay", str(path)]) == REFUSED
+    assert victim.read_text() == "mine" and not victim.is_symlink()
 
 
 def test_a_recording_without_its_robot_says_how_to_name_it(tmp_path: Path) -> None:

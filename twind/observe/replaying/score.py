@@ -1,5 +1,6 @@
 """What was asked of the daemon of a recording, from when on it can be asked again, what came of it. Pure."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf
@@ -175,7 +176,8 @@ def _asked(flight: Flight, begin: float) -> tuple[list[Asked], list[str]]:
         elif entry.kind == Kind.ARRAYS and found and isinstance(found[-1].command, Submit):
             found[-1] = Asked(found[-1].time, found[-1].command, entry.data)
     whole = [each for each in found if not isinstance(each.command, Submit) or each.data]
-    left_out += ["a trajectory whose points were not recorded"] * (len(found) - len(whole))
+    pointless = Counter(each.method for each in found if isinstance(each.command, Submit) and not each.data)
+    left_out += [f"{count} of {method}: points were not recorded" for method, count in pointless.items()]
     return whole, left_out
 
 
