@@ -111,14 +111,15 @@ def _play(flight: "Flight", robot: Path | None, last: float) -> "Played":
         with contextlib.ExitStack() as stack:
             short = None if len(tempfile.gettempdir()) < LONGEST else "/tmp"  # a socket's path is 107 bytes
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="twind-replay-", dir=short)))
+            _require_serial(flight)
             files = lay_out(flight.briefing, folder, robot)
             places = folder / "ports", folder / "run"
             for place in places:
                 place.mkdir()
             buses = list(_buses(flight, asked, passage, clock.now))
-            ports = stack.enter_context(Ports(buses, places[0], clock))
-            named = {bus["name"]: places[0] / bus["name"] for bus in flight.briefing.description["buses"]}
-            daemon = stack.enter_context(Daemon(files, asked.mode, named | dict(ports.paths), places[1]))
+            links = {name: places[0] / str(place) for place, name in enumerate(files.buses)}
+            ports = stack.enter_context(Ports(buses, links, clock))
+            daemon = stack.enter_context(Daemon(files, asked.mode, links, places[1]))
             conductor = stack.enter_context(
                 contextlib.closing(Conductor(asked, daemon.sockets, passage, clock))
             )
@@ -131,15 +132,21 @@ def _play(flight: "Flight", robot: Path | None, last: float) -> "Played":
         raise Rejected(f"this file cannot be played: {error}") from None
 
 
-def _buses(flight: "Flight", asked: "Score", passage: "Passage", now: Any) -> Iterator["ToldBus"]:
+def _require_serial(flight: "Flight") -> None:
     """Raises Unplayable: a bus that is not serial."""
+    from twind.observe.replaying.score import VIEW, Unplayable
+
+    for bus in flight.briefing.description["buses"]:
+        if bus["kind"] == "can":
+            raise Unplayable(f"bus {bus['name']} is a CAN bus: only serial buses are played; {VIEW}")
+
+
+def _buses(flight: "Flight", asked: "Score", passage: "Passage", now: Any) -> Iterator["ToldBus"]:
     from twind.observe.replaying.bus import ToldBus
-    from twind.observe.replaying.score import SIM, VIEW, Unplayable
+    from twind.observe.replaying.score import SIM
     from twind.observe.replaying.story import story
 
     for place, bus in enumerate(flight.briefing.description["buses"]):
-        if bus["kind"] == "can":
-            raise Unplayable(f"bus {bus['name']} is a CAN bus: only serial buses are played; {VIEW}")
         if asked.mode == SIM:  # its port is given a name all the same, behind which there is nothing
             continue
         yield ToldBus(

@@ -35,15 +35,14 @@ class OneClock(ServoClock):
 
 
 class Ports:
-    """Context manager: `paths` by bus name are there inside, and gone outside."""
+    """Context manager: the links are there inside, and gone outside."""
 
-    def __init__(self, buses: Sequence[ToldBus], folder: Path, clock: Clock) -> None:
-        """Links in `folder`, which is there, keep their names when a port comes back as another one.
+    def __init__(self, buses: Sequence[ToldBus], links: Mapping[str, Path], clock: Clock) -> None:
+        """`links`, by bus name, keep their names when a port comes back as another one.
 
         Raises OSError: no pseudo-terminal to be had.
         """
-        self.paths: Mapping[str, Path] = {bus.name: folder / bus.name for bus in buses}
-        self._ports = {name: PtyPort(name, link) for name, link in self.paths.items()}
+        self._ports = {bus.name: PtyPort(bus.name, links[bus.name]) for bus in buses}
         for bus in buses:
             bus.on_plug = self._plugging(self._ports[bus.name])
         self._server = Server({bus.name: bus for bus in buses}, self._ports, OneClock(clock), lambda *_: None)

@@ -11,6 +11,9 @@ from pathlib import Path, PurePosixPath
 
 from twind.briefing import Briefing
 from twind.config.calibration_file import FORMAT as CALIBRATION
+from twind.config.located import ConfigError
+from twind.config.robot_file import load_robot
+from twind.config.robot_spec import RobotFile
 from twind.observe.replaying.score import VIEW, Unplayable
 
 SETTINGS = ("rate_hz", "log_level")  # of the daemon's parameters, those that a replay takes over
@@ -22,6 +25,7 @@ class Files:
     """What a daemon is started with."""
 
     robot: Path
+    buses: tuple[str, ...]  # of that robot file: each needs a port, or the daemon opens the one in the file
     calibration: Path | None
     config: Path
     state: Path
@@ -30,8 +34,15 @@ class Files:
 def lay_out(briefing: Briefing, folder: Path, robot: Path | None = None) -> Files:
     """The files of a recording in `folder`. `robot`: a file to use instead of the recorded one.
 
-    Raises Unplayable: they are not in it; OSError.
+    Raises Unplayable: they are not in it, cannot be laid out, or have other buses than were recorded.
     """
+    try:
+        return _laid_out(briefing, folder, robot)
+    except (OSError, ValueError) as error:  # names that are too long, hold a NUL, or are file and folder
+        raise Unplayable(f"its files cannot be laid out: {error}") from None
+
+
+def _laid_out(briefing: Briefing, folder: Path, robot: Path | None) -> Files:
     placed = _placed(briefing.texts, folder / "files")
     for path, text in placed.values():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -40,10 +51,37 @@ def lay_out(briefing: Briefing, folder: Path, robot: Path | None = None) -> File
     if not own.name and robot is None:
         raise Unplayable(f"the recording does not hold its robot file: name it with --robot FILE; or {VIEW}")
     calibrations = [path for path, text in placed.values() if f"format: {json.dumps(CALIBRATION)}" in text]
+    described = _described(robot or own)
+    _require_buses(described, briefing)
     state, config = folder / "state", folder / "twind.yaml"
     state.mkdir()
     config.write_text(_settings(briefing, state))
-    return Files(robot or own, calibrations[0] if calibrations else None, config, state)
+    names = tuple(bus.name for bus in described.buses)
+    return Files(described.path.absolute(), names, calibrations[0] if calibrations else None, config, state)
+
+
+def _described(robot: Path) -> RobotFile:
+    """As the daemon will read it. Raises Unplayable."""
+    try:
+        return load_robot(str(robot))
+    except ConfigError as error:
+        raise Unplayable(
+            f"its robot file is refused ({error}); another one: --robot FILE; or {VIEW}"
+        ) from None
+
+
+def _require_buses(robot: RobotFile, briefing: Briefing) -> None:
+    """A bus of the file that was not recorded would keep the port of that file, which is of this machine.
+
+    Raises Unplayable.
+    """
+    wanted = [f"{bus.get('name')} ({bus.get('kind')})" for bus in briefing.description.get("buses", ())]
+    there = [f"{bus.name} ({bus.kind})" for bus in robot.buses]
+    if wanted != there:
+        raise Unplayable(
+            f"{robot.path.name} has the buses {', '.join(there)}; recorded were "
+            f"{', '.join(wanted) or 'none'}: name the file that was used then by --robot FILE; or {VIEW}"
+        )
 
 
 def _placed(texts: Mapping[str, str], folder: Path) -> dict[str, tuple[Path, str]]:
