@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.flight import NO_BUS, Contents, Entry, FlightError, Kind, Ring, pack, read
+from twind.flight import NO_BUS, Contents, Entry, FlightError, Kind, Ring, held, pack, read, signature
 from twind.flight import ring as ring_module
 
 
@@ -141,6 +141,35 @@ def test_nobody_else_can_write_to_it_or_cut_it(ring: Ring) -> None:
 
 def test_every_page_is_there_before_the_first_tick(ring: Ring) -> None:
     assert os.fstat(ring.fd).st_blocks * 512 >= ring.size
+
+
+def test_what_it_was_signed_with_is_read_by_others_and_spoils_nothing(ring: Ring) -> None:
+    assert signature(ring.fd) == bytes(16)
+    ring.append(Kind.IN, 0, 1.0, b"data")
+    ring.sign(bytes(range(16)))
+    assert signature(ring.fd) == bytes(range(16))
+    assert [each.data for each in read(ring.fd).entries] == [b"data"]
+
+
+def test_how_old_the_oldest_is_is_not_said_of_a_segment_that_is_used_anew_meanwhile(
+    ring: Ring, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(100):
+        ring.append(Kind.IN, 0, 1.0 + number, bytes(900))
+    oldest, size = held(ring.fd)
+    assert oldest == read(ring.fd).entries[0].time
+    real = os.pread
+
+    def turned(fd: int, count: int, at: int) -> bytes:
+        """The writer goes round between two looks of a reader."""
+        if count == ring_module.HEAD:
+            monkeypatch.undo()
+            for _ in range(100):
+                ring.append(Kind.IN, 0, float("nan"), bytes(900))
+        return real(fd, count, at)
+
+    monkeypatch.setattr(os, "pread", turned)
+    assert held(ring.fd) == (None, size)
 
 
 def test_no_ring_is_said_so() -> None:

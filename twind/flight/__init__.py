@@ -6,7 +6,7 @@ Knows bytes and times alone: what they mean say `twind.link` and the drivers.
 
 from twind.flight.file import Flight, about, draft, load, save, settle
 from twind.flight.records import NO_BUS, Contents, Entry, FlightError, Kind, Packed, pack
-from twind.flight.ring import Ring, copy, held, read
+from twind.flight.ring import Ring, copy, held, read, signature
 
 __all__ = [
     "NO_BUS",
@@ -26,4 +26,5 @@ __all__ = [
     "read",
     "save",
     "settle",
+    "signature",
 ]

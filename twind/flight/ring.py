@@ -20,6 +20,7 @@ LEAST = 4096  # bytes of a ring
 
 _MAGIC = b"twring1\0"
 _GEOMETRY = struct.Struct("=8s5I")  # magic, segments, bytes of each, buses, bytes of a transcript, first byte
+_SIGNED, SIGNATURE = 32, 16  # where the signature is, and its bytes
 _TABLE = 64  # where the table begins: (sequence, used bytes) of each segment, then of two transcripts a bus
 _ROW = struct.Struct("=QQ")
 _FUTURE_WRITE = 0x10  # F_SEAL_FUTURE_WRITE, Linux 5.1
@@ -97,6 +98,10 @@ class Ring:
         self._table[row + 1] = len(data)
         self._table[row] = self._kept
 
+    def sign(self, signature: bytes) -> None:
+        """Of whom this is, in `SIGNATURE` bytes: a reader that comes later may know another robot."""
+        self._memory[_SIGNED : _SIGNED + SIGNATURE] = signature
+
     def close(self) -> None:
         """Let go of it; who holds its descriptor can go on reading."""
         self._table.release()
@@ -163,16 +168,25 @@ def copy(fd: int) -> Packed:
 
 
 def held(fd: int) -> tuple[float | None, int]:
-    """When its oldest record was written (s, monotonic; None: there is none), and bytes of all. Some 20 us.
+    """When its oldest record was written (s, monotonic; None: not known at this moment), and bytes of all.
 
-    Raises FlightError.
+    Some 30 us. Raises FlightError.
     """
     count, segment, _, _, first = _geometry(fd)
     rows = _rows(fd, first)[:count]
     _, place = min(((row[0], place) for place, row in enumerate(rows) if row[0]), default=(0, 0))
     head = os.pread(fd, HEAD, first + place * segment) if rows[place][1] else b""
-    oldest = RECORD.unpack(head)[3] if head else None
+    there = (
+        _rows(fd, first)[place][0] == rows[place][0]
+    )  # else it is used anew: a moment later it is another's
+    oldest = RECORD.unpack(head)[3] if head and there else None
     return oldest, sum(used for sequence, used in rows if sequence)
+
+
+def signature(fd: int) -> bytes:
+    """What its writer signed it with; zeros: nothing. Raises FlightError."""
+    _geometry(fd)
+    return os.pread(fd, SIGNATURE, _SIGNED)
 
 
 def _settle() -> None:
