@@ -242,6 +242,24 @@ def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(tmp_path: Path) -> N
     assert sorted(each.name for each in tmp_path.iterdir()) == ["short.mcap", "text.mcap"]
 
 
+def test_only_a_picture_is_written_over_never_a_recording(tmp_path: Path) -> None:
+    file = recorded.write(tmp_path / "short.mcap", 0.5)
+    whole = file.read_bytes()
+    (tmp_path / "link.png").symlink_to(file)
+    (tmp_path / "short.mcap.png").write_text("notes")
+    (tmp_path / "folder.png").mkdir()
+    for words in (["--out", str(file)], ["--out", str(tmp_path / "link.png")], []):
+        with pytest.raises(Rejected, match="no PNG, and it stays"):
+            plot.run(options(file, *words))
+    with pytest.raises(Rejected, match=r"folder\.png: there is something"):
+        plot.run(options(file, "--out", str(tmp_path / "folder.png")))
+    assert file.read_bytes() == whole and (tmp_path / "short.mcap.png").read_text() == "notes"
+    page = tmp_path / "page.png"
+    page.write_bytes(plot.PNG)  # a picture of before
+    assert plot.run(options(file, "--out", str(page))) == 0
+    assert imread(page).shape[:2] == (int(PAGE[1] * DOTS), int(PAGE[0] * DOTS))
+
+
 def test_without_matplotlib_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plot, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install 'twind\[plot\]'"):

@@ -13,13 +13,17 @@ from pathlib import Path
 from twind.ctl.verb import DONE, Rejected, UsageError, show
 
 REMEDY = "pip install 'twind[plot]'"
+PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the verb."""
     parser.add_argument("file", metavar="FILE", type=Path, help="an .mcap or .flight file")
     parser.add_argument(
-        "--out", metavar="PNG", type=Path, help="where to (default: beside FILE, its name + .png)"
+        "--out",
+        metavar="PNG",
+        type=Path,
+        help="where to (default: beside FILE, its name + .png); only a PNG is written over",
     )
     parser.add_argument(
         "--joints",
@@ -38,6 +42,8 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"plot needs matplotlib: {REMEDY}")
     if not options.begin < options.end:
         raise UsageError(f"--from {options.begin:g} --to {options.end:g}: there is nothing between them")
+    out = options.out or options.file.with_name(options.file.name + ".png")
+    _spare(out)
     from twind.observe.plotting import figure, save
     from twind.observe.recording import open_recording
 
@@ -47,7 +53,6 @@ def run(options: argparse.Namespace) -> int:
         made = figure(recording, chosen, (options.begin, options.end))
     except ValueError as error:
         raise Rejected(f"{options.file}: {error}") from None
-    out = options.out or options.file.with_name(options.file.name + ".png")
     try:
         save(made, out)
     except OSError as error:
@@ -56,6 +61,20 @@ def run(options: argparse.Namespace) -> int:
     data = {"file": str(options.file), "out": str(out), "damage": recording.damage}
     show(options, data, f"{out}: {recording.duration:.1f} s of {len(recording.joints)} joints{damage}")
     return DONE
+
+
+def _spare(out: Path) -> None:
+    """Raises Rejected where something else than a picture would be lost: a recording above all."""
+    try:
+        if not out.exists():
+            return
+        if out.is_file():
+            with out.open("rb") as file:
+                if file.read(len(PNG)) == PNG:
+                    return
+    except OSError as error:
+        raise Rejected(f"{out}: {error.strerror or error}") from None
+    raise Rejected(f"{out}: there is something that is no PNG, and it stays; name another with --out")
 
 
 def seconds(text: str) -> float:
