@@ -214,6 +214,18 @@ def test_a_daemon_that_hangs_up_is_told_apart_from_none(start: Start, tmp_path: 
         client.call("Arm")
 
 
+@pytest.mark.parametrize(
+    "rubbish",
+    [b"not json", b"\xff\xfe", b"[" * 100_000, b"[]", b'{"parameters": [1]}', b'{"error": 7}'],
+)
+def test_an_answer_that_is_none_ends_the_connection(start: Start, tmp_path: Path, rubbish: bytes) -> None:
+    start(lambda call: [rubbish + b"\0"])
+    with Client(tmp_path) as client:
+        with pytest.raises(Disconnected, match="answered to GetStatus is no message"):
+            client.call("GetStatus")
+        assert client._socket is None
+
+
 def test_nan_never_leaves(start: Start, tmp_path: Path) -> None:
     peer = start(lambda call: [reply(parameters={})])
     with Client(tmp_path) as client, pytest.raises(ClientError, match="NaN or infinite"):

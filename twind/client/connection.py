@@ -129,7 +129,14 @@ class Client:
 
     def _receive(self, method: str) -> tuple[Answer, bool]:
         """Parameters of the next answer, and whether more follow."""
-        message = json.loads(self._next(method))
+        data = self._next(method)
+        try:
+            message = _understood(data)
+        except (ValueError, RecursionError) as error:
+            self.close()  # where its next message begins nobody knows
+            raise Disconnected(
+                f"{self.path}: what was answered to {method} is no message ({error}); hung up"
+            ) from None
         parameters = message.get("parameters") or {}
         if message.get("error"):
             self._streaming = False
@@ -158,6 +165,18 @@ class Client:
         message = bytes(self._buffer[:end])
         del self._buffer[: end + 1]
         return message
+
+
+def _understood(data: bytes) -> Answer:
+    """One message. Raises ValueError or RecursionError where it is none."""
+    message = json.loads(data)
+    if not isinstance(message, dict):
+        raise ValueError("not an object")
+    if not isinstance(message.get("parameters") or {}, dict):
+        raise ValueError("its parameters are not an object")
+    if not isinstance(message.get("error") or "", str):
+        raise ValueError("its error is not a name")
+    return message
 
 
 def _why(error: OSError) -> str:
