@@ -114,6 +114,39 @@ def test_an_estop_goes_by_whichever_socket_there_is_and_says_when_there_is_none(
 
 
 @pytest.mark.realtime
+@pytest.mark.parametrize("observe", [{"parameters": {}}, {"error": 7}, {"error": "x.y.Busy"}, [1]])
+def test_an_estop_goes_by_the_other_socket_where_one_answers_rubbish(
+    daemons: Any, tmp_path: Path, observe: Any
+) -> None:
+    daemons("observe", lambda method: observe)
+    daemons("control", lambda method: {"parameters": {"state": "estop", "torque_off": False}})
+    outcomes: queue.Queue[Outcome] = queue.Queue()
+    Stops(str(tmp_path), bound=1.0).estop.ask(outcomes.put)
+    assert told(outcomes) == Outcome(True, "e-stop", "state estop, torque is on")
+
+
+@pytest.mark.realtime
+def test_a_stop_button_outlives_rubbish_and_tabs_that_cannot_be_told(daemons: Any, tmp_path: Path) -> None:
+    answers: dict[str, Any] = {"Cancel": {"parameters": {}}, "EStop": {"parameters": {"torque_off": 7}}}
+    daemons("control", answers.get)
+    stops, outcomes = Stops(str(tmp_path), bound=1.0), queue.Queue()
+
+    def no_tab(outcome: Outcome) -> None:
+        raise RuntimeError("the tab was closed")
+
+    for errand in (stops.stop, stops.estop):
+        errand.ask(no_tab)
+        errand.ask(outcomes.put)
+        failed = told(outcomes)
+        assert not failed.done and failed.title == f"{errand.name} NOT confirmed"
+        assert "use its own switch" in failed.text
+    answers |= {method: {"parameters": {"state": "estop"}} for method in answers}
+    for errand in (stops.stop, stops.estop):
+        errand.ask(outcomes.put)
+        assert told(outcomes).done
+
+
+@pytest.mark.realtime
 def test_who_may_not_stop_is_told_what_may(daemons: Any, tmp_path: Path) -> None:
     refusal = {
         "error": "io.twind.Control.NotAllowed",

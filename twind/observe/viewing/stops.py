@@ -6,10 +6,12 @@ the daemon may have restarted, and it keeps places for whoever wants to stop.
 
 import queue
 import threading
+import traceback
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 
-from twind.client import Client, ClientError, NoDaemon
+from twind.client import Client, ClientError
 
 BOUND = 5.0  # s until a call counts as not answered
 HARDWARE = "if the robot still moves, use its own switch"
@@ -45,9 +47,21 @@ class Errand(threading.Thread):
             tellers = [self._asked.get()]
             while not self._asked.empty():
                 tellers.append(self._asked.get())
-            outcome = self._do()
+            outcome = self._outcome()
             for tell in tellers:
-                tell(outcome)
+                try:
+                    tell(outcome)
+                except Exception:  # noqa: BLE001  a tab that cannot be told takes the button from nobody
+                    traceback.print_exc()
+
+    def _outcome(self) -> Outcome:
+        """Whatever happens: a thread that ended would leave a button that does nothing."""
+        try:
+            return self._do()
+        except Exception as error:  # noqa: BLE001
+            traceback.print_exc()
+            why = f"{type(error).__name__}: {error}"
+            return Outcome(False, f"{self.name} NOT confirmed", f"{why}; {HARDWARE}")
 
 
 class Stops:
@@ -59,23 +73,21 @@ class Stops:
         self.stop = Errand("stop", self._stop)
 
     def _estop(self) -> Outcome:
-        """By whichever socket lets us in: both take it."""
-        failure = ""
+        """By whichever socket lets us in and answers: both take it."""
+        failures: list[str] = []
         for name in ("observe", "control"):
-            client = Client(self._place, name=name, timeout=self._bound)
             try:
-                answer = client.call("EStop", level="settle", reason="twindctl view")
-            except NoDaemon as error:
-                failure = str(error)
-                continue
-            except ClientError as error:
-                failure = str(error)
-                break
-            finally:
-                client.close()
-            off = {True: "torque is off", False: "torque is on", None: "torque unknown"}
-            return Outcome(True, "e-stop", f"state {answer['state']}, {off[answer.get('torque_off')]}")
-        return Outcome(False, "e-stop NOT confirmed", f"{failure}; {HARDWARE}")
+                return self._estop_by(name)
+            except Exception as error:  # noqa: BLE001  whatever is wrong with one, the other is tried
+                said = str(error) if isinstance(error, ClientError) else f"{type(error).__name__}: {error}"
+                failures.append(said)
+        return Outcome(False, "e-stop NOT confirmed", f"{'; '.join(failures)}; {HARDWARE}")
+
+    def _estop_by(self, name: str) -> Outcome:
+        with closing(Client(self._place, name=name, timeout=self._bound)) as client:
+            answer = client.call("EStop", level="settle", reason="twindctl view")
+        off = {True: "torque is off", False: "torque is on", None: "torque unknown"}
+        return Outcome(True, "e-stop", f"state {answer['state']}, {off[answer.get('torque_off')]}")
 
     def _stop(self) -> Outcome:
         """Cancel: for operators."""
