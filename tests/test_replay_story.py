@@ -91,6 +91,13 @@ def test_a_port_is_gone_between_its_loss_and_shortly_before_it_was_opened() -> N
     assert made.plugged(1.995) and not made.plugged(2.0) and not made.plugged(2.9) and made.plugged(2.98)
 
 
+def test_a_port_that_took_something_not_was_there() -> None:
+    refused = Entry(2.0, Kind.PORT, 0, b"refused 30 bytes: /dev/ttyX: 90 bytes wait")
+    lost = Entry(1.0, Kind.PORT, 0, b"lost: gone")
+    assert told(WHO, asked(0.99, POSITION, b"abcd"), [refused]).plugs == ()
+    assert not told(WHO, asked(0.99, POSITION, b"abcd"), [lost], [refused]).plugged(2.5)
+
+
 def test_a_model_that_no_table_has_cannot_be_played() -> None:
     strange = asked(0.0, 0, b"\xfe\xfe" + bytes(4) + b"\1")
     with pytest.raises(Unknown, match="model number 65278"):

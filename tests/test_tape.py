@@ -1,6 +1,7 @@
 """What is written down is what went over the wires and the link, and nobody on them can tell."""
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,9 @@ from rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.flight import NO_BUS, Contents, Entry, Kind, Ring, read
-from twind.loop.tape import MOST, SPAN, BusTape, TapedTransport, size
+from twind.loop.tape import MOST, SPAN, BusTape, TapedChannel, TapedTransport, size
 from twind.robot.modes import Mode
-from twind_drivers.bus import PortError
+from twind_drivers.bus import PortError, PortFull
 from twind_drivers.can.frame import FRAME
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.packet import HEADER
@@ -321,7 +322,7 @@ def test_a_taped_port_answers_as_the_one_inside(ring: Ring, last: int, before: b
     assert found == [(Kind.OUT, b"ask"), (Kind.IN, bytes(range(20))), (Kind.IN, end)]
 
 
-def test_what_a_broken_port_did_not_take_is_not_written_down(ring: Ring) -> None:
+def test_what_a_port_did_not_take_is_said_with_its_reason(ring: Ring) -> None:
     inside = Wire()
     taped = TapedTransport(inside, BusTape(ring, 0, FakeClock(1.0)))
     taped.close()
@@ -329,7 +330,39 @@ def test_what_a_broken_port_did_not_take_is_not_written_down(ring: Ring) -> None
         taped.write(b"ask")
     with pytest.raises(PortError, match="gone"):
         taped.read_into(memoryview(bytearray(4)))
-    assert read(ring.fd).entries == ()
+    found = [(each.kind, each.data) for each in read(ring.fd).entries]
+    assert found == [(Kind.PORT, b"refused 3 bytes: wire: gone")]
+
+
+def test_what_a_can_channel_did_not_take_is_said_with_its_reason(ring: Ring) -> None:
+    def full(_frames: Any, _now: float) -> None:
+        raise PortFull("can0", 90, 64)
+
+    nothing = lambda *_: None  # noqa: E731
+    inside: Any = SimpleNamespace(name="can0", condition=nothing, fileno=nothing, arrival=nothing)
+    inside.close = inside.drive = inside.purge = nothing
+    inside.send = full
+    taped = TapedChannel(inside, BusTape(ring, 1, FakeClock(1.0)))
+    with pytest.raises(PortFull):
+        taped.send(np.zeros(2, FRAME), 1.0)
+    (entry,) = read(ring.fd).entries
+    assert (entry.kind, entry.bus) == (Kind.PORT, 1)
+    assert entry.data.startswith(b"refused %d bytes: can0: " % (2 * FRAME.itemsize))
+
+
+def test_what_was_thrown_away_before_a_port_went_is_written_down(ring: Ring) -> None:
+    inside = Wire()
+
+    def gone(thrown: bytearray | None = None) -> int:
+        assert thrown is not None
+        thrown += b"late"
+        raise PortError("wire", "gone", lost=True)
+
+    inside.drain = gone  # type: ignore[method-assign]
+    taped = TapedTransport(inside, BusTape(ring, 0, FakeClock(1.0)))
+    with pytest.raises(PortError, match="gone"):
+        taped.drain()
+    assert [(each.kind, each.data) for each in read(ring.fd).entries] == [(Kind.IN, b"late")]
 
 
 # --------------------------------------------------------------------------------------- how much

@@ -20,7 +20,7 @@ class Kind(IntEnum):
     NEWS = 3  # a datagram loop -> front, as `link.encode` made it
     COMMAND = 4  # a datagram front -> loop
     ARRAYS = 5  # the bytes of the memfd beside the COMMAND before it
-    PORT = 6  # b"opened PATH" or b"lost WHY"
+    PORT = 6  # b"opened PATH", b"lost WHY" or b"refused COUNT bytes: WHY"
 
 
 class Entry(NamedTuple):

@@ -10,7 +10,7 @@ from twind.config.robot_spec import RobotFile
 from twind.flight import NO_BUS, Entry, Kind, Ring, pack
 from twind.flight.ring import TRANSCRIPT
 from twind.streams import tell
-from twind_drivers.bus import Transport
+from twind_drivers.bus import PortError, Transport
 from twind_drivers.can.channel import Channel
 from twind_drivers.can.frame import Frames
 from twind_drivers.clock import Clock
@@ -55,6 +55,10 @@ class Recorder:
     def link(self, kind: Kind, data: bytes) -> None:
         """A datagram of the link, or the arrays beside one."""
         self._ring.append(kind, NO_BUS, self._clock.now(), data)
+
+    def sign(self, signature: bytes) -> None:
+        """Of what version and files it is (`briefing.fingerprint`), for a daemon after this one."""
+        self._ring.sign(signature)
 
     def close(self) -> None:
         """Let go of it."""
@@ -103,6 +107,11 @@ class BusTape(Tape):
             if self._length > TRANSCRIPT:  # somebody babbles: what is kept would not be whole
                 self._transcript = None
 
+    def refused(self, size: int, why: str) -> None:
+        """The port did not take so many bytes, or nobody knows how many of them."""
+        said = f"refused {size} bytes: {why}"
+        self._ring.append(Kind.PORT, self._place, self._clock.now(), said.encode())
+
     def opened(self, where: str) -> None:
         """The port is open."""
         self._ring.append(Kind.PORT, self._place, self._clock.now(), f"opened {where}".encode())
@@ -144,8 +153,12 @@ class TapedTransport:
         self._inside.warning = text
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """As inside."""
-        self._inside.write(data)
+        """As inside; of what it does not take, that and why is written down."""
+        try:
+            self._inside.write(data)
+        except PortError as error:
+            self._tape.refused(len(data), str(error))
+            raise
         self._tape.sent(data)
 
     def read_into(self, buffer: memoryview) -> int:
@@ -158,7 +171,12 @@ class TapedTransport:
     def drain(self, thrown: bytearray | None = None) -> int:
         """As inside; of a babbling line the last bytes are written down."""
         mine = bytearray()
-        count = self._inside.drain(mine)
+        try:
+            count = self._inside.drain(mine)
+        except PortError:
+            if mine:
+                self._tape.heard(mine)
+            raise
         if count:
             self._tape.heard(mine)
             if thrown is not None:
@@ -186,7 +204,11 @@ class TapedChannel:
 
     def send(self, frames: Frames, now: float) -> None:
         """As inside."""
-        self._inside.send(frames, now)
+        try:
+            self._inside.send(frames, now)
+        except PortError as error:
+            self._tape.refused(frames.nbytes, str(error))
+            raise
         if frames.size:
             self._tape.sent(frames.tobytes())
 

@@ -99,7 +99,7 @@ def _plugs(entries: Sequence[Entry]) -> Iterator[tuple[float, bool]]:
     for entry in entries:
         if entry.kind == Kind.PORT and entry.data.startswith(b"lost"):
             yield max(entry.time - GONE, (before + entry.time) / 2.0), False
-        elif entry.kind == Kind.PORT:
+        elif entry.kind == Kind.PORT and entry.data.startswith(b"opened"):
             yield entry.time - BACK, True
         before = entry.time
 
