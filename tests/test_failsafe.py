@@ -1,5 +1,6 @@
 """The fail-safe on real bytes under a fake clock: what it lowers, what it leaves alone, and what it says."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -380,3 +381,35 @@ def test_an_event_is_a_line_and_everything_else_is_nobody_s(tmp_path: Path) -> N
         said.seek(0)
         assert said.read().decode() == "error CODE: über\n"
     assert aloud.commands(0.0) == []
+
+
+def test_an_event_is_told_first_and_no_recorder_stops_the_way_down(tmp_path: Path) -> None:
+    """Words that have no encoding: a name of a port, say."""
+    told: list[tuple[str, Any]] = []
+    with (tmp_path / "said").open("w+b", buffering=0) as said:
+
+        def record(kind: Any, data: bytes) -> None:
+            told.append((os.pread(said.fileno(), 1000, 0).decode(), link.decode_news(data)))
+
+        aloud = Aloud(said.fileno(), record)
+        odd = link.Event(time=0.0, sequence=1, level="error", code="CODE", message="tty\udc80", findings=[])
+        aloud.event(odd)
+        assert told == []
+        plain = link.Event(time=0.0, sequence=2, level="error", code="CODE", message="tty", findings=[])
+        aloud.event(plain)
+        said.seek(0)
+        assert said.read().decode() == "error CODE: tty\\udc80\nerror CODE: tty\n"
+        assert told == [("error CODE: tty\\udc80\nerror CODE: tty\n", plain)]  # told, then written down
+
+
+def test_where_nobody_writes_it_down_nothing_is_encoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(_news: Any) -> bytes:
+        raise AssertionError("encoded for nobody")
+
+    monkeypatch.setattr(link, "encode", none)
+    with (tmp_path / "said").open("w+b", buffering=0) as said:
+        aloud = Aloud(said.fileno())
+        aloud.event(link.Event(time=0.0, sequence=1, level="info", code="CODE", message="", findings=[]))
+        assert os.pread(said.fileno(), 100, 0) == b"info CODE: \n"

@@ -106,6 +106,30 @@ def test_memory_that_was_freed_is_not_faulted_in_again() -> None:
         assert told["got"]["heap"].startswith("no: ")
 
 
+LEFT = """
+import json, os
+from pathlib import Path
+from twind.loop import realtime
+
+got = realtime.enter()
+realtime.leave()
+status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
+policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+locked = int(status["VmLck"].split()[0])
+print(json.dumps([got["scheduler"], got["memory"], policy == os.SCHED_OTHER, locked]))
+"""
+
+
+def test_what_comes_after_the_robot_is_as_urgent_as_any_other_process() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", LEFT], capture_output=True, text=True, timeout=30, check=True
+    )
+    scheduler, memory, ordinary, locked = json.loads(done.stdout)
+    if (scheduler.startswith("no: "), memory) != (False, "locked"):
+        pytest.skip(f"FIFO or locked memory is not allowed here: {scheduler}, {memory}")
+    assert (ordinary, locked) == (True, 0)
+
+
 def test_without_rights_it_runs_and_says_what_would_help() -> None:
     told = entered("none")
     assert not told["fifo"]

@@ -17,12 +17,13 @@ with nobody beside the robot: where an operator's `disarm` might drop it, this l
 
 from __future__ import annotations
 
+import contextlib
 import os
 from typing import TYPE_CHECKING
 
 from twind import link
 from twind.flight import Kind
-from twind.loop.link import Incoming, Record, unrecorded
+from twind.loop.link import Incoming, Record
 from twind.loop.ports import Link as Stage
 from twind.loop.procedures import Procedure, Rank
 from twind.loop.release import LETTING_GO, Manner, release
@@ -157,8 +158,8 @@ def _afterwards(loop: Loop) -> str:
 class Aloud:
     """The `Outside` of a loop without a front: nobody commands, events are lines of a descriptor, or lost."""
 
-    def __init__(self, fd: int, record: Record = unrecorded) -> None:
-        """`record`: who writes down what is told."""
+    def __init__(self, fd: int, record: Record | None = None) -> None:
+        """`record`: who writes down what is told; None: nobody."""
         self.dropped, self.lost, self.no_front = 0, False, ""
         self._fd, self._numbers, self._record = fd, 0, record
 
@@ -180,10 +181,10 @@ class Aloud:
         """Nobody has asked."""
 
     def event(self, event: link.Event | link.Moment) -> None:
-        """A line, now or never."""
-        self._record(Kind.NEWS, link.encode(event))
+        """A line, now or never; then it is written down."""
         if isinstance(event, link.Event):
             tell(self._fd, event.level, f"{event.level} {event.code}: {event.message}")
+        self._write_down(event)
 
     def sequence(self) -> int:
         """A number for the next event."""
@@ -192,10 +193,16 @@ class Aloud:
 
     def state(self, news: link.Tick | link.Overview) -> None:
         """Nobody looks, but later, where it is written down."""
-        self._record(Kind.NEWS, link.encode(news))
+        self._write_down(news)
 
     def flush(self) -> None:
         """Nothing waits."""
 
     def close(self) -> None:
         """Nothing to end."""
+
+    def _write_down(self, news: link.Outward) -> None:
+        if self._record is None:
+            return
+        with contextlib.suppress(TypeError, ValueError, OverflowError):  # no words: no reason not to go on
+            self._record(Kind.NEWS, link.encode(news))

@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+from contextlib import suppress
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -28,6 +29,15 @@ def enter(priority: int = PRIORITY, cpu: int | None = None) -> dict[str, str]:
     got["gc"] = "frozen, off"
     got["scheduler"] = fifo(priority)  # last: what came before took long, and others may be running
     return got
+
+
+def leave() -> None:
+    """As any other process from now on: what comes takes its time, and may take much memory."""
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    if policy in (os.SCHED_FIFO, os.SCHED_RR):  # the flag stays: to clear it takes a right of its own
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
+    ctypes.CDLL(None).munlockall()
 
 
 def one_thread() -> str:
