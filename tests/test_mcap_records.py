@@ -1,14 +1,18 @@
 """Records of .mcap files: whole ones as the library reads them, cut ones as far as they go."""
 
+import struct
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import zstandard
+from lz4 import frame
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from recorded import SESSION, write
 
-from twind.observe.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap
+from twind.observe.mcap_records import LARGEST, Attachment, McapFile, Message, Metadata, NotMcap
 
 
 def messages(path: Path) -> tuple[McapFile, list[Message]]:
@@ -102,3 +106,46 @@ def test_what_is_none_says_so(tmp_path: Path) -> None:
     path.write_bytes(b"no such thing")
     with pytest.raises(NotMcap, match="is no MCAP file"):
         messages(path)
+
+
+def chunk(compression: bytes, data: bytes, size: int) -> bytes:
+    """A chunk that claims to hold `size` bytes."""
+    head = struct.pack("<QQQII", 0, 0, size, 0, len(compression)) + compression
+    body = head + struct.pack("<Q", len(data)) + data
+    return struct.pack("<BQ", 6, len(body)) + body
+
+
+def bombs() -> dict[str, bytes]:
+    much = bytes(4 * LARGEST)
+    zstd, lz4 = zstandard.compress(much), frame.compress(much)
+    silent = zstandard.ZstdCompressor(write_content_size=False).compress(b"x")
+    return {
+        "zstd that says so": chunk(b"zstd", zstd, len(much)),
+        "zstd that does not": chunk(b"zstd", zstd, 100),
+        "lz4": chunk(b"lz4", lz4, 100),
+        "a size that no machine has": chunk(b"zstd", silent, 1 << 60),
+    }
+
+
+def test_a_chunk_never_takes_more_memory_than_the_bound_whatever_it_says_of_its_size(tmp_path: Path) -> None:
+    whole = write(tmp_path / "whole.mcap", 0.5).read_bytes()
+    path = tmp_path / "g.mcap"
+    for name, bomb in bombs().items():
+        path.write_bytes(whole[:8] + bomb + whole[8:])
+        tracemalloc.start()
+        file, found = messages(path)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert (file.damaged, file.cut, len(found)) == (1, "", 101), name
+        assert peak < LARGEST, name
+
+
+def test_a_record_larger_than_the_bound_is_left_out_and_what_follows_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "h.mcap"
+    whole = write(tmp_path / "whole.mcap", 0.5).read_bytes()
+    with path.open("wb") as stream:
+        stream.write(whole[:8] + struct.pack("<BQ", 9, LARGEST + 1))
+        stream.seek(LARGEST + 1, 1)  # a hole: nothing of it is on the disk
+        stream.write(whole[8:])
+    file, found = messages(path)
+    assert (file.damaged, file.cut, len(found)) == (1, "", 101)

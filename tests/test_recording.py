@@ -221,3 +221,57 @@ def test_nothing_is_written_over_by_an_export(flight_file: Path, tmp_path: Path)
         with pytest.raises(Rejected, match=r"is there already|is no MCAP file"):
             export(path, out)
     assert out.read_text() == "mine"
+
+
+ODD = [
+    ("/twind/joints", b'{"joints": [1, 2]}'),
+    ("/twind/joints", b'{"joints": [{"name": "hip", "temperature": "warm"}]}'),
+    ("/twind/latency", b'{"hops": 7}'),
+    ("/twind/events", b'{"annotation": "begin"}'),
+    ("/twind/recording", b'{"annotation": [1]}'),
+]
+
+
+@pytest.mark.parametrize(("topic", "data"), ODD)
+def test_of_a_file_that_is_not_as_ours_are_it_says_so_in_words(
+    tmp_path: Path, topic: str, data: bytes
+) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", b"")
+        states = writer.register_channel("/joint_states", "cdr", schema)
+        said = {"header": {"stamp": stamp(START)}, "name": ["hip"], "position": [1.0]}
+        writer.add_message(states, START, encode(JOINT_STATE, said), START)
+        writer.add_message(writer.register_channel(topic, "json", 0), START, data, START)
+        writer.finish()
+    with pytest.raises(Unreadable, match=r"a\.mcap: what it says on our topics, .* is not as we write it"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("when", [1 << 63, (1 << 64) - 1])
+def test_a_time_that_no_clock_has_is_told_in_words(tmp_path: Path, when: int) -> None:
+    path = tmp_path / "b.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", b"")
+        states = writer.register_channel("/joint_states", "cdr", schema)
+        said = {"header": {"stamp": stamp(START)}, "name": ["hip"], "position": [1.0]}
+        writer.add_message(states, when, encode(JOINT_STATE, said), when)
+        writer.finish()
+    with pytest.raises(Unreadable, match="is not as we write it"):
+        open_recording(path)
+
+
+def test_a_model_in_it_that_is_no_text_is_told_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "c.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_attachment(0, 0, "model.mjcf", "application/xml", b"\xff\xfe")
+        writer.add_message(writer.register_channel("/x", "", 0), START, b"", START)
+        writer.finish()
+    with pytest.raises(Unreadable, match="UnicodeDecodeError"):
+        open_recording(path)

@@ -3,15 +3,21 @@
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.reader import make_reader
-from recorded import write
+from mcap.writer import Writer
+from recorded import FullDisk, Told, write
 from rosbags.highlevel import AnyReader
 
 from twind.ctl.verb import Rejected
 from twind.observe import recover as verb
 from twind.observe.mcap_records import McapFile, Message
+from twind.observe.record_file import RecordFile
+from twind.observe.record_folder import Bounds
+from twind.observe.record_writer import RecordWriter
+from twind.observe.recording import open_recording
 from twind.observe.recover import recover
 
 
@@ -86,3 +92,38 @@ def test_what_is_no_recording_is_refused_in_words(tmp_path: Path) -> None:
         recover(path)
     with pytest.raises(Rejected, match=r"gone\.mcap: No such file"):
         recover(tmp_path / "gone.mcap")
+
+
+def test_a_recording_that_a_full_disk_ended_is_not_taken_for_a_whole_one(tmp_path: Path) -> None:
+    def on(path: Path, about: Any, attachments: Any, time_ns: int) -> RecordFile:
+        return RecordFile(path, about, attachments, time_ns, disk=FullDisk(path, 20_000))
+
+    told = Told(lambda now: RecordWriter(tmp_path, Bounds(1 << 40, 0, 1 << 40), now, open_file=on))
+    told.run(20.0)
+    tally = told.writer.tally
+    (path,) = tally.files
+    assert tally.dropped > 0
+    assert "it has no index: a full disk may have ended it" in open_recording(path).damage
+    found = recover(path)
+    assert found.out == path.with_name(f"{path.stem}-recovered.mcap") and found.messages == tally.messages
+    assert "no index" in found.why and not open_recording(found.out).damage
+
+
+def test_what_claims_to_be_one_and_is_not_is_refused_in_words(tmp_path: Path) -> None:
+    whole = McapFile(write(tmp_path / "f.mcap", 0.5))
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(library=whole.library)
+        channel = writer.register_channel("/x", "json", 0)
+        writer.add_message(channel, 1, b"\xff\xfe", 1)
+        writer.finish()
+    with pytest.raises(Rejected, match=r"it is not as MCAP files are .UnicodeDecodeError"):
+        recover(path, tmp_path / "out.mcap", ros=True)
+    data = bytearray(path.read_bytes())
+    at = data.index(b"\xff\xfe") - 22  # the number of the message's channel
+    data[at : at + 2] = b"\x09\x00"
+    path.write_bytes(data)
+    with pytest.raises(Rejected, match=r"it is not as MCAP files are .KeyError: 9"):
+        recover(path, tmp_path / "out.mcap")
+    assert not (tmp_path / "out.mcap").exists()

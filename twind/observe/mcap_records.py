@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 MAGIC = b"\x89MCAP0\r\n"
+LARGEST = 64 << 20  # bytes of a record, and of what a chunk holds: whoever made the file wrote its sizes
 _HEAD = struct.Struct("<BQ")  # opcode, bytes that follow
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE_CODE, _CHUNK, _ATTACHMENT, _METADATA = 1, 2, 3, 4, 5, 6, 9, 12
@@ -77,7 +78,8 @@ class McapFile:
     """One pass over a file. `schemas` and `channels` (by number), `profile`, `library` fill while it is read.
 
     After the pass: `cut`, why and where it ended too early (empty: it is whole), `kept` bytes up to there,
-    and `damaged`, how many chunks did not match their checksum and were left out.
+    `indexed`: it has an index, which is written last; and `damaged`, how many chunks did not match their
+    checksum, or were larger than LARGEST, and were left out.
     """
 
     def __init__(self, path: Path) -> None:
@@ -86,6 +88,7 @@ class McapFile:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.kept = self.damaged = 0
+        self.indexed = False
 
     def contents(self) -> Iterator[Message | Attachment | Metadata]:
         """All that is whole, in the order of the file. Raises NotMcap, OSError."""
@@ -117,6 +120,10 @@ class McapFile:
             if code == 0 or length > self.size - file.tell():
                 self.cut = f"the record at byte {self.kept} is not whole"
                 return
+            if length > LARGEST:
+                self.damaged += 1
+                file.seek(length, os.SEEK_CUR)
+                continue
             yield code, file.read(length)
 
     def _record(self, code: int, data: bytes) -> Iterator[Message | Attachment | Metadata]:
@@ -135,6 +142,9 @@ class McapFile:
         elif code == _HEADER:
             source = _Source(data)
             self.profile, self.library = source.text(), source.text()
+        elif code == _FOOTER:
+            start, *_ = _Source(data).numbers("QQI")
+            self.indexed = start > 0
         else:
             self._described(code, data)
 
@@ -174,11 +184,15 @@ def _message(data: bytes, at: int, end: int) -> Message:
 
 
 def _unpacked(compression: str, data: bytes, size: int) -> bytes | None:
-    """What a chunk holds; None where that cannot be had."""
+    """What a chunk holds, of which its head says that it has `size` bytes; None where that cannot be had."""
+    if size > LARGEST:
+        return None
     if compression == "zstd":
         import zstandard
 
         try:
+            if zstandard.frame_content_size(data) not in (-1, size):  # this and not ours would be allocated
+                return None
             return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
         except zstandard.ZstdError:
             return None
@@ -186,7 +200,7 @@ def _unpacked(compression: str, data: bytes, size: int) -> bytes | None:
         from lz4 import frame
 
         try:
-            unpacked: bytes = frame.decompress(data)
+            unpacked: bytes = frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
         except RuntimeError:
             return None
         return unpacked

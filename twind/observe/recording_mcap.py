@@ -1,6 +1,7 @@
 """An .mcap file as columns: our own recordings, and as far as it goes any with JointState messages."""
 
 import json
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +32,8 @@ from twind.ros.cdr import HEAD
 
 SECOND = 1e9  # ns
 SAID = frozenset({STATUS, EVENTS, VERDICTS, LATENCY, JOINTS, NOTES, TRAJECTORY})
+# what comes of a file that is not as ours are
+FOREIGN = (struct.error, ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 FIGURES = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
 
 
@@ -48,13 +51,23 @@ def read(path: Path) -> Recording:
     try:
         for each in file.contents():
             taken.take(each)
-    except (NotMcap, OSError, KeyError) as error:
+    except (NotMcap, OSError) as error:
         raise Unreadable(f"{path}: {error}") from None
     except CdrError as error:
         raise Unreadable(f"{path}: a JointState that is none: {error}") from None
+    except FOREIGN as error:
+        raise Unreadable(f"{path}: {_broken(error)}") from None
     if taken.start is None:
         raise Unreadable(f"{path}: no message is in it" + (f": {file.cut}" if file.cut else ""))
-    return _recording(path, taken, taken.start)
+    try:
+        return _recording(path, taken, taken.start)
+    except FOREIGN as error:
+        raise Unreadable(f"{path}: {_broken(error)}") from None
+
+
+def _broken(error: Exception) -> str:
+    kind = type(error).__name__
+    return f"what it says on our topics, or in its JointStates, is not as we write it ({kind}: {error})"
 
 
 class _Taken:
@@ -69,7 +82,7 @@ class _Taken:
         self.start: int | None = None  # ns, of the first message
 
     def take(self, each: Message | Attachment | Metadata) -> None:
-        """Raises CdrError, KeyError."""
+        """Raises CdrError, or one of FOREIGN."""
         if isinstance(each, Message):
             topic = self.file.channels[each.channel].topic
             self.start = each.log_time if self.start is None else min(self.start, each.log_time)
@@ -146,8 +159,10 @@ def _chosen(states: Sequence[str]) -> dict[str, str]:
 
 def _damage(file: McapFile) -> str:
     parts = [file.cut] if file.cut else []
+    if not (file.cut or file.indexed):
+        parts.append("it has no index: a full disk may have ended it, and what came then is not in it")
     if file.damaged:
-        parts.append(f"{file.damaged} chunks do not match their checksums and are left out")
+        parts.append(f"{file.damaged} chunks do not match their checksums, or are too large: left out")
     return "; ".join(parts)
 
 
@@ -158,7 +173,7 @@ def _json(data: bytes) -> Mapping[str, Any]:
     """Of JSON, as it is or in a message of std_msgs/String."""
     try:
         found = json.loads(decode(STRING, data)["data"] if data.startswith(HEAD) else data)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 

@@ -90,6 +90,8 @@ def recover(
         return _copy(path, target, ros, tell)
     except NotMcap as error:
         raise Rejected(str(error)) from None
+    except (KeyError, ValueError) as error:
+        raise Rejected(f"{path}: it is not as MCAP files are ({type(error).__name__}: {error})") from None
     except FileExistsError:
         raise Rejected(f"{target}: is there already; name another file with --out") from None
     except OSError as error:
@@ -101,7 +103,7 @@ def _look(path: Path) -> Recovered:
     file, span = McapFile(path), _Span()
     for each in file.contents():
         span.take(each)
-    return _found(file, span, path if file.cut or file.damaged else None)
+    return _found(file, span, path if _why(file) else None)
 
 
 def _copy(path: Path, target: Path, ros: bool, tell: Callable[[float], None]) -> Recovered:
@@ -180,5 +182,13 @@ class _Span:
 
 def _found(file: McapFile, span: _Span, out: Path | None) -> Recovered:
     seconds = (span.last - span.first) / 1e9
-    why = file.cut or ("chunks are damaged" if file.damaged else "")
-    return Recovered(out, span.messages, seconds, file.size - file.kept, file.damaged, why)
+    return Recovered(out, span.messages, seconds, file.size - file.kept, file.damaged, _why(file))
+
+
+def _why(file: McapFile) -> str:
+    """It is not whole; empty: it is."""
+    if file.cut:
+        return file.cut
+    if file.damaged:
+        return "chunks are damaged"
+    return "" if file.indexed else "it has no index: a full disk may have ended it"
