@@ -4,12 +4,14 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -192,11 +194,63 @@ def readme_lines() -> list[str]:
     return [line for block in fenced(README, "sh") for line in block.splitlines()]
 
 
+def looking_on() -> list[str]:
+    """The commands of those who look on."""
+    section = README.partition("## See it")[2].partition("\n## ")[0]
+    return [line for block in fenced(section, "sh") for line in block.splitlines()]
+
+
+@pytest.mark.realtime
+def test_who_looks_on_sees_what_the_readme_says(tmp_path: Path) -> None:
+    lines = {line.split()[1]: line for line in looking_on()}
+    assert list(lines) == ["monitor", "view", "record", "mark", "metrics", "dump", "replay", "plot"]
+    state = {"STATE_DIRECTORY": str(tmp_path / "state"), "XDG_STATE_HOME": str(tmp_path)}
+    with pytest.MonkeyPatch.context() as patch:
+        for key, value in state.items():
+            patch.setenv(key, value)
+        with daemon(tmp_path, "--mode", "sim") as environment:
+            wait_for(tmp_path, mode="sim")
+            goes_on = ["monitor", "record"] + (["view"] if find_spec("mjviser") else [])
+            going = {verb: begin(lines[verb], tmp_path, environment) for verb in goes_on}
+            until(lambda: len(list(tmp_path.rglob("*.mcap"))) == 1, 20.0, "no recording was begun")
+            for verb in ("mark", "metrics"):
+                assert run(lines[verb], tmp_path, environment)
+            dumped = run(lines["dump"], tmp_path, environment).strip()
+            time.sleep(1.0)
+            told = {verb: ended(process) for verb, process in going.items()}
+        assert "h24" in told["monitor"] and "nothing dropped" in told["record"]
+        assert "http://127.0.0.1:" in told.get("view", "http://127.0.0.1:")
+        shutil.copy(dumped, tmp_path / "odd.flight")
+        assert "the same" in run(lines["replay"], tmp_path, environment)
+        if find_spec("matplotlib"):
+            run(lines["plot"], tmp_path, environment)
+            assert (tmp_path / "odd.flight.png").read_bytes().startswith(b"\x89PNG")
+
+
+def begin(line: str, folder: Path, environment: dict[str, str]) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        ["bash", "-c", f"exec {line}"],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def ended(process: "subprocess.Popen[str]") -> str:
+    """What it said, told to end as by Ctrl-C."""
+    process.send_signal(signal.SIGINT)
+    return process.communicate(timeout=20.0)[0]
+
+
 @pytest.mark.realtime
 def test_the_commands_of_the_readme_do_what_they_say_on_a_virtual_robot(tmp_path: Path) -> None:
     left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
     apart = ("check", "scan", "doctor", "wiggle")  # those that need no daemon, and the one that asks a person
     verbs = [line for line in left if line.startswith("twindctl ") and line.split()[1] not in apart]
+    verbs = [line for line in verbs if line not in looking_on()]
     assert [line.split()[1] for line in verbs] == [
         "status",
         "arm",
