@@ -1,5 +1,6 @@
 """The viewer without a browser: what it knows, what it says, where bodies are drawn, who may move it."""
 
+import contextlib
 import json
 import queue
 import socket
@@ -7,16 +8,19 @@ import threading
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from processes import until
 from viewed import GROUP_THREE, h24, other, state, status
 
 from twind.ctl import demo_viewer
 from twind.ctl.verb import UsageError
 from twind.observe import view
-from twind.observe.viewing import plots, words
+from twind.observe.viewing import plots, viewer, words
+from twind.observe.viewing.door import Site
 from twind.observe.viewing.figure import shown_geoms
 from twind.observe.viewing.likeness import Likeness, NoLikeness
 from twind.observe.viewing.live import messages
@@ -24,7 +28,9 @@ from twind.observe.viewing.news import WINDOW, Described, Known, Lost, News
 from twind.observe.viewing.operate import Operator, arm, look_after
 from twind.observe.viewing.scene import AUTO, BOTH, NONE, ghosts
 from twind.observe.viewing.stops import Outcome, Stops
+from twind_drivers.clock import FakeClock
 
+LEASE = {"holder": "uid 0, pid 1", "uid": 0, "expires_in": 1.0}
 Answers = Callable[[str], Any]
 
 
@@ -237,7 +243,139 @@ def test_a_lease_that_was_lost_is_not_taken_again_by_itself(daemons: Any, tmp_pa
     assert daemon.asked == ["AcquireLease", "RenewLease"]
 
 
+@pytest.mark.realtime
+def test_what_was_done_is_said_also_where_the_lease_is_gone_afterwards(daemons: Any, tmp_path: Path) -> None:
+    armed = threading.Event()
+    other = {"error": "io.twind.Control.LeaseHeld", "parameters": {"lease": LEASE}}
+
+    def answers(method: str) -> Any:
+        if method == "Arm":
+            armed.set()
+        taken = armed.is_set() and method == "AcquireLease"
+        return other if taken else {"parameters": {"joints": []}}
+
+    daemons("control", answers)
+    holders: queue.Queue[int | None] = queue.Queue()
+    operator, outcomes = Operator(str(tmp_path), holders.put), queue.Queue()
+    operator.take(1, outcomes.put)
+    assert told(outcomes).done
+    operator.call(1, arm, outcomes.put)
+    outcome = told(outcomes)
+    assert (outcome.done, outcome.title) == (True, "armed")
+    assert "the lease is gone: the lease is held by uid 0" in outcome.text
+    assert [holders.get(timeout=5.0), holders.get(timeout=5.0)] == [1, None]
+
+
+@pytest.mark.realtime
+def test_rubbish_for_an_answer_costs_the_operator_one_call_and_no_more(daemons: Any, tmp_path: Path) -> None:
+    daemons("control", lambda method: {"parameters": {}})  # Arm says no joints
+    operator, outcomes = Operator(str(tmp_path), lambda tab: None), queue.Queue()
+    operator.take(1, outcomes.put)
+    assert told(outcomes).done
+    operator.call(1, arm, outcomes.put)
+    assert told(outcomes).title == "NOT confirmed"
+    operator.give(1, outcomes.put)
+    assert told(outcomes).title == "lease given back"
+
+
+@pytest.mark.realtime
+def test_a_page_that_cannot_be_asked_loses_the_lease(daemons: Any, tmp_path: Path) -> None:
+    daemon = daemons("control", lambda method: {"parameters": {}})
+    operator, outcomes = Operator(str(tmp_path), lambda tab: None), queue.Queue()
+    operator.take(1, outcomes.put)
+    assert told(outcomes).done
+    look_after(operator, 1, lambda: {}["no such page"])
+    assert daemon.ended.get(timeout=5.0) == "closed"
+
+
 # ---------------------------------------------------------------------------------------- messages
+
+
+@pytest.mark.realtime
+def test_messages_go_on_after_one_that_is_none(daemons: Any, tmp_path: Path) -> None:
+    answers: dict[str, Any] = {"GetRobot": {"parameters": h24()}, "Monitor": {"parameters": {"no": "topic"}}}
+    daemons("observe", answers.get)
+    ended = threading.Event()
+    news = messages(str(tmp_path), ended)
+    found = [next(news) for _ in range(4)]
+    assert isinstance(found[0], Described) and isinstance(found[3], Described)
+    assert isinstance(found[2], Lost) and "KeyError" in found[2].why
+    ended.set()
+
+
+def test_a_message_that_is_none_is_said_and_the_next_one_is_shown() -> None:
+    known, robot = Known(), h24()
+    seen: list[tuple[str | None, bool]] = []
+
+    def news() -> Iterator[News]:
+        for each in (Described(robot), {"topic": "state"}, state(robot, 1.0)):
+            yield each
+            seen.append((known.now().lost, known.now().joints is not None))
+        raise OSError("the file is gone")
+
+    viewer.take(known, news())
+    assert seen[0] == (None, False)
+    assert "KeyError" in str(seen[1][0]) and not seen[1][1]
+    assert seen[2] == (None, True)
+    assert known.now().lost == "the messages have ended: OSError: the file is gone"
+
+
+def test_the_age_of_what_is_seen_is_said_and_red_from_a_second_on() -> None:
+    clock = FakeClock()
+    known, robot = Known(clock.now), h24()
+    assert "s ago" not in words.page(known.now(), None, None, 0)
+    known.take(state(robot))
+    clock.time = 0.9
+    assert "less than 1 s ago" in words.page(known.now(), None, None, 0)
+    clock.time = 12.0
+    said = words.page(known.now(), None, None, 0)
+    assert words.row("heard", "12 s ago: the picture is old", words.RED) in said
+    known.take(status())  # says nothing of joints
+    assert "12 s ago" in words.page(known.now(), None, None, 0)
+
+
+class Canvas:
+    """A server that somebody looks at, and a page; `say` keeps the words."""
+
+    def __init__(self) -> None:
+        self.words: list[str] = []
+        self.scene, self.initial_camera = None, SimpleNamespace()
+        self.plots, self.ghost, self.say = SimpleNamespace(draw=self._plot, of=id), AUTO, self.words.append
+        self.plotted = 0
+        self.flush = self.atomic = contextlib.nullcontext
+
+    def _plot(self) -> None:
+        self.plotted += 1
+
+    def get_clients(self) -> dict[int, Any]:
+        return {1: SimpleNamespace(camera=SimpleNamespace())}
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("broken", ["Likeness", "camera"])
+def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
+    daemons: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+) -> None:
+    monkeypatch.setattr(viewer, "Scene", lambda *_: SimpleNamespace(remove=lambda: None))
+    monkeypatch.setattr(viewer, broken, lambda told: {}["no such pose"])
+    daemons("control", lambda method: {"parameters": {"state": "estop"}})
+    stops, outcomes, known, canvas = Stops(str(tmp_path)), queue.Queue(), Known(), Canvas()
+    for news in (Described(h24()), status(), state(h24())):
+        known.take(news)
+    ended = threading.Event()
+    shown = viewer.Viewer(Site(canvas, ""), known, canvas)
+    drawing = threading.Thread(target=viewer.run, args=(shown, known, (), ended))
+    drawing.start()
+    try:
+        until(lambda: any("mode live" in each for each in canvas.words), 5.0, "the words")
+        assert drawing.is_alive()
+        stops.estop.ask(outcomes.put)
+        assert told(outcomes).done
+    finally:
+        ended.set()
+        drawing.join(5.0)
+    assert "the picture cannot be drawn: KeyError" in canvas.words[-1]
+    assert canvas.plotted == 0
 
 
 @pytest.mark.realtime

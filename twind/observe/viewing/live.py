@@ -40,6 +40,9 @@ def messages(place: str | None, ended: threading.Event) -> Iterator[News]:
         except ClientError as error:
             yield Lost(f"the daemon is not there, tried again: {error}")
             ended.wait(AGAIN)
+        except Exception as error:  # noqa: BLE001  a thread that ends here leaves a picture that looks live
+            yield Lost(f"what the daemon says cannot be understood: {type(error).__name__}: {error}")
+            ended.wait(4.0 * AGAIN)
 
 
 def _of_one_daemon(place: str | None, client: Client, ended: threading.Event) -> Iterator[News]:

@@ -5,8 +5,9 @@ No browser, no socket: a recording is shown by the same messages.
 """
 
 import threading
+import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,6 +86,7 @@ class Now:
     latency: Sequence[Message]
     refusals: tuple[Message, ...]  # verdicts with refusals, the newest first
     events: tuple[Message, ...]  # warnings and errors, the newest first
+    age: float | None = None  # s since the joints were heard of; None: never yet
 
     @property
     def mode(self) -> str:
@@ -103,7 +105,8 @@ class Now:
 class Known:
     """The latest of everything, and the last seconds of what is plotted."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
         self._lock = threading.Lock()
         self._told: Message | None = None
         self._lost: str | None = None
@@ -111,6 +114,7 @@ class Known:
 
     def _forget(self) -> None:
         self._joints: Joints | None = None
+        self._heard = 0.0  # s, when they came
         self._status: Message | None = None
         self._latency: Sequence[Message] = ()
         self._refusals: deque[Message] = deque(maxlen=TOLD)
@@ -133,7 +137,7 @@ class Known:
     def _message(self, news: Message) -> None:
         match news["topic"]:
             case "state":
-                self._joints = joints_of(news)
+                self._joints, self._heard = joints_of(news), self._clock()
                 self._path.append(self._joints)
                 while self._joints.time - self._path[0].time > WINDOW or _behind(self._path):
                     self._path.popleft()
@@ -161,6 +165,7 @@ class Known:
                 self._latency,
                 tuple(self._refusals),
                 tuple(self._events),
+                None if self._joints is None else self._clock() - self._heard,
             )
 
     def path(self) -> list[Joints]:

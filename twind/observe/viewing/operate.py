@@ -4,10 +4,13 @@ A thread with a connection of its own holds and renews the lease. It is given ba
 while a call is under way it is not renewed, so it lapses by itself if the tab goes then.
 """
 
+import contextlib
 import queue
 import threading
 import time
+import traceback
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +74,11 @@ class Operator(threading.Thread):
 
         def and_held(client: Client) -> Outcome:
             outcome = work(client)
-            client.call("AcquireLease")  # it may have taken longer than a lease lasts
+            try:
+                client.call("AcquireLease")  # it may have taken longer than a lease lasts
+            except ClientError as error:  # what was asked is done nevertheless
+                self._release()
+                return replace(outcome, text=f"{outcome.text}; the lease is gone: {error}")
             return outcome
 
         self._with_lease(tab, and_held, tell)
@@ -100,26 +107,37 @@ class Operator(threading.Thread):
     # -------------------------------------------------------------------------------- its own thread
 
     def run(self) -> None:
-        """Work as it comes; between, renew."""
+        """Work as it comes; between, renew. Never ends: the page would show a lease that lapsed."""
         while True:
             try:
-                tab, work, tell = self._asked.get(timeout=RENEWED)
-            except queue.Empty:
-                self._hold()
-                continue
-            try:
-                outcome = self._done(work) if tab not in self._gone else None
-            finally:
-                self._busy.release()
-            if outcome is not None:
-                tell(outcome)
+                self._turn()
+            except Exception:  # noqa: BLE001
+                traceback.print_exc()
+                with contextlib.suppress(Exception):
+                    self._release()
+
+    def _turn(self) -> None:
+        try:
+            tab, work, tell = self._asked.get(timeout=RENEWED)
+        except queue.Empty:
             self._hold()
+            return
+        try:
+            outcome = self._done(work) if tab not in self._gone else None
+        finally:
+            self._busy.release()
+        if outcome is not None:
+            tell(outcome)
+        self._hold()
 
     def _done(self, work: Work) -> Outcome:
         try:
             return work(self._client)
         except (ClientError, UsageError, Rejected) as error:
             return Outcome(False, "refused", str(error))
+        except Exception as error:  # noqa: BLE001  an answer that is none: nobody knows what was done
+            traceback.print_exc()
+            return Outcome(False, "NOT confirmed", f"{type(error).__name__}: {error}")
 
     def _hold(self) -> None:
         """The lease, for as long as its tab is there."""
@@ -157,6 +175,10 @@ def look_after(operator: Operator, tab: int, ask: Callable[[], object]) -> None:
             return
         except RuntimeError:  # it answered that it may not, or was closed, which is told by itself
             pass
+        except Exception:  # noqa: BLE001  whether anybody is there cannot be asked
+            traceback.print_exc()
+            operator.left(tab)
+            return
         time.sleep(ASKED)
 
 

@@ -1,6 +1,8 @@
 """Shows messages until it is told to end: one thread takes them, this one draws. Nobody waits for either."""
 
+import contextlib
 import threading
+import traceback
 import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
@@ -24,6 +26,7 @@ class Viewer:
         self._scene: Scene | None = None
         self._told: Message | None = None
         self._problem = ""
+        self._broken = ""  # why nothing more of this robot is drawn
         self._turn = 0
 
     def draw(self) -> None:
@@ -37,11 +40,23 @@ class Viewer:
             if self._scene is not None:
                 self._scene.draw(now, self._page.ghost)
             self._turn += 1
-            if self._turn % PLOTS == 0:
+            if self._turn % PLOTS == 0 and not self._broken:
                 self._page.plots.draw()
             if self._turn % WORDS == 1:
                 self._page.say(self._words(now))
         self._server.flush()
+
+    def failed(self, error: Exception) -> None:
+        """Of this robot nothing more is drawn; words are said, and the buttons stay."""
+        if not self._broken:
+            traceback.print_exception(error)
+        self._broken = f"the picture cannot be drawn: {type(error).__name__}: {error}"
+        scene, self._scene = self._scene, None
+        with contextlib.suppress(Exception):
+            if scene is not None:
+                scene.remove()
+        with contextlib.suppress(Exception):
+            self._page.say(words.row("picture", self._broken, words.RED))
 
     def _describe(self, told: Message) -> None:
         """Another robot, or the same one again."""
@@ -50,7 +65,7 @@ class Viewer:
             return
         if self._scene is not None:
             self._scene.remove()
-        self._scene, self._problem = None, ""
+        self._scene, self._problem, self._broken = None, "", ""
         try:
             likeness = Likeness(told)
         except NoLikeness as error:
@@ -73,23 +88,40 @@ class Viewer:
     def _words(self, now: Now) -> str:
         scene = self._scene
         if scene is None:
-            problem = words.row("model", self._problem, words.RED) if self._problem else ""
+            what = "picture" if self._broken else "model"
+            problem = self._broken or self._problem
+            problem = words.row(what, problem, words.RED) if problem else ""
             return problem + words.page(now, None, None, 0)
         return words.page(now, scene.likeness, scene.near, scene.contacts)
 
 
 def run(viewer: Viewer, known: Known, news: Iterable[News], ended: threading.Event) -> None:
     """Until `ended`. When the messages end the last picture stays."""
-    taker = threading.Thread(target=_take, args=(known, news), name="news", daemon=True)
+    taker = threading.Thread(target=take, args=(known, news), name="news", daemon=True)
     taker.start()
     while not ended.wait(PERIOD):
-        viewer.draw()
+        try:
+            viewer.draw()
+        except Exception as error:  # noqa: BLE001  the stop buttons end with this process
+            viewer.failed(error)
 
 
-def _take(known: Known, news: Iterable[News]) -> None:
-    for each in news:
-        known.take(each)
-    known.take(Lost("the messages have ended"))
+def take(known: Known, news: Iterable[News]) -> None:
+    """All the news. What cannot be understood is said: a picture that stands still must not look live."""
+    why, traced = "the messages have ended", False
+    try:
+        for each in news:
+            try:
+                known.take(each)
+            except Exception as error:  # noqa: BLE001  the next message may be one
+                known.take(Lost(f"a message cannot be understood: {type(error).__name__}: {error}"))
+                if not traced:
+                    traceback.print_exc()
+                traced = True
+    except Exception as error:  # noqa: BLE001
+        traceback.print_exc()
+        why = f"the messages have ended: {type(error).__name__}: {error}"
+    known.take(Lost(why))
 
 
 def in_browser(url: str, folder: str) -> None:

@@ -14,6 +14,7 @@ from twind.observe.viewing.likeness import Likeness, Near
 from twind.observe.viewing.news import Message, Now
 
 RED, AMBER, GREEN, GREY = "#c81e1e", "#b86e00", "#1a7f37", "#6b7280"
+OLD = 1.0  # s without news of joints after which the picture is called old
 NAMED = 6  # joints that are named before the rest are counted
 BASES = {
     "fixed": "fixed where the model has it",
@@ -24,7 +25,7 @@ BASES = {
 
 def page(now: Now, likeness: Likeness | None, near: Near | None, contacts: int) -> str:
     """All of it, the most urgent first."""
-    rows = [*_connection(now), *_state(now)]
+    rows = [*_connection(now), *_heard(now), *_state(now)]
     if likeness is not None:
         rows += [*_joints(now, likeness), *_distance(near, contacts), *_base(likeness)]
     rows += [*_refusals(now), *_events(now)]
@@ -41,6 +42,15 @@ def _connection(now: Now) -> list[str]:
     if now.lost is not None:
         return [row("now", now.lost, RED)]
     return [row("now", "nothing was heard yet", AMBER)] if now.status is None else []
+
+
+def _heard(now: Now) -> list[str]:
+    """How old the picture is, while it is drawn: one that stands still looks like a robot that does."""
+    if now.age is None:
+        return []
+    if now.age < OLD:
+        return [row("heard", f"less than {OLD:g} s ago")]
+    return [row("heard", f"{now.age:.0f} s ago: the picture is old", RED)]
 
 
 def _state(now: Now) -> list[str]:
