@@ -8,16 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import recorded
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from twind.ctl.verb import Rejected, UsageError
 from twind.observe import plot
 from twind.observe.plot_lines import MOST, line, marks, worst
-from twind.observe.plotting import DOTS, PAGE, figure
+from twind.observe.plotting import DOTS, PAGE, figure, save
 from twind.observe.recording import Episode, Floats, Hop, Recording, Said, Slow, open_recording
 
 ALL = (-inf, inf)
+ROWS = ("measured", "velocity", "effort", "goal", "simulated")
 
 
 def recording(seconds: float = 2.0, joints: int = 24) -> Recording:
@@ -87,6 +89,31 @@ def test_one_value_that_is_missing_is_bridged_two_are_not() -> None:
         value = np.ones_like(time)
         value[50 : 50 + missing] = nan
         assert np.isnan(line(time, value, ALL).value).sum() == gaps
+
+
+def test_a_value_alone_between_two_gaps_is_a_dot() -> None:
+    time = np.arange(0.0, 1.0, 0.01)
+    value = np.ones_like(time)
+    value[[3, 4, 50, 51, 52, 54, 55, 56, 97, 98]] = nan  # alone: 53 and 99; not: 0 to 2
+    found = line(time, value, ALL)
+    assert found.time[found.alone].tolist() == [time[53], time[99]]
+
+
+def test_the_slower_half_of_a_file_with_two_rates_is_seen() -> None:
+    fast = recording(seconds=1.0, joints=1)
+    time = np.concatenate([fast.time, np.arange(1.0, 10.0, 0.1)])
+    told = np.linspace(0.0, 1.0, time.size)[:, None]
+    nothing = np.full_like(told, nan)
+    rates = {"time": time, "measured": told, "goal": nothing, "velocity": nothing}
+    both = replace(fast, **rates, effort=nothing, simulated=nothing, slow=None, latency={})  # type: ignore[arg-type]
+    page = figure(both, None, ALL)
+    assert isinstance(page.canvas, FigureCanvasAgg)
+    page.canvas.draw()
+    pixels = np.asarray(page.canvas.buffer_rgba())[..., :3].astype(int)
+    box = page.axes[0].get_window_extent()
+    inside = pixels[int(pixels.shape[0] - box.y1) : int(pixels.shape[0] - box.y0), int(box.x0) : int(box.x1)]
+    blue = (inside[..., 2] - inside[..., 0] > 60).any(axis=0)
+    assert blue[int(0.11 * blue.size) :].sum() > 90, "one value of ten a second is at least a column"
 
 
 def test_of_an_hour_every_peak_stays() -> None:
@@ -197,6 +224,37 @@ def test_what_happened_is_marked_with_its_word_and_faults_go_through_every_panel
         (shade,) = panel.patches
         assert shade.get_extents().x0 == pytest.approx(panel.transData.transform((0.0, 0.0))[0])
     assert {text.get_text() for text in page.axes[-1].texts} == {text for _, text, _ in told}
+
+
+def test_what_happened_after_the_last_reading_is_on_the_page() -> None:
+    whole = replace(
+        recording(),
+        events=(Said(2.4, {"level": "error", "code": "STATE_STALE"}),),
+        verdicts=(Said(2.6, {"refusals": [{"code": "NOT_ARMED"}]}),),
+    )
+    page = figure(whole, None, ALL)
+    assert page.axes[0].get_xlim() == (0.0, 2.6)
+    assert [text.get_text() for text in page.axes[-1].texts] == ["STATE_STALE", "refused: NOT_ARMED"]
+    alone = replace(
+        whole,
+        time=np.zeros(0),
+        **dict.fromkeys(ROWS, np.zeros((0, 24))),
+        slow=None,
+        latency={},  # type: ignore[arg-type]
+    )
+    assert labels(figure(alone, None, ALL)) == ["what happened"]
+
+
+def test_a_dollar_in_a_name_or_a_mark_is_no_formula(tmp_path: Path) -> None:
+    annotation = {"kind": "note", "task": None, "success": None, "text": r"cost $\foo$"}
+    whole = replace(
+        recording(joints=2),
+        joints=(r"$\hip$", "knee"),
+        events=(Said(0.2, {"level": "info", "code": "NOTE", "annotation": annotation}),),
+        meta={"individual": r"$\bar$"},
+    )
+    save(figure(whole, None, ALL), tmp_path / "page.png")
+    assert (tmp_path / "page.png").stat().st_size > 10_000
 
 
 # -------------------------------------------------------------------------------------------- the command

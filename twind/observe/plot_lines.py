@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twind.observe.recording import Floats, Recording
 
@@ -22,6 +23,12 @@ class Line:
 
     time: Floats  # s
     value: Floats
+
+    @property
+    def alone(self) -> NDArray[np.intp]:
+        """Places of the values between two gaps, to which no line leads."""
+        known = np.pad(np.isfinite(self.value), 1)
+        return np.flatnonzero(known[1:-1] & ~known[:-2] & ~known[2:])
 
 
 @dataclass(frozen=True, slots=True)

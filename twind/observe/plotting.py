@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -65,7 +66,7 @@ def figure(recording: Recording, joints: Sequence[str] | None, window: Window) -
         )
     made = Figure(figsize=PAGE, dpi=DOTS, layout="constrained")
     FigureCanvasAgg(made)
-    made.suptitle(_title(recording), fontsize=9, x=0.01, ha="left")
+    made.suptitle(_title(recording), fontsize=9, x=0.01, ha="left", parse_math=False)
     grid = made.subplots(len(panels), 1, sharex=True, height_ratios=[height for _, height in panels])
     axes = list(np.atleast_1d(grid))
     for (draw, _), panel in zip(panels, axes, strict=True):
@@ -98,7 +99,9 @@ def _known(recording: Recording, joints: Sequence[str]) -> tuple[str, ...]:
 
 
 def _last(recording: Recording) -> float:
-    return float(recording.time[-1]) if recording.time.size else 0.0
+    """s, of whatever was told last: a fault often comes after the last reading."""
+    times = [each.time for each in (*recording.events, *recording.verdicts)]
+    return max([0.0, *map(float, recording.time[-1:]), *times])
 
 
 def _title(recording: Recording) -> str:
@@ -127,13 +130,11 @@ def _tracking(panel: Axes, sheet: Sheet) -> None:
         for name, each in sheet.columns(recording.time, values):
             if name in sheet.colours:
                 colour = sheet.colours[name]
-                panel.plot(each.time, each.value, style, color=colour, linewidth=1.1, label=f"{name} {style}")
+                _draw(panel, each, style, color=colour, linewidth=1.1, label=f"{name} {style}")
     panel.set_ylabel(f"commanded ···\n{_followed(recording)} —  (rad)", fontsize=8)
     handles = [Line2D([], [], color=colour, label=name) for name, colour in sheet.colours.items()]
     handles += [Line2D([], [], color=GREY, label="the others")] * (len(recording.joints) > len(handles))
-    panel.legend(
-        handles=handles, fontsize=7, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False
-    )
+    _legend(panel, handles=handles, ncols=4)
 
 
 def _followed(recording: Recording) -> str:
@@ -167,21 +168,31 @@ def _joints(panel: Axes, sheet: Sheet, time: Floats, values: Floats, label: str)
     for name, each in sheet.columns(time, values):
         colour = sheet.colours.get(name, GREY)
         width = 1.1 if name in sheet.colours else 0.6
-        panel.plot(each.time, each.value, color=colour, linewidth=width, label=name)
+        _draw(panel, each, color=colour, linewidth=width, label=name)
     panel.set_ylabel(label, fontsize=8)
+
+
+def _draw(panel: Axes, each: Line, style: str = "-", **look: Any) -> None:
+    """The line, and a dot for each value alone, which is no line."""
+    panel.plot(each.time, each.value, style, marker=".", markersize=2.5, markevery=each.alone, **look)
+
+
+def _legend(panel: Axes, **look: Any) -> None:
+    """Above the panel. A dollar in a name is a dollar, no formula."""
+    made = panel.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, **look)
+    for text in made.get_texts():
+        text.set_parse_math(False)
 
 
 def _latency(panel: Axes, sheet: Sheet) -> None:
     for name, colour in zip(HOPS, COLOURS, strict=False):
         each = _hop(sheet, name)
         if each.time.size:
-            panel.plot(each.time, each.value, color=colour, linewidth=0.9, label=name)
+            _draw(panel, each, color=colour, linewidth=0.9, label=name)
     panel.set_yscale("log")
     panel.yaxis.set_major_formatter(ScalarFormatter())
     panel.set_ylabel("latency  (ms)", fontsize=8)
-    panel.legend(
-        fontsize=7, ncols=len(HOPS), loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, borderpad=0.0
-    )
+    _legend(panel, ncols=len(HOPS), borderpad=0.0)
 
 
 def _hop(sheet: Sheet, name: str) -> Line:
@@ -205,6 +216,7 @@ def _happened(panel: Axes, sheet: Sheet) -> None:
                 ha="left" if mark.time < middle else "right",
                 fontsize=6,
                 color=_colour(mark),
+                parse_math=False,
             )
     panel.set_yticks([])
     panel.set_ylim(-0.4, 3.0)
