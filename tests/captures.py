@@ -1,7 +1,8 @@
 """Golden captures: recordings of injected faults, made from a virtual robot over real pseudo-terminals.
 
 `python tests/captures.py make [NAME ...]` makes them anew; `python tests/captures.py cut FILE NAME [SECONDS]`
-makes one of a flight file that somebody sent. Look at NAME.expected.json before you commit it.
+makes one of a flight file that somebody sent; `python tests/captures.py expect [NAME ...]` writes anew what
+must come out. Look at NAME.expected.json before you commit it.
 """
 
 import json
@@ -15,10 +16,12 @@ from typing import Any
 
 import msgspec
 from processes import Daemon, Virtual, daemon, patiently, robot
+from replayed import Replay, figures
 
 from twind.client.errors import as_error
 from twind.flight import Contents, Entry, Flight, Kind, load, save
 from twind.link import Overview, Tick, decode_news
+from twind.observe.flight_news import news
 from twind.observe.replaying.calls import INTERFACE, Line, wait
 from twind.observe.replaying.outcome import Outcome, outcome_of
 from twind.observe.replaying.score import score
@@ -26,6 +29,7 @@ from twind.observe.replaying.score import score
 HERE = Path(__file__).parent / "data" / "captures"
 LARGEST = 150_000  # bytes of a capture
 STATES = 10  # of so many one state is kept, but for those in which something changed
+MARGIN = 0.03  # of the share of recorded answers, for those that another version asks a little later
 JOINT = "head_yaw"
 TO_AND_FRO = ((0.2, 1.0), (-0.2, 2.2), (0.0, 3.2))
 
@@ -231,15 +235,29 @@ def expected(name: str) -> Outcome:
     return outcome_of(json.loads((HERE / f"{name}.expected.json").read_text()))
 
 
+def expected_figures(name: str) -> dict[str, Any]:
+    """Numbers that must come out, and the share of questions (`verbatim`) with their recorded answers."""
+    found: dict[str, Any] = json.loads((HERE / f"{name}.expected.json").read_text())["figures"]
+    return found
+
+
 def names() -> list[str]:
     """Of all captures."""
     return sorted(path.stem for path in HERE.glob("*.flight"))
 
 
 def expect(name: str) -> None:
-    """Write what must come out of a capture anew: what its daemon said."""
+    """Write what must come out of a capture anew: what its daemon said, and how much of it is played."""
     recorded = load(HERE / f"{name}.flight")
-    told = {"why": recorded.meta["why"]} | score(recorded).recorded.plain()
+    asked = score(recorded)
+    with tempfile.TemporaryDirectory() as folder:
+        replay = Replay(recorded, Path(folder))
+        replay.run()
+        verbatim = replay.verbatim
+        replay.close()
+    told = {"why": recorded.meta["why"]} | asked.recorded.plain()
+    share = {"verbatim": round(verbatim - MARGIN, 2)}
+    told["figures"] = share | figures(asked, asked.begin, list(news(recorded)))
     (HERE / f"{name}.expected.json").write_text(json.dumps(told, indent=1) + "\n")
 
 
@@ -248,6 +266,10 @@ def main(arguments: Sequence[str]) -> None:
         flight = load(arguments[1])
         seconds = float(arguments[3]) if len(arguments) > 3 else 30.0
         keep(cut(flight, flight.contents.entries[-1].time - seconds), arguments[2], Path(arguments[1]).name)
+        return
+    if arguments[:1] == ["expect"]:
+        for name in arguments[1:] or names():
+            expect(name)
         return
     assert arguments[:1] == ["make"], __doc__
     for name in arguments[1:] or SCENES:

@@ -5,7 +5,7 @@
 
 import os
 import socket
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,9 @@ from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.loopback import Loopback
 
 LEAD = 2.0  # s until the recording begins: identified and armed
+LATE = 0.02  # share by which a value may differ: what is found a tick later has grown
+WAY = 0.012  # rad: of a joint that moves 0.2 rad/s, in a round of the slow registers
+MISSED = 1 / 8  # share of the errors of a bus: a recorded daemon missed ticks, which this clock does not
 AFTER = 0.05  # s that the replay goes on beyond the recording, for answers that come a tick later
 
 
@@ -56,6 +59,49 @@ def flight(rig: Rig, folder: Path) -> Flight:
     os.close(fd)
     assert rig.recorder is not None
     return Flight({}, msgspec.structs.replace(briefing, binding=b"", described=b""), read(rig.recorder.fd))
+
+
+def figures(asked: Score, begin: float, news: Sequence[Any]) -> dict[str, Any]:
+    """What a loop said in numbers since `begin` (s): of findings, of its buses, of its last goals."""
+    tickets = {each.command.ticket for each in asked.commands if isinstance(each.command, link.Command)}
+    replies = [each for each in news if isinstance(each, link.Reply) and each.ticket in tickets]
+    overviews = [each for each in news if isinstance(each, link.Overview)]
+    before = next((each for each in reversed(overviews) if each.time <= begin), overviews[0])
+    ticks = [each for each in news if isinstance(each, link.Tick) and each.time >= begin]
+    goals = zip(asked.names, np.frombuffer(ticks[-1].goal, "<f8").tolist(), strict=True)
+    errors = zip(before.buses, overviews[-1].buses, strict=True)
+    return {
+        "findings": [[each["code"], each.get("value"), each.get("bound")] for each in _findings(replies)],
+        "errors": {now.name: now.errors - then.errors for then, now in errors},
+        "goals": {name: round(goal, 4) for name, goal in goals if goal == goal},
+    }
+
+
+def _findings(replies: Sequence[link.Reply]) -> Iterator[Mapping[str, Any]]:
+    for each in replies:
+        plain = msgspec.to_builtins(each.parameters)
+        yield from plain.get("findings") or ()
+        yield from (plain.get("verdict") or {}).get("refusals") or ()
+
+
+def unlike(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """What differs between the figures of a recording and those of its replay, in words."""
+    rows = [[(code, bound) for code, _, bound in each["findings"]] for each in (then, now)]
+    if rows[0] != rows[1]:
+        yield f"findings and bounds: recorded {rows[0]}, replayed {rows[1]}"
+    else:
+        for (code, old, bound), (_, new, _) in zip(then["findings"], now["findings"], strict=True):
+            if (old is None) != (new is None) or (old is not None and abs(new - old) > LATE * abs(old)):
+                yield f"{code}: recorded {old} (bound {bound}), replayed {new}"
+    for bus, errors in then["errors"].items():
+        if abs(now["errors"][bus] - errors) > 1 + MISSED * errors:
+            yield f"errors of bus {bus}: recorded {errors}, replayed {now['errors'][bus]}"
+    if then["goals"].keys() != now["goals"].keys():
+        yield f"goals: recorded {list(then['goals'])}, replayed {list(now['goals'])}"
+        return
+    for joint, goal in then["goals"].items():
+        if abs(now["goals"][joint] - goal) > WAY:
+            yield f"goal of {joint}: recorded {goal}, replayed {now['goals'][joint]}"
 
 
 class Replay:
@@ -142,6 +188,16 @@ class Replay:
         news = [each for each in self.news if getattr(each, "time", begin) >= begin]
         commands = [each.command for each in self.score.asked if isinstance(each.command, link.Command)]
         return outcome(Names(self.score.names), begin, commands, news)
+
+    @property
+    def verbatim(self) -> float:
+        """Share of the questions that had their recorded answers."""
+        told = self.told.values()
+        return sum(bus.verbatim for bus in told) / max(1, sum(bus.verbatim + bus.made for bus in told))
+
+    def figures(self) -> dict[str, Any]:
+        """Of what came out."""
+        return figures(self.score, self.score.begin + self.passage.shift, self.news)
 
     def close(self) -> None:
         self.loop.close()

@@ -5,6 +5,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,8 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
-from captures import HERE, LARGEST, STATES, cut, expected, names
-from replayed import Replay, flight, recording
+from captures import HERE, LARGEST, STATES, cut, expected, expected_figures, names
+from replayed import Replay, flight, recording, unlike
 from rig import Rig
 
 from twind import link
@@ -22,6 +23,7 @@ from twind.ctl.main import main
 from twind.ctl.verb import REFUSED, USAGE
 from twind.flight import Contents, Entry, Flight, Kind, load, save
 from twind.observe.recording import open_recording
+from twind.observe.replaying.bus import ToldBus
 from twind.observe.replaying.calls import call
 from twind.observe.replaying.outcome import Answer, Outcome, differences, outcome_of
 from twind.observe.replaying.score import Unplayable, score
@@ -35,22 +37,38 @@ ROUND = 0.06  # s: torque, hardware error and watchdog are read twenty times a s
 
 
 def played(recorded: Flight, folder: Path) -> Outcome:
-    replay = Replay(recorded, folder)
-    try:
+    with closing(Replay(recorded, folder)) as replay:
         return replay.run()
-    finally:
-        replay.close()
 
 
 def found(wanted: Outcome, recorded: Flight, folder: Path) -> list[str]:
     return list(differences(wanted, played(recorded, folder), ROUND))
 
 
+def golden(name: str, folder: Path) -> list[str]:
+    """All in which the replay of a capture is not as it must be."""
+    with closing(Replay(load(HERE / f"{name}.flight"), folder)) as replay:
+        wrong = list(differences(expected(name), replay.run(), ROUND))
+        wanted = expected_figures(name)
+        if replay.verbatim < wanted["verbatim"]:
+            wrong.append(f"verbatim {replay.verbatim:.2f}, at least {wanted['verbatim']}")
+        return wrong + list(unlike(wanted, replay.figures()))
+
+
 @pytest.mark.parametrize("name", names())
 def test_a_golden_capture_comes_out_as_it_was(name: str, tmp_path: Path) -> None:
-    path = HERE / f"{name}.flight"
-    assert path.stat().st_size < LARGEST
-    assert found(expected(name), load(path), tmp_path) == []
+    assert (HERE / f"{name}.flight").stat().st_size < LARGEST
+    assert golden(name, tmp_path) == []
+
+
+def test_without_the_recorded_bytes_a_golden_capture_does_not_come_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(ToldBus, "_find", lambda *_: None)
+    noise = golden("noise", tmp_path / "noise")
+    assert [each.split()[0] for each in noise] == ["verbatim", "errors"], noise
+    silent = golden("silent", tmp_path / "silent")
+    assert [each.split()[0] for each in silent] == ["verbatim"], silent
 
 
 def test_the_captures_hold_what_they_are_for() -> None:
