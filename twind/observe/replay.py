@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, show
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, harmless, show
 
 if TYPE_CHECKING:
     from twind.flight import Flight
@@ -180,7 +180,8 @@ def _report(options: argparse.Namespace, flight: "Flight", played: Played) -> in
         "replayed": played.outcome.plain(),
         "differences": found,
     }
-    show(options, told, "\n".join(_lines(options.file, flight, played, found)))
+    lines = map(harmless, _lines(options.file, flight, played, found))
+    show(options, told, "\n".join(lines))
     return REFUSED if found else DONE
 
 
