@@ -1,12 +1,16 @@
 """`twindctl metrics`: what becomes of the daemon's words, and where it listens. Nothing is served here."""
 
+import argparse
+import errno
 import json
+import os
 import re
 import shutil
 import socket
 import stat
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +22,7 @@ from prometheus_client.openmetrics.exposition import generate_latest as openmetr
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from twind.ctl.verb import Rejected, UsageError
-from twind.observe import metrics
+from twind.observe import metrics, metrics_serve
 from twind.observe.metrics_families import families
 from twind.observe.metrics_news import STALE, Ledger
 from twind.robot.finding import Code
@@ -155,6 +159,45 @@ def test_verdicts_alone_are_no_sign_of_a_loop_that_lives() -> None:
     made = ledger(*WHOLE)
     made.take(verdict(), NOW + STALE + 1.0, WALL)
     assert made.news(NOW + STALE + 1.0) is None
+
+
+@pytest.mark.parametrize(
+    "rubbish",
+    [
+        {"topic": "state", "time": 60.0},
+        {"topic": "status", "time": 60.0, "status": {}},
+        {"topic": "latency", "latency": [{"hop": "reply", "violations": 0}, {}]},
+    ],
+)
+def test_a_message_that_is_not_understood_is_no_news(rubbish: Mapping[str, Any]) -> None:
+    made = ledger(*WHOLE)
+    with pytest.raises(KeyError):
+        made.take(rubbish, NOW + STALE, WALL)
+    assert made.news(NOW + STALE + 0.01) is None, "it counts as heard from"
+    told = Told(made)
+    assert told.value("twind_latency_seconds_count", hop="reply") == 10.0, "half of a message was kept"
+
+
+@pytest.mark.parametrize(
+    ("heard", "ended"), [(WHOLE, 0), ([status(), latency(None)], 3), ([], 3), ([state()], 3)]
+)
+def test_to_print_that_nothing_is_known_is_no_success(
+    heard: list[Mapping[str, Any]],
+    ended: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Saying:
+        timeout = 1.0
+
+        def stream(self, method: str, **parameters: Any) -> Iterator[Mapping[str, Any]]:
+            yield from heard
+
+    monkeypatch.setattr(metrics_serve, "observer", lambda options: nullcontext(Saying()))
+    assert metrics_serve.once(argparse.Namespace(json=False, text=False)) == ended
+    printed = capsys.readouterr()
+    assert f"twind_up {float(ended == 0)}" in printed.out
+    assert ("said too little" in printed.err) == (ended == 3)
 
 
 def test_a_count_goes_down_with_a_new_beginning_alone() -> None:
@@ -355,3 +398,24 @@ def test_a_unix_socket_is_for_its_group_and_replaces_only_one_that_is_dead(tmp_p
         metrics.unix(str(path))
     assert path.read_text() == "mine"
     assert not isinstance(served, str) and served.family == socket.AF_UNIX
+
+
+def test_a_socket_that_is_not_ours_to_touch_is_named_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = tmp_path / "other.sock"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as datagrams:
+        datagrams.bind(str(other))
+        with pytest.raises(Rejected, match=r"other\.sock: Protocol wrong type for socket; name another"):
+            metrics.unix(str(other))
+    with pytest.raises(Rejected, match="Not a directory; name another"):
+        metrics.unix(str(other / "metrics.sock"))
+
+    def refuse(path: str) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", path)
+
+    monkeypatch.setattr(os, "unlink", refuse)  # a dead socket in somebody else's folder; root may do all
+    with socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(tmp_path / "dead.sock"))
+    with pytest.raises(Rejected, match=r"dead\.sock: Permission denied; name another"):
+        metrics.unix(str(tmp_path / "dead.sock"))

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Exit code 0; of --once 3 where there is no daemon: it prints `twind_up 0` then."""
+    """Exit code 0; of --once 3 where no daemon is, or says enough: it prints `twind_up 0` then."""
     if options.text and not options.once:
         raise UsageError("--text needs --once: a scraper asks for the format that it wants")
     from twind.observe import metrics_serve  # 0.1 s of imports that `twindctl --help` need not pay
@@ -75,6 +75,19 @@ def loopback(place: str) -> socket.socket:
 
 def unix(path: str) -> socket.socket:
     """A listener there, 0660; one that nobody answers any more is replaced. Raises Rejected."""
+    try:
+        _make_way(path)
+    except OSError as error:
+        raise Rejected(f"--unix {path}: {error.strerror or error}; name another path") from None
+    before = os.umask(0o117)  # not by a chmod afterwards: nobody else gets in between
+    try:
+        return _bound(socket.socket(socket.AF_UNIX), path, path)
+    finally:
+        os.umask(before)
+
+
+def _make_way(path: str) -> None:
+    """Takes away a socket that nobody serves. Raises Rejected, and OSError: it is not ours to touch."""
     with contextlib.suppress(FileNotFoundError), socket.socket(socket.AF_UNIX) as asking:
         if not stat.S_ISSOCK(os.stat(path).st_mode):
             raise Rejected(f"--unix {path}: something else than a socket is there; name another path")
@@ -84,11 +97,6 @@ def unix(path: str) -> socket.socket:
             os.unlink(path)
         else:
             raise Rejected(f"--unix {path}: somebody serves it already; end that first, or name another path")
-    before = os.umask(0o117)  # not by a chmod afterwards: nobody else gets in between
-    try:
-        return _bound(socket.socket(socket.AF_UNIX), path, path)
-    finally:
-        os.umask(before)
 
 
 def _bound(listener: socket.socket, address: Any, place: str) -> socket.socket:

@@ -76,13 +76,13 @@ class Ledger:
         elif topic == "events":
             self._events[message["event"]["code"]] += 1
         else:
-            self._heard = now
             if topic == "status":
                 self._take_status(message["status"], message["time"], wall - now)
             elif topic == "state":
                 self._joints, self._skew = message["joints"], message.get("skew_ms")
             else:
                 self._take_latencies(message["latency"])
+            self._heard = now  # last: a message that nobody understands is no news
 
     def news(self, now: float) -> News | None:
         """What is known, or None: the daemon is gone, hangs, or has not said enough yet."""
@@ -127,8 +127,8 @@ class Ledger:
 
     def _take_latencies(self, latencies: Sequence[Fields]) -> None:
         """A histogram comes about once a second; between two the last one holds."""
-        before = self._latencies
-        self._latencies = {}
+        now: dict[str, Fields] = {}
         for each in latencies:
-            told = each.get("histogram") or before.get(each["hop"], {}).get("histogram")
-            self._latencies[each["hop"]] = {**each, "histogram": told}
+            told = each.get("histogram") or self._latencies.get(each["hop"], {}).get("histogram")
+            now[each["hop"]] = {**each, "histogram": told}
+        self._latencies = now

@@ -92,6 +92,11 @@ def once(options: argparse.Namespace) -> int:
     except ClientError as error:
         complain(options, error)
         ended = NO_DAEMON
+    if ended == DONE and ledger.news(time.monotonic()) is None:
+        complain(
+            options, ClientError(f"the daemon is there, but said too little within {ONCE:g} s; try again")
+        )
+        ended = NO_DAEMON
     encode = generate_latest if options.text else openmetrics
     print(encode(registry(ledger)).decode(), end="", flush=True)
     return ended
