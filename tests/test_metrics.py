@@ -282,6 +282,41 @@ def test_prometheus_reads_the_older_text_and_its_linter_knows_one_name_to_dislik
     assert said == [], said  # `_created` is OpenMetrics' own name, and no counter to the linter
 
 
+@pytest.mark.parametrize(
+    ("mode", "error"),
+    [("live", {"a": 0.5}), ("mirror", {"a": 0.125, "b": 0.25}), ("sim", {"a": 0.125, "b": 0.25})],
+)
+def test_the_error_on_the_dashboard_is_of_what_follows_the_commands(
+    promtool: str, tmp_path: Path, mode: str, error: Mapping[str, float]
+) -> None:
+    board = json.loads((FILES / "twind-dashboard.json").read_text())
+    (panel,) = [each for each in board["panels"] if each["title"].startswith("Commanded less")]
+    asked = panel["targets"][0]["expr"].replace("$instance", "r").replace("$joint", ".*")
+    told = {"goal": {"a": 1.0, "b": 1.0}, "position": {"a": 0.5}, "simulated": {"a": 0.875, "b": 0.75}}
+    series = {
+        f'twind_joint_{name}_radians{{job="twind", instance="{robot}", joint="{joint}"}}': value
+        for name, joints in told.items()
+        for joint, value in joints.items()
+        for robot in ("r", "another")
+    }
+    for each in ("live", "mirror", "sim"):
+        series[f'twind_mode{{job="twind", instance="r", twind_mode="{each}"}}'] = float(each == mode)
+        series[f'twind_mode{{job="twind", instance="another", twind_mode="{each}"}}'] = float(each == "live")
+    samples = [
+        {"labels": f'{{job="twind", instance="r", joint="{joint}"}}', "value": value}
+        for joint, value in error.items()
+    ]
+    test = {
+        "interval": "10s",
+        "input_series": [{"series": name, "values": f"{value}x3"} for name, value in series.items()],
+        "promql_expr_test": [{"expr": asked, "eval_time": "20s", "exp_samples": samples}],
+    }
+    file = tmp_path / "tests.yml"
+    file.write_text(yaml.safe_dump({"rule_files": [], "evaluation_interval": "10s", "tests": [test]}))
+    done = subprocess.run([promtool, "test", "rules", str(file)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 ALERTS: Mapping[str, Mapping[str, str]] = {
     "TwindMetricsDown": {'up{job="twind", instance="r"}': "0x30"},
     "TwindDown": {'twind_up{instance="r"}': "0x30"},
