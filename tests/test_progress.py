@@ -5,8 +5,10 @@ import fcntl
 import io
 import os
 import pty
+import re
 import struct
 import termios
+from pathlib import Path
 
 import pytest
 
@@ -128,3 +130,31 @@ def test_things_are_told_as_they_are_taken(monkeypatch: pytest.MonkeyPatch) -> N
     shown = told.out.getvalue().split("\r")[1:]
     assert [line.split()[2] for line in shown] == ["0%", "25%", "50%", "75%"]
     assert [line.split()[-1] for line in shown] == [f"{letter}\x1b[K" for letter in "abcd"]
+
+
+TOLD = {  # which verbs each file with a progress serves
+    "calibrating/endstopping.py": ("calibrate endstop",),
+    "calibrating/scanning.py": ("calibrate scan",),
+    "ctl/check.py": ("check robot",),
+    "ctl/devices.py": ("scan",),
+    "ctl/motion.py": ("move", "play"),
+    "doctor/__init__.py": ("doctor",),
+    "observe/export.py": ("export",),
+    "observe/record_run.py": ("record",),
+    "observe/recover.py": ("recover",),
+    "proving/verb.py": ("calibrate prove",),
+    "twind_calibration/port_scan.py": ("scan",),
+}
+
+
+def test_the_page_names_every_verb_that_tells_its_progress_and_no_other() -> None:
+    root = Path(__file__).parents[1]
+    files = [*(root / "twind").rglob("*.py"), *(root / "calibration" / "twind_calibration").rglob("*.py")]
+    telling = [file for file in files if "import Progress\n" in file.read_text(encoding="utf-8")]
+    found = {"/".join(file.parts[-2:]) for file in telling}
+    assert found - {"calibrating/board.py"} == set(TOLD)  # the board has a progress of another kind
+    page = (root / "docs" / "observe.md").read_text(encoding="utf-8")
+    said = page.split("## Progress of long work\n")[1].split(" say on a terminal")[0]
+    assert sorted(re.findall(r"`([^`]+)`", said)) == sorted(
+        {verb for verbs in TOLD.values() for verb in verbs}
+    )
