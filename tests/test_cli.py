@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -263,6 +264,42 @@ def test_the_end_asks_for_the_time_that_lowering_takes_and_the_start_names_the_g
     assert daemon.returncode == 0
     assert told.split() == [b"STOPPING=1", b"EXTEND_TIMEOUT_USEC=30000000"]
     assert "control socket for group " in log
+
+
+@pytest.mark.parametrize(
+    ("mode", "virtual", "folder"),
+    [
+        ("live", False, "flight"),
+        ("mirror", False, "flight"),
+        ("sim", False, "flight/sim"),
+        ("sim", True, "flight/virtual"),
+        ("live", True, "flight/virtual"),
+    ],
+)
+def test_a_robot_that_is_none_writes_its_faults_beside_those_of_the_real_one(
+    tmp_path: Path, mode: str, virtual: bool, folder: str
+) -> None:
+    settings: Any = SimpleNamespace(mode=mode, state_dir=tmp_path)
+    assert cli._flights(settings, virtual=virtual) == tmp_path / folder
+
+
+def test_what_the_fail_safe_did_is_written_without_urgency_and_nothing_about_it_ends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    done: list[str] = []
+
+    def broken(*_: Any, **__: Any) -> None:
+        done.append("briefing")
+        raise UnicodeEncodeError("utf-8", "\udc80", 0, 1, "surrogates not allowed")
+
+    monkeypatch.setattr(cli.realtime, "leave", lambda: done.append("leave"))
+    monkeypatch.setattr(cli.assembly, "briefing", broken)
+    settings = SimpleNamespace(mode="live", state_dir=tmp_path, parameters=dict)
+    described: Any = SimpleNamespace(settings=settings, rate_hz=100.0, files={})
+    nobody: Any = None
+    cli._write(described, nobody, nobody, "live")
+    assert done == ["leave", "briefing"]
+    assert "could not be written down: UnicodeEncodeError" in capfd.readouterr().err
 
 
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:

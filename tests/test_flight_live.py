@@ -1,6 +1,9 @@
 """The recorder of a real daemon: dumped, left behind by a kill, and of no harm where it cannot be written."""
 
+import contextlib
+import os
 import signal
+import socket
 import stat
 from pathlib import Path
 
@@ -15,15 +18,16 @@ from twind.flight import Kind, load
 pytestmark = pytest.mark.realtime
 
 
-def daemon(tmp_path: Path) -> Daemon:
+def daemon(tmp_path: Path, **more: str) -> Daemon:
     """In sim mode, which needs no robot, and has ticked."""
-    started = Daemon(tmp_path / "run", "--mode", "sim", environment={"STATE_DIRECTORY": str(tmp_path)})
+    environment = {"STATE_DIRECTORY": str(tmp_path), **more}
+    started = Daemon(tmp_path / "run", "--mode", "sim", environment=environment)
     started.reach()
     return started
 
 
 def files(tmp_path: Path) -> list[Path]:
-    return sorted((tmp_path / "flight").glob("flight-*.flight"))
+    return sorted((tmp_path / "flight" / "sim").glob("flight-*.flight"))
 
 
 def test_twindctl_dump_prints_the_path_of_a_file_that_holds_what_was_said(
@@ -62,7 +66,7 @@ def test_the_front_of_a_loop_that_was_killed_writes_it_down_before_it_ends(tmp_p
         assert twind.end(signal.SIGKILL) == -signal.SIGKILL
         with pytest.raises(ClientError):
             list(client.stream("Monitor", topics=["state"], rate=100.0))
-        assert files(tmp_path) == []  # clients know at once, not when the file is written
+        assert Path(f"/proc/{front}").exists()  # clients know at once, not when the file is written
     until(lambda: not Path(f"/proc/{front}").exists(), 10.0, "a front that ends")
     (path,) = files(tmp_path)
     flight = load(path)
@@ -89,3 +93,30 @@ def test_where_it_cannot_be_written_that_is_told_and_the_daemon_goes_on(tmp_path
     finally:
         assert twind.end() == 0
     assert (tmp_path / "flight").read_text() == "no folder"
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_the_manager_lets_go_of_the_recorder_when_the_front_has_done_its_work(
+    tmp_path: Path, stuck: bool
+) -> None:
+    """A front that had to be killed at the end may have had a file to write."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(10.0)
+        twind = daemon(tmp_path, NOTIFY_SOCKET=str(tmp_path / "notify"))
+        front = twind.front()
+        assert front is not None
+        while b"FDSTORE=1" not in manager.recv(4096):
+            pass
+        if stuck:
+            os.kill(front, signal.SIGSTOP)
+        assert twind.end() == 0
+        told: list[str] = []
+        manager.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                told.append(manager.recv(4096).decode())
+    endings = [place for place, said in enumerate(told) if said.startswith("STOPPING=1")]
+    assert len(endings) == 2  # when it is told to end; before the front is waited for
+    drops = [place for place, said in enumerate(told) if said.startswith("FDSTOREREMOVE=1")]
+    assert drops == [] if stuck else len(drops) == 1 and drops[0] > endings[1]

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import threading
 from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,9 +12,11 @@ import pytest
 from stand_in import briefing, overview, tick
 
 from twind import link
-from twind.flight import Kind, Ring, load
+from twind.briefing import fingerprint
+from twind.flight import FlightError, Kind, Ring, copy, load
 from twind.front import flight as module
-from twind.front.flight import AFTERMATH, AGAIN, Flights, Recorded
+from twind.front.flight import AFTERMATH, AGAIN, WRECK_AGAIN, Flights, Recorded
+from twind.front.flight_folder import Folder
 from twind.front.world import World
 
 
@@ -25,6 +28,12 @@ def ring() -> Iterator[Ring]:
     ring.close()
 
 
+def recorded(folder: Path, ring: Ring | int, wreck: Ring | int | None = None) -> Recorded:
+    """As a front is handed them: descriptors of its own."""
+    fds = [None if one is None else os.dup(one if isinstance(one, int) else one.fd) for one in (ring, wreck)]
+    return Recorded(folder, *fds)
+
+
 class Front:
     """As much of a front as there needs to be; its time is ours."""
 
@@ -34,7 +43,11 @@ class Front:
         self.world.take(tick(1.0, 1, 2))
         self.world.take(overview(1.0, 1, 2))
         self.log, self.lines = SimpleNamespace(say=self._say), list[tuple[str, str]]()
+        self.link, self.owed = SimpleNamespace(owe=self._owe), list[Any]()
         self.time = 100.0
+
+    def _owe(self, command: Any) -> None:
+        self.owed.append(command)
 
     def now(self) -> float:
         return self.time
@@ -83,7 +96,7 @@ def test_a_fault_is_written_with_what_followed_and_by_what_latched_it(
 ) -> None:
     async def story() -> None:
         front = Front()
-        flights = Flights(front, Recorded(tmp_path, ring.fd))  # type: ignore[arg-type]
+        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         flights.event(event("LATENCY_WARN", "warning", 49.0))
         for code in ("BUS_ERRORS", "STATE_STALE", "LOOP_LATE"):
             flights.event(event(code, "warning"))
@@ -112,7 +125,7 @@ def test_a_fault_is_written_with_what_followed_and_by_what_latched_it(
 def test_faults_that_follow_at_once_share_a_file_and_none_goes_unwritten(ring: Ring, tmp_path: Path) -> None:
     async def story() -> None:
         front = Front()
-        flights = Flights(front, Recorded(tmp_path, ring.fd))  # type: ignore[arg-type]
+        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         written = []
         for step in range(300):  # a fault each 0.5 s for half a minute, rounds of 0.1 s
             if step % 5 == 0:
@@ -133,7 +146,7 @@ def test_faults_that_follow_at_once_share_a_file_and_none_goes_unwritten(ring: R
 def test_what_no_operator_must_acknowledge_is_not_written(ring: Ring, tmp_path: Path, code: str) -> None:
     async def story() -> None:
         front = Front()
-        flights = Flights(front, Recorded(tmp_path, ring.fd))  # type: ignore[arg-type]
+        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         flights.event(event(code, "error"))
         flights.event(event("END"))
         front.time += 60.0
@@ -147,7 +160,7 @@ def test_what_no_operator_must_acknowledge_is_not_written(ring: Ring, tmp_path: 
 def test_a_dump_is_answered_with_its_path_and_takes_only_names_of_files(ring: Ring, tmp_path: Path) -> None:
     async def story() -> None:
         front = Front()
-        flights = Flights(front, Recorded(tmp_path / "new", ring.fd))  # type: ignore[arg-type]
+        flights = Flights(front, recorded(tmp_path / "new", ring))  # type: ignore[arg-type]
         for name in ("", "../x", "a b", "x" * 65, "ä", "a/b", "a.b"):
             call = Call(name=name)
             flights.dump(call)  # type: ignore[arg-type]
@@ -190,7 +203,7 @@ def test_a_disk_that_takes_nothing_costs_a_line_and_is_counted(
 
     async def story() -> None:
         front = Front()
-        flights = Flights(front, Recorded(tmp_path, ring.fd))  # type: ignore[arg-type]
+        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         monkeypatch.setattr(os, "fsync", full)
         call = Call()
         flights.dump(call)  # type: ignore[arg-type]
@@ -225,7 +238,7 @@ def test_only_a_loop_that_died_without_farewell_has_crashed(
     monkeypatch.setattr(module, "ORPHANED", 0.0)
 
     async def story() -> None:
-        flights = Flights(Front(), Recorded(tmp_path, ring.fd))  # type: ignore[arg-type]
+        flights = Flights(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
         if farewell:
             flights.event(event("END"))
         if orphaned:
@@ -239,29 +252,190 @@ def test_only_a_loop_that_died_without_farewell_has_crashed(
 def test_the_recorder_of_a_daemon_that_is_gone_is_written_at_once_and_let_go(
     ring: Ring, tmp_path: Path
 ) -> None:
-    wreck = os.dup(ring.fd)
+    given = recorded(tmp_path, ring, ring)
 
     async def story() -> None:
         front = Front()
-        flights = Flights(front, Recorded(tmp_path, ring.fd, wreck))  # type: ignore[arg-type]
+        flights = Flights(front, given)  # type: ignore[arg-type]
+        assert front.owed == []  # until then it is kept
         await settled(flights)
+        assert front.owed == [link.WreckDone()]
         flights.event(event("END"))
         await flights.end()
         assert names(tmp_path) == ["CRASH"]
         meta = load(next(tmp_path.iterdir())).meta
-        assert (meta["reason"], meta["state"]) == ("crash", None)
+        assert (meta["reason"], meta["state"], meta["files"]) == ("crash", None, "unknown")
 
     run(story)
-    with pytest.raises(OSError, match="Bad file"):
-        os.fstat(wreck)
+    for fd in (given.ring, given.wreck):
+        assert fd is not None
+        with pytest.raises(OSError, match="Bad file"):
+            os.fstat(fd)
+
+
+@pytest.mark.parametrize(("version", "files"), [("", "same"), ("0.0.9", "other")])
+def test_whether_its_files_are_those_that_are_told_of_it_is_told_too(
+    ring: Ring, tmp_path: Path, version: str, files: str
+) -> None:
+    async def story() -> None:
+        front = Front()
+        told = front.world.briefing
+        ring.sign(fingerprint(version or told.version, told.files))
+        flights = Flights(front, recorded(tmp_path, ring, ring))  # type: ignore[arg-type]
+        await settled(flights)
+        assert load(next(tmp_path.iterdir())).meta["files"] == files
+        await flights.end()
+
+    run(story)
+
+
+def test_a_crash_that_another_file_tells_of_is_let_go_too(ring: Ring, tmp_path: Path) -> None:
+    async def story() -> None:
+        for _ in range(2):
+            front = Front()
+            flights = Flights(front, recorded(tmp_path, ring, ring))  # type: ignore[arg-type]
+            await settled(flights)
+            assert front.owed == [link.WreckDone()]
+            flights.event(event("END"))
+            await flights.end()
+        assert front.lines == [("info", "FLIGHT_LEFT_OUT")]
+        assert names(tmp_path) == ["CRASH"]
+
+    run(story)
+
+
+@pytest.mark.parametrize("mended", [True, False])
+def test_a_crash_that_cannot_be_written_is_kept_and_tried_once_more(
+    ring: Ring, tmp_path: Path, mended: bool
+) -> None:
+    folder = tmp_path / "flight"
+    folder.write_text("no folder")
+
+    async def story() -> None:
+        front = Front()
+        flights = Flights(front, recorded(folder, ring, ring))  # type: ignore[arg-type]
+        await settled(flights)
+        assert front.lines == [("error", "FLIGHT_NOT_WRITTEN")]
+        front.time += WRECK_AGAIN - 0.1
+        flights.tend(front.time)
+        await settled(flights)
+        assert (len(front.lines), front.owed) == (1, [])
+        if mended:
+            folder.unlink()
+        front.time += 0.2
+        for _ in range(3):
+            flights.tend(front.time)
+            await settled(flights)
+            front.time += WRECK_AGAIN
+        assert front.owed == [link.WreckDone()]
+        assert front.lines[1:] == [("info", "FLIGHT_WRITTEN") if mended else ("error", "FLIGHT_NOT_WRITTEN")]
+        flights.event(event("END"))
+        await flights.end()
+
+    run(story)
 
 
 def test_a_wreck_that_is_none_costs_a_line(ring: Ring, tmp_path: Path) -> None:
+    foreign = os.memfd_create("foreign")
+
     async def story() -> None:
         front = Front()
-        flights = Flights(front, Recorded(tmp_path, ring.fd, os.memfd_create("foreign")))  # type: ignore[arg-type]
+        flights = Flights(front, recorded(tmp_path, ring, foreign))  # type: ignore[arg-type]
         await settled(flights)
         assert front.lines == [("error", "FLIGHT_NOT_WRITTEN")]
+
+    run(story)
+    os.close(foreign)
+
+
+@pytest.mark.parametrize("name", ["CRASH", "FAILSAFE"])
+def test_names_of_the_daemon_s_own_files_are_not_to_be_had(ring: Ring, tmp_path: Path, name: str) -> None:
+    async def story() -> None:
+        flights = Flights(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
+        call = Call(name=name)
+        flights.dump(call)  # type: ignore[arg-type]
+        assert call.answers == ["invalid name"]
+
+    run(story)
+
+
+def test_whoever_asks_is_answered_also_where_the_folder_leaves_it_out(
+    ring: Ring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def story() -> None:
+        flights = Flights(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
+        monkeypatch.setattr(Folder, "write", lambda *_: None)
+        for _ in range(2):
+            call = Call()
+            flights.dump(call)  # type: ignore[arg-type]
+            await settled(flights)
+            assert call.answers == ["NotWritten"]
+
+    run(story)
+
+
+def test_without_a_thread_it_is_said_and_goes_on_when_there_is_one_again(
+    ring: Ring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(_thread: Any) -> None:
+        raise RuntimeError("can't start new thread")
+
+    async def story() -> None:
+        front = Front()
+        monkeypatch.setattr(threading.Thread, "start", none)
+        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
+        call, again = Call(), Call()
+        flights.dump(call)  # type: ignore[arg-type]
+        assert call.answers == ["NotWritten"]
+        flights.event(event("fault"))
+        front.time += 60.0
+        flights.tend(front.time)
+        assert front.lines == [("error", "FLIGHT_NOT_WRITTEN")] * 2
+        assert front.world.flight is not None  # the rest of the round is done
+        monkeypatch.undo()
+        flights.dump(again)  # type: ignore[arg-type]
+        await settled(flights)
+        assert names(tmp_path) == ["DUMP"]  # and nothing of what was told as lost
+        assert len(again.answers) == 1
+
+    run(story)
+
+
+def test_the_thread_that_packs_is_as_urgent_as_the_front_since_both_share_one_interpreter(
+    ring: Ring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[int] = []
+
+    def look(fd: int) -> Any:
+        found.append(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+        return copy(fd)
+
+    async def story() -> None:
+        monkeypatch.setattr(module, "copy", look)
+        flights = Flights(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights.dump(Call())  # type: ignore[arg-type]
+        await settled(flights)
+
+    run(story)
+    assert found == [os.getpriority(os.PRIO_PROCESS, 0)]
+
+
+@pytest.mark.parametrize("broken", [(float("nan"), 7), None])
+def test_what_the_ring_does_not_say_at_this_moment_is_no_reason_to_stop(
+    ring: Ring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: Any
+) -> None:
+    def told(_fd: int) -> Any:
+        if broken is None:
+            raise FlightError("ring", "is none", "")
+        return broken
+
+    async def story() -> None:
+        front = Front()
+        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
+        monkeypatch.setattr(module, "held", told)
+        flights.tend(front.time)
+        assert front.world.flight is not None
+        assert front.world.flight["span_s"] == 0.0
 
     run(story)
 
@@ -270,7 +444,7 @@ def test_the_status_says_how_much_is_held(ring: Ring, tmp_path: Path) -> None:
     async def story() -> None:
         front = Front()
         front.time = 31.0
-        flights = Flights(front, Recorded(tmp_path, ring.fd))  # type: ignore[arg-type]
+        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         flights.tend(front.time)
         assert front.world.flight == {"span_s": 30.0, "bytes": 16 + 4, "last": None}
 

@@ -93,6 +93,16 @@ def front() -> Iterator[Front]:
             end.close()
 
 
+class Wreck:
+    """What was left by a daemon before."""
+
+    def __init__(self) -> None:
+        self.dones = 0
+
+    def done(self) -> None:
+        self.dones += 1
+
+
 @pytest.fixture
 def end(front: Front) -> Link:
     return Link(front)  # type: ignore[arg-type]
@@ -385,3 +395,20 @@ def test_what_a_front_passed_on_before_it_died_is_still_heard(front: Front, end:
     assert end.lost
     assert [each.command.level for each in end.commands(1.01)] == ["cut"]
     assert end.commands(1.02) == []
+
+
+def test_what_was_left_before_is_let_go_when_the_front_says_so_and_nobody_writes_that_down(
+    front: Front,
+) -> None:
+    recorded: list[bytes] = []
+    end = Link(front, lambda _, data: recorded.append(data))  # type: ignore[arg-type]
+    front.wreck = Wreck()  # type: ignore[attr-defined]
+    end.tend(1.0)
+    front.send(link.Heartbeat())
+    assert end.commands(2.0) == []
+    assert front.wreck.dones == 0  # type: ignore[attr-defined]
+    front.send(link.WreckDone())
+    assert end.commands(3.0) == []
+    assert front.wreck.dones == 1  # type: ignore[attr-defined]
+    assert front.said[-1] == "alive at 3"
+    assert recorded == []

@@ -1,6 +1,7 @@
 """What a front is told of the robot before it serves anybody: handed over in a sealed memfd, as msgpack."""
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -47,3 +48,9 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
     needs_restart: Sequence[str] = ()
     briefing: Briefing | None = None
     error: str = ""
+
+
+def fingerprint(version: str, files: Mapping[str, str]) -> bytes:
+    """16 bytes that stand for a version and the files it read (path -> sha256)."""
+    told = msgspec.msgpack.encode((version, sorted(files.items())))
+    return hashlib.blake2b(told, digest_size=16).digest()

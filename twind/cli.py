@@ -12,12 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
+from twind.briefing import fingerprint
 from twind.config.files import Described, Sources, UsageError, describe, packed
 from twind.config.located import ConfigError
 from twind.config.ports import virtual_port
 from twind.config.robot_file import load_robot
+from twind.config.settings import Settings
 from twind.flight import copy
-from twind.front.flight_folder import Folder, meta_of, plain
+from twind.front.flight_folder import FAILSAFE, Folder, meta_of, plain
 from twind.loop import assembly, realtime, tape
 from twind.loop.described import Robot
 from twind.loop.failsafe import Aloud, Failsafe
@@ -29,6 +31,7 @@ from twind.loop.sockets import GROUPS, NAMES, WRECK, SocketError, group_of, hand
 from twind.loop.tape import Recorder
 from twind.loop.tick import Loop
 from twind.loop.virtual_child import VirtualChild, VirtualError
+from twind.loop.wreck import Wreck
 from twind.robot.modes import Mode
 from twind.safety.gate import Thresholds
 from twind.streams import lines, stand_in_for_closed, tell
@@ -39,6 +42,7 @@ from twind_drivers.clock import MonotonicClock
 
 FAILED, USAGE, TAKEN = 1, 2, 3
 LOWERING = 30.0  # s the service manager is asked for: two ways to the rest pose, coming to rest, an e-stop
+ENDING = 10.0  # s it is asked for once the loop has ended: ports are closed, the front ends
 STARTING = (
     60.0  # s it is asked for before READY: a large model on a small machine, ports that are slow to open
 )
@@ -107,6 +111,8 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     hang_ups = HangUps()  # before all that takes time
     inherited = handed_over()  # before any child: LISTEN_* is not for it
     stack.callback(inherited.close)
+    wreck = Wreck(inherited.wreck)
+    stack.callback(wreck.close)
     sources = _sources(options)
     if options.virtual:
         sources = _with_virtual(sources, stack)
@@ -131,11 +137,23 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         packed(sources, described),
     )
     recorder = tape.recorder(described.robot, described.rate_hz, MonotonicClock())
-    folder = _flights(settings.state_dir, virtual=options.virtual)
-    link = assembly.front(briefing, sockets["control"], sockets["observe"], recorder, folder, inherited.wreck)
+    if recorder is not None:
+        recorder.sign(fingerprint(__version__, described.files))
+    folder = _flights(settings, virtual=options.virtual)
+    link = assembly.front(briefing, sockets["control"], sockets["observe"], recorder, folder, wreck)
     loop = _loop(described, one, buses, link, notifier, recorder)
-    notifier.drop(WRECK) if recorder is None else notifier.store(WRECK, recorder.fd)
-    return run(loop, notifier, sockets, hang_ups)
+
+    def keep() -> None:
+        """Our recorder over our death, in place of who came before."""
+        notifier.drop(WRECK) if recorder is None else notifier.store(WRECK, recorder.fd)
+
+    wreck.then = keep  # until then the store holds what they left: we may die sooner than it is written
+    if wreck.fd is None:
+        keep()
+    run(loop, notifier, sockets, hang_ups)
+    if link.front.ended_well and wreck.fd is None:  # it has written what there was to write
+        notifier.drop(WRECK)
+    return 0
 
 
 def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
@@ -153,7 +171,7 @@ def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
     notifier = Notifier()
     stack.callback(notifier.close)
     recorder = tape.recorder(described.robot, described.rate_hz, MonotonicClock())
-    aloud = Aloud(2) if recorder is None else Aloud(2, recorder.link)
+    aloud = Aloud(2, None if recorder is None else recorder.link)
     loop = _loop(described, one, buses, aloud, notifier, recorder)
     failsafe = Failsafe(loop)
 
@@ -183,23 +201,29 @@ def _made(described: Described) -> tuple[Robot, Buses]:
     return one, Buses(robot, one.binding.joint_map, described.ports, described.rate_hz)
 
 
-def _flights(state_dir: Path, *, virtual: bool = False) -> Path:
-    """Where flight recorders are written to. A virtual robot's faults push no real one's out."""
-    folder = state_dir.absolute() / "flight"
-    return folder / "virtual" if virtual else folder
+def _flights(settings: Settings, *, virtual: bool = False) -> Path:
+    """Where flight recorders are written to. Those of a virtual or simulated robot push no real one's out."""
+    folder = settings.state_dir.absolute() / "flight"
+    if virtual:
+        return folder / "virtual"
+    return folder / "sim" if settings.mode == "sim" else folder
 
 
 def _write(described: Described, one: Robot, recorder: Recorder, mode: str) -> None:
-    """What the fail-safe saw and did: torque is off by now, or the robot left as it is."""
+    """What the fail-safe saw and did: torque is off by now, or the robot left as it is.
+
+    Nothing about it is urgent, and nothing that goes wrong with it changes what is told of the robot.
+    """
+    realtime.leave()
     settings = described.settings
-    folder = Folder(_flights(settings.state_dir))
+    folder = Folder(_flights(settings))
     try:
         briefing = assembly.briefing(one, described.rate_hz, settings.parameters(), files=described.files)
-        meta = meta_of(briefing, "failsafe", "FAILSAFE", mode)
-        path = folder.write("FAILSAFE", meta, plain(briefing), copy(recorder.fd))
+        meta = meta_of(briefing, "failsafe", FAILSAFE, mode)
+        path = folder.write(FAILSAFE, meta, plain(briefing), copy(recorder.fd))
         tell(2, "info", f"twind --failsafe: what was done is written down in {path}")
-    except OSError as error:
-        tell(2, "warning", f"twind --failsafe: what was done could not be written down: {error}")
+    except Exception as error:  # noqa: BLE001 - the robot is down, or left, whatever breaks here
+        tell(2, "warning", f"twind --failsafe: what was done could not be written down: {error!r}")
 
 
 def _loop(
@@ -233,7 +257,7 @@ def _loop(
     )
 
 
-def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket], hang_ups: HangUps) -> int:
+def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket], hang_ups: HangUps) -> None:
     """Tick until told to end. A second signal does not cut the settling short."""
 
     def end() -> None:
@@ -260,9 +284,9 @@ def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket], ha
     try:
         loop.run()
     finally:
+        # However it ends: the watchdog is fed no longer, and the front has some seconds for its last words.
+        notifier.send(STOPPING="1", EXTEND_TIMEOUT_USEC=f"{ENDING * 1e6:.0f}")
         loop.close()
-        notifier.drop(WRECK)  # the front has written what there was to write
-    return 0
 
 
 def _what(loop: Loop) -> str:

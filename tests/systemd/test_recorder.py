@@ -81,5 +81,28 @@ def test_an_end_that_was_asked_for_is_no_crash(recorded: Service) -> None:
         path.unlink()
     recorded.machine.run("systemctl", "restart", recorded.unit, seconds=20.0)
     recorded.reach(hw_connected=True)
-    time.sleep(0.5)
+    with (
+        recorded.client() as client
+    ):  # files are written one after the other: a crash would be there before it
+        client.call("DumpRecorder", name="after")
     assert crashes(recorded) == []
+
+
+def test_a_crash_that_cannot_be_written_yet_is_not_lost_by_the_next_one(recorded: Service) -> None:
+    folder = recorded.machine.inside(FLIGHTS)
+    aside = folder.with_name("flight-aside")
+    folder.rename(aside)
+    folder.write_text("no folder")
+    recorded.reset()  # starts are counted
+    try:
+        at = crash(recorded)
+        recorded.says(5.0, "a line", lambda line: line.get("TWIND_CODE") == "FLIGHT_NOT_WRITTEN")
+        assert recorded.show("NFileDescriptorStore") == "1"
+    finally:
+        folder.unlink()
+        aside.rename(folder)
+    crash(recorded)
+    (path,) = recorded.machine.until(lambda: crashes(recorded), 10.0, "a file of the crash")
+    flight = load(path)
+    assert flight.contents.entries[-1].time < at + 1.0  # the first one's
+    assert flight.meta["files"] == "same"

@@ -10,18 +10,19 @@ import asyncio
 import contextlib
 import os
 import re
-import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from math import inf, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twind.flight import copy, held
+from twind.briefing import fingerprint
+from twind.flight import FlightError, copy, held, signature
 from twind.front.calls import Call
-from twind.front.flight_folder import CRASH, Folder, meta_of, plain
+from twind.front.flight_folder import CRASH, FAILSAFE, Folder, meta_of, plain
 from twind.front.log import printable
 from twind.front.world import encode
-from twind.link import Event
+from twind.link import Event, WreckDone
 from twind.robot.modes import State
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ AGAIN = 10.0  # s between two files of faults
 CAUSE = 0.05  # s before a fault in which its cause was told
 LOOK = 1.0  # s between two looks at how much the ring holds
 ORPHANED = 0.3  # s after which a process whose parent has died has another one
+WRECK_TRIES, WRECK_AGAIN = 2, 30.0  # to write a crash of before; s between them: a disk may have room by then
 NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
@@ -45,6 +47,17 @@ class Recorded:
     wreck: int | None = None  # of a daemon before this one that is gone
 
 
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """A file that is to be written: of what ring, why, by what name, and who asked for it."""
+
+    ring: int
+    reason: str
+    label: str
+    call: Call | None = None
+    wreck: bool = False
+
+
 class Flights:
     """What waits to be written, and what was."""
 
@@ -52,7 +65,7 @@ class Flights:
         self._front, self._parent = front, os.getppid()
         self._recorded = recorded or Recorded(Path())
         self._folder = Folder(self._recorded.folder)
-        self._thread = ThreadPoolExecutor(1, "flight", _stand_back)
+        self._thread = ThreadPoolExecutor(1, "flight")
         self._causes: list[Event] = []
         self._due: float | None = None  # s, when the file of a fault is written
         self._reason, self._told = "", list[str]()  # of it: the state, and what was told just before
@@ -61,8 +74,9 @@ class Flights:
         self._asked = 0  # calls that wait for their file
         self.last: str | None = None  # path of the last file
         self.failed = 0  # files that could not be written
-        if self._recorded.wreck is not None:
-            self._begin(self._recorded.wreck, "crash", CRASH, wreck=True)
+        self._wreck_tries = 0
+        self._wreck_due: float | None = None if self._recorded.wreck is None else -inf
+        self._rescue(-inf)
 
     # ----------------------------------------------------------------------------- what makes one due
 
@@ -79,15 +93,24 @@ class Flights:
         """Once per round of housekeeping."""
         if self._due is not None and now >= self._due:
             self._write_due()
+        self._rescue(now)
         if now >= self._look:
             self._show(now)
+
+    def _rescue(self, now: float) -> None:
+        """What a daemon before us left behind is written, and once more where that failed."""
+        if self._wreck_due is not None and now >= self._wreck_due and self._recorded.wreck is not None:
+            self._wreck_due, self._wreck_tries = None, self._wreck_tries + 1
+            self._begin(_Wanted(self._recorded.wreck, "crash", CRASH, wreck=True))
 
     def _show(self, now: float) -> None:
         """In the status."""
         self._look = now + LOOK
         if self._recorded.ring is not None:
-            oldest, size = held(self._recorded.ring)
-            span = 0.0 if oldest is None else max(0.0, now - oldest)
+            oldest, size = None, 0
+            with contextlib.suppress(FlightError):
+                oldest, size = held(self._recorded.ring)
+            span = 0.0 if oldest is None or isnan(oldest) else max(0.0, now - oldest)
             self._front.world.flight = {"span_s": round(span, 1), "bytes": size, "last": self.last}
 
     def dump(self, call: Call) -> None:
@@ -98,21 +121,26 @@ class Flights:
         elif name is not None and not NAME.fullmatch(name):
             said = printable(name[:40])
             call.invalid("name", f"{said!r} is no part of a file's name: 1 to 64 of A-Z a-z 0-9 _ -")
+        elif name in (CRASH, FAILSAFE):
+            call.invalid("name", f"{name} is what twind calls files of its own: choose another")
         elif self._asked:
             call.error("Busy", {"what": "another call: its file is being written"})
         else:
             self._asked += 1
-            self._begin(self._recorded.ring, "dump", name or "DUMP", call)
+            self._begin(_Wanted(self._recorded.ring, "dump", name or "DUMP", call))
 
     async def end(self) -> None:
         """The loop has gone: what is due is written now, and what it was doing if it took no farewell."""
         ring = self._recorded.ring
         if ring is not None and not self._farewell and await self._orphaned():
-            self._begin(ring, "crash", CRASH)
+            self._begin(_Wanted(ring, "crash", CRASH))
         elif self._due is not None:
             self._write_due()
         await self._front.loop.run_in_executor(None, self._thread.shutdown)
         await asyncio.sleep(0)  # what became of it is told
+        for fd in (self._recorded.ring, self._recorded.wreck):
+            if fd is not None:
+                os.close(fd)
 
     async def _orphaned(self) -> bool:
         """The loop has died; else it has only let go of us, and goes on with another front."""
@@ -124,7 +152,7 @@ class Flights:
     def _write_due(self) -> None:
         self._due, self._next = None, self._front.now() + AGAIN
         if self._recorded.ring is not None:
-            self._begin(self._recorded.ring, self._reason, self._cause())
+            self._begin(_Wanted(self._recorded.ring, self._reason, self._cause()))
 
     def _cause(self) -> str:
         """Of what was told just before the fault, what is latched; else the last of it."""
@@ -133,49 +161,71 @@ class Flights:
         last = self._told[-1] if self._told else self._reason.upper()
         return next((code for code in self._told if code in latched), last)
 
-    def _begin(
-        self, ring: int, reason: str, label: str, call: Call | None = None, *, wreck: bool = False
-    ) -> None:
+    def _begin(self, wanted: _Wanted) -> None:
         """Into the thread; what became of it is told from this one."""
-        briefing, tick = self._front.world.briefing, None if wreck else self._front.world.tick
-        meta = meta_of(briefing, reason, label, *(() if tick is None else (tick.mode, tick.state)))
+        briefing, tick = self._front.world.briefing, None if wanted.wreck else self._front.world.tick
+        state = () if tick is None else (tick.mode, tick.state)
+        meta = meta_of(briefing, wanted.reason, wanted.label, *state)
 
         def work() -> Path | None:
-            try:
-                packed = copy(ring)
-            finally:
-                if wreck:
-                    os.close(ring)
-            return self._folder.write(label, meta, plain(briefing), packed)
+            if wanted.wreck:
+                meta["files"] = self._files(wanted.ring)
+            return self._folder.write(wanted.label, meta, plain(briefing), copy(wanted.ring))
 
         def done(future: Future[Path | None]) -> None:
             with contextlib.suppress(RuntimeError):  # the front has ended
-                self._front.loop.call_soon_threadsafe(self._tell, future, reason, call)
+                self._front.loop.call_soon_threadsafe(self._done, future, wanted)
 
-        self._thread.submit(work).add_done_callback(done)
+        try:
+            future = self._thread.submit(work)
+        except RuntimeError as error:  # no thread is to be had, and it would be done when one is: too late
+            self._thread = ThreadPoolExecutor(1, "flight")
+            self._failed(error, wanted)
+        else:
+            future.add_done_callback(done)
 
-    def _tell(self, future: Future[Path | None], reason: str, call: Call | None) -> None:
+    def _files(self, wreck: int) -> str:
+        """Whether the daemon that is gone began with the files and the version that the briefing has."""
+        signed, briefing = signature(wreck), self._front.world.briefing
+        if not any(signed):
+            return "unknown"
+        return "same" if signed == fingerprint(briefing.version, briefing.files) else "other"
+
+    def _done(self, future: Future[Path | None], wanted: _Wanted) -> None:
         """To the log, and to who asked."""
-        self._asked -= call is not None
-        now, error = self._front.now(), future.exception()
+        error = future.exception()
         if error is not None:
-            self.failed += 1
-            said = f"{self._folder.path}: {error}"
-            self._front.log.say("error", "FLIGHT_NOT_WRITTEN", now, message=said, failed=self.failed)
-            if call is not None:
-                call.error("NotWritten", {"path": str(self._folder.path), "message": str(error)})
-        elif (path := future.result()) is None:
+            self._failed(error, wanted)
+            return
+        path, now = future.result(), self._front.now()
+        if path is None:
             said = "another crash of this robot was written down in the last minute"
             self._front.log.say("info", "FLIGHT_LEFT_OUT", now, message=said)
         else:
             self.last = str(path)
             self._show(now)
-            self._front.log.say("info", "FLIGHT_WRITTEN", now, message=f"{path} ({reason})")
-            if call is not None:
-                call.reply(encode({"path": str(path)}))
+            self._front.log.say("info", "FLIGHT_WRITTEN", now, message=f"{path} ({wanted.reason})")
+        self._answer(wanted, None if path is None else encode({"path": str(path)}), said="it was left out")
+        if wanted.wreck:
+            self._front.link.owe(WreckDone())
 
+    def _failed(self, error: BaseException, wanted: _Wanted) -> None:
+        """It could not be written. What a daemon before us left is kept, and tried once more."""
+        self.failed += 1
+        now, said = self._front.now(), f"{self._folder.path}: {error}"
+        self._front.log.say("error", "FLIGHT_NOT_WRITTEN", now, message=said, failed=self.failed)
+        self._answer(wanted, None, said=str(error))
+        if wanted.wreck and self._wreck_tries < WRECK_TRIES:
+            self._wreck_due = now + WRECK_AGAIN
+        elif wanted.wreck:
+            self._front.link.owe(WreckDone())
 
-def _stand_back() -> None:
-    """The lowest priority for the thread that packs: a loop without real time rights has the same core."""
-    with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+    def _answer(self, wanted: _Wanted, reply: bytes | None, *, said: str) -> None:
+        """Whoever asked for it has an answer, whatever became of it."""
+        if wanted.call is None:
+            return
+        self._asked -= 1
+        if reply is not None:
+            wanted.call.reply(reply)
+        else:
+            wanted.call.error("NotWritten", {"path": str(self._folder.path), "message": said})

@@ -18,6 +18,7 @@ from twind.flight import FlightError, Packed, about, draft, settle
 
 KEPT, MOST = 20, 200 << 20  # files, and bytes of all: the newest stay
 CRASH = "CRASH"  # the label of files of daemons that are gone
+FAILSAFE = "FAILSAFE"  # and of those that lowered a robot
 APART = 60.0  # s between two files of crashes of one robot: who crashes again and again leaves one a minute
 LEFT = 60.0  # s after which what a writer left unfinished is removed: it takes some 2 s
 

@@ -34,6 +34,7 @@ from twind.link.commands import (
     SetMode,
     Setpoint,
     Submit,
+    WreckDone,
     WriteRegister,
 )
 from twind.link.news import (
@@ -99,6 +100,7 @@ __all__ = [
     "Setpoint",
     "Submit",
     "Tick",
+    "WreckDone",
     "WriteRegister",
     "decode_command",
     "decode_news",

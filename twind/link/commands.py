@@ -199,6 +199,10 @@ class Gone(Base, frozen=True, kw_only=True):
     client: int
 
 
+class WreckDone(Base, frozen=True, kw_only=True):
+    """What a daemon before this one left is written down, or cannot be: it need not be kept any longer."""
+
+
 class Heartbeat(Base, frozen=True, kw_only=True):
     """The front lives; at least twice a second."""
 
@@ -226,5 +230,6 @@ Inward = (
     | Rereading
     | RereadFailed
     | Gone
+    | WreckDone
     | Heartbeat
 )

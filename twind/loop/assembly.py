@@ -21,6 +21,7 @@ from twind.loop.outlook import NEAR, Lookahead
 from twind.loop.ports import Enabler, Opener, Port
 from twind.loop.tape import Recorder, Tape
 from twind.loop.tick import Loop, Parts
+from twind.loop.wreck import Wreck
 from twind.memfd import seal
 from twind.motion.executor import Executor
 from twind.robot.finding import Finding
@@ -184,13 +185,12 @@ def front(
     observe: Any,
     recorder: Recorder | None,
     folder: Path,
-    wreck: int | None = None,
+    wreck: Wreck | None = None,
 ) -> Link:
     """The link to a front that is started with the first tick.
 
-    `folder`: where flight recorders are written to, `recorder`'s and that of a daemon before us, `wreck`,
-    which is closed when the front has it.
+    `folder`: where flight recorders are written to, `recorder`'s and that of a daemon before us, `wreck`.
     """
-    process = FrontProcess(briefing, control, observe, None if recorder is None else recorder.fd, folder)
-    process.wreck = wreck
+    flight = None if recorder is None else recorder.fd
+    process = FrontProcess(briefing, control, observe, flight, folder, wreck)
     return Link(process) if recorder is None else Link(process, recorder.link)

@@ -15,6 +15,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from twind.loop.wreck import Wreck
+
 HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started anew (design 2)
 GRACE = 10.0  # s a new front may take to its first sign of life
 LATER = 1.0  # s until the next try when a front could not be started
@@ -35,12 +37,14 @@ class FrontProcess:
         observe: socket.socket,
         flight: int | None = None,
         folder: Path | None = None,
+        wreck: Wreck | None = None,
     ) -> None:
-        """`flight`: descriptor of the flight recorder, `folder` where it is written to."""
+        """`flight`: descriptor of the flight recorder, `folder` where it is written to, as `wreck` is."""
         self._handed = {"briefing": briefing, "control": control.fileno(), "observe": observe.fileno()}
         self._handed |= {} if flight is None else {"flight": flight}
         self._folder = folder
-        self.wreck: int | None = None  # the recorder of a daemon before us: for the first front, then closed
+        self.wreck = wreck or Wreck(None)
+        self.ended_well = False  # the last one ended when it was told to, and had done what it had to do
         self._cpus = os.sched_getaffinity(0)  # of before the loop was pinned: a front may run anywhere
         self.socket: socket.socket | None = None
         self.pid: int | None = None
@@ -58,21 +62,20 @@ class FrontProcess:
 
     def start(self, now: float) -> None:
         """Start a front. The old one must be gone. Raises OSError; then nothing of it is left."""
+        wreck = self.wreck.offer()
         inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             with outer:
-                self.pid = self._spawn(inner, outer)
+                self.pid = self._spawn(inner, outer, wreck)
         except OSError:
             inner.close()
             raise
         self.socket, self.starts = inner, self.starts + 1
         self._alive_until = now + GRACE
         self._born = now
-        if self.wreck is not None:  # a front that dies of it is the last
-            os.close(self.wreck)
-            self.wreck = None
+        self.wreck.taken()
 
-    def _spawn(self, inner: socket.socket, outer: socket.socket) -> int:
+    def _spawn(self, inner: socket.socket, outer: socket.socket, wreck: int | None) -> int:
         inner.setblocking(False)
         for end in (inner, outer):
             with contextlib.suppress(OSError):
@@ -81,7 +84,7 @@ class FrontProcess:
         arguments = [sys.executable, "-P", "-m", "twind.front"]
         arguments += [] if self._folder is None else ["--folder", str(self._folder)]
         handed = {"link": outer.fileno(), **self._handed}
-        handed |= {} if self.wreck is None else {"wreck": self.wreck}
+        handed |= {} if wreck is None else {"wreck": wreck}
         with contextlib.ExitStack() as copies:
             actions = []
             for place, (name, fd) in enumerate(handed.items(), _LINK):
@@ -136,7 +139,8 @@ class FrontProcess:
             os.close(pidfd)
             if not gone:
                 os.kill(self.pid, signal.SIGKILL)
-            os.waitpid(self.pid, 0)
+            _, status = os.waitpid(self.pid, 0)
+            self.ended_well = status == 0
             self.pid = None
 
     def postpone(self, now: float) -> None:

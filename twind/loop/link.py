@@ -28,6 +28,7 @@ from twind.link import (
     Reread,
     Submit,
     Tick,
+    WreckDone,
     decode_command,
     encode,
 )
@@ -171,7 +172,9 @@ class Link:
                 self._bury(now)
                 break
             self.front.alive(now)
-            if not isinstance(incoming.command, Heartbeat):
+            if isinstance(incoming.command, WreckDone):
+                self.front.wreck.done()
+            elif not isinstance(incoming.command, Heartbeat):
                 taken.append(incoming)
         return taken
 
@@ -186,7 +189,7 @@ class Link:
             if not data:
                 return None
             command = decode_command(data)
-            if isinstance(command, Heartbeat):
+            if isinstance(command, Heartbeat | WreckDone):
                 return Incoming(command)
             self._record(Kind.COMMAND, data)
             if isinstance(command, Adopt):

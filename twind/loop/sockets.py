@@ -28,13 +28,13 @@ class SocketError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Handed:
-    """What the service manager handed over, ours to close."""
+    """What the service manager handed over, ours to close; the memfd by who takes it (`Wreck`)."""
 
     sockets: Mapping[str, socket.socket] = field(default_factory=dict)  # that it listens on, by name
     wreck: int | None = None  # memfd of a daemon before us
 
     def close(self) -> None:
-        """Let go of all of it."""
+        """Let go of the sockets."""
         for listener in self.sockets.values():
             listener.close()
 
