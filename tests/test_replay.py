@@ -20,12 +20,13 @@ from rig import Rig
 from twind import link
 from twind.briefing import Briefing
 from twind.ctl.main import main
-from twind.ctl.verb import REFUSED, USAGE
+from twind.ctl.verb import DONE, REFUSED, USAGE
 from twind.flight import Contents, Entry, Flight, Kind, load, save
+from twind.observe import replay
 from twind.observe.recording import open_recording
 from twind.observe.replaying.bus import ToldBus
 from twind.observe.replaying.calls import call
-from twind.observe.replaying.outcome import Answer, Outcome, differences, outcome_of
+from twind.observe.replaying.outcome import Answer, Outcome, differences, outcome_of, uncompared
 from twind.observe.replaying.score import Unplayable, score
 from twind.observe.replaying.shown import messages
 from twind.observe.replaying.stage import lay_out
@@ -169,6 +170,47 @@ def test_what_is_not_told_to_its_end_is_compared_as_far_as_it_goes() -> None:
     assert same(running, ended) and same(with_answer(answered=False), ended)
     assert not same(ended, running) and not same(running, with_answer(error="Refused"))
     assert not same(ended, with_answer(answered=False))
+    aborted, refused = with_answer(phase="aborted"), with_answer(error="Refused")
+    assert "running" in next(uncompared(running, aborted))
+    assert "Refused" in next(uncompared(with_answer(answered=False), refused))
+    assert not list(uncompared(ended, ended)) and not list(uncompared(running, running))
+
+
+def told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, **changes: Any
+) -> tuple[int, str]:
+    """What the verb makes of a replay in which nothing differs."""
+    asked = score(load(HERE / "limit.flight"))
+    verbatim, missed = changes.pop("verbatim", 0.7), changes.pop("missed", 0)
+    asked = replace(asked, **changes)
+    outcome = expected("limit")
+    monkeypatch.setattr(replay, "_play", lambda *_: replay.Played(asked, outcome, verbatim, missed))
+    return run(capsys, str(HERE / "limit.flight"))
+
+
+def test_the_same_is_said_only_of_what_was_played(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, text = told(capsys, monkeypatch)
+    assert code == DONE and "replayed: the same" in text and "time for every tick" in text
+    code, text = told(capsys, monkeypatch, missed=3)
+    assert code == DONE and "no time for 3 ticks" in text
+    code, text = told(capsys, monkeypatch, verbatim=0.0)
+    assert code == REFUSED and "the same (" not in text and "no question had its recorded answer" in text
+    code, text = told(capsys, monkeypatch, whole=False, left_out=("a reload",))
+    assert code == REFUSED and "the same (" not in text and "not all was asked again" in text
+    recorded = expected("limit")
+    first = replace(recorded.answers[0], answered=False)
+    code, text = told(capsys, monkeypatch, recorded=replace(recorded, answers=(first, *recorded.answers[1:])))
+    assert code == DONE and "not compared, 1:" in text and "command 1" in text
+
+
+def test_what_a_file_says_moves_no_cursor(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, text = told(capsys, monkeypatch, left_out=("\x1b[2Jreplayed\nreplayed: different",))
+    assert code == DONE and "\x1b" not in text
+    assert not any(line.startswith("replayed: different") for line in text.splitlines())
 
 
 # ------------------------------------------------------------------------------------------- other scenes
@@ -259,7 +301,7 @@ def test_checks_of_which_nothing_moved_are_not_asked_again_and_that_is_said_once
     rig.seconds(0.2)
     found = score(flight(rig, tmp_path))
     rig.close()
-    assert found.left_out == ("3 of Check: points were not recorded",)
+    assert found.left_out == ("3 of Check: points were not recorded",) and found.whole
     assert [each.method for each in found.commands][-1] == "SubmitTrajectory"
 
 

@@ -25,7 +25,7 @@ FILE is a flight file, as a daemon leaves it behind at a fault and `twindctl dum
 to life on pseudo-terminals and answer as they did then, with the recorded bytes, noise, cuts and silence
 included. A daemon of its own, with the recorded robot, calibration and settings, is asked what was asked
 then, at the same times. What comes out is compared: verdicts, faults that stayed, the state at the end. Exit
-code 0: the same; 1: different, or it cannot be played.
+code 0: the same; 1: different, or so much is left out that nobody can say, or it cannot be played.
 
 No port of this machine is opened, no daemon of it is spoken to, and nothing that is in the file is run. The
 replay begins at the first moment at which the robot is at rest without a fault. Only serial buses (Dynamixel)
@@ -165,10 +165,12 @@ def _buses(flight: "Flight", asked: "Score", passage: "Passage", now: Any) -> It
 
 
 def _report(options: argparse.Namespace, flight: "Flight", played: Played) -> int:
-    from twind.observe.replaying.outcome import differences
+    from twind.observe.replaying.outcome import differences, uncompared
 
     score = played.asked
     found = list(differences(score.recorded, played.outcome, TOLERANCE))
+    open_ = list(uncompared(score.recorded, played.outcome))
+    doubts = list(_doubts(played))
     told = {
         "file": options.file,
         "version": flight.briefing.version,
@@ -178,28 +180,50 @@ def _report(options: argparse.Namespace, flight: "Flight", played: Played) -> in
         "left_out": list(score.left_out),
         "recorded": score.recorded.plain(),
         "replayed": played.outcome.plain(),
+        "not_compared": open_,
+        "doubts": doubts,
         "differences": found,
     }
-    lines = map(harmless, _lines(options.file, flight, played, found))
-    show(options, told, "\n".join(lines))
-    return REFUSED if found else DONE
+    lines = (*_head(options.file, flight, played), *_verdict(played, found, doubts, open_))
+    show(options, told, "\n".join(map(harmless, lines)))
+    return REFUSED if found or doubts else DONE
 
 
-def _lines(file: str, flight: "Flight", played: Played, found: Sequence[str]) -> Iterator[str]:
+def _doubts(played: Played) -> Iterator[str]:
+    """Why it proves nothing that the same came out."""
+    from twind.observe.replaying.score import SIM
+
+    if not played.asked.whole:
+        yield "not all was asked again that may have changed what came out"
+    if played.asked.mode != SIM and not played.verbatim:
+        yield "no question had its recorded answer"
+
+
+def _head(file: str, flight: "Flight", played: Played) -> Iterator[str]:
     briefing, score = flight.briefing, played.asked
     seconds = score.end - score.begin
     yield f"{file}: {briefing.robot}, {score.mode}, recorded by twind {briefing.version}"
     yield f"played {seconds:.1f} s; {played.verbatim:.0%} of the questions had their recorded answers"
     yield from (f"not asked again: {what}" for what in score.left_out)
     yield from _outcome("recorded", score.recorded)
-    if not found:
+
+
+def _verdict(
+    played: Played, found: Sequence[str], doubts: Sequence[str], open_: Sequence[str]
+) -> Iterator[str]:
+    if found:
+        yield from _outcome("replayed", played.outcome)
+        yield "different:"
+        yield from (f"  {each}" for each in found)
+    elif doubts:
+        yield f"replayed: nothing differs, which does not say that it is the same: {'; '.join(doubts)}"
+    else:
         yield f"replayed: the same (times of faults within {TOLERANCE:g} s)"
-        return
-    yield from _outcome("replayed", played.outcome)
-    yield "different:"
-    yield from (f"  {each}" for each in found)
-    if played.missed:
-        yield f"this machine had no time for {played.missed} ticks: repeat it where there is more"
+    if open_:
+        yield f"not compared, {len(open_)}:"
+        yield from (f"  {each}" for each in open_)
+    ticks = f"{played.missed} ticks: repeat it where there is more" if played.missed else "every tick"
+    yield f"this machine had {'no ' if played.missed else ''}time for {ticks}"
 
 
 def _outcome(what: str, outcome: "Outcome") -> Iterator[str]:

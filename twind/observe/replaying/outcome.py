@@ -147,6 +147,21 @@ def differences(recorded: Outcome, replayed: Outcome, tolerance: float) -> Itera
             yield f"{what} at the end: recorded {then}, replayed {now}"
 
 
+def uncompared(recorded: Outcome, replayed: Outcome) -> Iterator[str]:
+    """What the recording does not tell to its end, and what came of it now, in words."""
+    pairs = zip(recorded.answers, replayed.answers, strict=False)
+    for number, (then, now) in enumerate(pairs, 1):
+        if not then.answered:
+            yield f"command {number}: the recording has no answer; replayed {now.words()}"
+        elif _open(then) and then.phase != now.phase:
+            yield f"command {number}: recorded until {then.phase}; replayed {now.words()}"
+
+
+def _open(then: Answer) -> bool:
+    """It went on after the recording."""
+    return then.error is None and then.phase is not None and then.phase not in ENDED
+
+
 def _same(then: Answer, now: Answer) -> bool:
     """What the recording does not tell to its end is compared as far as it goes."""
     if not then.answered:

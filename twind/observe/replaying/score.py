@@ -63,6 +63,7 @@ class Score:
     asked: tuple[Asked, ...]
     recorded: Outcome
     left_out: tuple[str, ...]  # what is not asked again, in words
+    whole: bool  # nothing of that would have changed anything: checks alone
 
     @property
     def commands(self) -> tuple[Asked, ...]:
@@ -80,7 +81,7 @@ def score(flight: Flight, last: float = inf) -> Score:
     end = flight.contents.entries[-1].time
     tick, overview = _beginning(heard, max(end - last, next(told, -inf)))
     begin = tick.time
-    asked, left_out = _asked(flight, begin)
+    asked, left_out, whole = _asked(flight, begin)
     commands = [each.command for each in asked if isinstance(each.command, link.Command)]
     return Score(
         names=names.joints,
@@ -93,6 +94,7 @@ def score(flight: Flight, last: float = inf) -> Score:
         asked=tuple(asked),
         recorded=outcome(names, begin, commands, [each for each in heard if _time(each, begin) >= begin]),
         left_out=tuple(left_out),
+        whole=whole,
     )
 
 
@@ -161,7 +163,7 @@ def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
     raise Unplayable(f"there is no moment to begin at: {why}; {VIEW}")
 
 
-def _asked(flight: Flight, begin: float) -> tuple[list[Asked], list[str]]:
+def _asked(flight: Flight, begin: float) -> tuple[list[Asked], list[str], bool]:
     found: list[Asked] = []
     left_out: list[str] = []
     for entry in flight.contents.entries:
@@ -175,10 +177,11 @@ def _asked(flight: Flight, begin: float) -> tuple[list[Asked], list[str]]:
                 found.append(Asked(entry.time, command, b""))
         elif entry.kind == Kind.ARRAYS and found and isinstance(found[-1].command, Submit):
             found[-1] = Asked(found[-1].time, found[-1].command, entry.data)
-    whole = [each for each in found if not isinstance(each.command, Submit) or each.data]
+    pointed = [each for each in found if not isinstance(each.command, Submit) or each.data]
     pointless = Counter(each.method for each in found if isinstance(each.command, Submit) and not each.data)
+    whole = not left_out and pointless.keys() <= {"Check"}
     left_out += [f"{count} of {method}: points were not recorded" for method, count in pointless.items()]
-    return whole, left_out
+    return pointed, left_out, whole
 
 
 def _decoded(flight: Flight, data: bytes) -> Any:
