@@ -19,6 +19,7 @@ from processes import until
 from twind import link, memfd
 from twind.loop import front_process
 from twind.loop.front_process import AGAIN, AGAIN_MOST, GRACE, HEARTBEAT, LATER, FrontProcess
+from twind.loop.wreck import Wreck
 
 pytestmark = pytest.mark.realtime
 SERVICE = {"NOTIFY_SOCKET": "@nobody", "LISTEN_FDS": "2", "LISTEN_PID": "1", "WATCHDOG_USEC": "1000"}
@@ -167,6 +168,7 @@ class Paper(FrontProcess):
     """A front that costs no process: only the times of its lives count."""
 
     def _spawn(self, inner: socket.socket, outer: socket.socket) -> int:
+        self.handed_wreck = self.wreck.fd is not None
         return os.posix_spawn("/bin/true", ["true"], {})
 
     def live(self, born: float, died: float) -> None:
@@ -194,6 +196,21 @@ def test_fronts_that_die_young_are_started_ever_later_until_one_lived(tmp_path: 
         front.live(200.0, 200.1)
         assert not front.due(200.1 + AGAIN * 1.99)
         assert front.due(200.1 + AGAIN * 2 + 1e-9)
+
+
+def test_what_a_daemon_before_left_is_for_a_second_front_if_the_first_dies_of_it_and_for_no_third(
+    tmp_path: Path,
+) -> None:
+    with ExitStack() as stack:
+        whole, told = World(tmp_path, stack), list[str]()
+        wreck = Wreck(os.memfd_create("wreck"))
+        wreck.then = lambda: told.append("done")
+        front = Paper(0, whole.listeners["control"], whole.listeners["observe"], wreck=wreck)
+        lives = []
+        for number in range(4):
+            front.live(100.0 * number, 100.0 * number + 1.0)
+            lives.append((front.handed_wreck, len(told)))
+        assert lives == [(True, 0), (True, 0), (False, 1), (False, 1)]
 
 
 def test_a_front_ends_by_itself_when_the_loops_end_of_the_link_closes(tmp_path: Path) -> None:

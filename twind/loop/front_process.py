@@ -62,11 +62,11 @@ class FrontProcess:
 
     def start(self, now: float) -> None:
         """Start a front. The old one must be gone. Raises OSError; then nothing of it is left."""
-        wreck = self.wreck.offer()
+        self.wreck.offer()
         inner, outer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             with outer:
-                self.pid = self._spawn(inner, outer, wreck)
+                self.pid = self._spawn(inner, outer)
         except OSError:
             inner.close()
             raise
@@ -75,7 +75,7 @@ class FrontProcess:
         self._born = now
         self.wreck.taken()
 
-    def _spawn(self, inner: socket.socket, outer: socket.socket, wreck: int | None) -> int:
+    def _spawn(self, inner: socket.socket, outer: socket.socket) -> int:
         inner.setblocking(False)
         for end in (inner, outer):
             with contextlib.suppress(OSError):
@@ -84,7 +84,7 @@ class FrontProcess:
         arguments = [sys.executable, "-P", "-m", "twind.front"]
         arguments += [] if self._folder is None else ["--folder", str(self._folder)]
         handed = {"link": outer.fileno(), **self._handed}
-        handed |= {} if wreck is None else {"wreck": wreck}
+        handed |= {} if self.wreck.fd is None else {"wreck": self.wreck.fd}
         with contextlib.ExitStack() as copies:
             actions = []
             for place, (name, fd) in enumerate(handed.items(), _LINK):

@@ -15,11 +15,10 @@ class Wreck:
         self.then: Callable[[], None] = lambda: None  # called once, when nothing more will be done about it
         self._left = FRONTS
 
-    def offer(self) -> int | None:
-        """For a front that is about to be started: its descriptor."""
+    def offer(self) -> None:
+        """A front is about to be started: it gets `fd`, if others have not died of it."""
         if self.fd is not None and not self._left:
             self.done()
-        return self.fd
 
     def taken(self) -> None:
         """That front was started."""
