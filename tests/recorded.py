@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.observe.record_file import Disk, RecordFile
+from twind.observe.record_head import clock_words
 from twind.observe.record_lines import Clocks, Scribe
 from twind.observe.record_writer import RecordWriter, Session
 
@@ -15,7 +16,7 @@ CLOCKS = Clocks(100.0, 1_795_000_000_000_000_000)
 SESSION = Session(
     "two",
     CLOCKS,
-    {"version": "0", "robot": "two", "monotonic": "100.0", "wall_ns": str(CLOCKS.wall_ns)},
+    {"version": "0", "robot": "two", **clock_words(CLOCKS)},
     {"robot.json": ("application/json", b'{"name": "two"}'), "model.mjcf": ("application/xml", b"<mujoco/>")},
 )
 

@@ -4,11 +4,12 @@ import json
 import math
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from recorded import CLOCKS, JOINTS, event, joint, state, status
 
-from twind.observe.record_lines import STEP, Clocks, Line, Scribe, note
+from twind.observe.record_lines import STEP, Clocks, Line, Scribe, note, shifted
 from twind.observe.record_schemas import ROS, json_schemas
 from twind.protocol import CONTROL, load
 from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, decode, stamp
@@ -77,6 +78,13 @@ def test_a_trajectory_is_stamped_with_its_start_and_named_by_its_frame() -> None
     (kept,) = message["points"]
     assert kept["positions"] == [0.1] and kept["velocities"] == [0.0] and kept["accelerations"] == []
     assert kept["time_from_start"] == {"sec": 0, "nanosec": 300_000_000}
+
+
+@pytest.mark.parametrize("by", [-(10**19), 10**19])
+def test_a_clock_that_is_centuries_off_makes_a_stamp_at_the_end_of_what_there_is(by: int) -> None:
+    (line, *_) = Scribe(JOINTS, CLOCKS).take(state(100.0))
+    found = decode(JOINT_STATE, shifted(line, by).data)["header"]["stamp"]
+    assert found["sec"] == (0 if by < 0 else (1 << 31) - 1)
 
 
 def test_every_topic_has_a_type_or_a_schema_with_the_fields_of_the_interface() -> None:

@@ -2,18 +2,20 @@
 
 import errno
 import fcntl
+import os
 import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from recorded import CLOCKS, JOINTS, SESSION, FullDisk, Told, event, mark, state
 
 from twind.observe import record_writer
 from twind.observe.record_file import Disk, RecordFile
 from twind.observe.record_folder import Bounds, fresh, make_room
-from twind.observe.record_lines import Scribe
+from twind.observe.record_lines import Clocks, Scribe
 from twind.observe.record_writer import RecordWriter
 from twind.observe.recording import Unreadable, open_recording
 from twind.observe.recover import recover
@@ -232,6 +234,95 @@ def test_an_episode_may_have_a_file_of_its_own_and_nothing_else_does(tmp_path: P
     for path in told.writer.tally.files:
         found = open_recording(path)
         assert found.time.size == 100 and [each.success for each in found.episodes] == [True]
+
+
+@pytest.mark.parametrize("why", ["its size", "another daemon"])
+def test_an_episode_goes_on_in_the_next_file_where_its_own_ended_before_it(tmp_path: Path, why: str) -> None:
+    half = Bounds(keep=1 << 40, free=0, file=20_000 if why == "its size" else 1 << 40)
+    told = Told(lambda now: RecordWriter(tmp_path, half, now, per_episode=True))
+    told.run(1.0)
+    told.tell(mark(told.time, "begin"))
+    told.run(2.0)
+    if why == "another daemon":
+        told.writer.end()
+        told.writer.begin(SESSION)
+    told.run(2.0)
+    told.tell(mark(told.time, "end", success=True))
+    told.run(1.0)
+    told.writer.close()
+    files = told.writer.tally.files
+    assert len(files) > 1 and sum(open_recording(path).time.size for path in files) == 400
+    assert all(path.name.split("Z-")[1].startswith("two-pick.") for path in files)
+    ends = [dict(metadata(path))["episode"] for path in files]
+    assert [each["success"] for each in ends] == [""] * (len(files) - 1) + ["true"]
+    assert {each["begin"] for each in ends} == {ends[0]["begin"]} and ends[0]["end"] == ""
+    assert told.writer.tally.episodes == 1 and told.writer.tally.episode is None
+
+
+def test_an_episode_is_over_though_its_end_is_in_no_file(tmp_path: Path) -> None:
+    told = Told(lambda now: RecordWriter(tmp_path, WIDE, now, per_episode=True))
+    told.tell(mark(100.0, "begin"))
+    told.writer.end()
+    told.tell(mark(101.0, "end"))
+    assert told.writer.tally.episode is None
+    told.writer.begin(SESSION)
+    told.run(1.0)
+    told.writer.close()
+    assert len(told.writer.tally.files) == 1
+
+
+def test_the_next_file_has_the_right_time_after_the_clock_was_set(tmp_path: Path) -> None:
+    years, minute = 5 * 365 * 86_400 * 10**9, Bounds(1 << 40, 0, 1 << 40, longest=60.0)
+
+    def clocks() -> Clocks:
+        at = told.time
+        return Clocks(at, CLOCKS.wall(at) + (years if at > 130.0 else 10_000_000))
+
+    told = Told(lambda now: RecordWriter(tmp_path, minute, now, clocks=clocks))
+    told.run(100.0, rate=2.0)
+    path = {"joint_names": ["hip"], "points": [{"positions": [1.0], "time_from_start": 1.0}], "start_in": 2.0}
+    accepted = {"topic": "trajectories", "time": told.time, "dropped": 0}
+    told.tell(accepted | {"accepted": {"id": "a", "holder": "me", "trajectory": path}})
+    told.writer.missed(1)
+    told.run(1.0)
+    told.writer.close()
+    files = told.writer.tally.files
+    first, second = (open_recording(path) for path in files)
+    assert first.start_ns == CLOCKS.wall(100.5)
+    assert second.start_ns == CLOCKS.wall(100.5 + first.time.size / 2) + years
+    assert "-2026" in files[0].name and "-2031" in files[1].name
+    assert int(second.meta["wall_ns"]) - CLOCKS.wall(float(second.meta["monotonic"])) == years
+    assert second.notes[0].time < 60.0 and second.trajectories[0].what["start_in"] == 2.0
+    with files[1].open("rb") as stream:
+        read = make_reader(stream, decoder_factories=[DecoderFactory()])
+        states = [(log, said) for _, _, log, said in read.iter_decoded_messages(["/hw/joint_states"])]
+    assert len(states) == second.time.size
+    assert all(
+        each.log_time == said.header.stamp.sec * 10**9 + said.header.stamp.nanosec for each, said in states
+    )
+
+
+def test_a_recording_of_a_wrong_clock_is_not_the_oldest_for_its_name(tmp_path: Path) -> None:
+    files = [tmp_path / f"twind-{when}T000000Z-two.mcap" for when in (20200101, 20210101, 19700101)]
+    for hours, path in enumerate(files):
+        path.write_bytes(bytes(9))
+        os.utime(path, (1e9 + hours * 3600, 1e9 + hours * 3600))
+    assert make_room(tmp_path, 18) == [files[0]]
+    made_now = tmp_path / "twind-19700101T000001Z-two.mcap"
+    made_now.write_bytes(bytes(9))
+    os.utime(made_now, (1.0, 1.0))  # of the same clock
+    assert make_room(tmp_path, 9, newest=[made_now]) == files[1:]
+
+
+def test_what_was_recovered_or_named_otherwise_is_kept(tmp_path: Path) -> None:
+    stem = "twind-20261122T161500Z-h24"
+    kept = [f"{stem}-recovered.mcap", f"{stem}.2-recovered.mcap", f"{stem}.good.mcap", f"keep-{stem}.mcap"]
+    for name in [*kept, f"{stem}.mcap", f"{stem}.12.mcap"]:
+        (tmp_path / name).touch()
+    fresh(tmp_path, CLOCKS.wall_ns, "h24-recovered").touch()  # a robot, or a task, may have that name
+    fresh(tmp_path, CLOCKS.wall_ns, "é" * 100).touch()
+    assert len(make_room(tmp_path, -1)) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(kept)
 
 
 def test_a_named_file_is_never_written_over(tmp_path: Path) -> None:

@@ -16,10 +16,11 @@ from twind.flight import NO_BUS, Entry, Flight, FlightError, Kind, load
 from twind.link import Tick
 from twind.observe.flight_news import answers, news, wire
 from twind.observe.record_file import RecordFile
+from twind.observe.record_head import attachments, clock_words
 from twind.observe.record_lines import Clocks, Line, Scribe
 from twind.observe.recording_flight import wall_offset
 from twind.observe.recover import recover
-from twind.observe.topics import CALIBRATION, MJCF, ROBOT, WIRE
+from twind.observe.topics import WIRE
 
 _NAMES = {Kind.OUT: "out", Kind.IN: "in", Kind.PORT: "port"}
 
@@ -63,7 +64,9 @@ def _export_flight(path: Path, out: Path, ros: bool) -> int:
         raise Rejected(f"{path}: nothing was recorded yet")
     clocks = Clocks(0.0, wall_offset(flight))
     lines = sorted(_lines(flight, clocks), key=lambda line: line.time_ns)
-    file = RecordFile(out, _about(flight), _attachments(flight), lines[0].time_ns, ros=ros)
+    briefing = flight.briefing
+    files = attachments(briefing.description, briefing.calibration, briefing.mjcf)
+    file = RecordFile(out, _about(flight, clocks), files, lines[0].time_ns, ros=ros)
     try:
         for line in lines:
             file.write(line.topic, line.time_ns, line.data)
@@ -96,19 +99,6 @@ def _wire(entry: Entry, buses: list[str]) -> bytes:
     return json.dumps(said).encode()
 
 
-def _about(flight: Flight) -> dict[str, str]:
-    offset = wall_offset(flight)
+def _about(flight: Flight, clocks: Clocks) -> dict[str, str]:
     about = {"version": flight.briefing.version, "robot": flight.briefing.robot}
-    clock = "log times are wall clock, ns since 1970: wall_ns + (CLOCK_MONOTONIC - monotonic)"
-    clocks = {"monotonic": "0.0", "wall_ns": str(offset), "clock": clock}
-    return about | clocks | {f"flight_{key}": str(value) for key, value in flight.meta.items()}
-
-
-def _attachments(flight: Flight) -> dict[str, tuple[str, bytes]]:
-    briefing = flight.briefing
-    found = {ROBOT: ("application/json", json.dumps(briefing.description).encode())}
-    if briefing.calibration:
-        found[CALIBRATION] = ("application/json", json.dumps(briefing.calibration).encode())
-    if briefing.mjcf:
-        found[MJCF] = ("application/xml", briefing.mjcf.encode())
-    return found
+    return about | clock_words(clocks) | {f"flight_{key}": str(value) for key, value in flight.meta.items()}

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from twind.ctl.verb import UsageError, observer
+from twind.observe.record_daemon import clocks
 from twind.observe.record_folder import Bounds
 from twind.observe.record_run import Course
 from twind.observe.record_writer import RecordWriter
@@ -80,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"{folder}: {error.strerror}; name another folder with --out") from None
     bounds = Bounds(options.keep, options.free, options.max_size)
     with _told_to_stop() as stop:
-        writer = RecordWriter(place, bounds, time.monotonic, per_episode=options.per_episode)
+        writer = RecordWriter(place, bounds, time.monotonic, per_episode=options.per_episode, clocks=clocks)
         writer.start()
         try:
             return Course(options, writer, stop).run()

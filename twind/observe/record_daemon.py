@@ -1,7 +1,6 @@
 """The daemon that is recorded: what it is, and two connections that listen, each in a thread of its own."""
 
 import argparse
-import json
 import threading
 import time
 from collections.abc import Mapping
@@ -9,9 +8,9 @@ from typing import Any
 
 from twind.client import Client, ClientError
 from twind.ctl.verb import observer
+from twind.observe.record_head import attachments
 from twind.observe.record_lines import Clocks, Scribe
 from twind.observe.record_writer import RecordWriter, Session
-from twind.observe.topics import CALIBRATION, MJCF, ROBOT
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
 OTHERS = ("status", "latency", "events", "verdicts", "trajectories")  # each at its own rate
@@ -69,7 +68,9 @@ class Listening:
         individual = client.call("GetParameters")["parameters"].get("individual")
         now, known = clocks(), status["status"]
         self.scribe = Scribe([joint["name"] for joint in status["joints"]], now, known["mode"])
-        self.session = Session(known["robot"], now, _about(known, individual, now), _attachments(robot))
+        about = _about(known, individual)
+        files = attachments(robot["robot"], robot.get("calibration"), robot.get("mjcf"))
+        self.session = Session(known["robot"], now, about, files)
 
     def _client(self, options: argparse.Namespace) -> Client:
         client = observer(options)
@@ -95,27 +96,11 @@ class Listening:
             client.close()
 
 
-def _about(status: Mapping[str, Any], individual: Any, now: Clocks) -> dict[str, str]:
-
+def _about(status: Mapping[str, Any], individual: Any) -> dict[str, str]:
     return {
         "version": str(status["version"]),
         "robot": str(status["robot"]),
         "individual": str(individual or ""),
         "mode": str(status["mode"]),
         "rate_hz": str(status["loop"]["rate_hz"]),
-        "monotonic": repr(now.monotonic),
-        "wall_ns": str(now.wall_ns),
-        "clock": "log times are wall clock, ns since 1970: wall_ns + (CLOCK_MONOTONIC - monotonic)",
     }
-
-
-def _attachments(robot: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
-    def text(value: Any) -> bytes:
-        return json.dumps(value, ensure_ascii=False).encode()
-
-    found = {ROBOT: ("application/json", text(robot["robot"]))}
-    if robot.get("calibration"):
-        found[CALIBRATION] = ("application/json", text(robot["calibration"]))
-    if robot.get("mjcf"):
-        found[MJCF] = ("application/xml", robot["mjcf"].encode())
-    return found

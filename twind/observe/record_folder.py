@@ -4,13 +4,13 @@ import contextlib
 import fcntl
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 SHARE = 4  # of the budget one file may take a quarter: then the oldest goes, and not half of all
-_OURS = re.compile(r"twind-\d{8}T\d{6}Z-[\w.-]+\.mcap")
+_OURS = re.compile(r"twind-[0-9]{8}T[0-9]{6}Z-[\w-]{1,60}(?<!-recovered)(\.[0-9]{1,4})?\.mcap")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,9 @@ class Bounds:
 def fresh(folder: Path, time_ns: int, name: str) -> Path:
     """A path that nothing stands at: `twind-20261122T161500Z-h24.mcap`, in UTC."""
     when = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
-    word = re.sub(r"[^\w-]+", "-", name).strip("-")[:60] or "robot"
+    word = re.sub(r"[^\w-]+", "-", name).strip("-")[:59] or "robot"
+    if f"-{word}".endswith("-recovered"):
+        word += "_"  # that end is of the files of `twindctl recover`, which are nobody's to remove
     for more in range(1, 10_000):
         path = folder / f"twind-{when}-{word}{f'.{more}' if more > 1 else ''}.mcap"
         if not path.exists():
@@ -39,15 +41,18 @@ def fresh(folder: Path, time_ns: int, name: str) -> Path:
     raise FileExistsError(f"{folder}: no name is free for a recording of {when}")
 
 
-def make_room(folder: Path, keep: int, spare: Path | None = None) -> list[Path]:
+def make_room(folder: Path, keep: int, spare: Path | None = None, newest: Sequence[Path] = ()) -> list[Path]:
     """Remove the oldest recordings of ours until the rest takes at most `keep` bytes; what was removed.
 
+    The oldest are those that were not written to for longest: a name may be of a wrong clock. `newest`, in
+    their order, go last, since the time of a file may be of that clock too.
     Others' files are never touched, nor a recording that somebody writes right now, nor `spare`.
     """
-    files = sorted(_ours(folder))
-    total = sum(size for _, _, size in files)
+    places = {path: place for place, path in enumerate(newest)}
+    files = sorted((places.get(path, -1), time, path, size) for time, path, size in _ours(folder))
+    total = sum(size for *_, size in files)
     removed = []
-    for _, path, size in files:
+    for *_, path, size in files:
         if total <= keep:
             break
         if path != spare and _remove(path):
@@ -62,12 +67,13 @@ def free(folder: Path) -> int:
     return disk.f_bavail * disk.f_frsize
 
 
-def _ours(folder: Path) -> Iterator[tuple[str, Path, int]]:
-    """(name, path, bytes on the disk); a name begins with the time."""
+def _ours(folder: Path) -> Iterator[tuple[int, Path, int]]:
+    """(time of the last write in ns, path, bytes on the disk)."""
     with os.scandir(folder) as entries:
         for entry in entries:
             if _OURS.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
-                yield entry.name, Path(entry.path), entry.stat().st_size
+                found = entry.stat(follow_symlinks=False)
+                yield found.st_mtime_ns, Path(entry.path), found.st_size
 
 
 def _remove(path: Path) -> bool:

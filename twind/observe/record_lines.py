@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
+from struct import Struct
 from typing import Any, NamedTuple
 
 import msgspec
@@ -20,12 +21,16 @@ from twind.observe.topics import (
     VERDICTS,
 )
 from twind.ros import JOINT_TRAJECTORY, JointStateBuffer, encode, stamp
+from twind.ros.cdr import HEAD
 
+STAMPED = frozenset({MEASURED, SIMULATED, COMMANDS, TRAJECTORY})  # a header with a stamp is their first field
 SECOND = 1_000_000_000  # ns
+LAST = (1 << 31) * SECOND - 1  # ns since 1970: a stamp of ROS goes no further, whatever a clock says
 SLOW = 0.5  # s between two messages of JOINTS
 STEP = 50_000_000  # ns that wall clock and monotonic one may part before it is a step
 
 Answer = Mapping[str, Any]
+_STAMP = Struct("<iI")
 _json = msgspec.json.Encoder()
 
 
@@ -53,6 +58,17 @@ class Clocks:
         """ns by which the wall clock was set since; 0: it was not."""
         parted = now.wall_ns - self.wall(now.monotonic)
         return parted if abs(parted) > STEP else 0
+
+
+def shifted(line: Line, by: int) -> Line:
+    """The same message of a wall clock that was set by so many ns: log time and stamp."""
+    data = line.data
+    if line.topic in STAMPED:
+        at = len(HEAD)
+        seconds, rest = _STAMP.unpack_from(data, at)
+        found = stamp(min(max(seconds * SECOND + rest + by, 0), LAST))
+        data = data[:at] + _STAMP.pack(found["sec"], found["nanosec"]) + data[at + _STAMP.size :]
+    return line._replace(time_ns=line.time_ns + by, data=data)
 
 
 def note(clocks: Clocks, time: float, kind: str, /, **said: Any) -> Line:

@@ -11,7 +11,7 @@ from twind.client import ClientError
 from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, REFUSED, Rejected, complain, operator, show
 from twind.observe.record_daemon import Listening, clocks
-from twind.observe.record_lines import STEP, note
+from twind.observe.record_lines import STEP, Clocks, note
 from twind.observe.record_writer import RecordWriter, Tally
 
 AGAIN = 0.5  # s between two attempts to reach a daemon that is gone
@@ -27,7 +27,8 @@ class Course:
     writer: RecordWriter
     stop: threading.Event
     begun: float = 0.0  # s, monotonic, of the first connection
-    parted: int = 0  # ns that the wall clock is off from that of the file, as last noted
+    ours: Clocks | None = None  # of the file
+    parted: int = 0  # ns that the wall clock is off from them, as last noted
 
     def run(self) -> int:
         """Record. Raises ClientError where there is no daemon to begin with."""
@@ -57,7 +58,7 @@ class Course:
 
     def _follow(self, listening: Listening, progress: Progress) -> None:
         """Until it is over, or the daemon is gone."""
-        last, count, self.parted = time.monotonic(), listening.answers, 0
+        last, count = time.monotonic(), listening.answers
         while not (self._over() or listening.ended):
             self.stop.wait(0.1)
             now = time.monotonic()
@@ -68,12 +69,15 @@ class Course:
 
     def _look_at_clock(self, listening: Listening) -> None:
         """Note that the wall clock was set. Times in the file go on as they were."""
-        now, ours = clocks(), listening.session.clocks
+        now, begun = clocks(), listening.session.clocks
+        ours = self.writer.clocks or begun
+        if ours is not self.ours:
+            self.ours, self.parted = ours, 0
         parted = now.wall_ns - ours.wall(now.monotonic)
         if abs(parted - self.parted) > STEP:
             self.parted = parted
             said = {"wall_ns": now.wall_ns, "expected_ns": ours.wall(now.monotonic)}
-            self.writer.put(note(ours, now.monotonic, "clock_step", monotonic=now.monotonic, **said))
+            self.writer.put(note(begun, now.monotonic, "clock_step", monotonic=now.monotonic, **said))
 
     def _reach(self) -> Listening | None:
         """The next daemon; None: it is over before there is one."""

@@ -13,7 +13,8 @@ from typing import TypeAlias
 
 from twind.observe.record_file import RecordFile
 from twind.observe.record_folder import Bounds, free, fresh, make_room
-from twind.observe.record_lines import Clocks, Line, note
+from twind.observe.record_head import clock_words
+from twind.observe.record_lines import Clocks, Line, note, shifted
 from twind.observe.topics import COMMANDS, END, EPISODE, JOINTS, LATENCY, MEASURED, SIMULATED, STATUS
 
 ROOM = 16 << 20  # bytes that may wait: a minute of a robot of 24 joints at 100 Hz
@@ -27,7 +28,7 @@ OpenFile: TypeAlias = Callable[[Path, Mapping[str, str], Attachments, int], Reco
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One connection to one daemon: what stands at the head of its files."""
+    """One connection to one daemon: what stands at the head of its files, the words of `clocks` besides."""
 
     robot: str
     clocks: Clocks
@@ -68,9 +69,14 @@ class RecordWriter:
         now: Callable[[], float],
         *,
         per_episode: bool = False,
+        clocks: Callable[[], Clocks] | None = None,
         open_file: OpenFile = RecordFile,
     ) -> None:
-        """`place`: a folder, or an .mcap file. `now`: monotonic, s."""
+        """`place`: a folder, or an .mcap file. `now`: monotonic, s.
+
+        `clocks` are read when a file begins, so that the next is right after the wall clock was set; None:
+        those of the session hold.
+        """
         single = place.suffix == ".mcap"
         self.folder, self._single = place.parent if single else place, place if single else None
         self._bounds, self._now, self._per_episode, self._open_file = bounds, now, per_episode, open_file
@@ -82,6 +88,9 @@ class RecordWriter:
         self._before = (0, 0)  # dropped and missed when the last file ended
         self._closing = False
         self._session: Session | None = None
+        self._read_clocks = clocks
+        self.clocks: Clocks | None = None  # of the file that is open, or was last
+        self._shift = 0  # ns from the session's clocks to those of the file
         self._file: RecordFile | None = None
         self._file_began = self._flushed = now()
         self._thread: threading.Thread | None = None
@@ -191,29 +200,46 @@ class RecordWriter:
             self.tally = replace(self.tally, dropped=self._dropped, missed=self._missed)
 
     def _take(self, line: Line) -> None:
-        if self._session is None or self.stopped:
-            return
-        begins = line.mark is not None and line.mark.get("kind") == "begin"
-        if self._file is None and (begins or not self._per_episode):
-            self._start(self._session, line)
-        if self._file is None:
-            return  # between two episodes
-        self._file.write(line.topic, line.time_ns, line.data)
+        kind = line.mark.get("kind") if line.mark is not None else None
+        if self._session is not None and not self.stopped:
+            # an episode that is open goes on in the next file, where its own ended before it
+            wanted = kind == "begin" or not self._per_episode or self.tally.episode is not None
+            if self._file is None and wanted:
+                self._start(self._session, line)
+            if self._file is not None:
+                self._write(self._file, line)
+                return
+        if kind == "end":
+            self.tally = replace(self.tally, episode=None)
+
+    def _write(self, file: RecordFile, line: Line) -> None:
+        line = shifted(line, self._shift) if self._shift else line
+        file.write(line.topic, line.time_ns, line.data)
         self.tally = replace(self.tally, messages=self.tally.messages + 1)
         if line.mark is not None and line.mark.get("kind") in ("begin", "end"):
-            self._marked(line.mark, line.time_ns, self._file)
+            self._marked(line.mark, line.time_ns, file)
 
     def _start(self, session: Session, line: Line) -> None:
-        name = session.robot
-        if self._per_episode and line.mark is not None:
-            name = f"{name}-{line.mark.get('task') or 'episode'}"
-        path = fresh(self.folder, line.time_ns, name) if self._single is None else _next(self._single)
+        clocks = session.clocks if self._read_clocks is None else self._read_clocks()
+        self._shift = session.clocks.step(clocks)
+        self.clocks = clocks if self._shift else session.clocks
+        began, name = line.time_ns + self._shift, session.robot
+        if self._per_episode:
+            name = f"{name}-{self._task(line) or 'episode'}"
+        path = fresh(self.folder, began, name) if self._single is None else _next(self._single)
         self._make_room()
         if self.stopped:
             return
-        self._file = self._open_file(path, session.about, session.attachments, line.time_ns)
+        about = {**session.about, **clock_words(self.clocks)}
+        self._file = self._open_file(path, about, session.attachments, began)
         self._file_began = self._flushed = self._now()
         self.tally = replace(self.tally, path=path, files=(*self.tally.files, path), bytes=self._file.size)
+
+    def _task(self, line: Line) -> str:
+        """Of the episode that a file is of, at its first message."""
+        if line.mark is not None and line.mark.get("kind") == "begin":
+            return str(line.mark.get("task") or "")
+        return self.tally.episode.task if self.tally.episode is not None else ""
 
     def _marked(self, mark: Mapping[str, str | bool | None], time_ns: int, file: RecordFile) -> None:
         if self.tally.episode is not None:
@@ -256,13 +282,13 @@ class RecordWriter:
         lost = self.tally.dropped + self.tally.missed
         if self._session is not None and lost > self._noted:
             line = note(self._session.clocks, self._now(), "dropped", count=lost - self._noted)
-            file.write(line.topic, line.time_ns, line.data)
+            file.write(line.topic, line.time_ns + self._shift, line.data)
             self._noted = lost
 
     def _make_room(self) -> None:
         """Old recordings go; where the disk is too full all the same, `stopped` says so."""
         if self._single is None:
-            gone = make_room(self.folder, self._bounds.keep, self.tally.path)
+            gone = make_room(self.folder, self._bounds.keep, self.tally.path, self.tally.files)
             self.tally = replace(self.tally, removed=self.tally.removed + len(gone))
         left = free(self.folder)
         if left < self._bounds.free:
