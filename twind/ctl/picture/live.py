@@ -10,7 +10,7 @@ from dataclasses import replace
 from rich.console import Console
 
 from twind.client import Client, ClientError
-from twind.ctl.monitor import TOPICS, is_live, steady
+from twind.ctl.monitor import AGAIN, TOPICS, is_live, steady
 from twind.ctl.picture.layout import PAGES, Shown, picture
 from twind.ctl.picture.paint import Palette, plain
 from twind.ctl.picture.screen import Screen
@@ -19,6 +19,7 @@ from twind.ctl.verb import DONE
 
 FASTEST = 15.0  # pictures a second
 STEP = 5  # joints that an arrow key moves by
+CHANGED = "RELOADED"  # the event after which limits may be others
 PLAIN_WIDTH = 120  # columns where there is no terminal; COLUMNS says otherwise
 
 
@@ -51,16 +52,32 @@ class Feed:
         return first if first is not None else self._greet()
 
     def _read(self) -> None:
-        watched = self.watched
-        try:
-            for news in steady(
-                self._next, TOPICS, self._rate, lambda why: watched.gone(why, time.monotonic())
-            ):
-                if self._ended.is_set():
+        """Until the end, whatever a daemon says: a thread that ended would leave a picture that is old."""
+        while not self._ended.is_set():
+            try:
+                self._follow()
+            except Exception as error:  # noqa: BLE001
+                why = _said(error)
+                if not self.watched.whole:
+                    self.failure = why
                     return
-                watched.take(news, time.monotonic())
-        except ClientError as error:
-            self.failure = error
+                self.watched.gone(str(why), time.monotonic())
+                self._ended.wait(AGAIN)
+
+    def _follow(self) -> None:
+        watched = self.watched
+        for news in steady(self._next, TOPICS, self._rate, lambda why: watched.gone(why, time.monotonic())):
+            if self._ended.is_set():
+                return
+            watched.take(news, time.monotonic())
+            if news["topic"] == "events" and news["event"]["code"] == CHANGED:
+                self._greet().close()  # on a connection of its own: this one streams
+
+
+def _said(error: Exception) -> ClientError:
+    if isinstance(error, ClientError):
+        return error
+    return ClientError(f"what the daemon says cannot be understood: {type(error).__name__}: {error}")
 
 
 def show(connect: Callable[[], Client], rate: float, count: int | None = None) -> int:
