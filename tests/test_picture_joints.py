@@ -75,6 +75,15 @@ def test_a_number_catches_the_eye_from_its_bound_on(key: str, values: dict[float
     assert {value: row(**{"goal": 0.0, "position": 0.0, key: value})[0][0] for value in values} == values
 
 
+@pytest.mark.parametrize(("mode", "error"), [("live", "-0.400"), ("mirror", "+0.010"), ("sim", "+0.010")])
+def test_the_error_is_that_of_what_follows_the_goals(mode: str, error: str) -> None:
+    """In mirror people hold the robot, and its simulation is what goals move."""
+    told = joints(l_knee={"goal": 0.1, "position": 0.5, "simulated": 0.09})
+    shown = table(view(joints=told, mode=mode), 120).rows[NAMES.index("l_knee")]
+    assert f" {error} " in plain([shown.line])
+    assert shown.urgent == (mode == "live")
+
+
 def test_a_robot_that_is_not_armed_may_be_limp() -> None:
     assert "LIMP" not in row(armed=False, torque=False)[0]
     assert "off" in row(armed=False, torque=False)[0]

@@ -64,6 +64,20 @@ def test_an_episode_lasts_from_its_mark_to_its_end_and_an_end_without_one_is_non
     assert len(one.view(5.0).events) == 4
 
 
+def test_an_episode_ends_with_the_next_ones_begin_and_with_its_daemon() -> None:
+    one = Watched()
+    for now, task in ((1.0, "a"), (2.0, "b")):
+        told(one, "events", event("EPISODE_BEGIN", task, kind="begin", task=task), now)
+    told(one, "events", event("EPISODE_END", "b", kind="end", success=True), 3.0)
+    assert [(each.task, each.end, each.success) for each in one.view(3.0).episodes] == [
+        ("b", 3.0, True),
+        ("a", 2.0, None),
+    ]
+    told(one, "events", event("EPISODE_BEGIN", "c", kind="begin", task="c"), 4.0)
+    one.gone("it ended", 5.0)
+    assert one.view(6.0).episodes[0].end == 5.0
+
+
 def test_who_goes_away_is_gone_since_the_first_try_and_back_with_the_next_news() -> None:
     one = watched()
     one.gone("it hung up", 101.0)

@@ -9,7 +9,7 @@ from math import nan
 
 from twind.ctl.picture.blocks import Block, Row
 from twind.ctl.picture.lines import Span, cut, left, line, right
-from twind.ctl.picture.view import Answer, Bounds, View
+from twind.ctl.picture.view import Answer, Bounds, View, followed
 
 OFF, FAR = 0.1, 0.2  # rad from the goal: half of where FOLLOW_ERR begins, and where it does
 OLD, STALE = 30.0, 100.0  # ms not heard: where an armed robot is told of, and where it holds
@@ -36,6 +36,7 @@ class _Looks:
 
     armed: bool
     robot: bool
+    mode: str
 
 
 def joints(view: View, width: int) -> Block:
@@ -44,7 +45,7 @@ def joints(view: View, width: int) -> Block:
         return Block("joints", (), (), 0)
     name = min(NAME, max(5, *(len(joint["name"]) for joint in view.joints)))
     status = view.status or {"armed": False, "mode": ""}
-    looks = _Looks(armed=status["armed"], robot=status["mode"] != "sim")
+    looks = _Looks(armed=status["armed"], robot=status["mode"] != "sim", mode=status["mode"])
     columns = _columns(width, width - name - 2 - NOTES)
     titles = [right(title, size) for title, size, _ in columns]
     head = line((f"  {left('joint', name)}{''.join(titles)}  notes", "dim"))
@@ -61,7 +62,8 @@ def _row(
     looks: _Looks,
 ) -> Row:
     known = bounds.get(joint["name"], _UNKNOWN)
-    cells = [(size, *cell(joint, known)) for _, size, cell in columns]
+    told = {**joint, "followed": followed(joint, looks.mode)}
+    cells = [(size, *cell(told, known)) for _, size, cell in columns]
     notes = _notes(joint, known, looks)
     worst = _worst([*(style for _, _, style in cells), *(style for _, style in notes)])
     mark: Span = {"bad": ("! ", "bad"), "warn": ("? ", "warn")}.get(worst, ("  ", ""))
@@ -118,13 +120,12 @@ def _number(key: str, digits: int) -> _Cell:
 
 
 def _error(joint: Answer, _known: Bounds) -> Span:
-    goal, position = joint["goal"], joint["position"]
-    if goal is None or position is None:
+    goal, place = joint["goal"], joint["followed"]
+    if goal is None or place is None:
         return "-", ""
-    error = goal - position
-    return f"{round(error, 3) + 0.0:+.3f}", "bad" if abs(error) >= FAR else "warn" if abs(
-        error
-    ) >= OFF else ""
+    error = goal - place
+    style = "bad" if abs(error) >= FAR else "warn" if abs(error) >= OFF else ""
+    return f"{round(error, 3) + 0.0:+.3f}", style
 
 
 def _heat(joint: Answer, known: Bounds) -> Span:

@@ -109,6 +109,7 @@ class Watched:
         with self._lock:
             if not self._now.get("gone"):
                 self._now |= {"gone": why, "gone_since": now}
+                self._end_episode(now)
                 self._counted.clear()
                 self.count += 1
 
@@ -147,16 +148,27 @@ class Watched:
             more = f" (and {len(refusals) - 1} more)" if len(refusals) > 1 else ""
             self._refusals.append(Said(now, "refused", _reason(refusals[0]) + more))
 
+    def _end_episode(self, now: float, success: bool | None = None) -> None:
+        """Of the one that goes on, if there is one: by its mark, by the next one's, or with its daemon."""
+        if self._episodes and self._episodes[-1].end is None:
+            last = self._episodes.pop()
+            self._episodes.append(Episode(last.task, last.begin, now, success))
+
     def _event(self, event: Answer, now: float) -> None:
         marked = event.get("annotation")
+        if marked and marked["kind"] in ("begin", "end"):
+            self._end_episode(now, marked.get("success") if marked["kind"] == "end" else None)
         if marked and marked["kind"] == "begin":
             self._episodes.append(Episode(marked.get("task") or "episode", now))
-        elif marked and marked["kind"] == "end" and self._episodes and self._episodes[-1].end is None:
-            last = self._episodes.pop()
-            self._episodes.append(Episode(last.task, last.begin, now, marked.get("success")))
         first = [_reason(finding) for finding in event["findings"][:1]]
         text = "; ".join(part for part in (event["message"], *first) if part)
         self._events.append(Said(now, event["level"], f"{event['code']}: {text}"))
+
+
+def followed(joint: Answer, mode: str) -> float | None:
+    """Where that is which goals move, rad: the joint itself where the robot is live, else its simulation."""
+    place: float | None = joint.get("position" if mode in ("live", "") else "simulated")
+    return place
 
 
 def _reason(finding: Answer) -> str:

@@ -7,12 +7,13 @@ No browser, no socket: a recording is shown by the same messages.
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from twind.ctl.picture.view import followed
 from twind.robot.arrays import Floats
 
 WINDOW = 10.0  # s of history that is plotted
@@ -47,28 +48,33 @@ class Joints:
     measured: Floats  # rad
     goal: Floats
     simulated: Floats
+    followed: Floats  # what the goals move: see `twind.ctl.picture.view.followed`
     heard: Any  # (n,) bool
     age: Floats  # ms
     faults: tuple[tuple[str, ...], ...]
 
     @property
     def error(self) -> Floats:
-        """rad, between what was commanded and where the joint is."""
-        return np.abs(self.goal - self.measured)
+        """rad, between what was commanded and where that is which follows it."""
+        return np.abs(self.goal - self.followed)
 
 
-def joints_of(message: Message) -> Joints:
-    """Of a message with the topic `state`."""
+def joints_of(message: Message, mode: str) -> Joints:
+    """Of a message with the topic `state`, of a daemon in this mode (empty: not known yet)."""
     rows: Sequence[Message] = message["joints"]
 
+    def numbers(values: Iterable[float | None]) -> Floats:
+        return np.array([np.nan if value is None else value for value in values], np.float64)
+
     def column(key: str) -> Floats:
-        return np.array([np.nan if row.get(key) is None else row[key] for row in rows], np.float64)
+        return numbers(row.get(key) for row in rows)
 
     return Joints(
         time=float(message["time"]),
         measured=column("position"),
         goal=column("goal"),
         simulated=column("simulated"),
+        followed=numbers(followed(row, mode) for row in rows),
         heard=np.array([bool(row.get("heard", True)) for row in rows]),
         age=column("age_ms"),
         faults=tuple(tuple(row.get("faults") or ()) for row in rows),
@@ -91,7 +97,7 @@ class Now:
     @property
     def mode(self) -> str:
         """As the daemon says; empty while it is not known."""
-        return "" if self.status is None else str(self.status["mode"])
+        return _mode(self.status)
 
     @property
     def stale(self) -> Any:
@@ -100,6 +106,10 @@ class Now:
         rate = 100.0 if self.status is None else float(self.status["loop"]["rate_hz"])
         old: Any = ~(self.joints.age <= max(LEAST_STALE_MS, STALE * 1e3 / rate))
         return old & self.joints.heard
+
+
+def _mode(status: Message | None) -> str:
+    return "" if status is None else str(status["mode"])
 
 
 class Known:
@@ -137,7 +147,7 @@ class Known:
     def _message(self, news: Message) -> None:
         match news["topic"]:
             case "state":
-                self._joints, self._heard = joints_of(news), self._clock()
+                self._joints, self._heard = joints_of(news, _mode(self._status)), self._clock()
                 self._path.append(self._joints)
                 while self._joints.time - self._path[0].time > WINDOW or _behind(self._path):
                     self._path.popleft()
