@@ -541,6 +541,31 @@ def test_the_tracking_error_is_that_of_joints_that_have_a_goal() -> None:
     assert plots.joint(known, worst)[2][-1] == pytest.approx(0.1)
 
 
+def test_in_mirror_the_tracking_error_is_that_of_the_simulation() -> None:
+    known, robot = Known(), h24()
+    held = {"position": 0.5, "goal": 0.1, "simulated": 0.09}
+    for time, mode in enumerate(("live", "mirror", "sim")):
+        known.take(status(mode=mode))
+        known.take(state(robot, float(time), l_knee=held))
+    assert plots.tracking(known)[1] == pytest.approx([400.0, 10.0, 10.0])
+
+
+@pytest.mark.parametrize("place", [37, 700, 1999])
+def test_a_peak_of_one_sample_is_in_the_plots(place: int) -> None:
+    known, robot = Known(), h24()
+    for step in range(2000):
+        off = 0.3 if step == place else 0.0
+        known.take(state(robot, 0.005 * step, l_knee={"position": off, "goal": 0.0}))
+    time, most, _ = plots.tracking(known)
+    assert most.max() == pytest.approx(300.0)
+    knee = [joint["name"] for joint in robot["robot"]["joints"]].index("l_knee")
+    lines = plots.joint(known, knee)
+    assert lines[2].max() == pytest.approx(0.3) and lines[0][lines[2].argmax()] == pytest.approx(
+        0.005 * (place - 1999)
+    )
+    assert max(time.size, lines[0].size) <= 2 * plots.POINTS and (np.diff(lines[0]) > 0.0).all()
+
+
 def test_latency_is_plotted_by_hop() -> None:
     known = Known()
     hops = [{"hop": "total", "now_ms": 3.0}, {"hop": "twin", "now_ms": None}]

@@ -9,7 +9,7 @@ import numpy as np
 from twind.observe.viewing.news import Known
 from twind.robot.arrays import Floats
 
-POINTS = 150  # of a line at most
+POINTS = 300  # of a line where there are more: those of note alone
 HOPS = ("total", "twin", "command")  # that are plotted, where the daemon tells them
 COLOURS = ("#2563eb", "#dc2626", "#16a34a", "#9333ea")
 WORST = "the furthest off"
@@ -21,7 +21,6 @@ Line = tuple[Floats, ...]
 def tracking(known: Known) -> Line:
     """Time (k,) s before now; error of the worst joint and root of the mean square, mrad."""
     path = known.path()
-    path = path[:: max(1, len(path) // POINTS)]
     if not path:
         return _nothing(3)
     error = np.round(
@@ -31,7 +30,7 @@ def tracking(known: Known) -> Line:
     some = told.any(axis=1)
     filled = np.where(told, error, 0.0)
     rms = np.sqrt((filled**2).sum(axis=1) / np.maximum(told.sum(axis=1), 1))
-    return (
+    return _of_note(
         np.array([each.time - path[-1].time for each in path]),
         np.where(some, filled.max(axis=1), np.nan),
         np.where(some, rms, np.nan),
@@ -50,12 +49,26 @@ def worst(known: Known) -> int | None:
 def joint(known: Known, place: int) -> Line:
     """Time (k,) s before now; goal, measured and simulated of one joint, rad."""
     path = known.path()
-    path = path[:: max(1, len(path) // POINTS)]
     if not path:
         return _nothing(4)
     columns = [[each.goal[place], each.measured[place], each.simulated[place]] for each in path]
     lines = np.round(np.array(columns).T, 4)
-    return (np.array([each.time - path[-1].time for each in path]), *lines)
+    return _of_note(np.array([each.time - path[-1].time for each in path]), *lines)
+
+
+def _of_note(time: Floats, *lines: Floats) -> Line:
+    """Of many samples the least and the greatest of each line in each stretch, so that no peak is lost."""
+    if time.size <= POINTS:
+        return (time, *lines)
+    kept: set[int] = set()
+    for stretch in np.array_split(np.arange(time.size), POINTS // len(lines)):
+        kept |= {int(stretch[0])}
+        for line in lines:
+            known = stretch[np.isfinite(line[stretch])]
+            if known.size:
+                kept |= {int(known[line[known].argmin()]), int(known[line[known].argmax()])}
+    places = sorted(kept)
+    return (time[places], *(line[places] for line in lines))
 
 
 def latency(known: Known) -> Line:
