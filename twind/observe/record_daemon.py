@@ -4,6 +4,7 @@ import argparse
 import threading
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from twind.client import Client, ClientError
@@ -13,6 +14,7 @@ from twind.observe.record_lines import Clocks, Scribe
 from twind.observe.record_writer import RecordWriter, Session
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
+CHANGED = "RELOADED"  # the event after which the robot may be described otherwise
 OTHERS = ("status", "latency", "events", "verdicts", "trajectories")  # each at its own rate
 
 
@@ -29,16 +31,21 @@ def clocks() -> Clocks:
 
 
 class Listening:
-    """A daemon that is listened to, from `__init__` to `close`. `ended` says why it is over before that."""
+    """A daemon that is listened to, from `__init__` to `close`. `ended` says why it is over before that.
+
+    `failure`: what ended it, where that is an error of ours or of what the daemon says.
+    """
 
     def __init__(self, options: argparse.Namespace, writer: RecordWriter) -> None:
         """Begins a session of `writer`. Raises ClientError."""
-        self._writer, self.ended = writer, ""
+        self._options, self._writer, self.ended = options, writer, ""
+        self.failure: Exception | None = None
         self._stop = threading.Event()
         self.answers = 0
         state, others = (self._client(options) for _ in range(2))
         try:
-            self._ask(state)
+            self.session, joints = self._ask(state, clocks())
+            self.scribe = Scribe(joints, self.session.clocks, self.session.about["mode"])
             streams = [
                 (state, state.stream("Monitor", topics=["state"], rate=float(self.session.about["rate_hz"]))),
                 (others, others.stream("Monitor", topics=list(OTHERS))),
@@ -61,16 +68,26 @@ class Listening:
         for thread in self._threads:
             thread.join(1.0)
 
-    def _ask(self, client: Client) -> None:
-        """Which robot it is, and what time."""
+    def _ask(self, client: Client, clocks: Clocks) -> tuple[Session, list[str]]:
+        """Which robot it is, and the names of its joints."""
         status = client.call("GetStatus", joints=True)
         robot = client.call("GetRobot")
         individual = client.call("GetParameters")["parameters"].get("individual")
-        now, known = clocks(), status["status"]
-        self.scribe = Scribe([joint["name"] for joint in status["joints"]], now, known["mode"])
+        known = status["status"]
         about = _about(known, individual)
         files = attachments(robot["robot"], robot.get("calibration"), robot.get("mjcf"))
-        self.session = Session(known["robot"], now, about, files)
+        names = [joint["name"] for joint in status["joints"]]
+        return Session(known["robot"], clocks, about, files), names
+
+    def _ask_again(self) -> None:
+        """A file is of one robot file: the next begins, with what is in force now. Raises ClientError."""
+        with self._client(self._options) as client:
+            session, joints = self._ask(client, self.session.clocks)
+        if tuple(joints) != self.scribe.joints:
+            self.ended = "the robot has other joints now"
+            return
+        self.session = replace(session, why="the robot was reloaded")
+        self._writer.begin(self.session)
 
     def _client(self, options: argparse.Namespace) -> Client:
         client = observer(options)
@@ -85,10 +102,16 @@ class Listening:
                 for line in self.scribe.take(answer):
                     self._writer.put(line)
                 self.answers += 1
-                if self._stop.is_set():
+                if answer["topic"] == "events" and answer["event"]["code"] == CHANGED:
+                    self._ask_again()
+                if self._stop.is_set() or self.ended:
                     break
         except ClientError as error:
             self.ended = self.ended or str(error)
+        except Exception as error:  # noqa: BLE001  a thread that dies in silence goes on "recording"
+            self._writer.missed(1)
+            self.failure = self.failure or error
+            self.ended = self.ended or f"what it says cannot be understood: {type(error).__name__}: {error}"
         else:
             if not self._stop.is_set():
                 self.ended = self.ended or "the daemon ended the stream"

@@ -1,9 +1,11 @@
 """One run of `twindctl record`: over as many daemons as there are, until somebody or the disk stops it."""
 
 import argparse
+import contextlib
 import sys
 import threading
 import time
+import traceback
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +30,7 @@ class Course:
     stop: threading.Event
     begun: float = 0.0  # s, monotonic, of the first connection
     ours: Clocks | None = None  # of the file
+    failed: bool = False  # an error of ours was told
     parted: int = 0  # ns that the wall clock is off from them, as last noted
 
     def run(self) -> int:
@@ -48,6 +51,7 @@ class Course:
                 if self._over():
                     break
                 self._say(progress, f"the daemon is gone; waiting for it ({gone})")
+                self._explain(listening.failure)
                 listening = self._reach()
         return self._finish()
 
@@ -81,12 +85,16 @@ class Course:
 
     def _reach(self) -> Listening | None:
         """The next daemon; None: it is over before there is one."""
-        while not self._over():
-            try:
+        while not (self.stop.wait(AGAIN) or self._over()):
+            with contextlib.suppress(ClientError):
                 return Listening(self.options, self.writer)
-            except ClientError:
-                self.stop.wait(AGAIN)
         return None
+
+    def _explain(self, failure: Exception | None) -> None:
+        """Where an error of ours is, once: it may come back at every connection."""
+        if failure is not None and not self.failed:
+            self.failed = True
+            traceback.print_exception(failure)
 
     def _mark(self, listening: Listening, kind: str) -> None:
         """The episode of --task; by the daemon, so that everybody knows, or where we may not, in the file."""

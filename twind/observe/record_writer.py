@@ -34,6 +34,7 @@ class Session:
     clocks: Clocks
     about: Mapping[str, str]
     attachments: Attachments
+    why: str = "a new connection"  # the file before it ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +188,7 @@ class RecordWriter:
             if isinstance(item, Line):
                 self._take(item)
             else:
-                self._finish("the daemon is gone" if item is None else "a new connection")
+                self._finish("the daemon is gone" if item is None else item.why)
                 self._session = item
         self._count()
         return self._due()
