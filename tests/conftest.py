@@ -40,8 +40,8 @@ SIDE_BY_SIDE = """
     doctor_files doctor_fix_live doctor_machine doctor_mend doctor_ports edited failsafe_live flight_live
     flight_ring front_find_stop front_limits front_log front_process front_reload front_server
     front_telemetry fuzz h24_mixed_live latency_live loop_notify loop_slow_answers_live machine many
-    metrics_live model_live monitor_live packaged picture_live plug prove_verb record_live recorder register_verb
-    reload_live replug robot scan_verb service service_files streams view_door view_parts
+    metrics_live model_live monitor_live packaged picture_live plug prove_verb record_live recorder
+    register_verb reload_live replug robot scan_verb service service_files streams view_door view_parts
     virtual_can_clients virtual_child virtual_clients virtual_main virtual_serve virtual_servos
     wiggle_verb
 """
