@@ -1,6 +1,7 @@
 """What `twindctl record` is told, and how its run goes: sizes, folders, a clock that is set."""
 
 import argparse
+import json
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,8 +15,10 @@ from twind.observe import record, record_run
 from twind.observe.record_folder import Bounds
 from twind.observe.record_lines import Clocks
 from twind.observe.record_run import Course, line, summary
+from twind.observe.record_schemas import json_schemas
 from twind.observe.record_writer import Mark, RecordWriter, Tally
 from twind.observe.recording import open_recording
+from twind.observe.topics import NOTES
 
 SIZES = [("0", 0), ("512", 512), ("1k", 1024), ("500M", 500 << 20), ("1.5GiB", 3 << 29), ("2T", 2 << 40)]
 
@@ -91,6 +94,24 @@ def test_a_clock_that_is_set_is_noted_once_with_both_and_times_go_on_as_they_wer
     (note,) = [each.what for each in found.notes]
     assert note["kind"] == "clock_step" and note["wall_ns"] - note["expected_ns"] == jump
     assert note["monotonic"] == 103.0
+
+
+def test_where_the_daemon_cannot_be_told_of_an_episode_the_file_is_in_the_words_of_its_schema(
+    tmp_path: Path,
+) -> None:
+    told = Told(lambda now: RecordWriter(tmp_path, Bounds(1 << 40, 0, 1 << 40), now))
+    told.writer.start()
+    course = Course(options(task="pick", socket=str(tmp_path)), told.writer, threading.Event())
+    listening: Any = SimpleNamespace(session=SESSION)
+    course._mark(listening, "begin")
+    course._mark(listening, "end")
+    told.writer.close()
+    found = open_recording(told.writer.tally.files[0])
+    assert [each.task for each in found.episodes] == ["pick"]
+    schema = json.loads(json_schemas()[NOTES])["properties"]
+    for each in found.notes:
+        assert each.what.keys() <= schema.keys()
+        assert each.what["annotation"].keys() <= schema["annotation"]["properties"].keys()
 
 
 def test_what_is_told_of_it_names_what_was_lost() -> None:

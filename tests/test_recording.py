@@ -17,8 +17,10 @@ from twind.flight import Flight, Kind, save
 from twind.observe.export import export
 from twind.observe.mcap_records import McapFile, Message
 from twind.observe.record_folder import Bounds
+from twind.observe.record_schemas import json_schemas
 from twind.observe.record_writer import RecordWriter
 from twind.observe.recording import Recording, Said, Unreadable, marked, open_recording
+from twind.observe.topics import WIRE
 from twind.ros import JOINT_STATE, definition_text, encode, stamp
 
 START = 1_700_000_000_000_000_000
@@ -195,6 +197,9 @@ def test_an_exported_flight_is_the_same_recording_with_its_bytes(
     wire = [each.data for each in flown.contents.entries if each.kind in (Kind.IN, Kind.OUT)]
     assert [bytes.fromhex(each["hex"]) for each in said if each["kind"] != "port"] == wire
     assert {each["bus"] for each in said} == {"main"}
+    schema = json.loads(json_schemas()[WIRE])["properties"]
+    ports = [each for each in said if each["kind"] == "port"]
+    assert ports and all(each.keys() <= schema.keys() and each["text"] for each in ports)
 
 
 def test_an_export_for_ros_has_one_encoding_and_says_the_same(flight_file: Path, tmp_path: Path) -> None:

@@ -34,14 +34,18 @@ ROS = {
 _WORDS = {"bool": "boolean", "int": "integer", "float": "number", "string": "string", "object": "object"}
 _NOTE = {
     "kind": {"type": "string"},  # dropped, clock_step, episode
-    "by": {"type": "string"},
     "count": {"type": "integer"},
     "monotonic": {"type": "number"},
     "wall_ns": {"type": "integer"},
     "expected_ns": {"type": "integer"},
     "text": {"type": "string"},
 }
-_WIRE = {"bus": {"type": "string"}, "kind": {"type": "string"}, "hex": {"type": "string"}}
+_WIRE = {
+    "bus": {"type": "string"},
+    "kind": {"type": "string"},  # out, in, port
+    "hex": {"type": "string"},
+    "text": {"type": "string"},  # of kind port, in place of hex
+}
 
 
 def json_schemas() -> dict[str, str]:
@@ -56,7 +60,7 @@ def json_schemas() -> dict[str, str]:
         VERDICTS: _schema(Struct({"id": Plain("string"), **verdict})),
         LATENCY: _schema(Struct({"hops": hops})),
         JOINTS: _schema(Struct({"joints": joints})),
-        NOTES: {"type": "object", "properties": _NOTE},
+        NOTES: {"type": "object", "properties": _NOTE | {"annotation": _schema(types["Annotation"])}},
         WIRE: {"type": "object", "properties": _WIRE},
     }
     return {topic: json.dumps(schema) for topic, schema in found.items()}
