@@ -96,6 +96,28 @@ def test_a_clock_that_is_set_is_noted_once_with_both_and_times_go_on_as_they_wer
     assert note["monotonic"] == 103.0
 
 
+def test_a_clock_that_was_set_is_no_news_to_the_file_that_begins_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jump = 3_600_000_000_000
+
+    def clocks() -> Clocks:
+        return Clocks(told.time, CLOCKS.wall(told.time) + (jump if told.time > 102.5 else 0))
+
+    short = Bounds(1 << 40, 0, 1 << 40, longest=5.0)
+    told = Told(lambda now: RecordWriter(tmp_path, short, now, clocks=clocks))
+    monkeypatch.setattr(record_run, "clocks", clocks)
+    course = Course(options(), told.writer, threading.Event())
+    listening: Any = SimpleNamespace(session=SESSION)
+    for _ in range(8):
+        told.run(1.0)
+        course._look_at_clock(listening)
+    told.writer.close()
+    first, second = (open_recording(path) for path in told.writer.tally.files)
+    assert [each.what["kind"] for each in first.notes] == ["clock_step"] and not second.notes
+    assert second.start_ns > first.start_ns + jump
+
+
 def test_where_the_daemon_cannot_be_told_of_an_episode_the_file_is_in_the_words_of_its_schema(
     tmp_path: Path,
 ) -> None:
