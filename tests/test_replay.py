@@ -184,7 +184,7 @@ def told(
     verbatim, missed = changes.pop("verbatim", 0.7), changes.pop("missed", 0)
     asked = replace(asked, **changes)
     outcome = expected("limit")
-    monkeypatch.setattr(replay, "_play", lambda *_: replay.Played(asked, outcome, verbatim, missed))
+    monkeypatch.setattr(replay, "_play", lambda *_, **__: replay.Played(asked, outcome, verbatim, missed))
     return run(capsys, str(HERE / "limit.flight"))
 
 

@@ -58,6 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed", type=float, metavar="X", help="with --view: so many times as fast (default 1)"
     )
     parser.add_argument(
+        "--realtime",
+        action="store_true",
+        help="before the other programs of this machine, but for the daemon of a robot: where it is busy",
+    )
+    parser.add_argument(
         "--robot",
         metavar="FILE",
         help="this robot file, where the recorded one names meshes that are not in it",
@@ -74,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         return _view(options)
     flight = _load(Path(options.file))
     robot = None if options.robot is None else Path(options.robot)
-    return _report(options, flight, _play(flight, robot, options.last))
+    return _report(options, flight, _play(flight, robot, options.last, realtime=options.realtime))
 
 
 def _load(path: Path) -> "Flight":
@@ -93,7 +98,7 @@ def _load(path: Path) -> "Flight":
 # ------------------------------------------------------------------------------------------- playing
 
 
-def _play(flight: "Flight", robot: Path | None, last: float) -> "Played":
+def _play(flight: "Flight", robot: Path | None, last: float, *, realtime: bool) -> "Played":
     """Raises Rejected."""
     from twind.observe.replaying.conductor import Conductor
     from twind.observe.replaying.daemon import Daemon
@@ -118,8 +123,8 @@ def _play(flight: "Flight", robot: Path | None, last: float) -> "Played":
                 place.mkdir()
             buses = list(_buses(flight, asked, passage, clock.now))
             links = {name: places[0] / str(place) for place, name in enumerate(files.buses)}
-            ports = stack.enter_context(Ports(buses, links, clock))
-            daemon = stack.enter_context(Daemon(files, asked.mode, links, places[1]))
+            ports = stack.enter_context(Ports(buses, links, clock, realtime=realtime))
+            daemon = stack.enter_context(Daemon(files, asked.mode, links, places[1], realtime=realtime))
             conductor = stack.enter_context(
                 contextlib.closing(Conductor(asked, daemon.sockets, passage, clock))
             )
@@ -222,7 +227,11 @@ def _verdict(
     if open_:
         yield f"not compared, {len(open_)}:"
         yield from (f"  {each}" for each in open_)
-    ticks = f"{played.missed} ticks: repeat it where there is more" if played.missed else "every tick"
+    ticks = (
+        f"{played.missed} ticks: repeat it where there is more, or with --realtime"
+        if played.missed
+        else "every tick"
+    )
     yield f"this machine had {'no ' if played.missed else ''}time for {ticks}"
 
 

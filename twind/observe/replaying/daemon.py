@@ -11,6 +11,7 @@ from pathlib import Path
 
 from twind.client import NoDaemon
 from twind.config.ports import virtual_port
+from twind.observe.replaying import priority
 from twind.observe.replaying.calls import Line
 from twind.observe.replaying.score import Unplayable
 from twind.observe.replaying.stage import Files
@@ -24,11 +25,19 @@ OURS = ("LISTEN_", "NOTIFY_", "WATCHDOG_", "STATE_DIRECTORY", "XDG_")  # of the 
 class Daemon:
     """Context manager: it listens in `sockets` inside, and is gone outside."""
 
-    def __init__(self, files: Files, mode: str, ports: Mapping[str, Path], sockets: Path) -> None:
-        """Every bus of the robot has its port here, so that none of the robot file's is ever opened."""
+    def __init__(
+        self, files: Files, mode: str, ports: Mapping[str, Path], sockets: Path, *, realtime: bool = False
+    ) -> None:
+        """Every bus of the robot has its port here, so that none of the robot file's is ever opened.
+
+        `realtime`: before the ordinary programs of this machine, after the daemon of a robot.
+        """
         self.sockets, self._log = sockets, sockets / "log"
         # -P: no module of the folder that this happened to be started in.
-        command = [sys.executable, "-P", "-m", "twind.cli", "--config", str(files.config), "--mode", mode]
+        python = [sys.executable, "-P", "-m"]
+        rank = str(priority.DAEMON if realtime else 0)
+        command = [*python, priority.__name__, rank, *python, "twind.cli", "--config", str(files.config)]
+        command += ["--mode", mode]
         command += ["--robot", str(files.robot), "--socket", str(sockets)]
         command += [] if files.calibration is None else ["--calibration", str(files.calibration)]
         for name, path in ports.items():

@@ -1,19 +1,17 @@
 """The buses of a recording on pseudo-terminals, served by a thread of this process until it is closed."""
 
 import gc
-import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 
 from twind.observe.replaying.bus import ToldBus
+from twind.observe.replaying.priority import PORTS, first
 from twind.virtual.pty_port import PtyPort
 from twind.virtual.serve import Server, ServoClock
 from twind_drivers.clock import Clock
 
-PRIORITY = 41  # SCHED_FIFO, above a daemon's loop: an adapter waits for nobody
 SWITCH = 0.0005  # s between two threads of Python: else an answer waits 5 ms for whoever computes
 
 
@@ -37,8 +35,12 @@ class OneClock(ServoClock):
 class Ports:
     """Context manager: the links are there inside, and gone outside."""
 
-    def __init__(self, buses: Sequence[ToldBus], links: Mapping[str, Path], clock: Clock) -> None:
+    def __init__(
+        self, buses: Sequence[ToldBus], links: Mapping[str, Path], clock: Clock, *, realtime: bool = False
+    ) -> None:
         """`links`, by bus name, keep their names when a port comes back as another one.
+
+        `realtime`: this thread and ours before the ordinary programs of this machine, after a robot's daemon.
 
         Raises OSError: no pseudo-terminal to be had.
         """
@@ -46,6 +48,7 @@ class Ports:
         for bus in buses:
             bus.on_plug = self._plugging(self._ports[bus.name])
         self._server = Server({bus.name: bus for bus in buses}, self._ports, OneClock(clock), lambda *_: None)
+        self._realtime = realtime
         self._failure: Exception | None = None
         self._thread = Thread(target=self._run, name="ports", daemon=True)
 
@@ -54,7 +57,8 @@ class Ports:
         sys.setswitchinterval(SWITCH)
         gc.freeze()  # a whole recording: to look through it takes longer than an answer may
         self._thread.start()
-        _first()  # or whoever waits for the thread that commands would wait with it for other programs
+        if self._realtime:  # or whoever waits for the thread that commands would wait for other programs too
+            first(PORTS)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -66,7 +70,8 @@ class Ports:
         gc.unfreeze()
 
     def _run(self) -> None:
-        _first()
+        if self._realtime:
+            first(PORTS)
         try:
             self._server.run()
         except Exception as error:  # noqa: BLE001 - said by `check`, in the thread that waits for the replay
@@ -80,9 +85,3 @@ class Ports:
         """Raises what ended the thread, if anything did."""
         if self._failure is not None:
             raise self._failure
-
-
-def _first() -> None:
-    """This thread before the other programs of this machine, where that is allowed; no child of it."""
-    with suppress(PermissionError):
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
