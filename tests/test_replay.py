@@ -22,7 +22,7 @@ from twind.briefing import Briefing
 from twind.ctl.main import main
 from twind.ctl.verb import DONE, REFUSED, USAGE
 from twind.flight import Contents, Entry, Flight, Kind, load, save
-from twind.observe import replay
+from twind.observe import replay, viewing
 from twind.observe.recording import open_recording
 from twind.observe.replaying.bus import ToldBus
 from twind.observe.replaying.calls import call
@@ -430,6 +430,31 @@ def test_can_buses_are_refused_with_what_to_do(capsys: pytest.CaptureFixture[str
     save(path, {}, msgspec.msgpack.encode(briefing), recorded.contents)
     code, told = run(capsys, str(path))
     assert code == REFUSED and "CAN bus" in told and "--view" in told
+
+
+def test_a_robot_that_cannot_be_shown_is_refused_in_words(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def never(*_: Any, **__: Any) -> int:
+        raise AssertionError("a page of no robot")
+
+    monkeypatch.setattr(viewing, "show", never)
+    recorded = load(HERE / "limit.flight")
+    description = {key: value for key, value in recorded.briefing.description.items() if key != "poses"}
+    briefing = msgspec.structs.replace(recorded.briefing, description=description)
+    path = tmp_path / "foreign.flight"
+    save(path, {}, msgspec.msgpack.encode(briefing), recorded.contents)
+    code, told = run(capsys, "--view", str(path))
+    assert code == REFUSED and "cannot be shown" in told and "poses" in told
+
+
+def test_a_recording_whose_files_are_no_files_is_refused_in_words(tmp_path: Path) -> None:
+    briefing = load(HERE / "limit.flight").briefing
+    for place, path in enumerate(("/" + "x" * 300, "/a\0b")):
+        folder = tmp_path / str(place)
+        folder.mkdir()
+        with pytest.raises(Unplayable, match="cannot be laid out"):
+            lay_out(msgspec.structs.replace(briefing, texts={**briefing.texts, path: "x"}), folder)
 
 
 def test_help_says_what_it_does_not_touch(capsys: pytest.CaptureFixture[str]) -> None:

@@ -252,6 +252,7 @@ def _view(options: argparse.Namespace) -> int:
     from twind.observe.recording import open_recording
     from twind.observe.replaying.shown import messages
     from twind.observe.viewing import show as show_in_browser
+    from twind.observe.viewing.likeness import Likeness, NoLikeness
     from twind_drivers.clock import MonotonicClock
 
     recording = open_recording(Path(options.file))
@@ -260,5 +261,9 @@ def _view(options: argparse.Namespace) -> int:
             f"{options.file}: there is no robot in it to be shown; record it with `twindctl record`"
         )
     robot = {"robot": recording.robot, "calibration": recording.calibration, "mjcf": recording.mjcf}
+    try:
+        Likeness(robot)
+    except (NoLikeness, LookupError, TypeError, ValueError, AttributeError) as error:
+        raise Rejected(f"{options.file}: the robot in it cannot be shown: {error!r}") from None
     paced = messages(recording, MonotonicClock(), options.speed or 1.0)
     return show_in_browser(robot, paced, title=f"{recording.path.name}")
