@@ -14,7 +14,7 @@ from twind import link
 from twind.briefing import Briefing
 from twind.ctl.main import main
 from twind.ctl.verb import DONE, REFUSED, USAGE
-from twind.flight import load, save
+from twind.flight import Contents, Entry, Kind, load, save
 from twind.observe import replay, viewing
 from twind.observe.recording import open_recording
 from twind.observe.replaying.calls import call
@@ -236,3 +236,13 @@ def test_the_last_seconds_can_be_played_alone() -> None:
     whole, last = score(recorded), score(recorded, 1.5)
     assert last.begin > whole.begin
     assert len(last.commands) < len(whole.commands)
+
+
+@pytest.mark.parametrize(("kind", "what"), [(Kind.NEWS, "messages"), (Kind.COMMAND, "commands")])
+def test_what_this_version_does_not_understand_is_not_played_without_it(kind: Kind, what: str) -> None:
+    recorded = load(HERE / "limit.flight")
+    entries = recorded.contents.entries
+    foreign = Entry(entries[-1].time, kind, 255, b"\xc1 of a later version")
+    contents = Contents(recorded.contents.kept, (*entries, foreign))
+    with pytest.raises(Unplayable, match=f"does not read the {what}"):
+        score(replace(recorded, contents=contents))

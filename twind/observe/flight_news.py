@@ -24,14 +24,18 @@ from twind.link import (
 STATUS_PERIOD, HISTOGRAMS = 0.5, 1.0  # s, as the topics have it
 
 
-def news(flight: Flight) -> Iterator[Outward]:
-    """The loop's messages, in their order; what this version does not understand is left out."""
+def news(flight: Flight, *, strict: bool = False) -> Iterator[Outward]:
+    """The loop's messages, in their order; what this version does not understand is left out.
+
+    `strict`: raises msgspec.DecodeError for that instead.
+    """
     for entry in flight.contents.entries:
         if entry.kind == Kind.NEWS:
             try:
                 yield decode_news(entry.data)
             except msgspec.DecodeError:
-                continue
+                if strict:
+                    raise
 
 
 def wire(flight: Flight) -> Iterator[Entry]:

@@ -1,7 +1,7 @@
 """What was asked of the daemon of a recording, from when on it can be asked again, what came of it. Pure."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -12,7 +12,8 @@ import numpy as np
 from twind import link
 from twind.flight import Flight, Kind
 from twind.front.naming import Names
-from twind.link import Adopt, Gone, Outward, Overview, Reply, Submit, Tick, decode_command, decode_news
+from twind.link import Adopt, Gone, Outward, Overview, Reply, Submit, Tick, decode_command
+from twind.observe.flight_news import news
 from twind.observe.replaying.outcome import Answer, Outcome, Standing, answer
 from twind.robot.arrays import Floats
 
@@ -74,7 +75,7 @@ class Score:
 def score(flight: Flight, last: float = inf) -> Score:
     """Of the `last` seconds of a recording. Raises Unplayable."""
     names = Names([joint.name for joint in flight.briefing.joints])
-    heard = list(_news(flight))
+    heard = _news(flight)
     if not heard:
         raise Unplayable("the recording holds no states: nothing was recorded yet")
     told = (each.time for each in flight.contents.entries if each.kind in (Kind.OUT, Kind.IN))
@@ -127,13 +128,11 @@ def _answer(names: Names, command: link.Command, replies: list[Reply]) -> Answer
 # ------------------------------------------------------------------------------------------ reading
 
 
-def _news(flight: Flight) -> Iterator[Outward]:
-    for entry in flight.contents.entries:
-        if entry.kind == Kind.NEWS:
-            try:
-                yield decode_news(entry.data)
-            except msgspec.DecodeError as error:
-                raise _foreign(flight, "messages", error) from None
+def _news(flight: Flight) -> list[Outward]:
+    try:
+        return list(news(flight, strict=True))
+    except msgspec.DecodeError as error:
+        raise _foreign(flight, "messages", error) from None
 
 
 def _time(news: Outward, otherwise: float) -> float:
