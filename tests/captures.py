@@ -6,6 +6,7 @@ must come out. Look at NAME.expected.json before you commit it.
 """
 
 import json
+import re
 import sys
 import tempfile
 import time
@@ -18,6 +19,7 @@ import msgspec
 from processes import Daemon, Virtual, daemon, patiently, robot
 from replayed import Replay, figures
 
+from twind.briefing import Briefing
 from twind.client.errors import as_error
 from twind.flight import Contents, Entry, Flight, Kind, load, save
 from twind.link import Overview, Tick, decode_news
@@ -30,6 +32,7 @@ HERE = Path(__file__).parent / "data" / "captures"
 LARGEST = 150_000  # bytes of a capture
 STATES = 10  # of so many one state is kept, but for those in which something changed
 MARGIN = 0.03  # of the share of recorded answers, for those that another version asks a little later
+FOLDERS = re.compile(r"/(?:\S*/robots|tmp/[^/\s]+)/")  # of the robot files, of what was recorded
 JOINT = "head_yaw"
 TO_AND_FRO = ((0.2, 1.0), (-0.2, 2.2), (0.0, 3.2))
 
@@ -219,9 +222,32 @@ def _tick(entry: Entry) -> Tick | None:
     return found if isinstance(found, Tick) else None
 
 
+def nowhere(flight: Flight) -> Flight:
+    """Without the folders of the machine that it was recorded on."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, str):
+            return FOLDERS.sub("/recorded/", value)
+        if isinstance(value, dict):
+            return {plain(key): plain(each) for key, each in value.items()}
+        return [plain(each) for each in value] if isinstance(value, list | tuple) else value
+
+    def entry(each: Entry) -> Entry:
+        if each.kind == Kind.PORT:
+            return each._replace(data=plain(each.data.decode()).encode())
+        if each.kind not in (Kind.NEWS, Kind.COMMAND):
+            return each
+        return each._replace(data=msgspec.msgpack.encode(plain(msgspec.msgpack.decode(each.data))))
+
+    briefing = msgspec.convert(plain(msgspec.to_builtins(flight.briefing)), Briefing)
+    entries = tuple(entry(each) for each in flight.contents.entries)
+    return Flight(flight.meta, briefing, Contents(flight.contents.kept, entries))
+
+
 def keep(flight: Flight, name: str, why: str) -> None:
     """Write the capture, and what must come out of it: what the recorded daemon said."""
     HERE.mkdir(exist_ok=True)
+    flight = nowhere(flight)
     briefing = msgspec.structs.replace(flight.briefing, binding=b"", described=b"")
     path = HERE / f"{name}.flight"
     save(path, {"why": why}, msgspec.msgpack.encode(briefing), flight.contents)
@@ -266,6 +292,11 @@ def main(arguments: Sequence[str]) -> None:
         flight = load(arguments[1])
         seconds = float(arguments[3]) if len(arguments) > 3 else 30.0
         keep(cut(flight, flight.contents.entries[-1].time - seconds), arguments[2], Path(arguments[1]).name)
+        return
+    if arguments[:1] == ["nowhere"]:
+        for name in arguments[1:] or names():
+            flight = load(HERE / f"{name}.flight")
+            keep(flight, name, flight.meta["why"])
         return
     if arguments[:1] == ["expect"]:
         for name in arguments[1:] or names():
