@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from processes import until
 from viewed import GROUP_THREE, h24, other, state, status
 
@@ -586,3 +588,10 @@ def test_without_its_libraries_the_viewer_says_what_to_install(monkeypatch: Any,
     with demo_viewer.viewer("nowhere", lambda: None):
         said = capsys.readouterr().out
     assert said.count("\n") == 1 and "pip install 'twind[view]'" in said
+
+
+@given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=40))
+def test_what_is_known_lies_inside_its_axis_whatever_is_not(values: list[float]) -> None:
+    least, most = plots.extent((np.array([np.nan, *values]),))
+    assert least < most and all(least <= value <= most for value in values)
+    assert plots.extent((np.array([np.nan]),)) == (0.0, 1.0)

@@ -2,6 +2,7 @@
 them."""
 
 from html import escape
+from math import floor, log10
 from typing import Any
 
 import numpy as np
@@ -107,17 +108,43 @@ class Plots:
     def draw(self) -> None:
         """As it is now."""
         known = self._known
-        self._tracking.data = tracking(known)
+        _fill(self._tracking, tracking(known))
         chosen = self._which.value
         place = self._names.index(chosen) if chosen in self._names else worst(known)
         if place is not None and place < len(self._names):
             self._shown = place
         if self._names:
-            self._joint.data = joint(known, self._shown)
+            _fill(self._joint, joint(known, self._shown))
             name = f'<div style="text-align:center">{escape(self._names[self._shown])}</div>'
             if self._name.content != name:  # beside the plot: a new title makes it forget its data
                 self._name.content = name
-        self._latency.data = latency(known)
+        _fill(self._latency, latency(known))
+
+
+def extent(lines: Line) -> tuple[float, float]:
+    """From where to where the upright axis goes, in round steps so that it seldom changes.
+
+    uPlot's own draws nothing at all of lines whose first value is unknown.
+    """
+    values = np.concatenate(lines) if lines else np.empty(0)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return 0.0, 1.0
+    least, most = float(values.min()), float(values.max())
+    span = max(most - least, abs(most) * 1e-3, 1e-3)
+    step = 10.0 ** floor(log10(span)) / 2.0
+    return floor(least / step) * step, (floor(most / step) + 1) * step
+
+
+def _fill(plot: Any, data: Line) -> None:
+    scales = _scales(*extent(data[1:]))
+    if plot.scales != scales:
+        plot.scales = scales
+    plot.data = data
+
+
+def _scales(least: float, most: float) -> dict[str, Any]:
+    return {"x": {"time": False}, "y": {"auto": False, "range": (least, most)}}
 
 
 def _plot(gui: Any, title: str, names: tuple[str, ...]) -> Any:
@@ -129,7 +156,7 @@ def _plot(gui: Any, title: str, names: tuple[str, ...]) -> Any:
         data=_nothing(1 + len(names)),
         series=({}, *lines),
         title=title,
-        scales={"x": {"time": False}, "y": {"auto": True}},
+        scales=_scales(0.0, 1.0),
         legend={"show": True, "live": False},
         height=HEIGHT,
     )
