@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.harness import ROUNDS, Figure, Key, Measurement, cpu_per_call, interleaved, medians, spread
-from twind.observe.record_file import RecordFile
+from twind.observe.writing.file import RecordFile
 from twind.ros import JOINT_STATE, JointStateBuffer, definition_text, stamp
 
 MESSAGES, RATE = 6000, 100.0  # a minute of one topic

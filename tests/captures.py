@@ -23,7 +23,7 @@ from twind.briefing import Briefing
 from twind.client.errors import as_error
 from twind.flight import Contents, Entry, Flight, Kind, load, save
 from twind.link import Overview, Tick, decode_news
-from twind.observe.flight_news import news
+from twind.observe.recording.flight_news import news
 from twind.observe.replaying.calls import INTERFACE, Line, wait
 from twind.observe.replaying.outcome import Outcome, outcome_of
 from twind.observe.replaying.score import score

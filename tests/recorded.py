@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from twind.observe.record_file import Disk, RecordFile
-from twind.observe.record_head import clock_words
-from twind.observe.record_lines import Clocks, Scribe
-from twind.observe.record_writer import RecordWriter, Session
+from twind.observe.writing.file import Disk, RecordFile
+from twind.observe.writing.head import clock_words
+from twind.observe.writing.lines import Clocks, Scribe
+from twind.observe.writing.writer import RecordWriter, Session
 
 JOINTS = ("hip", "knee")
 CLOCKS = Clocks(100.0, 1_795_000_000_000_000_000)

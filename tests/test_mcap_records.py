@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from recorded import SESSION, write
 
-from twind.observe.mcap_records import LARGEST, Attachment, McapFile, Message, Metadata, NotMcap
+from twind.observe.recording.mcap_records import LARGEST, Attachment, McapFile, Message, Metadata, NotMcap
 
 
 def messages(path: Path) -> tuple[McapFile, list[Message]]:

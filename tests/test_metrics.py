@@ -22,9 +22,10 @@ from prometheus_client.openmetrics.exposition import generate_latest as openmetr
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from twind.ctl.verb import Rejected, UsageError
-from twind.observe import metrics, metrics_serve
-from twind.observe.metrics_families import families
-from twind.observe.metrics_news import STALE, Ledger
+from twind.observe import metrics
+from twind.observe.measuring import serve as metrics_serve
+from twind.observe.measuring.families import families
+from twind.observe.measuring.ledger import STALE, Ledger
 from twind.robot.finding import Code
 
 FILES = Path(__file__).parents[1] / "packaging" / "metrics"

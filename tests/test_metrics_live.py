@@ -23,10 +23,10 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from prometheus_client.parser import text_string_to_metric_families as older_text
 
 from twind.client import Client, Refused
-from twind.observe import metrics_http
-from twind.observe.metrics_http import LONGEST, Door
-from twind.observe.metrics_news import STALE, Ledger
-from twind.observe.metrics_serve import registry
+from twind.observe.measuring import http as metrics_http
+from twind.observe.measuring.http import LONGEST, Door
+from twind.observe.measuring.ledger import STALE, Ledger
+from twind.observe.measuring.serve import registry
 
 pytestmark = pytest.mark.realtime
 OPENMETRICS = {"Accept": "application/openmetrics-text;version=1.0.0"}

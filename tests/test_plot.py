@@ -14,9 +14,9 @@ from matplotlib.image import imread
 
 from twind.ctl.verb import Rejected, UsageError
 from twind.observe import plot
-from twind.observe.plot_lines import MOST, line, marks, worst
-from twind.observe.plotting import DOTS, PAGE, figure, save
-from twind.observe.recording import Episode, Floats, Hop, Recording, Said, Slow, open_recording
+from twind.observe.plotting.lines import MOST, line, marks, worst
+from twind.observe.plotting.page import DOTS, PAGE, figure, save
+from twind.observe.recording.columns import Episode, Floats, Hop, Recording, Said, Slow, open_recording
 
 ALL = (-inf, inf)
 ROWS = ("measured", "velocity", "effort", "goal", "simulated")

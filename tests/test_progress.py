@@ -140,7 +140,7 @@ TOLD = {  # which verbs each file with a progress serves
     "ctl/motion.py": ("move", "play"),
     "doctor/__init__.py": ("doctor",),
     "observe/export.py": ("export",),
-    "observe/record_run.py": ("record",),
+    "writing/course.py": ("record",),
     "observe/recover.py": ("recover",),
     "proving/verb.py": ("calibrate prove",),
     "twind_calibration/port_scan.py": ("scan",),

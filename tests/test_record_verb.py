@@ -11,14 +11,15 @@ import pytest
 from recorded import CLOCKS, SESSION, Told
 
 from twind.ctl.verb import UsageError
-from twind.observe import record, record_run
-from twind.observe.record_folder import Bounds
-from twind.observe.record_lines import Clocks
-from twind.observe.record_run import Course, line, summary
-from twind.observe.record_schemas import json_schemas
-from twind.observe.record_writer import Mark, RecordWriter, Tally
-from twind.observe.recording import open_recording
-from twind.observe.topics import NOTES
+from twind.observe import record
+from twind.observe.recording.columns import open_recording
+from twind.observe.recording.topics import NOTES
+from twind.observe.writing import course as record_run
+from twind.observe.writing.course import Course, line, summary
+from twind.observe.writing.folder import Bounds
+from twind.observe.writing.lines import Clocks
+from twind.observe.writing.schemas import json_schemas
+from twind.observe.writing.writer import Mark, RecordWriter, Tally
 
 SIZES = [("0", 0), ("512", 512), ("1k", 1024), ("500M", 500 << 20), ("1.5GiB", 3 << 29), ("2T", 2 << 40)]
 

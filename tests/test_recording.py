@@ -15,12 +15,12 @@ from rosbags.highlevel import AnyReader
 from twind.ctl.verb import Rejected
 from twind.flight import Flight, Kind, save
 from twind.observe.export import export
-from twind.observe.mcap_records import McapFile, Message
-from twind.observe.record_folder import Bounds
-from twind.observe.record_schemas import json_schemas
-from twind.observe.record_writer import RecordWriter
-from twind.observe.recording import Recording, Said, Unreadable, marked, open_recording
-from twind.observe.topics import WIRE
+from twind.observe.recording.columns import Recording, Said, Unreadable, marked, open_recording
+from twind.observe.recording.mcap_records import McapFile, Message
+from twind.observe.recording.topics import WIRE
+from twind.observe.writing.folder import Bounds
+from twind.observe.writing.schemas import json_schemas
+from twind.observe.writing.writer import RecordWriter
 from twind.ros import JOINT_STATE, definition_text, encode, stamp
 
 START = 1_700_000_000_000_000_000

@@ -13,12 +13,12 @@ from rosbags.highlevel import AnyReader
 
 from twind.ctl.verb import Rejected
 from twind.observe import recover as verb
-from twind.observe.mcap_records import McapFile, Message
-from twind.observe.record_file import RecordFile
-from twind.observe.record_folder import Bounds
-from twind.observe.record_writer import RecordWriter
-from twind.observe.recording import open_recording
+from twind.observe.recording.columns import open_recording
+from twind.observe.recording.mcap_records import McapFile, Message
 from twind.observe.recover import recover
+from twind.observe.writing.file import RecordFile
+from twind.observe.writing.folder import Bounds
+from twind.observe.writing.writer import RecordWriter
 
 
 def count(path: Path) -> int:

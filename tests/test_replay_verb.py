@@ -16,7 +16,7 @@ from twind.ctl.main import main
 from twind.ctl.verb import DONE, REFUSED, USAGE
 from twind.flight import Contents, Entry, Kind, load, save
 from twind.observe import replay, viewing
-from twind.observe.recording import open_recording
+from twind.observe.recording.columns import open_recording
 from twind.observe.replaying.calls import call
 from twind.observe.replaying.score import Unplayable, score
 from twind.observe.replaying.shown import messages

@@ -14,13 +14,13 @@ from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, Rejected, show
 from twind.flight import NO_BUS, Entry, Flight, FlightError, Kind, load
 from twind.link import Tick
-from twind.observe.flight_news import answers, news, wire
-from twind.observe.record_file import RecordFile
-from twind.observe.record_head import attachments, clock_words
-from twind.observe.record_lines import Clocks, Line, Scribe
-from twind.observe.recording_flight import wall_offset
+from twind.observe.recording.flight_news import answers, news, wire
+from twind.observe.recording.of_flight import wall_offset
+from twind.observe.recording.topics import WIRE
 from twind.observe.recover import recover
-from twind.observe.topics import WIRE
+from twind.observe.writing.file import RecordFile
+from twind.observe.writing.head import attachments, clock_words
+from twind.observe.writing.lines import Clocks, Line, Scribe
 
 _NAMES = {Kind.OUT: "out", Kind.IN: "in", Kind.PORT: "port"}
 

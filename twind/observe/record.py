@@ -14,10 +14,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from twind.ctl.verb import UsageError, observer
-from twind.observe.record_daemon import clocks
-from twind.observe.record_folder import Bounds
-from twind.observe.record_run import Course
-from twind.observe.record_writer import RecordWriter
+from twind.observe.writing.course import Course
+from twind.observe.writing.daemon import clocks
+from twind.observe.writing.folder import Bounds
+from twind.observe.writing.writer import RecordWriter
 
 STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}

@@ -15,9 +15,9 @@ from mcap.writer import CompressionType, Writer
 
 from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, Rejected, show
-from twind.observe.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap, Schema
-from twind.observe.record_file import CHUNK, as_text
-from twind.observe.topics import RECOVERED
+from twind.observe.recording.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap, Schema
+from twind.observe.recording.topics import RECOVERED
+from twind.observe.writing.file import CHUNK, as_text
 from twind.ros import STRING, definition_text
 from twind.version import __version__
 

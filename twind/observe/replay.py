@@ -249,7 +249,7 @@ def _outcome(what: str, outcome: "Outcome") -> Iterator[str]:
 
 def _view(options: argparse.Namespace) -> int:
     """The states in the viewer, until Ctrl-C."""
-    from twind.observe.recording import open_recording
+    from twind.observe.recording.columns import open_recording
     from twind.observe.replaying.shown import messages
     from twind.observe.viewing import show as show_in_browser
     from twind.observe.viewing.likeness import Likeness, NoLikeness

@@ -13,7 +13,7 @@ from twind import link
 from twind.flight import Flight, Kind
 from twind.front.naming import Names
 from twind.link import Adopt, Gone, Outward, Overview, Reply, Submit, Tick, decode_command
-from twind.observe.flight_news import news
+from twind.observe.recording.flight_news import news
 from twind.observe.replaying.outcome import Answer, Outcome, Standing, answer
 from twind.robot.arrays import Floats
 

@@ -5,7 +5,7 @@ from heapq import merge
 from itertools import count
 from typing import Any
 
-from twind.observe.recording import Recording
+from twind.observe.recording.columns import Recording
 from twind_drivers.clock import Clock
 
 FRAME = 0.02  # s between two states that are shown, at the pace of the viewer

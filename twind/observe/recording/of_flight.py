@@ -7,9 +7,9 @@ import numpy as np
 
 from twind.flight import Flight, FlightError, load
 from twind.link import Tick
-from twind.observe.flight_news import answers, news
-from twind.observe.recording import Floats, Recording, Said, Unreadable, marked
-from twind.observe.recording_mcap import hops, slow
+from twind.observe.recording.columns import Floats, Recording, Said, Unreadable, marked
+from twind.observe.recording.flight_news import answers, news
+from twind.observe.recording.of_mcap import hops, slow
 
 SECOND = 1_000_000_000  # ns
 SLOW_PERIOD = 0.5  # s between rows of `Recording.slow`

@@ -17,7 +17,7 @@ from prometheus_client.metrics_core import (
     StateSetMetricFamily,
 )
 
-from twind.observe.metrics_news import Buckets, Fields, News
+from twind.observe.measuring.ledger import Buckets, Fields, News
 from twind.robot.modes import Mode, Motion, State
 
 MS = 1e-3  # s

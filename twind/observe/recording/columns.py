@@ -127,11 +127,11 @@ def open_recording(path: Path | str) -> Recording:
     except OSError as error:
         raise Unreadable(f"{path}: {error.strerror}") from None
     if head == b"\x89MCAP":
-        from twind.observe.recording_mcap import read as read_mcap
+        from twind.observe.recording.of_mcap import read as read_mcap
 
         return read_mcap(path)
     if head == b"twind":
-        from twind.observe.recording_flight import read as read_flight
+        from twind.observe.recording.of_flight import read as read_flight
 
         return read_flight(path)
     raise Unreadable(f"{path}: neither an .mcap nor a .flight file, by its first bytes")

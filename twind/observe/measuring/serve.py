@@ -17,9 +17,9 @@ from prometheus_client.openmetrics.exposition import generate_latest as openmetr
 
 from twind.client import Client, ClientError
 from twind.ctl.verb import DONE, NO_DAEMON, complain, observer
-from twind.observe.metrics_families import families
-from twind.observe.metrics_http import LONGEST, MOST, Door
-from twind.observe.metrics_news import STALE, TOPICS, Fields, Ledger
+from twind.observe.measuring.families import families
+from twind.observe.measuring.http import LONGEST, MOST, Door
+from twind.observe.measuring.ledger import STALE, TOPICS, Fields, Ledger
 
 AGAIN = 0.5  # s between two attempts to reach the daemon
 ONCE = 2.5  # s that --once waits for all it can be told: a histogram comes once a second

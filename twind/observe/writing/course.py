@@ -12,9 +12,9 @@ from typing import Any
 from twind.client import ClientError
 from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, REFUSED, Rejected, complain, operator, show
-from twind.observe.record_daemon import Listening, clocks
-from twind.observe.record_lines import STEP, Clocks, note
-from twind.observe.record_writer import RecordWriter, Tally
+from twind.observe.writing.daemon import Listening, clocks
+from twind.observe.writing.lines import STEP, Clocks, note
+from twind.observe.writing.writer import RecordWriter, Tally
 
 AGAIN = 0.5  # s between two attempts to reach a daemon that is gone
 TOLD = 1.0  # s between two lines for people, and two looks at the clock

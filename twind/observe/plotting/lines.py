@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.observe.recording import Floats, Recording
+from twind.observe.recording.columns import Floats, Recording
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#7f3c8d")
 # Okabe and Ito's, which the colour blind tell apart (yellow left out: too light for a line), and one more.

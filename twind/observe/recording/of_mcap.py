@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twind.observe.joint_rows import JointRows
-from twind.observe.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap
-from twind.observe.recording import Floats, Hop, Recording, Said, Slow, Unreadable, marked
-from twind.observe.topics import (
+from twind.observe.recording.columns import Floats, Hop, Recording, Said, Slow, Unreadable, marked
+from twind.observe.recording.joint_rows import JointRows
+from twind.observe.recording.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap
+from twind.observe.recording.topics import (
     ABOUT,
     CALIBRATION,
     COMMANDS,

@@ -11,11 +11,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from twind.observe.record_file import RecordFile
-from twind.observe.record_folder import Bounds, free, fresh, make_room
-from twind.observe.record_head import clock_words
-from twind.observe.record_lines import Clocks, Line, note, shifted
-from twind.observe.topics import COMMANDS, END, EPISODE, JOINTS, LATENCY, MEASURED, SIMULATED, STATUS
+from twind.observe.recording.topics import (
+    COMMANDS,
+    END,
+    EPISODE,
+    JOINTS,
+    LATENCY,
+    MEASURED,
+    SIMULATED,
+    STATUS,
+)
+from twind.observe.writing.file import RecordFile
+from twind.observe.writing.folder import Bounds, free, fresh, make_room
+from twind.observe.writing.head import clock_words
+from twind.observe.writing.lines import Clocks, Line, note, shifted
 
 ROOM = 16 << 20  # bytes that may wait: a minute of a robot of 24 joints at 100 Hz
 PERIODIC = frozenset({MEASURED, SIMULATED, COMMANDS, JOINTS, LATENCY, STATUS})

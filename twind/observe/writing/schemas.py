@@ -7,7 +7,7 @@ the channel's metadata.
 import json
 from typing import Any
 
-from twind.observe.topics import (
+from twind.observe.recording.topics import (
     COMMANDS,
     EVENTS,
     JOINTS,

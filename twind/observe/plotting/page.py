@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 
-from twind.observe.plot_lines import COLOURS, Line, Mark, line, marks, worst
-from twind.observe.recording import Floats, Recording
+from twind.observe.plotting.lines import COLOURS, Line, Mark, line, marks, worst
+from twind.observe.recording.columns import Floats, Recording
 
 PAGE, DOTS = (8.27, 11.69), 130  # A4 upright in inches; dots an inch: 1075 × 1519
 GREY, BAD, NOTABLE, EPISODE = "0.80", "#d55e00", "#0072b2", "#f0e442"

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from twind.observe.topics import (
+from twind.observe.recording.topics import (
     COMMANDS,
     EVENTS,
     JOINTS,

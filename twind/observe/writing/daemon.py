@@ -9,9 +9,9 @@ from typing import Any
 
 from twind.client import Client, ClientError
 from twind.ctl.verb import observer
-from twind.observe.record_head import attachments
-from twind.observe.record_lines import Clocks, Scribe
-from twind.observe.record_writer import RecordWriter, Session
+from twind.observe.writing.head import attachments
+from twind.observe.writing.lines import Clocks, Scribe
+from twind.observe.writing.writer import RecordWriter, Session
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
 CHANGED = "RELOADED"  # the event after which the robot may be described otherwise

@@ -1,0 +1,1 @@
+"""The figures of a daemon, as OpenMetrics has them."""

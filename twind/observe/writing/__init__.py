@@ -1,0 +1,1 @@
+"""How a recording is written: a client of the daemon, its files and their folder."""
