@@ -199,6 +199,13 @@ def test_a_stretch_is_what_is_drawn() -> None:
 # -------------------------------------------------------------------------------------------------- marks
 
 
+@pytest.mark.parametrize("state", ["fault", "estop", "inhibited"])
+def test_what_an_operator_must_acknowledge_goes_through_every_panel(state: str) -> None:
+    told = {"level": "info", "code": state, "message": f"armed → {state}"}
+    (mark,) = marks(replace(recording(), events=(Said(1.5, told),), verdicts=()), ALL)
+    assert (mark.time, mark.text, mark.bad) == (1.5, state, True)
+
+
 def test_what_happened_is_marked_with_its_word_and_faults_go_through_every_panel() -> None:
     annotation = {"kind": "end", "task": "pick", "success": True, "text": None}
     happened = replace(

@@ -1,4 +1,4 @@
-"""Make an .mcap file, for Foxglove and ROS 2 tools, of a flight recorder's file or of another recording.
+"""an .mcap file, for Foxglove and ROS 2 tools, of a flight file or of another recording
 
 Of a flight file the raw bytes of the buses come along, as the topic /twind/wire. No file is written over.
 `ros2 bag` reads no file in which some messages are JSON: for it, --ros puts them into std_msgs/String.

@@ -1,4 +1,4 @@
-"""Record what the robot does into .mcap files, which Foxglove and ROS 2 tools open.
+"""what the robot does, into .mcap files for Foxglove and ROS 2 tools
 
 Begins at once and goes on until Ctrl-C, SIGTERM or --seconds. Only looks on: it needs no lease, and the
 daemon never waits for it. Where the daemon restarts, it waits and goes on in a new file.

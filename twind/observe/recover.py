@@ -1,4 +1,4 @@
-"""Make a whole recording of one that was cut: by a power cut, a kill, a full disk.
+"""a whole recording of one that was cut: by a power cut, a kill, a full disk
 
 Writes what is whole into a new file, with an index. The old one stays as it is; nothing is ever written over.
 """
@@ -40,7 +40,8 @@ class Recovered:
         kept = f"{self.messages} messages, {self.seconds:.2f} s"
         if self.out is None:
             return f"whole already: {kept}"
-        lost = f"lost: {self.lost} bytes at the end ({self.why})"
+        unwritten = "and what was not on the disk yet, half a second"
+        lost = f"lost: {self.lost} bytes at the end ({self.why}), {unwritten}"
         if self.damaged:
             lost += f", {self.damaged} damaged chunks"
         return f"{self.out}\nkept: {kept}\n{lost}"

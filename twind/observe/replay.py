@@ -1,4 +1,4 @@
-"""`twindctl replay`: a fault's file played into a daemon again, and whether the same comes out."""
+"""a fault's file played into a daemon again, and whether the same comes out"""
 
 import argparse
 import contextlib
@@ -91,7 +91,9 @@ def _load(path: Path) -> "Flight":
         )
     try:
         return load(path)
-    except (FlightError, OSError) as error:
+    except OSError as error:
+        raise Rejected(f"{path}: {error.strerror}; `twindctl dump` prints where its file is") from None
+    except FlightError as error:
         raise Rejected(str(error)) from None
 
 

@@ -87,6 +87,9 @@ def _mean(values: Floats) -> Floats:
     return mean
 
 
+STOPPED = ("fault", "estop", "inhibited")  # states that an operator must acknowledge: they are events too
+
+
 def marks(recording: Recording, window: Window) -> tuple[Mark, ...]:
     """Events of note, refusals and who recorded's notes, in order of time."""
     found = []
@@ -95,7 +98,7 @@ def marks(recording: Recording, window: Window) -> tuple[Mark, ...]:
         note = said.get("annotation") or {}
         ended = {True: "success", False: "failure", None: ""}[note.get("success")]
         text = " ".join(filter(None, (note.get("kind"), note.get("task"), note.get("text"), ended)))
-        bad = said.get("level") in ("error", "critical")
+        bad = said.get("level") in ("error", "critical") or said.get("code") in STOPPED
         if note or bad or said.get("level") == "warning":
             found.append(Mark(event.time, text or str(said.get("code")), bad))
     for verdict in recording.verdicts:

@@ -102,4 +102,4 @@ def _now_and_then(states: list[Said]) -> list[Said]:
 
 def _words(flight: Flight) -> dict[str, str]:
     about = {"version": flight.briefing.version, "robot": flight.briefing.robot}
-    return about | {key: str(value) for key, value in flight.meta.items()}
+    return about | {key: str(value) for key, value in flight.meta.items() if value is not None}

@@ -157,6 +157,8 @@ def _plot(gui: Any, title: str, names: tuple[str, ...]) -> Any:
         series=({}, *lines),
         title=title,
         scales=_scales(0.0, 1.0),
+        axes=({}, {"size": 64}),  # px: its own guess cuts a sign or a digit off
         legend={"show": True, "live": False},
+        padding=(10, 8, 0, 0),
         height=HEIGHT,
     )
