@@ -27,7 +27,7 @@ from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
 from twind.observe.replaying.bus import ToldBus
 from twind.observe.replaying.outcome import Outcome
-from twind.observe.replaying.score import SIM, Asked, Score, outcome, score
+from twind.observe.replaying.score import SIM, STAY, Asked, Score, outcome, score
 from twind.observe.replaying.servos import Passage
 from twind.observe.replaying.stage import lay_out
 from twind.observe.replaying.story import story
@@ -181,7 +181,7 @@ class Replay:
         waiting, half = list(self.score.asked), self.loop.period / 2.0
         while self.passage.moment(self._deadline) < self.score.end + AFTER:
             moment = self.passage.moment(self._deadline)
-            while waiting and waiting[0].time <= moment + half:
+            while waiting and waiting[0].time <= moment + half and not self._stays(waiting[0], moment):
                 self._ask(waiting.pop(0))
             self._tick()
         begin = self.score.begin + self.passage.shift
@@ -233,6 +233,13 @@ class Replay:
         fd = memfd.seal("path", data)
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)
+
+    def _stays(self, asked: Asked, moment: float) -> bool:
+        """A client does not hang up yet: it had answers by then that may come a little later now."""
+        if not isinstance(asked.command, link.Gone) or moment >= asked.time + STAY:
+            return False
+        heard = {each.ticket: not each.continues for each in self.news if isinstance(each, link.Reply)}
+        return self.score.stays(asked.command.client, heard)
 
     def _ask(self, asked: Asked) -> None:
         command = asked.command

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from captures import HERE, LARGEST, STATES, cut, expected, expected_figures, names
 from replayed import Replay, flight, recording, unlike
-from rig import Rig
+from rig import CLIENT, Rig
 
 from twind import link
 from twind.flight import Contents, Entry, Flight, Kind, load
@@ -255,6 +255,53 @@ def test_checks_of_which_nothing_moved_are_not_asked_again_and_that_is_said_once
     rig.close()
     assert found.left_out == ("3 of Check: points were not recorded",) and found.whole
     assert [each.method for each in found.commands][-1] == "SubmitTrajectory"
+
+
+def hang_up(rig: Rig) -> None:
+    rig.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+    rig.seconds(0.1)
+
+
+def test_who_hung_up_with_all_answers_waits_for_them_where_they_come_later(tmp_path: Path) -> None:
+    """A motion that begins two ticks later ends two ticks later; `twindctl move` hangs up after it."""
+    rig = recording()
+    rig.arm()
+    rig.seconds(0.3)
+    ticket = rig.submit(rig.path("head_yaw", [0.0, 0.1], [0.3, 0.8]), more=True)
+    while not any(not each.continues for each in rig.replies(ticket)):
+        rig.ticks(1)
+    hang_up(rig)
+    recorded, later = flight(rig, tmp_path), 2.0 * rig.loop.period
+    rig.close()
+    asked = score(recorded)
+    assert asked.recorded.answers[-1].phase == "succeeded" and asked.heard[CLIENT][ticket]
+    begun = next(each.time for each in asked.asked if isinstance(each.command, link.Submit))
+    moved = [
+        each._replace(time=begun + later)
+        if each.kind in (Kind.COMMAND, Kind.ARRAYS) and begun <= each.time < begun + later
+        else each
+        for each in recorded.contents.entries
+    ]
+    slower = changed(recorded, tuple(sorted(moved, key=lambda each: each.time)))
+    assert found(asked.recorded, slower, tmp_path / "replay") == []
+
+
+def test_what_nobody_heard_any_more_was_not_answered(tmp_path: Path) -> None:
+    """Who hangs up in a motion leaves it as far as it was told, and what is answered later unanswered."""
+    rig = recording()
+    rig.arm()
+    moved(rig)
+    rig.seconds(0.2)
+    disarmed = rig.send(link.Disarm)
+    hang_up(rig)
+    rig.seconds(2.0)
+    assert rig.replies(disarmed), "the loop answers whoever is there"
+    asked = score(flight(rig, tmp_path))
+    rig.close()
+    *_, motion, release = asked.recorded.answers
+    assert motion.phase == "running" and not release.answered
+    submitted = next(each.command.ticket for each in asked.commands if isinstance(each.command, link.Submit))
+    assert asked.heard[CLIENT][submitted] is False and disarmed not in asked.heard[CLIENT]
 
 
 @pytest.mark.parametrize("mode", [Mode.SIM, Mode.MIRROR])

@@ -8,7 +8,7 @@ from twind import link
 from twind.client import CallError
 from twind.observe.replaying.calls import Line, Reply, call, wait
 from twind.observe.replaying.outcome import Answer, Named, Outcome, Standing, answer
-from twind.observe.replaying.score import SIM, Asked, Score, Unplayable
+from twind.observe.replaying.score import SIM, STAY, Asked, Score, Unplayable
 from twind.observe.replaying.servos import Passage
 from twind_drivers.clock import Clock
 
@@ -180,9 +180,21 @@ class Conductor:
         return self._lines[client]
 
     def _hang_up(self, client: int) -> None:
-        line = self._lines.pop(client, None)
-        if line is not None:
-            line.close()
+        """What it was answered before may come a little later now; what others ask after it waits as well."""
+        if client not in self._lines:
+            return
+        until = self._clock.now() + STAY
+        while self._stays(client) and (left := until - self._clock.now()) > 0.0:
+            self._pump(left)
+        self._lines.pop(client).close()
+
+    def _stays(self, client: int) -> bool:
+        heard = {
+            asked.command.ticket: not self._replies[place][-1][2]
+            for place, asked in enumerate(self._score.commands)
+            if isinstance(asked.command, link.Command) and self._replies.get(place)
+        }
+        return self._lines[client].open and self._score.stays(client, heard)
 
     def _pump(self, seconds: float) -> None:
         wait([self._watch, *self._lines.values()], seconds)

@@ -1,7 +1,7 @@
 """What was asked of the daemon of a recording, from when on it can be asked again, what came of it. Pure."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -12,16 +12,19 @@ import numpy as np
 from twind import link
 from twind.flight import Flight, Kind
 from twind.front.naming import Names
-from twind.link import Adopt, Gone, Outward, Overview, Reply, Submit, Tick, decode_command
+from twind.link import Adopt, Gone, Outward, Overview, Reply, Submit, Tick, decode_command, decode_news
 from twind.observe.recording.flight_news import news
 from twind.observe.replaying.outcome import Answer, Outcome, Standing, answer
 from twind.robot.arrays import Floats
 
 LOOKING = 5.0  # s, at most, that a front looks ahead before it passes a trajectory on
+STAY = 2.0  # s, at most, that a client stays longer than it did, for answers that it had before it hung up
 SIM = "sim"  # the mode without a bus
 REST = ("idle", "holding")  # motions
 FIT = ("connected", "armed")  # states of a robot that a replay can begin with; in sim also without a bus
 VIEW = "`twindctl replay --view FILE` shows it all the same"
+
+Heard = Mapping[int, bool]  # ticket of a call that was answered -> that was all of it
 
 
 class Unplayable(Exception):
@@ -65,11 +68,17 @@ class Score:
     recorded: Outcome
     left_out: tuple[str, ...]  # what is not asked again, in words
     whole: bool  # nothing of that would have changed anything: checks alone
+    heard: Mapping[int, Heard]  # client -> what of its calls was answered when it hung up
 
     @property
     def commands(self) -> tuple[Asked, ...]:
         """Those that are answered."""
         return tuple(each for each in self.asked if isinstance(each.command, link.Command))
+
+    def stays(self, client: int, heard: Heard) -> bool:
+        """It hung up because it had its answers: not before it has them again. `heard`: now, by then."""
+        then = self.heard.get(client, {})
+        return any(ticket not in heard or heard[ticket] < whole for ticket, whole in then.items())
 
 
 def score(flight: Flight, last: float = inf) -> Score:
@@ -78,12 +87,16 @@ def score(flight: Flight, last: float = inf) -> Score:
     heard = _news(flight)
     if not heard:
         raise Unplayable("the recording holds no states: nothing was recorded yet")
-    told = (each.time for each in flight.contents.entries if each.kind in (Kind.OUT, Kind.IN))
+    wire = (each.time for each in flight.contents.entries if each.kind in (Kind.OUT, Kind.IN))
     end = flight.contents.entries[-1].time
-    tick, overview = _beginning(heard, max(end - last, next(told, -inf)))
+    tick, overview = _beginning(heard, max(end - last, next(wire, -inf)))
     begin = tick.time
     asked, left_out, whole = _asked(flight, begin)
     commands = [each.command for each in asked if isinstance(each.command, link.Command)]
+    known = _heard(flight, commands)
+    # answered when their clients had hung up: nobody heard that
+    late = {each.ticket for each in commands if each.ticket not in known.get(each.client, (each.ticket,))}
+    told = [each for each in heard if not (isinstance(each, Reply) and each.ticket in late)]
     return Score(
         names=names.joints,
         begin=begin,
@@ -93,9 +106,10 @@ def score(flight: Flight, last: float = inf) -> Score:
         holder=overview.lease_client,
         goal=np.frombuffer(tick.goal, "<f8").copy(),
         asked=tuple(asked),
-        recorded=outcome(names, begin, commands, [each for each in heard if _time(each, begin) >= begin]),
+        recorded=outcome(names, begin, commands, [each for each in told if _time(each, begin) >= begin]),
         left_out=tuple(left_out),
         whole=whole,
+        heard=known,
     )
 
 
@@ -181,6 +195,25 @@ def _asked(flight: Flight, begin: float) -> tuple[list[Asked], list[str], bool]:
     whole = not left_out and pointless.keys() <= {"Check"}
     left_out += [f"{count} of {method}: points were not recorded" for method, count in pointless.items()]
     return pointed, left_out, whole
+
+
+def _heard(flight: Flight, commands: Sequence[link.Command]) -> dict[int, Heard]:
+    """What each client that hung up had heard by then: link messages are recorded in their order."""
+    clients = {each.ticket: each.client for each in commands}
+    answered: dict[int, bool] = {}
+    found: dict[int, Heard] = {}
+    for entry in flight.contents.entries:
+        if entry.kind == Kind.NEWS:
+            said = decode_news(entry.data)
+            if isinstance(said, Reply) and said.ticket in clients:
+                answered[said.ticket] = not said.continues
+        elif entry.kind == Kind.COMMAND:
+            gone = decode_command(entry.data)
+            if isinstance(gone, Gone):
+                found[gone.client] = {
+                    ticket: whole for ticket, whole in answered.items() if clients[ticket] == gone.client
+                }
+    return found
 
 
 def _decoded(flight: Flight, data: bytes) -> Any:
