@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from captures import HERE, expected, record, silent
+from captures import HERE, Hand, expected, record, silent
 
 from twind.flight import load
 from twind.loop.realtime import PRIORITY as ROBOT
@@ -45,16 +45,27 @@ def replayed(file: Path, folder: Path, *options: str) -> dict[str, Any]:
     raise AssertionError(f"{file}: {said.get('differences')}")
 
 
+def moved_and_silent(hand: Hand) -> None:
+    """A client moves the robot and is gone; in the next motion a servo falls silent."""
+    hand.ask("ReleaseLease")
+    move = ["--socket", str(hand.running.sockets), "move", "head_yaw=0.1", "--time", "1"]
+    subprocess.run([sys.executable, "-m", "twind.ctl.main", *move], timeout=30, check=True)
+    silent(hand)
+
+
 def test_a_recorded_fault_replays_to_the_same_refusal(tmp_path: Path) -> None:
     """A robot whose servo falls silent, what its daemon dumps, and that played into another daemon."""
     file = tmp_path / "silent.flight"
-    begun = record(silent, file)
+    begun = record(moved_and_silent, file)
     recorded = load(file)
     assert not recorded.briefing.binding and not recorded.briefing.described
     last = recorded.contents.entries[-1].time - begun
     said = replayed(file, tmp_path / "replay", "--last", f"{last:.3f}")
     assert said["differences"] == []
     for told in (said["recorded"], said["replayed"]):
+        moved = next(place for place, each in enumerate(told["answers"]) if each["phase"] == "succeeded")
+        released = told["answers"][moved + 1]
+        assert (released["method"], released["answered"]) == ("ReleaseLease", True)
         *_, last = (each for each in told["answers"] if each["method"] == "SubmitTrajectory")
         assert last["error"] == "Refused"
         assert "FAULT_LATCHED" in [each["code"] for each in last["findings"]]

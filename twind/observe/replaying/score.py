@@ -95,7 +95,11 @@ def score(flight: Flight, last: float = inf) -> Score:
     commands = [each.command for each in asked if isinstance(each.command, link.Command)]
     known = _heard(flight, commands)
     # answered when their clients had hung up: nobody heard that
-    late = {each.ticket for each in commands if each.ticket not in known.get(each.client, (each.ticket,))}
+    late = {
+        each.ticket
+        for each in _calls(commands)
+        if each.client in known and each.ticket not in known[each.client]
+    }
     told = [each for each in heard if not (isinstance(each, Reply) and each.ticket in late)]
     return Score(
         names=names.joints,
@@ -197,9 +201,14 @@ def _asked(flight: Flight, begin: float) -> tuple[list[Asked], list[str], bool]:
     return pointed, left_out, whole
 
 
+def _calls(commands: Sequence[link.Command]) -> list[link.Command]:
+    """Without those that a front sends of itself for its clients: they share the ticket 0."""
+    return [each for each in commands if each.ticket]
+
+
 def _heard(flight: Flight, commands: Sequence[link.Command]) -> dict[int, Heard]:
     """What each client that hung up had heard by then: link messages are recorded in their order."""
-    clients = {each.ticket: each.client for each in commands}
+    clients = {each.ticket: each.client for each in _calls(commands)}
     answered: dict[int, bool] = {}
     found: dict[int, Heard] = {}
     for entry in flight.contents.entries:
