@@ -29,6 +29,7 @@ class Watcher:
     period: dict[str, float]  # s, by topic
     due: dict[str, float] = field(default_factory=dict)  # s, by topic
     dropped: int = 0
+    status: bytes | None = None  # that it was sent last
 
     def wants(self, topic: str, now: float, slack: float) -> bool:
         """It is time for a message of a periodic topic; `slack` s too early is in time."""
@@ -80,13 +81,25 @@ class Telemetry:
     def tick(self, tick: Tick) -> None:
         """Topics that follow the tick."""
         world, number = self._world, tick.sequence
+        self._status(tick)
         for topic, key, piece, time in (
             ("state", b"joints", world.state, tick.time),
-            ("status", b"status", world.status, tick.time),
             ("raw", b"raw", world.raw, tick.read),
         ):
             wanting = [watcher for watcher in self._watchers if watcher.wants(topic, tick.time, self._slack)]
             self._send(wanting, topic, key, piece, time, number)
+
+    def _status(self, tick: Tick) -> None:
+        """To whom it is time to tell another status than the last: most ticks have none."""
+        asking = [watcher for watcher in self._watchers if "status" in watcher.topics]
+        if not asking:
+            return
+        told = self._world.status()
+        other = [watcher for watcher in asking if watcher.status is not told]
+        wanting = [watcher for watcher in other if watcher.wants("status", tick.time, self._slack)]
+        for watcher in wanting:
+            watcher.status = told
+        self._send(wanting, "status", b"status", lambda: told, tick.time, tick.sequence)
 
     def overview(self, overview: Overview) -> None:
         """Topics that follow the overview."""

@@ -69,6 +69,7 @@ class World:
         self.overview: Overview | None = None
         self.flight: dict[str, Any] | None = None  # `Flight` of the interface; None: nothing is recorded
         self._cache: dict[str, bytes] = {}
+        self._told: tuple[Any, Any, bytes] | None = None  # what the last status was made of, and it
         self._slow: dict[str, msgspec.Raw] = {}
         self._histograms: dict[str, LatencyInfo] = {}  # of each hop the last with its histogram
         self._lateness: LoopInfo | None = None  # the same
@@ -103,8 +104,8 @@ class World:
     # ------------------------------------------------------------------------------ pieces of answers
 
     def status(self) -> bytes:
-        """`Status` of the interface, encoded."""
-        return self._once("status", self._status)
+        """`Status` of the interface, encoded; the same object for as long as it says the same."""
+        return self._once("status", self._kept_status)
 
     def joints(self) -> bytes:
         """`[]Joint` of the interface, encoded."""
@@ -172,6 +173,15 @@ class World:
         if made is None:
             made = self._cache[key] = make()
         return made
+
+    def _kept_status(self) -> bytes:
+        tick = self.tick
+        assert tick is not None
+        held, said = (self.overview, self.flight, self.briefing), (tick.mode, tick.state, tick.motion)
+        of = (*map(id, held), *said, tick.armed, tick.inherited)
+        if self._told is None or self._told[0] != of:
+            self._told = of, held, self._status()  # what is held has its id for itself
+        return self._told[2]
 
     def _status(self) -> bytes:
         tick, overview = self.tick, self.overview
