@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twind.observe.viewing.news import Known
+from twind.observe.viewing.news import WINDOW, Known
 from twind.robot.arrays import Floats
 
 POINTS = 300  # of a line where there are more: those of note alone
@@ -144,7 +144,12 @@ def _fill(plot: Any, data: Line) -> None:
 
 
 def _scales(least: float, most: float) -> dict[str, Any]:
-    return {"x": {"time": False}, "y": {"auto": False, "range": (least, most)}}
+    x = {
+        "time": False,
+        "auto": False,
+        "range": (-WINDOW, 0.0),
+    }  # its own is forgotten when another one changes
+    return {"x": x, "y": {"auto": False, "range": (least, most)}}
 
 
 def _plot(gui: Any, title: str, names: tuple[str, ...]) -> Any:
