@@ -5,6 +5,7 @@ Loop's process. The drivers know nothing of it: what is taped is a port or a CAN
 
 from collections.abc import Mapping, Sequence
 from itertools import count
+from typing import Generic, TypeVar
 
 from twind.config.robot_spec import RobotFile
 from twind.flight import NO_BUS, Entry, Kind, Ring, pack
@@ -133,15 +134,16 @@ class BusTape(Tape):
         self._transcript = None
 
 
-class TapedTransport:
-    """A `Transport` as the one inside, whose bytes are written down."""
+Inside = TypeVar("Inside", Transport, Channel)
 
-    def __init__(self, inside: Transport, tape: BusTape) -> None:
-        self._inside, self._tape = inside, tape
-        self.name, self.holds = inside.name, inside.holds
-        # What carries no bytes costs nothing more than before.
+
+class _Taped(Generic[Inside]):
+    """What a port and a channel have in common; what carries no bytes costs nothing more than before."""
+
+    def __init__(self, inside: Inside, tape: BusTape) -> None:
+        self._inside: Inside = inside
+        self._tape, self.name = tape, inside.name
         self.fileno, self.arrival, self.close = inside.fileno, inside.arrival, inside.close
-        self.backlog, self.flush = inside.backlog, inside.flush
 
     @property
     def warning(self) -> str:
@@ -151,6 +153,14 @@ class TapedTransport:
     @warning.setter
     def warning(self, text: str) -> None:
         self._inside.warning = text
+
+
+class TapedTransport(_Taped[Transport]):
+    """A `Transport` as the one inside, whose bytes are written down."""
+
+    def __init__(self, inside: Transport, tape: BusTape) -> None:
+        super().__init__(inside, tape)
+        self.holds, self.backlog, self.flush = inside.holds, inside.backlog, inside.flush
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """As inside; of what it does not take, that and why is written down."""
@@ -184,23 +194,12 @@ class TapedTransport:
         return count
 
 
-class TapedChannel:
+class TapedChannel(_Taped[Channel]):
     """A `Channel` as the one inside, whose frames are written down, as the bytes of their records."""
 
     def __init__(self, inside: Channel, tape: BusTape) -> None:
-        self._inside, self._tape = inside, tape
-        self.name, self.condition = inside.name, inside.condition
-        self.fileno, self.arrival, self.close = inside.fileno, inside.arrival, inside.close
-        self.drive, self.purge = inside.drive, inside.purge
-
-    @property
-    def warning(self) -> str:
-        """As inside."""
-        return self._inside.warning
-
-    @warning.setter
-    def warning(self, text: str) -> None:
-        self._inside.warning = text
+        super().__init__(inside, tape)
+        self.condition, self.drive, self.purge = inside.condition, inside.drive, inside.purge
 
     def send(self, frames: Frames, now: float) -> None:
         """As inside."""

@@ -18,6 +18,7 @@ SIZE = 100  # values of a window
 KEPT = 1024  # values with their time, for a share of the last half second at up to 1000 Hz and beyond
 RECENT = 0.5  # s
 SMALLEST, BINS, STEP = 1e-6, 400, 0.04  # the run's quantiles: 1 µs to 9 s in bins 4 % wide
+_FIRST = log(SMALLEST)
 BOUNDS_MS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 BOUNDS = tuple(bound / 1e3 for bound in BOUNDS_MS)  # s, of the buckets that are told
 
@@ -61,7 +62,7 @@ class Window:
             self.worst = value
         if not value >= self._least:
             self._least = value
-        bin = int((log(value) - log(SMALLEST)) / STEP) if value > SMALLEST else 0
+        bin = int((log(value) - _FIRST) / STEP) if value > SMALLEST else 0
         self._bins[min(bin, BINS - 1)] += 1
 
     @property
