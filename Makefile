@@ -37,12 +37,13 @@ test-slow: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m 'slow and not realtime'
 	$(BIN)/pytest -m 'slow and realtime'
 
-# All tests, fast and slow together, so that they are collected no more often than they must. Computing that has only
-# what nobody else wants fills the time that real processes sleep; whose claim is timing has the machine to itself.
+# All tests, fast and slow together, so that they are collected no more often than they must. What learning needs is
+# installed while what needs none of it looks at the sources. Computing that has only what nobody else wants fills the
+# time that real processes sleep, first of two at once, then of one; whose claim is timing has the machine to itself.
 check: $(VENV)/.ready
-	$(MAKE) $(TWO) format lint types imports
-	$(MAKE) $(TWO) computed lived
-	$(BIN)/pytest -m alone
+	$(MAKE) $(TWO) format lint types $(VENV)/.learn
+	$(MAKE) $(TWO) imports computed lived
+	$(BIN)/pytest -m still
 
 TWO := --no-print-directory --jobs 2 --output-sync --keep-going
 IDLE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
@@ -52,6 +53,7 @@ computed: $(VENV)/.ready
 
 lived: $(VENV)/.ready
 	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone'
+	$(BIN)/pytest -m 'alone and not still'
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format --check .
@@ -65,7 +67,7 @@ types: $(VENV)/.ready
 imports: $(VENV)/.ready
 	$(BIN)/lint-imports
 
-bench: $(VENV)/.bench
+bench: $(VENV)/.bench $(VENV)/.learn
 	$(BIN)/python -m bench $(FIGURE)
 
 coverage: $(VENV)/.ready
@@ -102,9 +104,11 @@ model: $(VENV)/.ready
 cast: $(VENV)/.ready
 	$(BIN)/python tests/calibration_cast.py
 
-# docs/pictures: browser, terminal and page of a virtual robot that waves. Needs Chromium, and a machine that is calm.
-pictures: $(VENV)/.ready
+# docs/pictures: browser, terminal and page of a virtual robot that waves; a learner's robot, and how it learns. Needs
+# Chromium, and a machine that is calm.
+pictures: $(VENV)/.learn
 	$(BIN)/python tests/pictures.py
+	$(BIN)/python tests/pictures_learn.py
 
 # What a machine gets, and where; DESTDIR, WHEELS, PURGE and the rest stand in packaging/install.sh. An interpreter is
 # named to these only where it was named to make: `python3` may be one below /root, which the service does not see.
@@ -124,6 +128,11 @@ $(VENV)/.ready: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "twind needs Python 3.11 or newer; set PYTHON=")'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+# The learning extras: hundreds of megabytes, so `make test` does without, and skips their tests.
+$(VENV)/.learn: $(VENV)/.ready constraints.txt
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,learn,dataset]'
 	touch $@
 
 $(VENV)/.bench: $(VENV)/.ready

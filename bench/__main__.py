@@ -9,7 +9,23 @@ import sys
 import time
 from pathlib import Path
 
-from bench import bus, can, can_bus, can_loop, control, ctl, gate, hour, loop, observe, record, start, twin
+from bench import (
+    bus,
+    can,
+    can_bus,
+    can_loop,
+    control,
+    ctl,
+    gate,
+    hour,
+    learn,
+    loop,
+    observe,
+    record,
+    start,
+    stream,
+    twin,
+)
 from bench.harness import RESULTS, CannotTake, Figure, Key, Measurement, save, table
 from bench.machine import describe
 
@@ -27,6 +43,8 @@ MEASUREMENTS: tuple[Measurement, ...] = (
     *start.MEASUREMENTS,
     *observe.MEASUREMENTS,
     *record.MEASUREMENTS,
+    *stream.MEASUREMENTS,
+    *learn.MEASUREMENTS,
 )
 KEYS: dict[str, Key] = {name: key for one in MEASUREMENTS for name, key in one.keys.items()}
 DOCS = Path(__file__).parents[1] / "docs" / "bench.md"

@@ -249,7 +249,7 @@ reload() {
 stop() {
     if [ -d /run/systemd/system ]; then
         # Patterns, all of them: a unit that nobody has loaded is then no error.
-        set -- 'twind.servic[e]' 'twind@*.service' 'twind-sim.servic[e]' 'twind-metrics*.service'
+        set -- 'twind.servic[e]' 'twind@*.service' 'twind-sim.servic[e]' 'twind-metrics*.service' 'twind-stream*.service'
         # Services first, as systemctl takes patterns in no order: sockets wait for them, so that a robot on its way
         # down can be stopped. Again with the sockets: a connection may have started one anew.
         systemctl stop --no-block "$@"
@@ -309,7 +309,8 @@ remove() {
 }
 
 purge() {
-    rm -rf "$DESTDIR/etc/twind" "$DESTDIR/var/lib/twind" "$DESTDIR/run/twind"
+    rm -rf "$DESTDIR/etc/twind" "$DESTDIR/var/lib/twind" "$DESTDIR/run/twind" "$DESTDIR/var/lib/twind-stream" \
+        "$DESTDIR/var/lib/private/twind-stream"
 }
 
 # ------------------------------------------------------------------------------------------- the two ways

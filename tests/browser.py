@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +37,10 @@ SETTLED = 15.0  # s until the page shows what it was told
 
 
 def missing() -> str:
-    """Why there is no browser here; empty where there is one."""
-    try:
-        import playwright.sync_api  # noqa: F401
-    except ImportError:
-        return "playwright is not installed"
+    """Why no page can be looked at here, or nothing. Imports nothing: whoever reads the tests asks it."""
+    for library in ("mjviser", "playwright"):
+        if find_spec(library) is None:
+            return f"{library} is not installed"
     return "" if chromium() else "no Chromium on this machine"
 
 

@@ -39,30 +39,44 @@ SIDE_BY_SIDE = """
     cli client codes_reached ctl_main docs doctor doctor_can_line doctor_can_links doctor_daemon
     doctor_files doctor_fix_live doctor_machine doctor_mend doctor_ports edited failsafe_live flight_live
     flight_ring front_find_stop front_limits front_log front_process front_reload front_server
-    front_telemetry fuzz h24_mixed_live latency_live loop_notify loop_slow_answers_live machine many
-    metrics_live model_live monitor_live packaged picture_live plug prove_verb record_live recorder
-    register_verb reload_live replug robot scan_verb service service_files streams view_door view_parts
-    virtual_can_clients virtual_child virtual_clients virtual_main virtual_serve virtual_servos
-    wiggle_verb
+    front_streams front_telemetry fuzz h24_mixed_live imu_live latency_live learn_batch_vec_env learn_training
+    loop_notify loop_slow_answers_live machine many metrics_live model_live monitor_live packaged picture_live
+    plug policy_live prove_verb record_live recorder register_verb reload_live replug robot scan_verb service
+    service_files stream_camera stream_ingest stream_keeping stream_live stream_sender streams view_door
+    view_news view_operate view_stops virtual_can_clients virtual_child virtual_clients virtual_main
+    virtual_serve virtual_servos wiggle_verb
+"""
+
+# Whose claims are no reaction of a robot within milliseconds: one at a time, and beside it only computing
+# that has what nobody else wants. Who stands in neither list has the machine to itself.
+ONE_BY_ONE = """
+    busmon_can_live busmon_live doctor_robot evil_daemons_live front_foreseen front_rights
+    kills log_live view_live view_page
 """
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Where only tests in real time are asked for, files that have none are not read: most of them."""
     file = collection_path.suffix == ".py" and collection_path.name.startswith("test_")
-    if file and config.option.markexpr.startswith(("realtime", "alone")):
+    if file and config.option.markexpr.startswith(("realtime", "alone", "still")):
         return True if "realtime" not in collection_path.read_text() else None
     return None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The order of everything else stays."""
-    shared = {f"test_{name}.py" for name in SIDE_BY_SIDE.split()}
+    shared, single = (_files(names) for names in (SIDE_BY_SIDE, ONE_BY_ONE))
     _one_life_each(items)
     for item in items:
         if item.get_closest_marker("realtime") and item.path.name not in shared:
             item.add_marker("alone")
+            if item.path.name not in single:
+                item.add_marker("still")
     items.sort(key=lambda item: not item.name.startswith(LONGEST))
+
+
+def _files(names: str) -> set[str]:
+    return {f"test_{name}.py" for name in names.split()}
 
 
 @cache

@@ -190,16 +190,33 @@ class Daemon:
 
     def front(self) -> int:
         """Process id of the front: the child that runs it."""
-        for entry in Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split():
-            if b"twind.front" in Path(f"/proc/{entry}/cmdline").read_bytes():
-                return int(entry)
+        for child in self._children():
+            if b"twind.front" in Path(f"/proc/{child}/cmdline").read_bytes():
+                return child
         raise AssertionError("no front")
 
     def end(self, number: int = signal.SIGTERM, seconds: float = 20.0) -> int:
         """Signal it and wait for its end; its exit code."""
         if self.process.poll() is None:
             self.process.send_signal(number)
-        return self.process.wait(seconds)
+        try:
+            return self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            raise
+
+    def kill(self) -> None:
+        """End it and its front at once, one that was stopped by a test too; nothing where it has ended."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGSTOP)  # it starts no other front, and no pid is used again
+            for child in self._children():
+                os.kill(child, signal.SIGKILL)
+            self.process.kill()
+        self.process.wait(10)
+
+    def _children(self) -> list[int]:
+        pid = self.process.pid
+        return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 @contextmanager
@@ -227,6 +244,4 @@ def daemon(
     try:
         yield running
     finally:
-        if running.process.poll() is None:
-            running.process.kill()
-        running.process.wait(10)
+        running.kill()

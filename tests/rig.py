@@ -29,6 +29,7 @@ from twind.robot.trajectory import Trajectory
 from twind.safety.gate import Thresholds
 from twind.twin.binding import bind
 from twind.virtual.bench import Line, can_bus
+from twind.virtual.inertial import sensor_of
 from twind.virtual.nodes import unloaded
 from twind.virtual.specimen import calibration, fence, specimen
 from twind.virtual.truth import Truth
@@ -165,7 +166,8 @@ class Rig:
         if self._stops:  # a body of MuJoCo has its own
             fence(muscles, [spec.hinge for spec in self.made.servos[bus]])
         baud, now = self.robot.bus(bus).baud, self.clock.now()
-        return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now)
+        sensor = sensor_of(self.robot, bus, None)
+        return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now, sensor=sensor)
 
     def _open(self, name: str) -> Reader:
         if not self.virtual[name].plugged:

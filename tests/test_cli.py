@@ -237,6 +237,24 @@ def test_a_virtual_robot_is_told_nothing_of_the_sockets_that_were_handed_over(
     assert "h24: far enough" in said
 
 
+def test_where_a_virtual_robot_takes_orders_is_told_as_it_begins(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Child:
+        def __init__(self, robot: str) -> None:
+            self.faults, self.calibration, self.ports = Path("/x/faults.sock"), Path("/x/none.yaml"), {}
+
+        def __enter__(self) -> Any:
+            return self
+
+        def __exit__(self, *_why: object) -> None: ...
+
+    monkeypatch.setattr(cli, "VirtualChild", Child)
+    code, said = ended(capfd, "--virtual")
+    assert code == USAGE and "none.yaml" in said  # no calibration of its own: far enough
+    assert "takes orders" in said.splitlines()[0] and said.splitlines()[0].endswith("at /x/faults.sock")
+
+
 def test_a_socket_that_did_not_get_its_group_is_told_with_the_remedy() -> None:
     assert wrong_groups({"control": "twind-operator", "observe": "twind-observe"}) == []
     (told,) = wrong_groups({"control": "root", "observe": "twind-observe"})

@@ -99,6 +99,22 @@ def test_an_answer_may_come_in_pieces_and_without_parameters(start: Start, tmp_p
         assert client.call("ReleaseLease") == {}
 
 
+def test_an_answer_may_be_taken_later_but_before_anything_else_is_asked(start: Start, tmp_path: Path) -> None:
+    refused = reply(error="io.twind.Control.Refused", parameters={"findings": [FINDING]})
+    start(lambda call: [refused if "Setpoint" in call["method"] else reply(parameters={"mode": "sim"})])
+    with Client(tmp_path) as client:
+        assert client.finish() is None
+        client.begin("Setpoint", positions=[9.0])
+        with pytest.raises(RuntimeError, match="Setpoint is not answered yet"):
+            client.call("GetStatus")
+        with pytest.raises(Refused):
+            client.finish()
+        assert client.finish() is None and client.call("GetStatus") == {"mode": "sim"}
+        client.begin("GetStatus")
+        client.close()
+        assert client.finish() is None  # it went with its connection
+
+
 def test_a_refusal_carries_every_finding(start: Start, tmp_path: Path) -> None:
     start(lambda call: [reply(error="io.twind.Control.Refused", parameters={"findings": [FINDING, FINDING]})])
     with Client(tmp_path) as client, pytest.raises(Refused) as caught:
@@ -173,6 +189,28 @@ def test_a_stream_left_early_closes_the_connection(start: Start, tmp_path: Path)
             break
         peer._thread.join(60.0)
         assert not peer._thread.is_alive()  # it saw end-of-file
+
+
+def test_bursts_are_all_answers_that_have_come_as_their_bytes(start: Start, tmp_path: Path) -> None:
+    whole = [reply(parameters={"n": n}, continues=True) for n in range(5)]
+    peer = start(lambda call: [whole[0] + whole[1] + whole[2][:7], whole[2][7:] + whole[3], whole[4]])
+    heard: list[bytes] = []
+    with Client(tmp_path) as client:
+        for burst in client.bursts("Monitor", topics=["state"]):
+            assert burst
+            heard += burst
+            if len(heard) == 5:
+                break
+    assert [each + b"\0" for each in heard] == whole
+    assert peer.calls[0]["more"] is True
+    peer._thread.join(60.0)
+    assert not peer._thread.is_alive()  # it saw end-of-file
+
+
+def test_bursts_end_as_a_stream_does(start: Start, tmp_path: Path) -> None:
+    start(lambda call: [])
+    with Client(tmp_path) as client, pytest.raises(Disconnected):
+        list(client.bursts("Monitor", topics=["state"]))
 
 
 def test_during_a_stream_no_other_call_is_made(start: Start, tmp_path: Path) -> None:

@@ -77,3 +77,26 @@ def test_where_no_robot_is_looked_at_nobody_says_who_is_verified() -> None:
     joints = msgspec.json.decode(world.joints())
     assert {joint["verified"] for joint in joints} == {None}
     assert not any("verified" in row for row in joint_lines(joints))
+
+
+STREAM: dict[str, Any] = {
+    "name": "a1",
+    "endpoint": "http://x/in",
+    "rate_hz": 99.6,
+    "sent": 12,
+    "waiting": 3,
+    "dropped": 0,
+    "dead": 0,
+    "failures": 0,
+    "error": None,
+}
+
+
+def test_who_streams_has_a_line_that_says_what_was_lost_and_what_is_in_the_way() -> None:
+    wrong = {**STREAM, "dropped": 2, "failures": 7, "error": "Connection refused"}
+    lines = status_lines({**status(), "streams": [STREAM, wrong]})
+    assert [line for line in lines if line.startswith("stream")] == [
+        "stream   http://x/in: 99.6 Hz, 12 sent, 3 waiting",
+        "stream   http://x/in: 99.6 Hz, 12 sent, 3 waiting, 2 DROPPED, 7 failures; Connection refused",
+    ]
+    assert not [line for line in status_lines(status()) if line.startswith("stream")]

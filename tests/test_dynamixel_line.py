@@ -336,3 +336,41 @@ def test_a_packet_that_the_port_cuts_short_is_no_question_and_torque_off_goes_be
     port.cut_short, port.taken = False, b""
     talk(line, OWN, now=0.2)
     assert port.taken == b"off" + PING.packet
+
+
+# --------------------------------------------------------------------------------------------- who only tells
+
+TOLD = p.status(200, 0, b"\xff\xff\xfd\0\5\6")  # stuffed on the wire
+
+
+@pytest.fixture
+def telling() -> Line:
+    return Line("main", Port(), baud=10_000, return_delay_s=0.004, slack=0.002, sensors=(200,))
+
+
+@pytest.mark.parametrize("where", ["before the request", "before the answer", "behind it"])
+def test_a_late_status_of_a_sensor_is_neither_astray_nor_foreign(telling: Line, where: str) -> None:
+    talk(telling, OWN)
+    port = telling.transport
+    assert isinstance(port, Port)
+    port.late = TOLD if where == "before the request" else b""
+    talk(telling, {"before the answer": TOLD + OWN, "behind it": OWN + TOLD}.get(where, OWN))
+    assert (telling.strays, telling.foreign, telling.late) == (0, 0, [6])
+
+
+def test_noise_beside_it_stays_astray(telling: Line) -> None:
+    talk(telling, b"noise" + TOLD + OWN)
+    assert (telling.strays, telling.late) == (5, [6])
+
+
+def test_what_comes_behind_the_answer_of_a_sensor_is_its_own(telling: Line) -> None:
+    """And only that: behind a servo's answer it is astray."""
+    port = telling.transport
+    assert isinstance(port, Port)
+    ask = Exchange(p.read(200, 16, 6), PlainReply((200,), 6), 1)
+    for exchange, answer, strays in ((ask, TOLD, 0), (PING, OWN, 5)):
+        talk(telling, answer, exchange)
+        port.late = b"noise"
+        telling.send(PING, 1.0)
+        assert telling.strays == strays
+        telling.end()

@@ -290,3 +290,19 @@ def test_a_reply_that_cannot_fit_is_refused_when_asked() -> None:
     for make in (PlainReply, FastReply):
         with pytest.raises(ValueError, match="ask fewer"):
             make(range(200), 35)
+
+
+@given(at=st.integers(8, len(fast())), said=st.binary(max_size=40), chunk=st.integers(1, 120))
+def test_a_status_of_somebody_else_in_the_middle_of_a_joint_answer_costs_nobody_his_own(
+    at: int, said: bytes, chunk: int
+) -> None:
+    """However it is cut into pieces; the same between two statuses of a plain one."""
+    stranger = p.status(200, 0, said)
+    row = at // len(p.status(3, 0, block(3))) * len(p.status(3, 0, block(3)))
+    for reply, data, place in ((FastReply(IDS, SIZE), fast(), at), (PlainReply(IDS, SIZE), plain(), row)):
+        give(reply, data[:place] + stranger + data[place:], chunk)
+        assert reply.heard.all()
+        check_data(reply)
+        if place < len(data):  # else it may be done before
+            assert reply.strays == len(stranger)
+            assert [(each.id, each.data) for each in reply.unasked] == [(200, said)]

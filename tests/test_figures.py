@@ -32,6 +32,17 @@ def test_missed_ticks_add_up() -> None:
     assert (figures.info().ticks, figures.info().missed) == (3, 4)
 
 
+def test_the_worst_is_how_long_ticks_that_were_left_out_had_to_wait() -> None:
+    """After a tick that took five periods the next is on time: its own lateness says that all is well."""
+    figures = told(1e-4)
+    figures.tick(1e-4, 4)
+    figures.tick(1e-4, 0)
+    info = figures.info(whole=True)
+    assert info.late_max_us == pytest.approx(40_000.0)
+    assert info.late_p99_us == pytest.approx(100.0, rel=0.03)
+    assert info.lateness is not None and sum(each.count for each in info.lateness) == 3
+
+
 def test_the_median_is_not_moved_by_one_bad_tick_and_the_worst_is_kept() -> None:
     info = told(*repeat(1e-4, 200), 0.05, *repeat(1e-4, 200)).info()
     assert info.late_p50_us == pytest.approx(100.0, rel=0.03)

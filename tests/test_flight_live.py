@@ -22,7 +22,11 @@ def daemon(tmp_path: Path, **more: str) -> Daemon:
     """In sim mode, which needs no robot, and has ticked."""
     environment = {"STATE_DIRECTORY": str(tmp_path), **more}
     started = Daemon(tmp_path / "run", "--mode", "sim", environment=environment)
-    started.reach()
+    try:
+        started.reach()
+    except AssertionError:
+        started.kill()
+        raise
     return started
 
 
@@ -118,13 +122,14 @@ def test_the_manager_lets_go_of_the_recorder_when_the_front_has_done_its_work(
         manager.bind(str(tmp_path / "notify"))
         manager.settimeout(10.0)
         twind = daemon(tmp_path, NOTIFY_SOCKET=str(tmp_path / "notify"))
-        front = twind.front()
-        assert front is not None
-        while b"FDSTORE=1" not in manager.recv(4096):
-            pass
-        if stuck:
-            os.kill(front, signal.SIGSTOP)
-        assert twind.end() == 0
+        try:
+            while b"FDSTORE=1" not in manager.recv(4096):
+                pass
+            if stuck:
+                os.kill(twind.front(), signal.SIGSTOP)
+            assert twind.end() == 0
+        finally:
+            twind.kill()
         told: list[str] = []
         manager.setblocking(False)
         with contextlib.suppress(BlockingIOError):

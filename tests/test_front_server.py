@@ -113,7 +113,7 @@ def test_varlink_understands_our_errors(loop: StandIn) -> None:
         assert caught.value.parameters() == {"role": "observer", "method": "Arm"}
         with pytest.raises(varlink.VarlinkError) as caught:
             robot.Monitor(topics=["rough"])
-        known = ["state", "latency", "status", "raw", "events", "verdicts", "trajectories"]
+        known = ["state", "latency", "status", "raw", "events", "verdicts", "trajectories", "stream"]
         assert caught.value.parameters()["known"] == known
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from pages import FENCE
-from unit_files import METRICS, SERVICES, SOCKETS, SYSTEMD
+from unit_files import CLIENTS, SERVICES, SOCKETS, SYSTEMD
 
 from twind.config.robot_file import load_robot
 from twind.config.settings import load_settings
@@ -62,7 +62,7 @@ def tree(tmp_path: Path) -> Path:
 
 def test_everything_has_its_place(tree: Path) -> None:
     found = contents(tree)
-    for name in (*SERVICES, *METRICS, *SOCKETS):
+    for name in (*SERVICES, *CLIENTS, *SOCKETS):
         assert f"usr/local/lib/systemd/system/{name}" in found
     for name in ("sysusers.d/twind.conf", "tmpfiles.d/twind.conf", "udev/rules.d/60-twind.rules"):
         assert f"usr/local/lib/{name}" in found

@@ -359,6 +359,9 @@ def test_torque_off_that_a_servo_did_not_hear_is_ordered_again_when_it_answers()
         assert rig.loop.torque_off is not True  # it is on, and silent
         assert rig.loop.torque_known[10] != 0
     assert rig.replies(ticket)[-1].error is not None
+    told = rig.events("TORQUE_MISMATCH")[-1].message
+    assert told.startswith("torque could not be read back off: main: no reply")
+    assert told.endswith(f"({rig.names[10]})")
     assert np.flatnonzero(rig.register("torque_enable")).tolist() == [10]
     faults.silence(id=11, on=False)
     rig.seconds(2.0)
@@ -375,7 +378,10 @@ def test_torque_off_of_a_disarm_is_ordered_again_when_the_servo_answers() -> Non
     rig.ticks(5)
     rig.virtual["main"].faults.silence(id=11)
     rig.seconds(8.0)
-    assert rig.replies(ticket)[-1].error == "BusFailed"
+    reply = rig.replies(ticket)[-1]
+    assert reply.error == "BusFailed"
+    assert "from [11] within" in reply.parameters["message"]
+    assert reply.parameters["message"].endswith(f"({rig.names[10]})")
     rig.virtual["main"].faults.silence(id=11, on=False)
     rig.seconds(2.0)
     assert not rig.register("torque_enable").any()

@@ -88,6 +88,14 @@ def test_what_the_daemon_says_is_told_in_base_units() -> None:
     assert told.value("twind_info", version="1.2.3", robot="h24") == 1.0
 
 
+def test_streamers_are_told_of_together_and_nothing_where_nobody_streams() -> None:
+    assert Told(ledger(*WHOLE)).value("twind_stream_sent_messages") is None
+    one = {"sent": 5, "waiting": 1, "dropped": 0, "dead": 2}
+    told = Told(ledger(status(streams=[one, {**one, "sent": 7}]), *WHOLE[1:]))
+    assert told.value("twind_stream_sent_messages") == 12.0
+    assert told.value("twind_stream_dead_messages") == 4.0
+
+
 def test_what_is_unknown_has_no_sample_rather_than_a_zero() -> None:
     told = Told(ledger(*WHOLE))
     for name in ("effort_newton_meters", "verified"):

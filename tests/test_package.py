@@ -14,7 +14,7 @@ import built
 import overlay
 import pytest
 from test_install import wheel
-from unit_files import METRICS, SERVICES, SOCKETS, SYSTEMD
+from unit_files import CLIENTS, SERVICES, SOCKETS, SYSTEMD
 
 from twind.version import __version__
 
@@ -190,7 +190,7 @@ def test_make_install_does_the_same(wheels: Path, tmp_path: Path) -> None:
     )
     assert "socket twind twind-operator 660 /run/twind/control.sock" in ran.output
     assert "again: # mine" in ran.output
-    assert {*SERVICES, *METRICS, *SOCKETS} <= set(ran.output.split())
+    assert {*SERVICES, *CLIENTS, *SOCKETS} <= set(ran.output.split())
     kept = {"twind.yaml", "robots/example.yaml", "robots/example.xml"}
     assert left(ran) == {f"/etc/twind/{name}" for name in kept}
 

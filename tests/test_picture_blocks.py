@@ -1,6 +1,8 @@
 """Who, lease, loop, latency, what is wrong, what was refused: each in words too, not in colours alone."""
 
 import dataclasses
+from math import cos, radians, sin
+from typing import Any
 
 import pytest
 from picture_world import bus, event, loop, told, view, watched
@@ -156,6 +158,16 @@ def test_the_recorder_says_what_it_holds_and_an_episode_how_it_ended() -> None:
     ]
 
 
+def test_a_streamer_has_a_line_of_which_the_trouble_comes_first() -> None:
+    well = {"name": "a", "endpoint": "http://x/in", "rate_hz": 99.6, "sent": 12, "waiting": 3}
+    well |= {"dropped": 0, "dead": 0, "failures": 7, "error": None}
+    said = text(recorder(watched(streams=[well, {**well, "dead": 2, "error": "refused"}]).view(100.0), 120))
+    assert said.splitlines()[:2] == [
+        "stream   100 Hz · 12 sent, 3 waiting · http://x/in",
+        "stream   ! refused · ! 2 dead letters · 100 Hz · 12 sent, 3 waiting · http://x/in",
+    ]
+
+
 def test_a_name_with_escapes_in_it_moves_no_cursor() -> None:
     evil = "x\x1b[2J\r\nboom\u202e"
     said = view(robot=evil, lease={"holder": evil, "uid": 0, "expires_in": 1.0}, motion=evil)
@@ -190,3 +202,27 @@ def test_events_are_there_with_their_level() -> None:
     shown = events(view(), 80)
     assert "LATENCY_WARN: latency 61 ms, bound 50 ms" in text(shown)
     assert "warn" in styles([row.line for row in shown.rows])
+
+
+def leaning(**other: Any) -> View:
+    """A robot that leans 20 degrees forward and a little to its right."""
+    half = radians(10.0)
+    turned = {"quaternion": [cos(half) * 0.998, 0.0634, sin(half) * 0.998, 0.0], "age_ms": 4.0}
+    felt = {"gyro": [0.0, 0.3, 0.4], "acceleration": [-3.4, 0.0, 9.2]}
+    one = watched()
+    one.take({"topic": "state", "dropped": 0, "joints": [], "imu": turned | felt | other}, 101.0)
+    return one.view(101.0)
+
+
+def test_how_a_robot_leans_is_said_if_its_imu_tells() -> None:
+    said = text(summary(leaning(), 120))
+    assert "imu      leans 21.3°" in said
+    assert "pitch +19.9°" in said and "9.81 m/s², 0.50 rad/s" in said and "4 ms old" in said
+    assert "imu" not in text(summary(view(), 120))
+
+
+def test_of_an_imu_that_is_silent_no_old_numbers_are_shown() -> None:
+    block = summary(leaning(age_ms=4200.0), 120)
+    assert "imu      ! silent for 4 s: how it leans is not known" in text(block)
+    assert "leans 21" not in text(block) and "rad/s" not in text(block)
+    assert "warn" in styles(block.shown(block.whole))

@@ -327,5 +327,5 @@ def test_only_a_picture_is_written_over_never_a_recording(tmp_path: Path) -> Non
 
 def test_without_matplotlib_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plot, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"pip install 'twind\[plot\]'"):
+    with pytest.raises(UsageError, match=r"pip install '\.\[plot\]'"):
         plot.run(options(tmp_path / "any.mcap"))

@@ -144,6 +144,12 @@ TOLD = {  # which verbs each file with a progress serves
     "observe/recover.py": ("recover",),
     "proving/verb.py": ("calibrate prove",),
     "twind_calibration/port_scan.py": ("scan",),
+    "dataset/verb.py": ("dataset",),
+    "policy/run.py": ("policy run",),
+    "streaming/course.py": ("stream",),
+    "streaming/ingest.py": ("ingest",),
+    "training/course.py": ("train",),
+    "training/verb.py": ("train",),
 }
 
 

@@ -12,7 +12,7 @@ from recorded import CLOCKS, JOINTS, event, joint, state, status
 from twind.observe.writing.lines import STEP, Clocks, Line, Scribe, note, shifted
 from twind.observe.writing.schemas import ROS, json_schemas
 from twind.protocol import CONTROL, load
-from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, decode, stamp
+from twind.ros import IMU, JOINT_STATE, JOINT_TRAJECTORY, decode, stamp
 
 
 def told(*answers: dict[str, Any], mode: str = "live") -> list[Line]:
@@ -111,3 +111,24 @@ def test_a_note_is_of_the_moment_it_was_made() -> None:
     line = note(CLOCKS, 101.0, "clock_step", wall_ns=5, monotonic=101.0)
     assert line.time_ns == CLOCKS.wall_ns + 10**9
     assert json.loads(line.data) == {"kind": "clock_step", "wall_ns": 5, "monotonic": 101.0}
+
+
+def felt(time: float, age: float) -> dict[str, Any]:
+    numbers = {"gyro": [0.1, 0.2, 0.3], "acceleration": [1.0, 2.0, 9.0], "quaternion": [0.5, -0.5, 0.5, -0.5]}
+    return state(time) | {"imu": numbers | {"age_ms": age}}
+
+
+def test_what_an_imu_told_is_a_message_of_ros_with_the_order_of_ros() -> None:
+    (line,) = [line for line in told(felt(101.5, 2.0)) if line.topic == "/imu"]
+    message = decode(IMU, line.data)
+    assert message["header"] == {"stamp": stamp(line.time_ns), "frame_id": "base"}
+    assert message["angular_velocity"] == {"x": 0.1, "y": 0.2, "z": 0.3}
+    assert message["linear_acceleration"] == {"x": 1.0, "y": 2.0, "z": 9.0}
+    assert message["orientation"] == {"w": 0.5, "x": -0.5, "y": 0.5, "z": -0.5}
+    assert not any(message["orientation_covariance"])
+
+
+def test_a_silent_imu_is_not_written_again_with_a_new_stamp() -> None:
+    lines = told(*(felt(100.0 + tick / 100, 10.0 * tick + 0.3 * (tick % 2)) for tick in range(50)))
+    assert len([line for line in lines if line.topic == "/imu"]) == 1
+    assert not [line for line in told(state(100.0)) if line.topic == "/imu"]

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from recorded import CLOCKS, SESSION, Told
 
+from twind.ctl.progress import Progress
 from twind.ctl.verb import UsageError
 from twind.observe import record
 from twind.observe.recording.columns import open_recording
@@ -135,6 +136,23 @@ def test_where_the_daemon_cannot_be_told_of_an_episode_the_file_is_in_the_words_
     for each in found.notes:
         assert each.what.keys() <= schema.keys()
         assert each.what["annotation"].keys() <= schema["annotation"]["properties"].keys()
+
+
+def test_every_file_is_named_as_soon_as_it_is_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = Told(lambda now: RecordWriter(tmp_path, Bounds(1 << 40, 0, 1 << 40, longest=2.0), now))
+    course = Course(options(), told.writer, threading.Event())
+    with Progress(options(), "record") as progress:
+        for _ in range(3):
+            course._name_files(progress, "two")
+            told.run(1.5)
+        course._name_files(progress, "two")
+    told.writer.close()
+    assert len(told.writer.tally.files) == 3
+    assert capsys.readouterr().err.splitlines() == [
+        f"recording two into {each}" for each in told.writer.tally.files
+    ]
 
 
 def test_what_is_told_of_it_names_what_was_lost() -> None:

@@ -63,6 +63,26 @@ def test_rows_of_one_moment_are_one_row_and_what_is_not_known_is_nan(tmp_path: P
     assert (found.slow.age == 0.001).all()
 
 
+def test_what_an_imu_told_is_rows_and_what_it_did_not_is_nan(tmp_path: Path) -> None:
+    felt = {"gyro": [0.1, 0.2, 0.3], "acceleration": [1.0, 2.0, 9.0], "quaternion": [0.5, -0.5, 0.5, -0.5]}
+    imus = [felt | {"age_ms": age} for age in (2, 12, 2)]
+    rows = [state(100.0 + tick / 100) | {"imu": imu} for tick, imu in enumerate(imus)]
+    found = record(tmp_path, *rows).imu
+    assert found is not None
+    assert found.gyro.tolist()[::2] == [felt["gyro"]] * 2 and np.isnan(found.gyro[1]).all()
+    assert found.acceleration[2].tolist() == felt["acceleration"]
+    assert found.quaternion[2].tolist() == felt["quaternion"]
+    (tmp_path / "without").mkdir()
+    assert record(tmp_path / "without", state(100.0)).imu is None
+    (file,) = tmp_path.glob("*.mcap")
+    with AnyReader([file]) as bag:
+        (topic,) = [each for each in bag.connections if each.topic == "/imu"]
+        *_, (_, _, data) = bag.messages([topic])
+        message: Any = bag.deserialize(data, topic.msgtype)
+    assert topic.msgtype == "sensor_msgs/msg/Imu" and message.header.frame_id == "base"
+    assert (message.orientation.w, message.linear_acceleration.z) == (0.5, 9.0)
+
+
 def test_who_is_to_follow_a_goal_is_the_robot_in_live_and_the_simulation_else(tmp_path: Path) -> None:
     rows = [status(99.0, "mirror"), state(100.0, simulated=5.0), status(101.0, "live")]
     found = record(tmp_path, *rows, state(102.0, simulated=5.0))

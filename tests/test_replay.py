@@ -326,3 +326,21 @@ def test_where_commands_go_to_the_simulation_the_same_comes_out_too(mode: Mode, 
     wanted = score(recorded).recorded
     assert [each.findings[0][0] for each in wanted.answers if each.error] == ["POS_LIMIT", "MODE_DENIES"]
     assert found(wanted, recorded, tmp_path / "replay") == []
+
+
+def test_an_imu_tells_in_the_replay_what_it_told_and_is_silent_when_it_was(tmp_path: Path) -> None:
+    with closing(recording("h24-standing", mode=Mode.MIRROR)) as rig:
+        rig.connect()
+        sensor = rig.virtual["main"].sensor
+        sensor.err(gyro_bias=0.25)
+        rig.seconds(3.0)
+        rig.virtual["main"].faults.silence(sensor.id)
+        rig.seconds(1.0)
+        recorded = flight(rig, tmp_path)
+    (tmp_path / "stage").mkdir()
+    with closing(Replay(recorded, tmp_path / "stage")) as replay:
+        replay.run()
+        told = replay.loop.measured.imu
+        assert told is not None and told.gyro == pytest.approx([0.25] * 3, abs=0.001)
+        assert 0.7 < replay.loop.measured.time - told.time < 1.3
+        assert replay.loop.measured.heard.all()

@@ -203,11 +203,6 @@ def test_unknown_support_counts_as_free(tmp_path: Path) -> None:
         ("poses:\n", "gate: {on_velocity: clamp}\nposes:\n", "'clamp' is none of reject, retime"),
         ("poses:\n", "gate: {on_position: retime}\nposes:\n", "only reject"),
         ("poses:\n", "collision: {blocks_m: 1}\nposes:\n", "collision.blocks_m: unknown key"),
-        (
-            "poses:\n",
-            "sensors: {}\nposes:\n",
-            ":16:10: sensors: sensors is not supported by this version yet",
-        ),
         ("poses:\n", "posses: {}\nposes:\n", ":16:1: posses: unknown key; nearest: poses"),
         ("buses:\n  main: {kind: dynamixel2, port: /dev/ttyUSB0, baud: 1000000}\n", "", "at least one bus"),
     ],
@@ -244,11 +239,12 @@ def test_the_description_hash_follows_identity_and_arithmetic_only(tmp_path: Pat
 
 
 def test_built_in_robots_are_found_by_name() -> None:
-    assert built_in_robots() == ("h24", "h24-mixed", "h24-split")
+    assert built_in_robots() == ("h24", "h24-mixed", "h24-split", "h24-standing")
     assert {name: load_robot(name).name for name in built_in_robots()} == {
         "h24": "h24",
         "h24-mixed": "h24-mixed",
         "h24-split": "h24-split",
+        "h24-standing": "h24-standing",
     }
 
 

@@ -198,7 +198,7 @@ def test_a_message_that_does_not_fit_is_refused_by_its_field() -> None:
         decode(JOINT_STATE, GOLDEN + bytes(4))
     assert decode(JOINT_STATE, GOLDEN + bytes(3))["name"] == ["a", "bcd"]
     with pytest.raises(DefinitionError, match="known: builtin_interfaces/msg/Time"):
-        encode("sensor_msgs/msg/Imu", {})
+        encode("sensor_msgs/msg/Range", {})
 
 
 def test_the_definitions_of_others_are_read_too() -> None:

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from unit_files import METRICS, SERVICES, SOCKETS, SYSTEMD, Lines, read, unit, value, values
+from unit_files import CLIENTS, METRICS, SERVICES, SOCKETS, STREAM, SYSTEMD, Lines, read, unit, value, values
 
 from twind import cli
 from twind.client.places import socket_path
 from twind.config.settings import places
 from twind.ctl import main as ctl
+from twind.learn.streaming import stream
 from twind.loop import failsafe, realtime
 from twind.loop.release import LETTING_GO
 from twind.loop.sockets import GROUPS, NAMES
@@ -71,7 +72,7 @@ def complaints(analyze: str, tree: Path, units: Sequence[str]) -> str:
 
 
 def test_systemd_reads_every_unit_without_a_word(analyze: str, tree: Path) -> None:
-    assert complaints(analyze, tree, [*SERVICES, *METRICS, *SOCKETS, "twind-can@.service"]) == ""
+    assert complaints(analyze, tree, [*SERVICES, *CLIENTS, *SOCKETS, "twind-can@.service"]) == ""
 
 
 def version_of_systemd(analyze: str) -> int:
@@ -104,7 +105,7 @@ def test_a_mistake_in_a_unit_would_be_told(analyze: str, tree: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "most"),
-    [*((name, 2.0) for name in SERVICES[:3]), *((name, 1.0) for name in ("twind-sim.service", *METRICS))],
+    [*((name, 2.0) for name in SERVICES[:3]), *((name, 1.0) for name in ("twind-sim.service", *CLIENTS))],
 )
 def test_the_exposure_is_small(analyze: str, name: str, most: float) -> None:
     threshold = f"--threshold={most * 10:.0f}"
@@ -234,6 +235,32 @@ def test_figures_of_an_instance_differ_in_names_alone() -> None:
     assert unit(METRICS[1]) == [(section, key, given.replace(*command)) for section, key, given in plain]
 
 
+def test_readings_are_sent_by_nobody_that_has_a_device_or_anything_of_the_daemon_but_a_socket() -> None:
+    lines = unit(STREAM[0])
+    assert (value(lines, "DynamicUser"), value(lines, "SupplementaryGroups")) == ("yes", GROUPS["observe"])
+    assert (value(lines, "PrivateDevices"), value(lines, "DevicePolicy")) == ("yes", "closed")
+    assert (values(lines, "IPAddressDeny"), values(lines, "IPAddressAllow")) == (["any"], ["localhost"])
+    assert f"URL={stream.URL}" in value(lines, "Environment").split()
+    assert value(lines, "StateDirectory") != value(unit("twind.service"), "StateDirectory")
+    assert not [key for _, key, _ in lines if key in ("Requires", "BindsTo", "PartOf", "ReadWritePaths")]
+    assert cage(lines) == cage(unit(METRICS[0]))
+
+
+def test_readings_of_an_instance_differ_in_names_alone() -> None:
+    other = {
+        "Description": ("readings to", "readings of %i to"),
+        "After": ("twind.service", "twind@%i.service"),
+        "ExecStart": ("--socket /run/twind ", "--socket /run/twind/%i "),
+        "EnvironmentFile": ("stream.env", "stream-%i.env"),
+        "StateDirectory": ("twind-stream", "twind-stream/%i"),
+    }
+    plain = [
+        (part, key, given.replace(*other.get(key, ("", "")))) if key in other else (part, key, given)
+        for part, key, given in unit(STREAM[0])
+    ]
+    assert unit(STREAM[1]) == plain
+
+
 def test_a_daemon_that_is_given_up_is_followed_by_the_fail_safe_and_never_runs_beside_it() -> None:
     for name, instance in (("twind.service", "twind"), ("twind@.service", "%i")):
         safe = f"twind-failsafe@{instance}.service"
@@ -255,7 +282,7 @@ def test_the_drivers_of_the_adapters_are_there_before_device_groups_are_looked_u
 # ------------------------------------------------------------------------------ each says what the code says
 
 
-@pytest.mark.parametrize("name", [*SERVICES, *METRICS])
+@pytest.mark.parametrize("name", [*SERVICES, *CLIENTS])
 def test_every_command_line_is_one_that_the_programs_take(name: str) -> None:
     lines = unit(name)
     for key in ("ExecStart", "ExecReload"):

@@ -15,9 +15,6 @@ from browser import browser, missing, opened
 from processes import Daemon, arm, daemon, go, robot, until
 
 from twind.client import Refused
-
-pytest.importorskip("viser", reason="the extra `view` is not installed")
-pytest.importorskip("mjviser", reason="the extra `view` is not installed")
 from twind.observe.viewing.operate import ANSWER
 
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]

@@ -9,9 +9,6 @@ import pytest
 from browser import browser, changed, missing, opened, picture
 from viewed import h24, other, state, status
 
-pytest.importorskip("viser", reason="the extra `view` is not installed")
-pytest.importorskip("mjviser", reason="the extra `view` is not installed")
-
 from twind.observe.viewing.door import Site
 from twind.observe.viewing.door import opened as served
 from twind.observe.viewing.news import Described, Known

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from twind.virtual.main import parser
-from twind.virtual.orders import FAULTS, Order, OrderError, OrderSocket, arguments
+from twind.virtual.orders import BODY_FAULTS, FAULTS, Order, OrderError, OrderSocket, arguments
 from twind_drivers.virtual.faults import Faults
 
 
@@ -38,7 +38,7 @@ def test_right_orders_give_their_arguments() -> None:
 
 
 def test_every_order_is_a_fault_with_these_arguments_and_no_fault_is_forgotten() -> None:
-    inside = {"rows", "look", "speak"}
+    inside = {"rows", "require", "look", "speak"}
     methods = {
         name: inspect.signature(method).parameters
         for name, method in inspect.getmembers(Faults, inspect.isfunction)
@@ -55,7 +55,7 @@ def test_every_order_is_a_fault_with_these_arguments_and_no_fault_is_forgotten()
 def test_the_page_shows_every_order_and_option_and_what_it_shows_is_right() -> None:
     page = (Path(__file__).parents[1] / "docs/virtual.md").read_text()
     shown = [json.loads(each) for each in re.findall(r'`(\{"fault".*?\})`', page)]
-    assert {arguments(each)[0] for each in shown} == set(FAULTS)
+    assert {arguments(each, {**FAULTS, **BODY_FAULTS})[0] for each in shown} == {*FAULTS, *BODY_FAULTS}
     for option in parser()._option_string_actions:
         assert option in ("-h", "--help") or f"`{option}" in page, option
 

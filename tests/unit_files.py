@@ -6,6 +6,8 @@ from pathlib import Path
 SYSTEMD = Path(__file__).parents[1] / "systemd"
 SERVICES = ("twind.service", "twind@.service", "twind-failsafe@.service", "twind-sim.service")
 METRICS = ("twind-metrics.service", "twind-metrics@.service")
+STREAM = ("twind-stream.service", "twind-stream@.service")
+CLIENTS = (*METRICS, *STREAM)
 SOCKETS = ("twind-control.socket", "twind-observe.socket", "twind-control@.socket", "twind-observe@.socket")
 
 Lines = list[tuple[str, str, str]]  # section, key, value

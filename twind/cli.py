@@ -323,6 +323,7 @@ def _with_virtual(sources: Sources, stack: ExitStack) -> Sources:
     settings = sources.settings()
     robot = load_robot(settings.robot, settings.robot_folders)
     child = stack.enter_context(VirtualChild(settings.robot))
+    tell(2, "info", f"twind: the virtual robot takes orders (push, hold, faults) at {child.faults}")
     ports = [f"{name}={virtual_port(robot.bus(name).kind, path)}" for name, path in child.ports.items()]
     return replace(sources, calibration=str(child.calibration), ports=tuple(ports))
 

@@ -116,6 +116,9 @@ class Sample:
     foreign: int
     effort_told: Bools | None = None  # who told an effort; None: everybody who was heard
     line: int = 0  # of the controller (CAN): 0 active, 1 error passive, 2 off the wire or alone (R24)
+    # Since the last sample: data bytes of each status, out of its turn, of a device that only tells. They are
+    # neither foreign nor discarded: what such a device does is no fault of the others.
+    late: tuple[int, ...] = ()
 
 
 @dataclass(slots=True)

@@ -48,6 +48,7 @@ ROOMS = (
         "guard guard_telling goal_rules bus_rules device_rules senses"
         " heat_rules line_rules outlook_rules power_rules stall_rules tracking_rules support_rules",
     ),
+    _room("homing", "twind/motion", "homing", "homing homing_edges homing_ends"),
 )
 
 

@@ -133,6 +133,31 @@ def test_figures_are_served_to_this_machine_by_nobody_that_owns_anything(plain: 
     assert exposure(machine, "twind-metrics.service") <= 1.0
 
 
+def test_readings_are_sent_by_nobody_that_owns_anything(plain: Service) -> None:
+    machine = plain.machine
+    unit, out = Unit(machine, "twind-stream.service"), machine.inside("/tmp/ingest/messages.ndjson")
+    assert unit.show("UnitFileState") == "disabled"
+    machine.run("systemd-run", "--unit=ingest", "/opt/twind/bin/twindctl", "ingest", "--out", "/tmp/ingest")
+    unit.start()
+    try:
+        machine.until(lambda: out.exists() and out.read_text().count("\n") > 2, 20.0, "readings")
+        status = dict(
+            line.split(":\t", 1) for line in Path(f"/proc/{unit.main()}/status").read_text().splitlines()
+        )
+        assert (status["NoNewPrivs"], status["Seccomp"]) == ("1", "2")
+        assert {int(status[key], 16) for key in ("CapEff", "CapPrm", "CapBnd", "CapAmb")} == {0}
+        user = int(status["Uid"].split()[1])
+        assert user >= 61184, "no user of its own (DynamicUser=)"
+        spool = machine.inside("/var/lib/private/twind-stream/spool.sqlite")
+        assert (spool.stat().st_uid, spool.parent.stat().st_mode & 0o777) == (user, 0o700)
+        assert plain.status()["streams"][0]["endpoint"] == "http://localhost:8000/ingest"
+    finally:
+        unit.stop()
+        machine.run("systemctl", "stop", "ingest.service")
+    assert unit.show("Result") == "success"
+    assert exposure(machine, "twind-stream.service") <= 1.0
+
+
 def test_the_journal_has_levels_and_fields(plain: Service) -> None:
     line = plain.says(5.0, "START", lambda line: line.get("TWIND_CODE") == "START")
     assert line["PRIORITY"] == "6" and "mode mirror" in line["MESSAGE"]

@@ -33,6 +33,7 @@ class Client:
         self._socket: socket.socket | None = None
         self._buffer = bytearray()
         self._streaming = False
+        self._begun = ""  # the call whose answer nobody has taken yet
 
     def __enter__(self) -> "Client":
         return self
@@ -41,6 +42,11 @@ class Client:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    @property
+    def connected(self) -> bool:
+        """A connection is open, which a lease would belong to. False: the next call opens one."""
+        return self._socket is not None
 
     def connect(self) -> None:
         """Connect now rather than at the first call. Raises NoDaemon."""
@@ -65,7 +71,7 @@ class Client:
             self._socket.close()
         self._socket = None
         self._buffer.clear()
-        self._streaming = False
+        self._streaming, self._begun = False, ""
 
     # ------------------------------------------------------------------------------------------ calls
 
@@ -78,6 +84,19 @@ class Client:
         self._send(method, parameters)
         return self._receive(method)[0]
 
+    def begin(self, method: str, **parameters: Any) -> None:
+        """Call without waiting: `finish` takes the answer, before anything else is asked on this connection.
+
+        Raises NoDaemon, NoAnswer (the daemon does not even take it).
+        """
+        self._send(method, parameters)
+        self._begun = method
+
+    def finish(self) -> Answer | None:
+        """Wait for the answer to what was begun, None: nothing was. Raises as `call`."""
+        method, self._begun = self._begun, ""
+        return self._receive(method)[0] if method else None
+
     def stream(self, method: str, **parameters: Any) -> Generator[Answer, None, None]:
         """Call with `more` and give every answer's parameters. The call is sent at once.
 
@@ -86,6 +105,26 @@ class Client:
         self._send(method, parameters, more=True)
         self._streaming = True
         return self._answers(method)
+
+    def bursts(self, method: str, **parameters: Any) -> Generator[list[bytes], None, None]:
+        """As `stream`, but all answers that have come, one at least, as their bytes: for who takes many.
+
+        Who looks seldom is woken seldom. Nothing is read of them: which is an error, or the last, the caller
+        sees. Leaving it closes the connection. Raises NoDaemon, Disconnected, NoAnswer.
+        """
+        self._send(method, parameters, more=True)
+        self._streaming = True
+        return self._bursts(method)
+
+    def _bursts(self, method: str) -> Generator[list[bytes], None, None]:
+        try:
+            while True:
+                first, end = self._next(method), self._buffer.rfind(b"\0")
+                others = bytes(self._buffer[: max(end, 0)])
+                del self._buffer[: end + 1]
+                yield [first, *others.split(b"\0")] if end >= 0 else [first]
+        finally:
+            self.close()
 
     def _answers(self, method: str) -> Generator[Answer, None, None]:
         ended = False
@@ -104,6 +143,8 @@ class Client:
     def _send(self, method: str, parameters: Mapping[str, Any], *, more: bool = False) -> None:
         if self._streaming:
             raise RuntimeError(f"{method}: a stream is open on this connection; use another Client")
+        if self._begun:
+            raise RuntimeError(f"{method}: {self._begun} is not answered yet on this connection: finish it")
         message: dict[str, Any] = {
             "method": method if "." in method else f"{INTERFACE}.{method}",
             "parameters": {key: value for key, value in parameters.items() if value is not None},

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from twind.config.actuator import CAN, CanType, ServoType
-from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind.config.section import file_error
 from twind_drivers.can import budget as can
 from twind_drivers.dynamixel.budget import Budget, budget
@@ -86,7 +86,14 @@ class CanBudget:
 def budgets(robot: RobotFile, rate_hz: float) -> tuple[Cycle, ...]:
     """The cycle of every bus: goals, reading, upkeep and the adapter's latency. Without joints: none."""
     joints = {bus.name: [joint for joint in robot.joints if joint.bus == bus.name] for bus in robot.buses}
-    return tuple(_cycle(bus, joints[bus.name], rate_hz) for bus in robot.buses if joints[bus.name])
+    sensors = {} if robot.imu is None else {robot.imu.bus: robot.imu}
+    return tuple(
+        _can(bus, joints[bus.name], rate_hz)
+        if bus.kind == CAN
+        else _serial(bus, joints[bus.name], rate_hz, sensors.get(bus.name))
+        for bus in robot.buses
+        if joints[bus.name]
+    )
 
 
 def require_rate(robot: RobotFile, rate_hz: float) -> tuple[Cycle, ...]:
@@ -98,16 +105,12 @@ def require_rate(robot: RobotFile, rate_hz: float) -> tuple[Cycle, ...]:
     return found
 
 
-def _cycle(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> Cycle:
-    return (_can if bus.kind == CAN else _serial)(bus, joints, rate_hz)
-
-
 def _can(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> CanBudget:
     families = Counter(joint.type.family for joint in joints if isinstance(joint.type, CanType))
     return CanBudget(bus, len(joints), rate_hz, can.budget(families, bus.baud, rate_hz))
 
 
-def _serial(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> BusBudget:
+def _serial(bus: BusSpec, joints: list[JointSpec], rate_hz: float, imu: ImuSpec | None) -> BusBudget:
     delay = max(joint.type.return_delay_us for joint in joints if isinstance(joint.type, ServoType))
     latency = bus.latency_timer_ms * 1e-3
     groups = _groups(joints)
@@ -121,6 +124,7 @@ def _serial(bus: BusSpec, joints: list[JointSpec], rate_hz: float) -> BusBudget:
             upkeep_hz=rate_hz / upkeep_stride(rate_hz),
             usb_s=latency,
             groups=groups,
+            sensor=None if imu is None else (imu.span[1], imu.return_delay_us),
         )
         for way in (False, True)
     )

@@ -14,6 +14,7 @@ from pathlib import Path
 from twind.config.actuator import Gains, TypeSpec
 from twind.config.buses import buses
 from twind.config.collision import clearance
+from twind.config.imu import imu_of
 from twind.config.joint_entry import described_joints
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
@@ -23,7 +24,6 @@ from twind.protocol.plain_file import NotAFile, read_plain
 FORMAT = "twind-robot/1"
 SUPPORTS = ("fixed", "gantry", "free")
 MAX_MJCF = 8 * 1024 * 1024  # bytes
-LATER = "is not supported by this version yet; remove it to use the rest of the file"
 
 _NAME = re.compile(r"[a-z0-9_-]{1,64}")
 
@@ -61,8 +61,6 @@ def read_robot(path: Path) -> RobotFile:
     top = Section(str(path), parse(text, str(path)))
     if top.text("format") != FORMAT:
         raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
-    if top.has("sensors"):
-        raise top.refuse("sensors", f"sensors {LATER}")
     name = top.text("name")
     if not _NAME.fullmatch(name):
         raise top.refuse("name", f"{name!r}: use 1 to 64 of a-z, 0-9, _ and -")
@@ -89,6 +87,7 @@ def read_robot(path: Path) -> RobotFile:
         gate=_gate(top, support),
         motions=path.parent / top.text("motions", "motions"),
         transmissions=driven,
+        imu=imu_of(top, wires, joints),
     )
     top.close()
     return robot

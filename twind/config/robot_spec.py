@@ -115,6 +115,54 @@ class GateSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class RegistersSpec:
+    """Numbers side by side in the registers of a sensor: value = (raw - zero) * lsb."""
+
+    address: int  # of the first
+    type: str  # of `imu.TYPES`, little-endian
+    count: int
+    size: int  # bytes of one
+    lsb: float  # SI per count: rad/s, m/s², 1 of a quaternion
+    zero: float  # raw, where the value is 0
+    order: str  # as they follow each other: xyz, wxyz, xyzw
+
+    @property
+    def kind(self) -> str:
+        """Of one number, as numpy spells it: `<i2`."""
+        return f"<{self.type[0]}{self.size}"
+
+    @property
+    def end(self) -> int:
+        """The address behind the last."""
+        return self.address + self.count * self.size
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSpec:
+    """An inertial sensor on a serial bus, at a site of the model."""
+
+    bus: str
+    id: int
+    site: str
+    rotation: tuple[float, ...] | None  # w x y z, from the sensor's axes to the base's; None: the site's own
+    return_delay_us: float
+    gyro: RegistersSpec
+    acceleration: RegistersSpec
+    quaternion: RegistersSpec | None  # None: the sensor tells no attitude, it is worked out
+
+    @property
+    def registers(self) -> tuple[RegistersSpec, ...]:
+        """All that are read: gyro, acceleration, and the quaternion where there is one."""
+        return tuple(each for each in (self.gyro, self.acceleration, self.quaternion) if each is not None)
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Address and size of the block that holds them all."""
+        first = min(each.address for each in self.registers)
+        return first, max(each.end for each in self.registers) - first
+
+
+@dataclass(frozen=True, slots=True)
 class RobotFile:
     """One robot, as described. `joints` is in the order of the file: the joint order of the whole house."""
 
@@ -135,6 +183,7 @@ class RobotFile:
     gate: GateSettings
     motions: Path  # folder of trajectory files
     transmissions: tuple[TransmissionSpec, ...] = ()
+    imu: ImuSpec | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import IO
 ADDRESS = 15.0  # s that it may take until it says where it is
 ENDING = 5.0  # s, after SIGTERM
 NICE = 10
-MISSING = "view      not installed; to see the robot in a browser: pip install 'twind[view]'"
+MISSING = "view      not installed; for the robot in a browser: in the clone of twind, pip install '.[view]'"
 
 
 @contextmanager

@@ -35,7 +35,8 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topics",
         default="state",
-        help="with --json: state (default), latency, status, raw, events, verdicts, trajectories; by commas",
+        help="with --json, by commas: state (default), latency, status, raw, events, verdicts, trajectories, "
+        "stream",
     )
 
 

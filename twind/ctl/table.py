@@ -6,6 +6,7 @@ from typing import Any
 from twind.client.errors import finding_lines
 
 Answer = Mapping[str, Any]
+LOST = (("dropped", "DROPPED"), ("dead", "dead letters"), ("failures", "failures"))  # of a streamer
 COLUMNS = ("joint", "rad", "goal", "rad/s", "N·m", "°C", "V", "age ms", "torque", "")
 
 
@@ -43,7 +44,15 @@ def status_lines(status: Answer) -> list[str]:
             lines.append(f"warning  {bus['name']}: {bus['warning']}")
     if status.get("skew_ms") is not None:
         lines.append(f"skew     {_ms(status['skew_ms'])} between the buses, max {_ms(status['skew_max_ms'])}")
+    lines += [f"stream   {said}" for said in map(stream_text, status.get("streams") or ())]
     return [*lines, *finding_lines(status["faults"], "fault")]
+
+
+def stream_text(told: Answer) -> str:
+    """One streamer: where to, how much, what was lost, what is in the way."""
+    counts = [f"{told['rate_hz']:.4g} Hz", f"{told['sent']} sent", f"{told['waiting']} waiting"]
+    counts += [f"{told[key]} {said}" for key, said in LOST if told[key]]
+    return f"{told['endpoint']}: {', '.join(counts)}" + (f"; {told['error']}" if told["error"] else "")
 
 
 def joint_lines(joints: Sequence[Answer]) -> list[str]:

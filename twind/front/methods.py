@@ -15,6 +15,7 @@ from twind.front.foreseen import Job
 from twind.front.log import printable
 from twind.front.loop_end import TooLarge
 from twind.front.reload import PARAMETERS
+from twind.front.streams import wrong
 from twind.front.telemetry import TOPICS
 from twind.front.tickets import ESTOPS
 from twind.front.world import encode
@@ -24,9 +25,9 @@ from twind.robot.finding import Code, Finding, Verdict
 if TYPE_CHECKING:
     from twind.front.server import Front
 
-# What observe.sock may call: what only reads what is known, and the stop. Check is not among them: it
-# takes the loop's time, and a second one is refused while the first is judged.
-OBSERVER = frozenset({"GetStatus", "GetRobot", "GetParameters", "Monitor", "EStop"})
+# What observe.sock may call: what only reads what is known, a word of streamers, and the stop. Not Check:
+# it takes the loop's time, and a second one is refused while the first is judged.
+OBSERVER = frozenset({"GetStatus", "GetRobot", "GetParameters", "Monitor", "EStop", "ReportStream"})
 LEVELS = ("settle", "cut")  # of an e-stop
 SIDES = ("lower", "upper")  # of a joint's stops
 REASON = 200  # characters of an e-stop's reason that are kept; a stop is not refused for its prose
@@ -249,6 +250,15 @@ def _mark(front: Front, call: Call) -> None:
         forward(front, call, link.Mark, annotation=said)
 
 
+def _report_stream(front: Front, call: Call) -> None:
+    found = wrong(call.parameters["stream"])
+    if found is not None:
+        call.invalid(f"stream.{found[0]}", found[1])
+    elif front.in_time(call, "reports of streams", "one a second says enough"):
+        front.streams.take(call.caller.number, call.parameters["stream"], front.now())
+        call.reply(b"{}")
+
+
 def _reload(front: Front, call: Call) -> None:
     front.reloads.ask(call)
 
@@ -298,6 +308,7 @@ METHODS: dict[str, Method] = {
     "SetParameters": _set_parameters,
     "Scan": _scan,
     "Mark": _mark,
+    "ReportStream": _report_stream,
     "ReadRegister": _as_it_stands(link.ReadRegister),
     "WriteRegister": _as_it_stands(link.WriteRegister),
     "Reboot": _as_it_stands(link.Reboot),

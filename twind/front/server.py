@@ -21,6 +21,7 @@ from twind.front.reload import Reloads
 from twind.front.report import Report
 from twind.front.session import Session
 from twind.front.stream import Stream
+from twind.front.streams import Streams
 from twind.front.telemetry import Telemetry
 from twind.front.tickets import Tickets
 from twind.front.world import World
@@ -60,6 +61,7 @@ class Front:
         self.foreseen = Foreseen(self)
         self.reloads = Reloads(self)
         self.flights = Flights(self, recorded)
+        self.streams = Streams(self.world, self.telemetry)
         self.submitted = Judged()
         self._doors: list[socket.socket] = []
         self._listeners: list[tuple[socket.socket, str]] = []  # of these, those that nobody watches yet
@@ -159,6 +161,7 @@ class Front:
         number = session.caller.number
         if self.sessions.pop(number, None) is not None:
             self.telemetry.forget(number)
+            self.streams.forget(number, self.now())
             if self.tickets.forget(number):
                 self.link.owe(Gone(client=number))
 
@@ -275,6 +278,7 @@ class Front:
         self.foreseen.keep()
         self.reloads.tend(now)
         self.flights.tend(now)
+        self.streams.tend(now)
         self._starved = not self._spares.refill()
         self._listeners, self._resting = [*self._listeners, *self._resting], []
         if self.world.known:

@@ -6,6 +6,7 @@ The body of a message is encoded once per piece of news, however many watch.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 from twind.front.accepted import Accepted
 from twind.front.calls import Call
@@ -16,7 +17,7 @@ from twind.link import Event, Moment, Overview, Tick
 # topic -> Hz where the call does not say
 PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0, "raw": 10.0}
 HISTOGRAMS = "histograms"  # of topic latency, due once a second
-TOPICS = (*PERIODIC, "events", "verdicts", "trajectories")
+TOPICS = (*PERIODIC, "events", "verdicts", "trajectories", "stream")
 
 
 @dataclass(slots=True)
@@ -128,6 +129,11 @@ class Telemetry:
             moment.time,
             moment.sequence,
         )
+
+    def stream(self, streaming: dict[str, Any], time: float) -> None:
+        """To all who watch streamers."""
+        sequence = 0 if self._world.tick is None else self._world.tick.sequence
+        self._at_once("stream", b"stream", lambda: encode(streaming), time, sequence)
 
     def _at_once(
         self, topic: str, key: bytes, piece: Callable[[], bytes], time: float, sequence: int

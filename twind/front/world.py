@@ -25,6 +25,7 @@ FAULT_BITS = {
     7: "unknown_fault",
     8: "alert",
 }
+IMU = (("gyro", 0, 3), ("acceleration", 3, 6), ("quaternion", 6, 10))  # where they are in `Tick.imu`
 _TORQUE = {1: True, 0: False}
 
 _json = msgspec.json.Encoder()  # writes NaN and the infinities as null
@@ -68,6 +69,7 @@ class World:
         self.tick: Tick | None = None
         self.overview: Overview | None = None
         self.flight: dict[str, Any] | None = None  # `Flight` of the interface; None: nothing is recorded
+        self.streams: list[dict[str, Any]] = []  # `[]Streaming`
         self._cache: dict[str, bytes] = {}
         self._told: tuple[Any, Any, bytes] | None = None  # what the last status was made of, and it
         self._slow: dict[str, msgspec.Raw] = {}
@@ -101,6 +103,11 @@ class World:
             }
             self._columns = _slow_columns(news)
 
+    def stream(self, streams: list[dict[str, Any]]) -> None:
+        """Who streams now; another list each time."""
+        self.streams = streams
+        self._cache.pop("status", None)
+
     # ------------------------------------------------------------------------------ pieces of answers
 
     def status(self) -> bytes:
@@ -112,9 +119,10 @@ class World:
         return self._once("joints", self._joints)
 
     def state(self) -> bytes:
-        """Of the topic `state`: the joints, and how far apart in time their buses were read; encoded."""
+        """Of the topic `state`: joints, how far apart in time their buses were read, the IMU; encoded."""
         assert self.tick is not None
-        return self.joints() + b',"skew_ms":' + encode(self.tick.skew * 1e3)
+        told = self.joints() + b',"skew_ms":' + encode(self.tick.skew * 1e3)
+        return told + b',"imu":' + encode(_imu(self.tick)) if self.tick.imu else told
 
     def raw(self) -> bytes:
         """Of the topic `raw`: what was on the wire of every actuator, encoded."""
@@ -177,7 +185,8 @@ class World:
     def _kept_status(self) -> bytes:
         tick = self.tick
         assert tick is not None
-        held, said = (self.overview, self.flight, self.briefing), (tick.mode, tick.state, tick.motion)
+        held = self.overview, self.flight, self.streams, self.briefing
+        said = (tick.mode, tick.state, tick.motion)
         of = (*map(id, held), *said, tick.armed, tick.inherited)
         if self._told is None or self._told[0] != of:
             self._told = of, held, self._status()  # what is held has its id for itself
@@ -206,6 +215,7 @@ class World:
                 "skew_max_ms": overview.skew_max_ms,
                 "lease": overview.lease,
                 "flight": self.flight,
+                "streams": self.streams,
                 **self._slow,
             }
         )
@@ -269,3 +279,9 @@ def _faults(bits: int) -> list[str]:
     if bits < 0:
         return []
     return [FAULT_BITS.get(bit, f"bit_{bit}") for bit in range(15) if bits >> bit & 1]
+
+
+def _imu(tick: Tick) -> dict[str, Any]:
+    """`Imu` of the interface."""
+    numbers = _floats(tick.imu)
+    return {key: numbers[first:end] for key, first, end in IMU} | {"age_ms": tick.imu_age * 1e3}

@@ -33,6 +33,8 @@ class Tick(Base, frozen=True, kw_only=True):
     raw_age: bytes  # s before `read`, inf never
     dropped: int = 0  # ticks and overviews lost before this one because the pipe was full
     skew: float = nan  # s between the first and the last bus that had answered; NaN: fewer than two did
+    imu: bytes = b""  # gyro rad/s, acceleration m/s², quaternion w x y z: 10 float64; empty: not heard
+    imu_age: float = nan  # s
 
 
 class BusInfo(msgspec.Struct, frozen=True):

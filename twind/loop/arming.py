@@ -15,7 +15,7 @@ import numpy as np
 
 from twind import link
 from twind.loop.procedures import Procedure, all_of, ticks
-from twind.loop.torque import loosen, take
+from twind.loop.torque import loosen, say_unconfirmed, spelled, take
 from twind.robot.finding import Code, Finding
 from twind.robot.modes import State
 from twind.safety.states import Event
@@ -55,7 +55,7 @@ def arm(loop: Loop, command: link.Arm, now: float) -> Procedure:
         held = yield from _energise(loop, inherited)
     except (BusError, ArmFailed) as error:
         yield from back_out(loop, inherited)
-        failed = Finding(Code.ARM_FAILED, message=str(error))
+        failed = Finding(Code.ARM_FAILED, message=spelled(loop, error))
         loop.say.refuse(command, (error.finding if isinstance(error, ArmFailed) else failed,))
         return
     except GeneratorExit:  # what took over finds `energising` set, and lets go
@@ -196,7 +196,7 @@ def back_out(loop: Loop, inherited: bool) -> Procedure:
         try:
             yield from loosen(loop)
         except BusError as error:
-            loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
+            say_unconfirmed(loop, error)
     loop.energising = False
     loop.change_if(Event.ARM_FAILED, loop.clock.now())
 

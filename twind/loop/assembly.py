@@ -15,6 +15,7 @@ from twind.config.robot_file import RobotFile
 from twind.loop.described import Robot
 from twind.loop.front_process import FrontProcess
 from twind.loop.hardware import Hardware
+from twind.loop.inertial import Inertial
 from twind.loop.link import Link, Outside
 from twind.loop.notify import Notifier
 from twind.loop.outlook import NEAR, Lookahead
@@ -75,7 +76,7 @@ def build(
         ratings=binding.ratings,
         rest=np.array(binding.rest),
         support=robot.file.support,
-        hardware=Hardware(binding.joint_map, ports, clock, period),
+        hardware=Hardware(binding.joint_map, ports, clock, period, _inertial(robot.file, binding)),
         twin=Twin(binding, period),
         executor=Executor(binding.limits, period),
         guard=Guard(
@@ -100,6 +101,14 @@ def build(
         outlook=_outlook(binding, period),
     )
     return Loop(parts, mode)
+
+
+def _inertial(robot: RobotFile, binding: Binding) -> Inertial | None:
+    """The IMU; None: the robot has none."""
+    if robot.imu is None or binding.mount is None:
+        return None
+    names = [bus.name for bus in binding.joint_map.buses]
+    return Inertial(robot.imu, binding.mount, names.index(robot.imu.bus))
 
 
 def _can(robot: RobotFile, binding: Binding) -> dict[str, list[int]]:

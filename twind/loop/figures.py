@@ -12,8 +12,9 @@ class Figures:
     """Counted once per tick."""
 
     def __init__(self, period: float, realtime: dict[str, str]) -> None:
-        self._rate, self._realtime = 1.0 / period, realtime
+        self._period, self._realtime = period, realtime
         self.ticks = self.missed = 0
+        self._gap = 0.0  # s, the longest in which ticks were due and none began
         self._late = Window(threshold=ON_TIME)
         self._punctual: deque[bool] = deque([True] * 100, maxlen=100)
 
@@ -21,21 +22,25 @@ class Figures:
         """One tick began `lateness` s after its deadline; `missed` ticks were skipped after it."""
         self.ticks += 1
         self.missed += missed
+        self._gap = max(self._gap, missed * self._period)
         self._late.add(lateness)
         self._punctual.append(lateness <= ON_TIME)
 
     def info(self, *, whole: bool = False) -> link.LoopInfo:
-        """As the interface spells it. p50, p99 and max are of the whole run. `whole`: with the histogram."""
+        """As the interface spells it. p50, p99 and max are of the whole run. `whole`: with the histogram.
+
+        Quantiles and histogram are of ticks that began; the longest wait is that of those left out too.
+        """
         late = self._late
         known = self.ticks > 0
         return link.LoopInfo(
-            rate_hz=self._rate,
+            rate_hz=1.0 / self._period,
             ticks=self.ticks,
             missed=self.missed,
             on_time=sum(self._punctual) / len(self._punctual),
             late_p50_us=late.p50 * 1e6 if known else None,
             late_p99_us=late.p99 * 1e6 if known else None,
-            late_max_us=late.worst * 1e6 if known else None,
+            late_max_us=max(late.worst, self._gap) * 1e6 if known else None,
             realtime=self._realtime,
             lateness=buckets(late) if whole else None,
             lateness_sum_ms=late.sum * 1e3 if whole else None,

@@ -11,20 +11,21 @@ from typing import TypeVar
 
 import numpy as np
 
+from twind.loop.inertial import Inertial
 from twind.loop.ports import Link, Port, Task
 from twind.loop.procedures import all_of
 from twind.loop.readings import Readings, radians, reach, resolution, ticks
+from twind.loop.ripe import ripe
 from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.state import JointState
 from twind.safety.facts import Traffic
-from twind_drivers.bus import PortError, Reader, Sample, Script, WireClamp, Writer
+from twind_drivers.bus import PortError, Sample, Script, WireClamp, Writer
 from twind_drivers.clock import Clock
 from twind_drivers.upkeep import upkeep_stride
 
 T = TypeVar("T")
 SPARE = 0.0015  # s kept free at the end of a tick: no rare transaction begins that could run into it ...
-TOGETHER = 0.00015  # s: answers of two buses that end so close are taken in one look
 SPARE_SHARE = 0.25  # ... at most this share of the period
 
 
@@ -39,8 +40,15 @@ class Lost:
 class Hardware:
     """The ports of a robot in `JointMap` order."""
 
-    def __init__(self, joints: JointMap, ports: Sequence[Port], clock: Clock, period: float) -> None:
-        self.joints, self.clock, self.period = joints, clock, period
+    def __init__(
+        self,
+        joints: JointMap,
+        ports: Sequence[Port],
+        clock: Clock,
+        period: float,
+        inertial: Inertial | None = None,
+    ) -> None:
+        self.joints, self.clock, self.period, self.inertial = joints, clock, period, inertial
         self.ports = tuple(ports)
         self.pairs: tuple[tuple[Port, BusMap], ...]  # a bus in the counts that goals have on its wire
         self.readings = Readings(joints, period)
@@ -56,8 +64,7 @@ class Hardware:
         self.trips = [nan] * len(self.ports)  # s, of the last exchange: request to last byte of each bus
         self.skew = nan  # s, of the last exchange: between the first and the last bus that had answered
         self.worst_skew = nan  # s, of the run
-        self._access = (False, False)
-        self._stride, self._turn = upkeep_stride(1.0 / period), 0
+        self._access, self._stride, self._turn = (False, False), upkeep_stride(1.0 / period), 0
         self._place = {port.name: number for number, port in enumerate(self.ports)}
         self._turns = [np.zeros_like(bus.zero) for bus in joints.buses]  # ticks that goals are sent less
         self.left_out: Bools = np.zeros(len(joints), np.bool_)  # who gets no goals until prepared himself
@@ -233,10 +240,9 @@ class Hardware:
                 writer.clear()
 
     def _open(self, now: float) -> None:
-        if self._access[0]:
-            for number, port in enumerate(self.ports):
-                if port.open(now):
-                    self._enable(number)
+        for number, port in enumerate(self.ports if self._access[0] else ()):
+            if port.open(now):
+                self._enable(number)
 
     def _enable(self, number: int) -> None:
         """The write half as the mode has it, its clamp (R22) in the counts of the wire."""
@@ -263,7 +269,7 @@ class Hardware:
             if sample is not None:
                 number = self._place[port.name]
                 heard[bus.joints] = self.readings.take(number, sample)
-                self._count(self.traffic[number], port, sample)
+                self._count(number, port, sample)
                 self._listen(number, bus, sample)
                 if self.traffic[number].answered:
                     received = max(received, sample.received)
@@ -271,10 +277,12 @@ class Hardware:
                     earliest, latest = min(earliest, sample.received), max(latest, sample.received)
         self.hops = (first - sent, received - first) if some(heard) else (nan, nan)
         self._keep_skew(latest - earliest)
+        if self.inertial is not None and not quiet:
+            self._sense(self.inertial, end)
         if not quiet:
             self._rare(end, now + self.period)
         time, trip = (received, received - sent) if some(heard) else (self.clock.now(), nan)
-        return self.readings.state(heard, time, trip)
+        return self.readings.state(heard, time, trip, None if self.inertial is None else self.inertial.imu)
 
     def _keep_skew(self, skew: float) -> None:
         """NaN where fewer than two buses answered: nothing is between them."""
@@ -293,14 +301,16 @@ class Hardware:
             traffic.asked = traffic.bad = traffic.answered = False
             traffic.foreign = traffic.full = 0
 
-    def _count(self, traffic: Traffic, port: Port, sample: Sample) -> None:
-        """R06 counts who is known to be there: who is missing is told where a bus is identified."""
-        whole = every(sample.heard)
-        traffic.asked = port.holding or port.link is Link.CONNECTED
-        traffic.bad = sample.discarded > 0 or (not whole and some(sample.asked & ~sample.heard))
+    def _count(self, number: int, port: Port, sample: Sample) -> None:
+        """R06 counts who is known to be there (`identity`: who is missing), and not what an IMU spoilt."""
+        traffic, whole, inertial = self.traffic[number], every(sample.heard), self.inertial
         traffic.answered = whole or some(sample.heard)
         traffic.foreign, traffic.line = sample.foreign, sample.line
-        self.discarded += sample.discarded
+        if inertial is None or inertial.bus != number or not inertial.listen(sample):
+            traffic.asked = port.holding or port.link is Link.CONNECTED
+            traffic.bad = sample.discarded > 0 or (not whole and some(sample.asked & ~sample.heard))
+            self.discarded += sample.discarded
+            port.counts.errors += not whole
 
     def _listen(self, number: int, bus: BusMap, sample: Sample) -> None:
         """Who begins to say that it has a hardware error is asked for it at once (R09)."""
@@ -308,6 +318,13 @@ class Hardware:
         for row in self.readings.alert(number, sample):
             if port.reader is not None and not port.full:
                 port.run(port.reader.read(bus.ids[row], "hardware_error_status"), urgent=True)
+
+    def _sense(self, inertial: Inertial, end: float) -> None:
+        """The IMU's reading, once the servos' is in: they never wait for it."""
+        pair = self.pairs[inertial.bus]
+        if self._try(pair, "sense", end):
+            self._collect([pair])
+            inertial.end(pair[0], self.clock.now())
 
     def _rare(self, end: float, last: float) -> None:
         """One further transaction per bus, all at once, in what is left of the tick, which ends at `last`."""
@@ -334,6 +351,8 @@ class Hardware:
             if what == "rare":
                 mine = self._is_turn_of(self._place[port.name])
                 return port.begin_rare(self.clock.now(), end, last, upkeep=mine)
+            if what == "sense":
+                return self.inertial is not None and self.inertial.begin(port, self.clock.now(), end)
             port.reader.request(self.clock.now())
         except PortError as error:
             if error.lost:
@@ -357,7 +376,7 @@ class Hardware:
             if look:
                 ready: Collection[int] = range(len(waiting))
             else:
-                ready = self._await([reader for reader, _ in waiting])
+                ready = ripe([reader for reader, _ in waiting], self.clock)
             look, now = False, self.clock.now()
             first = min(first, now)
             still = []
@@ -372,25 +391,6 @@ class Hardware:
                     still.append((reader, pair))
             waiting = still
         return min(first, self.clock.now())
-
-    def _await(self, readers: list[Reader]) -> Collection[int]:
-        """Until one of them has bytes, or its time is over; places of those that are worth a look.
-
-        Nobody looks before anything can be complete: on a CAN bus each frame would wake us, two dozen times a
-        reading. Readings that end close together are taken together.
-        """
-        now = self.clock.now()
-        earliest = [reader.earliest for reader in readers]
-        ripe = [place for place, at in enumerate(earliest) if at <= now]
-        begins = min([at for at in earliest if at > now], default=inf)
-        if ripe and begins - now > TOGETHER:
-            until = min(begins, min([readers[place].deadline for place in ripe]))
-            found = self.clock.wait([readers[place].transport for place in ripe], until)
-            return [ripe[place] for place in found]
-        last = begins if ripe else begins + TOGETHER
-        self.clock.sleep_until(max([at for at in earliest if at <= last]))
-        now = self.clock.now()
-        return [place for place, at in enumerate(earliest) if at <= now]
 
     def _lose(self, pair: tuple[Port, BusMap], error: PortError) -> None:
         port, _ = pair

@@ -115,7 +115,7 @@ class Identity:
                 self._said[port.name] = port.trouble
                 loop.say.event("error", Code.PORT_UNAVAILABLE, port.trouble)
             return
-        warning = port.reader.transport.warning if port.reader is not None else ""
+        warning = port.warning
         if self._said.get(port.name, "") != warning:
             self._said[port.name] = warning
             if warning:

@@ -54,7 +54,13 @@ class Buses:
             return_delay_us=max(kind.return_delay_us for kind in kinds),
             rate_hz=self.rate_hz,
             one_write=self.robot.bus(name).one_write,
+            sensors=self._sensors(name),
         )
+
+    def _sensors(self, name: str) -> dict[int, float]:
+        """Return delay (s) by id of what hangs on a bus besides its servos."""
+        imu = self.robot.imu
+        return {} if imu is None or imu.bus != name else {imu.id: imu.return_delay_us * 1e-6}
 
     def can_reader(self, name: str, channel: Channel) -> Reader:
         """The read half of a CAN bus, on any channel."""

@@ -102,6 +102,7 @@ class Port:
     holding: bool = False  # goals go here: armed, and not lost since
     devices: tuple[Device, ...] = ()
     trouble: str = ""  # why it is not open, for people
+    beside: str = ""  # what is wrong with a device that hangs there besides, for people
     counts: Counts = field(default_factory=Counts)
     tasks: list[Task[Any]] = field(default_factory=list)
     identification: Task[tuple[Device, ...]] | None = None
@@ -166,6 +167,12 @@ class Port:
         return self.reader.lags or (unheard and asked is not None and not asked.done)
 
     @property
+    def warning(self) -> str:
+        """What is wrong though it is open and works, and the remedy; empty: nothing."""
+        said = ("", "") if self.reader is None else (self.reader.transport.warning, self.beside)
+        return "; ".join(filter(None, said))
+
+    @property
     def readings(self) -> int:
         """Cyclic readings since identification began."""
         return self.counts.exchanges - self._begun[0]
@@ -194,7 +201,7 @@ class Port:
             self.tape.lost(str(error))
         self.reader = self.writer = None
         self.holding = self._holed = False
-        self.link, self.devices = Link.CLOSED, ()
+        self.link, self.devices, self.beside = Link.CLOSED, (), ""
         self._asked = self.identification = self._due = None
         self._waited = self._queued = 0
         for task in self.tasks:
@@ -215,6 +222,11 @@ class Port:
     def busy(self) -> bool:
         """A script waits or is under way that somebody asked for; to identify everybody is none."""
         return any(not task.done and task is not self.identification for task in self.tasks)
+
+    @property
+    def hurried(self) -> bool:
+        """What waits changes torque: nothing goes before it."""
+        return any(task.urgent and not task.done for task in self.tasks)
 
     @property
     def full(self) -> bool:
@@ -305,13 +317,12 @@ class Port:
     # ------------------------------------------------------------------------------- the cyclic reading
 
     def finish(self, now: float) -> Sample | None:
-        """End the cyclic reading and count it."""
+        """End the cyclic reading and count it; whether it is an error of the bus, the caller knows."""
         if self.reader is None:
             return None
         sample = self.reader.finish(now)
         self.counts.exchanges += 1
         self._holed = not every(sample.heard)
-        self.counts.errors += int(self._holed)
         self.counts.discarded += sample.discarded
         self.counts.busy = now - sample.sent
         return sample

@@ -13,6 +13,7 @@ from twind.loop.figures import buckets
 from twind.loop.ports import Link
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
+from twind.robot.state import Imu
 from twind.safety.window import Window
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class Publisher:
         """The state after this tick."""
         loop = self._loop
         state = loop.simulated if loop.mode is Mode.SIM else loop.measured
+        imu = state.imu
         reference, raw, read = loop.executor.reference, loop.hardware.readings.raw, loop.measured.time
         return link.Tick(
             time=now,
@@ -70,6 +72,8 @@ class Publisher:
             raw_age=raw.age(read).tobytes(),
             dropped=loop.link.dropped,
             skew=loop.hardware.skew if loop.mode is not Mode.SIM else nan,
+            imu=b"" if imu is None else _packed(imu),
+            imu_age=nan if imu is None else max(0.0, state.time - imu.time),
         )
 
     def status(self) -> str:
@@ -159,8 +163,12 @@ class Publisher:
             utilisation=min(1.0, port.counts.busy / self._loop.period) if port.reader else 0.0,
             exchanges=port.counts.exchanges,
             errors=port.counts.errors,
-            warning=(port.reader.transport.warning or None) if port.reader is not None else None,
+            warning=port.warning or None,
         )
+
+
+def _packed(imu: Imu) -> bytes:
+    return np.concatenate((imu.gyro, imu.acceleration, imu.quaternion)).tobytes()
 
 
 def _latency(hop: str, window: Window, now: float, whole: bool) -> link.LatencyInfo:

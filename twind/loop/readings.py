@@ -12,7 +12,7 @@ import numpy as np
 from twind.loop.raw import Raw
 from twind.robot.arrays import Bools, Floats, Ints, every, some
 from twind.robot.joints import BusMap, JointMap
-from twind.robot.state import JointState
+from twind.robot.state import Imu, JointState
 from twind.robot.transmission import forth
 from twind.safety.device_rules import ALERT
 from twind.safety.senses import Senses
@@ -241,10 +241,10 @@ class Readings:
         """Positions (n,), rad; NaN of who was never heard, or is not placed."""
         return self.position.copy() if every(self.placed) else np.where(self.placed, self.position, nan)
 
-    def state(self, heard: Bools, time: float, trip: float) -> JointState:
-        """All joints at `time` (s), whose reading took `trip` (s). Arrays are read-only."""
+    def state(self, heard: Bools, time: float, trip: float, imu: Imu | None = None) -> JointState:
+        """All joints at `time` (s), whose reading took `trip` (s), and the IMU. Arrays are read-only."""
         position, velocity, effort = self.where(), self.velocity.copy(), self.effort.copy()
-        state = JointState(time, position, velocity, effort, time - self.heard_at, heard, trip)
+        state = JointState(time, position, velocity, effort, time - self.heard_at, heard, trip, imu)
         for array in (position, velocity, effort, state.age, heard):
             array.setflags(write=False)
         return state

@@ -16,7 +16,7 @@ import numpy as np
 from twind import link
 from twind.loop import damping
 from twind.loop.procedures import Procedure, Rank, all_of, ticks
-from twind.loop.torque import loosen, named, past, take
+from twind.loop.torque import loosen, named, past, say_unconfirmed, spelled, take
 from twind.motion.settle import SPEED, settle
 from twind.robot.arrays import every, some
 from twind.robot.finding import Code, Finding
@@ -64,7 +64,7 @@ def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
     try:
         yield from release(loop, Finding(Code.NOT_ARMED, message="the robot was disarmed"))
     except BusError as error:
-        loop.say.error(command, "BusFailed", bus="", message=str(error))
+        loop.say.error(command, "BusFailed", bus="", message=spelled(loop, error))
     except GeneratorExit:
         loop.say.error(command, "Busy", what="disarming was ended by something more urgent")
         raise
@@ -97,7 +97,7 @@ def _down(loop: Loop, why: Finding) -> Procedure:
     try:
         yield from release(loop, why)
     except BusError as error:
-        loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
+        say_unconfirmed(loop, error)
 
 
 def shutdown(loop: Loop, now: float) -> Procedure:
@@ -140,7 +140,7 @@ def estop(loop: Loop, level: str, now: float) -> Procedure:
         else:
             yield from release(loop, loop.latches[Code.ESTOP])
     except BusError as error:
-        loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
+        say_unconfirmed(loop, error)
 
 
 # ----------------------------------------------------------------------------------------------- the parts
@@ -161,7 +161,8 @@ def release(loop: Loop, why: Finding, manner: Manner = USUAL) -> Procedure:
     except BusError as error:
         if manner.whole and not loop.armed:
             raise
-        loop.say.event("error", Code.BUS_ERRORS, f"the way to the rest pose was cut short: {error}")
+        said = f"the way to the rest pose was cut short: {spelled(loop, error)}"
+        loop.say.event("error", Code.BUS_ERRORS, said)
     yield from loosen(loop)
 
 
@@ -195,7 +196,8 @@ def _held(loop: Loop, manner: Manner) -> Generator[None, float, bool]:
     except NoReply as error:  # the others took it: to lower what listens is better than to drop it
         if manner.whole:
             raise
-        loop.say.event("error", Code.DEVICE_MISSING, f"lowered without everybody's answer: {error}")
+        said = f"lowered without everybody's answer: {spelled(loop, error)}"
+        loop.say.event("error", Code.DEVICE_MISSING, said)
     take(loop, here)
     return True
 
@@ -245,9 +247,11 @@ def _rejoined(loop: Loop) -> Procedure:
     try:
         yield from all_of(back)
     except NoReply as error:
-        loop.say.event("error", Code.DEVICE_MISSING, f"lowered without everybody's answer: {error}")
+        said = f"lowered without everybody's answer: {spelled(loop, error)}"
+        loop.say.event("error", Code.DEVICE_MISSING, said)
     except BusError as error:  # never a reason to drop those that we hold
-        loop.say.event("error", Code.BUS_ERRORS, f"not taken over, let go where it stands: {error}")
+        said = f"not taken over, let go where it stands: {spelled(loop, error)}"
+        loop.say.event("error", Code.BUS_ERRORS, said)
         return
     if back and loop.written is not None:
         place = np.where(loop.hardware.held, loop.written, here)
@@ -305,7 +309,8 @@ def _obeyed(loop: Loop) -> Generator[None, float, bool]:
     try:
         held = yield from loop.hardware.aimed()
     except BusError as error:
-        loop.say.event("error", Code.BUS_ERRORS, f"the goals of the way could not be read back: {error}")
+        said = f"the goals of the way could not be read back: {spelled(loop, error)}"
+        loop.say.event("error", Code.BUS_ERRORS, said)
         return False
     if loop.written is None:
         return False

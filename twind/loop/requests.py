@@ -52,7 +52,7 @@ def begin(loop: Loop, incoming: Incoming, now: float) -> None:
         loop.reloads.begin(now)
     elif isinstance(command, link.RereadFailed):
         loop.reloads.failed(command.message)
-    elif not isinstance(command, link.Heartbeat | link.WreckDone):
+    else:
         _ANSWERS[type(command)](loop, command, now)
 
 

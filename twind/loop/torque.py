@@ -13,7 +13,7 @@ import numpy as np
 from twind.loop.procedures import Procedure, all_of
 from twind.robot.finding import Code
 from twind.safety.guard import Thresholds
-from twind_drivers.bus import BusError
+from twind_drivers.bus import BusError, NoReply
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -35,6 +35,22 @@ def named(loop: Loop, which: Bools) -> str:
     names = [loop.joints.names[joint] for joint in np.flatnonzero(which).tolist()]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return ", ".join(names[:3]) + more
+
+
+def spelled(loop: Loop, error: Exception) -> str:
+    """What the bus said, and whose devices did not answer by their joints' names."""
+    which = np.zeros(len(loop.joints), np.bool_)
+    if isinstance(error, NoReply):
+        for bus in loop.joints.buses:
+            if bus.name == error.port:
+                which[bus.joints[np.isin(bus.ids, error.ids)]] = True
+    return f"{error} ({named(loop, which)})" if which.any() else str(error)
+
+
+def say_unconfirmed(loop: Loop, error: BusError) -> None:
+    """Torque off that somebody did not confirm."""
+    said = f"torque could not be read back off: {spelled(loop, error)}"
+    loop.say.event("error", Code.TORQUE_MISMATCH, said)
 
 
 def take(loop: Loop, held: Floats) -> None:
@@ -76,4 +92,4 @@ def again(loop: Loop) -> Procedure:
     try:
         yield from loosen(loop)
     except BusError as error:
-        loop.say.event("error", Code.TORQUE_MISMATCH, f"torque could not be read back off: {error}")
+        say_unconfirmed(loop, error)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from twind.ctl.verb import DONE, Rejected, UsageError, show
 
-REMEDY = "pip install 'twind[plot]'"
+REMEDY = "in the clone of twind, pip install '.[plot]'"
 PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 
 

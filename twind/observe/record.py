@@ -6,20 +6,16 @@ daemon never waits for it. Where the daemon restarts, it waits and goes on in a 
 
 import argparse
 import os
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
+from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import UsageError, observer
 from twind.observe.writing.course import Course
 from twind.observe.writing.daemon import clocks
 from twind.observe.writing.folder import Bounds
 from twind.observe.writing.writer import RecordWriter
 
-STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
@@ -80,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     except OSError as error:
         raise UsageError(f"{folder}: {error.strerror}; name another folder with --out") from None
     bounds = Bounds(options.keep, options.free, options.max_size)
-    with _told_to_stop() as stop:
+    with told_to_stop() as stop:
         writer = RecordWriter(place, bounds, time.monotonic, per_episode=options.per_episode, clocks=clocks)
         writer.start()
         try:
@@ -101,16 +97,3 @@ def usual_folder(options: argparse.Namespace) -> Path:
         if os.access(nearest, os.W_OK | os.X_OK):
             return folder
     return places(os.environ, os.geteuid()).state / "recordings"
-
-
-@contextmanager
-def _told_to_stop() -> Iterator[threading.Event]:
-    """Set by Ctrl-C, SIGTERM and a terminal that is closed, unless whoever started us wants that ignored."""
-    stop = threading.Event()
-    signals = [each for each in STOPS if signal.getsignal(each) != signal.SIG_IGN]
-    usual = {each: signal.signal(each, lambda *_: stop.set()) for each in signals}
-    try:
-        yield stop
-    finally:
-        for each, handler in usual.items():
-            signal.signal(each, handler)

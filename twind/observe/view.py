@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from twind.ctl.verb import UsageError
 
 NEEDED = ("viser", "mjviser")
-REMEDY = "pip install 'twind[view]'"
+REMEDY = "in the clone of twind, pip install '.[view]'"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

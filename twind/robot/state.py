@@ -7,11 +7,12 @@ from twind.robot.arrays import Bools, Floats
 
 @dataclass(frozen=True, slots=True)
 class Imu:
-    """One reading of an inertial sensor, in the frame of its body."""
+    """One reading of an inertial sensor, in the axes of the base: x forward, y left, z up. Read-only."""
 
+    time: float  # s, monotonic, when its last byte arrived
     gyro: Floats  # rad/s, (3,)
     acceleration: Floats  # m/s², (3,)
-    quaternion: Floats  # w x y z, (4,)
+    quaternion: Floats  # w x y z, (4,), from the base's axes to the world's
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,4 +30,4 @@ class JointState:
     age: Floats  # s, since this joint last answered, at `time`
     heard: Bools  # False: this joint did not answer; its numbers are old
     round_trip: float = 0.0  # s, request to last byte, the slowest bus; NaN unknown
-    imu: Imu | None = None
+    imu: Imu | None = None  # None: there is none, or it has not answered yet

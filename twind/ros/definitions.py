@@ -14,6 +14,9 @@ STRING = "std_msgs/msg/String"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY_POINT = "trajectory_msgs/msg/JointTrajectoryPoint"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+VECTOR3 = "geometry_msgs/msg/Vector3"
+QUATERNION = "geometry_msgs/msg/Quaternion"
+IMU = "sensor_msgs/msg/Imu"
 KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
@@ -33,6 +36,14 @@ KNOWN: Mapping[str, str] = {
     ),
     JOINT_TRAJECTORY: (
         "std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint[] points"
+    ),
+    VECTOR3: "float64 x\nfloat64 y\nfloat64 z",
+    QUATERNION: "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+    IMU: (
+        "std_msgs/Header header\n"
+        "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
+        "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
+        "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance"
     ),
     KEY_VALUE: "string key\nstring value",
     DIAGNOSTIC_STATUS: (

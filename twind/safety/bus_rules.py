@@ -94,7 +94,8 @@ class BusRules:
             yield Said(finding, bus=bus)
 
     def _bad(self, bus: int, value: float, bound: float, what: str) -> Finding:
-        message = f"bus {self._names[bus]}: {what}: check its wiring, termination, power and baud rate"
+        remedy = "check its wiring, termination, power and baud rate; if virtual, this machine's load"
+        message = f"bus {self._names[bus]}: {what}: {remedy}"
         return Finding(Code.BUS_ERRORS, value=float(value), bound=float(bound), message=message)
 
     def _foreign(self, facts: Facts, bus: int, count: int) -> Iterator[Said]:

@@ -10,7 +10,7 @@ from typing import Protocol
 from twind.robot.arrays import some
 from twind.robot.state import JointState
 from twind.safety.alarm import Alarm, Alert
-from twind.safety.window import Window
+from twind.safety.window import Recent, Window
 
 READING = ("request", "reply", "state", "twin")  # its way: sent, first byte, last byte, state, twin
 COMMAND = ("received", "gated", "written", "moved", "command")  # its way, and the whole but the moving
@@ -39,7 +39,8 @@ class Health:
         self.hops: Mapping[str, Window] = {name: Window(threshold) for name in (*READING, *COMMAND)}
         self.hops["moved"].threshold = inf  # a slow move against friction is nobody's latency
         self._time, self._trip = -inf, nan  # s, of the last exchange in which anybody answered
-        self._alarms: dict[str, Alarm] = {}
+        self._recent = Recent()  # of `total`
+        self._alarms = {name: Alarm(name) for name in ("total", *self.hops)}
         self._alerts: list[Alert] = []
 
     def warn_above(self, threshold: float) -> None:
@@ -53,13 +54,14 @@ class Health:
         if not live:
             self._time, self._trip = -inf, nan
             for name in ("total", *READING):
-                if name in self._alarms:
-                    self._tell(self._alarms[name].drop())
+                self._tell(self._alarms[name].drop())
             return
         if isfinite(self._time):
             latency = self.latency(now)
             self.total.add(latency, now)
-            self._judge("total", inf if isnan(latency) else latency, self.total.threshold, now)
+            self._recent.add(latency, now)
+            late = inf if isnan(latency) else latency
+            self._tell(self._alarms["total"].judge(late, self.total.threshold, now))
         for window, trip in zip(self.buses, exchange.trips, strict=True):
             window.add(trip, now)
         for name, duration in zip(READING, exchange.hops, strict=False):
@@ -77,7 +79,7 @@ class Health:
         bound = window.threshold if bound is None else bound
         window.add(duration, now, bound)
         if bound < inf:
-            self._judge(name, duration, bound, now)
+            self._tell(self._alarms[name].judge(duration, bound, now))
 
     def alerts(self) -> list[Alert]:
         """What is to be told since the last call."""
@@ -90,17 +92,11 @@ class Health:
 
     def latency_p95(self, now: float) -> float:
         """95 % of the latencies of the last 0.5 s are at most this; NaN unknown."""
-        return self.total.p95(now)
+        return self._recent.p95(now)
 
     def connected(self, now: float) -> bool:
         """Somebody answered within the last 2 s."""
         return now - self._time <= SILENT
-
-    def _judge(self, name: str, duration: float, bound: float, now: float) -> None:
-        alarm = self._alarms.get(name)
-        if alarm is None:
-            alarm = self._alarms[name] = Alarm(name)
-        self._tell(alarm.judge(duration, bound, now))
 
     def _tell(self, alert: Alert | None) -> None:
         if alert is not None:

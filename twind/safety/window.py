@@ -15,7 +15,7 @@ import numpy as np
 from twind.robot.arrays import Ints
 
 SIZE = 100  # values of a window
-KEPT = 1024  # values with their time, for a share of the last half second at up to 1000 Hz and beyond
+KEPT = 1024  # values of a `Recent`: half a second at up to 1000 Hz and beyond
 RECENT = 0.5  # s
 SMALLEST, BINS, STEP = 1e-6, 400, 0.04  # the run's quantiles: 1 µs to 9 s in bins 4 % wide
 _FIRST = log(SMALLEST)
@@ -40,30 +40,27 @@ class Window:
         self._ring = array("d", [nan] * SIZE)  # NaN unknown
         self._values = np.frombuffer(self._ring)
         self._late = bytearray(SIZE)  # 1: above the threshold, or unknown
-        self._recent: deque[tuple[float, float]] = deque(maxlen=KEPT)  # (s, value), inf unknown
         self._bins = array("q", [0] * BINS)
         self._counts = np.frombuffer(self._bins, np.int64)
 
     def add(self, value: float, now: float = nan, bound: float | None = None) -> None:
-        """One more value, at `now` (needed for `p95` and `at`). `bound`: in place of the threshold."""
+        """One more value, at `now` (needed for `at`). `bound`: in place of the threshold."""
         place, self.count, self.at = self.count % SIZE, self.count + 1, now
         if not 0.0 <= value < inf:
             self.now = self._ring[place] = nan
             self._late[place] = 1
-            self._recent.append((now, inf))
             self.buckets[-1] += 1
             return
         self._late[place] = not value <= (self.threshold if bound is None else bound)
         self.sum += value
         self.buckets[bisect_left(BOUNDS, value)] += 1
         self.now = self._ring[place] = value
-        self._recent.append((now, value))
         if not value <= self.worst:
             self.worst = value
         if not value >= self._least:
             self._least = value
         bin = int((log(value) - _FIRST) / STEP) if value > SMALLEST else 0
-        self._bins[min(bin, BINS - 1)] += 1
+        self._bins[bin if bin < BINS else -1] += 1
 
     @property
     def violations(self) -> int:
@@ -100,14 +97,6 @@ class Window:
         """99 % of the run's known values are below, within 2 %."""
         return self._worked_out().p99
 
-    def p95(self, now: float, span: float = RECENT) -> float:
-        """95 % of the values of the last `span` s are at most this; unknown ones count as inf.
-
-        NaN when there were none.
-        """
-        values = sorted(value for time, value in self._recent if 0.0 <= now - time <= span)
-        return values[ceil(0.95 * len(values)) - 1] if values else nan
-
     def _worked_out(self) -> "_Figures":
         """All figures as of the last value: worked out once, however many are asked for."""
         if self._figures is None or self._figures.values != self.count:
@@ -133,6 +122,25 @@ class Window:
         bin = int(seen.searchsorted(max(share * float(seen[-1]), 1.0)))
         middle = SMALLEST * exp((bin + 0.5) * STEP)
         return max(self._least, min(self.worst, middle))
+
+
+class Recent:
+    """The values of the last half second, for who asks how large most of them were."""
+
+    def __init__(self) -> None:
+        self._values: deque[tuple[float, float]] = deque(maxlen=KEPT)  # (s, value), inf unknown
+
+    def add(self, value: float, now: float) -> None:
+        """One more value, at `now`."""
+        self._values.append((now, value if 0.0 <= value < inf else inf))
+
+    def p95(self, now: float) -> float:
+        """95 % of the values of the last half second are at most this; unknown ones count as inf.
+
+        NaN when there were none.
+        """
+        values = sorted(value for time, value in self._values if 0.0 <= now - time <= RECENT)
+        return values[ceil(0.95 * len(values)) - 1] if values else nan
 
 
 class _Figures(NamedTuple):

@@ -59,6 +59,16 @@ class Balance:
         """There is something to stand on."""
         return bool(self._feet)
 
+    def soles(self) -> list[tuple[int, Floats]]:
+        """Of each foot its body and, in that body's frame (3,), m, the middle of what touches the floor."""
+        found = []
+        for foot in self._feet:
+            heights = foot.corners @ foot.normal - foot.radius
+            low = heights <= heights.min() + TOUCHING
+            middle = (foot.corners[low] - foot.radius[low, None] * foot.normal).mean(axis=0)
+            found.append((foot.body, middle))
+        return found
+
     def stand(self) -> Stance:
         """Put the lowest foot of the pose in `data` flat on the floor: the base is turned to match."""
         if not self._feet:

@@ -41,6 +41,31 @@ def lay_down(spec: mujoco.MjSpec, base: str, pose: Mapping[str, float]) -> None:
     bench.pos = down * _lowest(spec, down, pose)
 
 
+def stand(model: mujoco.MjModel, data: mujoco.MjData, base: str) -> None:
+    """Lower or lift a free `base` until the lowest part of the robot touches the floor, if there is one."""
+    height = int(model.jnt_qposadr[model.body_jntadr[model.body(base).id]]) + 2
+    touch_down(model, data, height, touching(model))
+
+
+def touching(model: mujoco.MjModel) -> tuple[list[int], list[int]]:
+    """Geoms: the floors, and what of the robot can stand on one."""
+    plane = int(mujoco.mjtGeom.mjGEOM_PLANE)
+    still, touches = model.geom_bodyid == 0, model.geom_contype != 0
+    floors = np.flatnonzero(still & (model.geom_type == plane)).tolist()
+    return floors, np.flatnonzero(~still & touches).tolist()
+
+
+def touch_down(
+    model: mujoco.MjModel, data: mujoco.MjData, height: int, geoms: tuple[list[int], list[int]]
+) -> None:
+    """What `stand` does, for who does it often: `height` is where the base's stands in qpos."""
+    mujoco.mj_kinematics(model, data)
+    floors, solid = geoms
+    if floors and solid:
+        distance, floor = mujoco.mj_geomDistance, floors[0]
+        data.qpos[height] -= min([distance(model, data, floor, geom, 10.0, None) for geom in solid])
+
+
 def _lowest(spec: mujoco.MjSpec, down: Floats, pose: Mapping[str, float]) -> float:
     """How far down (m) what can touch something reaches."""
     model = spec.compile()

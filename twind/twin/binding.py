@@ -16,11 +16,13 @@ from twind.config.counts import rad_per_tick
 from twind.config.located import place
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
 from twind.robot.arrays import Floats, Ints, frozen
+from twind.robot.attitude import Quaternion
 from twind.robot.joints import BusMap, JointMap
 from twind.robot.limits import Limits
 from twind.robot.ratings import Ratings
 from twind.robot.transmission import Linked
 from twind.robot.turns import Turns
+from twind.twin.inertial import feel, mount, require_site
 from twind.twin.linked import strength
 from twind.twin.reach import BindingError, Reach, reaches, turn_begin
 
@@ -43,6 +45,7 @@ class Binding:
     rest: Floats  # rad
     floating: bool  # the base has its free joint
     mjcf: str  # the model as compiled, base pinned or not
+    mount: Quaternion | None = None  # from the IMU's axes to the base's; None: the robot has none
 
 
 def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
@@ -50,7 +53,7 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
 
     Without calibration zero is the middle of the encoder and no joint calibrated. Raises BindingError.
     """
-    spec, model = _compile(robot)
+    spec, model, imu = _compile(robot)
     known: Mapping[str, JointCalibration] = {} if calibration is None else calibration.by_name
     joints = [_model_joint(model, joint, robot) for joint in robot.joints]
     _require_all_mapped(robot, model, set(joints))
@@ -72,6 +75,7 @@ def bind(robot: RobotFile, calibration: Calibration | None) -> Binding:
         rest=frozen([robot.poses["rest"][name] for name in robot.names]),
         floating=robot.support == "free",
         mjcf=spec.to_xml(),
+        mount=imu,
     )
 
 
@@ -95,8 +99,11 @@ def rebound(binding: Binding, robot: RobotFile, calibration: Calibration | None)
 # ------------------------------------------------------------------------------------------- the model
 
 
-def _compile(robot: RobotFile) -> tuple[Any, Any]:
-    """The model, its base pinned unless free. Dense Jacobian: MuJoCo 4.0.0's sparse Newton diverges."""
+def _compile(robot: RobotFile) -> tuple[Any, Any, Quaternion | None]:
+    """The model, its base pinned unless free, and how its IMU is mounted.
+
+    Dense Jacobian: MuJoCo 4.0.0's sparse Newton diverges.
+    """
     try:
         spec = mujoco.MjSpec.from_file(str(robot.mjcf_path))
         base = spec.body(robot.base)
@@ -114,7 +121,11 @@ def _compile(robot: RobotFile) -> tuple[Any, Any]:
                 f"{robot.path}: support: free needs a free joint on body {robot.base!r} of {robot.mjcf_path}"
             )
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-        return spec, spec.compile()
+        if robot.imu is not None:
+            require_site(spec, robot, robot.imu.site)
+            feel(spec, robot.imu.site)
+        model = spec.compile()
+        return spec, model, None if robot.imu is None else mount(model, robot.imu)
     except ValueError as error:  # how the bindings report what the parser and the compiler refuse
         raise BindingError(f"{robot.mjcf_path}: {' '.join(str(error).split())}") from None
 

@@ -157,6 +157,11 @@ class Loops:
         """Must `step` be called before every step of the physics?"""
         return self._live.size > 0 or self._gripped.size > 0 or bool(self._couplings)
 
+    @property
+    def on(self) -> Bools:
+        """Which motors have torque."""
+        return self._on
+
     def drive(self, at: Places, drive: Drive) -> None:
         """Torque, mode, gains and caps of the motors `at`; the others keep what they have."""
         model, ratio, ticks = self._model, self._ratio[at], np.abs(self._ticks[at])

@@ -14,8 +14,11 @@ import numpy as np
 
 from twind.config.robot_spec import RobotFile
 from twind.robot.arrays import Bools, Floats
+from twind.robot.state import Imu
 from twind.twin.base_pose import BASES, UPRIGHT, gravity, lay_down
 from twind.twin.coupled import PREFIX, Group, strung
+from twind.twin.crane import BY_TORQUE, Crane, Stands, hang
+from twind.twin.inertial import Felt, feel, require_site
 from twind.twin.motor import STEP, Drive, Loops, Motor, Places
 
 __all__ = ["Diverged", "Motor", "MujocoMuscles", "Part", "body_of"]
@@ -35,27 +38,38 @@ class MujocoMuscles:
         motors: Sequence[Motor],
         *,
         pinned: bool,
+        stands: Stands | None = None,
+        site: str | None = None,
         groups: Sequence[Group] = (),
         start: Mapping[str, float] | None = None,
         now: float = 0.0,
     ) -> None:
         """`start`: angles (rad) by model joint, torque off; it comes to rest before time begins at `now`.
 
-        `pinned` removes the free joint; `groups`: motors that drive joints together. Raises KeyError for a
-        motor whose joint the model lacks.
+        `pinned` removes the free joint; `stands`: how one that is left is held; `site`: where an inertial
+        sensor feels; `groups`: motors that drive joints together. Raises KeyError for a motor whose joint the
+        model lacks.
         """
         self._warnings: list[str] = []
         mujoco.set_mju_user_warning(self._warnings.append)  # else MuJoCo writes MUJOCO_LOG.TXT
-        self.model = model = _compile(spec, motors, groups, pinned=pinned)
+        self.model = model = _compile(spec, motors, groups, pinned=pinned, stands=stands, site=site)
         self.data = data = mujoco.MjData(model)
         for name, angle in (start or {}).items():
             data.qpos[model.joint(name).qposadr[0]] = angle
         self._loops = Loops(model, motors, groups)
+        self.crane = None if stands is None else Crane(model, data, stands)
+        self._felt = None if site is None else Felt(model, data, site)
         self._everyone = np.arange(len(motors))
         self.stall = self._loops.stall
         self.position, self.velocity, self.current, self.pwm = (np.zeros(len(motors)) for _ in range(4))
         self._settle()
         self._time = now
+
+    def imu(self) -> Imu:
+        """What the base feels now. Raises ValueError: nothing feels there."""
+        if self._felt is None:
+            raise ValueError("this body has no inertial sensor")
+        return self._felt.at(self._time)
 
     def _settle(self) -> None:
         self._time = -SETTLE
@@ -100,11 +114,15 @@ class MujocoMuscles:
         if steps < 1:
             return
         self._time += steps * STEP
-        data = self.data
-        if self._loops.busy:
+        data, crane = self.data, self.crane
+        if crane is not None:
+            crane.watch(self._loops.on, self._time)
+        if self._loops.busy or (crane is not None and crane.pushing):
             for _ in range(steps):
                 self._loops.step(data)
                 mujoco.mj_step(self.model, data)
+                if crane is not None:
+                    crane.stepped()
         else:
             data.qfrc_applied[self._loops.v] = 0.0
             mujoco.mj_step(self.model, data, steps)
@@ -204,12 +222,14 @@ def body_of(
     friction: Mapping[str, float] | None = None,
     stops: Mapping[str, tuple[float, float]] | None = None,
     base: str = UPRIGHT,
+    hold: str = BY_TORQUE,
     now: float = 0.0,
 ) -> MujocoMuscles:
     """The body of a robot file in its rest pose. `zeros`: ticks at joint angle 0, by joint.
 
     `friction` (N·m), `stops` (rad): of joints where they are not the model's.
     `base`: how it is held (`base_pose.BASES`); one that lies has a bench under it and stays where it is.
+    `hold`: of `crane.HOLDS`, where its support is free and it is upright.
     """
     rub, ends = friction or {}, stops or {}
     motors = [
@@ -220,7 +240,15 @@ def body_of(
     spec = mujoco.MjSpec.from_file(str(Path(robot.mjcf_path)))
     lay_down(spec, base, start)
     pinned = robot.support != "free" or base != UPRIGHT
-    return MujocoMuscles(spec, motors, pinned=pinned, groups=_groups(robot), start=start, now=now)
+    rows = [row for row, name in enumerate(robot.names) if name in robot.legs or not robot.legs]
+    stands = None if pinned else Stands(robot.base, tuple(rows), hold)
+    site = None
+    if robot.imu is not None:
+        site = robot.imu.site
+        require_site(spec, robot, site)
+    return MujocoMuscles(
+        spec, motors, pinned=pinned, stands=stands, site=site, groups=_groups(robot), start=start, now=now
+    )
 
 
 def _groups(robot: RobotFile) -> list[Group]:
@@ -244,7 +272,13 @@ def ranges_of(robot: RobotFile) -> Mapping[str, tuple[float, float]]:
 
 
 def _compile(
-    spec: mujoco.MjSpec, motors: Sequence[Motor], groups: Sequence[Group], *, pinned: bool
+    spec: mujoco.MjSpec,
+    motors: Sequence[Motor],
+    groups: Sequence[Group],
+    *,
+    pinned: bool,
+    stands: Stands | None,
+    site: str | None,
 ) -> mujoco.MjModel:
     """The model with our motors instead of its own; sensors and key poses would refer to what is gone."""
     for element in [*spec.actuators, *spec.sensors, *spec.keys]:
@@ -252,6 +286,10 @@ def _compile(
     if pinned:
         for joint in [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]:
             spec.delete(joint)
+    if stands is not None:
+        hang(spec, stands.base, STEP)
+    if site is not None:
+        feel(spec, site)
     names = {joint.name for joint in spec.joints}
     together = {row for group in groups for row in group.rows}
     for row, motor in enumerate(motors):

@@ -7,7 +7,9 @@ import numpy as np
 
 from twind.robot.arrays import Bools, Floats, Ints, every
 from twind.robot.state import JointState
+from twind.twin.base_pose import stand
 from twind.twin.binding import Binding
+from twind.twin.inertial import Felt
 from twind.twin.mirror import MAX_ANGLE, index
 
 # MuJoCo answers these by resetting everything to its own default pose and going on.
@@ -42,6 +44,8 @@ class Simulation:
         self.resets = 0  # times the physics broke down and was put back to the last good pose
         self.frozen = False
         self._floating, self._base = binding.floating, binding.robot.base
+        imu = binding.robot.imu
+        self._felt = None if imu is None else Felt(self.model, self.data, imu.site)
         self._place, self._speed = index(binding.qpos), index(binding.dof)
         self._goal = index(binding.actuators)
         self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
@@ -61,7 +65,7 @@ class Simulation:
         self._qpos[self._place] = position
         self._ctrl[self._goal] = position
         if self._floating:
-            self._stand()
+            stand(self.model, self.data, self._base)
         self._good, self._sound = (np.array(self._qpos), np.array(self._ctrl)), False
 
     def halt(self) -> None:
@@ -94,6 +98,7 @@ class Simulation:
             effort=_reading(self._force, self._speed),
             age=self._age,
             heard=self._heard,
+            imu=None if self._felt is None else self._felt.at(now),
         )
 
     def _warning(self) -> None:
@@ -109,17 +114,6 @@ class Simulation:
             mujoco.mj_resetData(self.model, self.data)
             self._qpos[:], self._ctrl[:] = self._good if self._sound else self._rest
             self._sound = False
-
-    def _stand(self) -> None:
-        """Lower or lift a free base until the lowest part of the robot touches the floor."""
-        mujoco.mj_kinematics(self.model, self.data)
-        plane, model = int(mujoco.mjtGeom.mjGEOM_PLANE), self.model
-        floors = [g for g in range(model.ngeom) if model.geom_type[g] == plane and model.geom_bodyid[g] == 0]
-        solid = [g for g in range(model.ngeom) if model.geom_bodyid[g] != 0 and model.geom_contype[g]]
-        if floors and solid:
-            gaps = [mujoco.mj_geomDistance(model, self.data, floors[0], g, 10.0, None) for g in solid]
-            base = model.jnt_qposadr[model.body_jntadr[model.body(self._base).id]]
-            self._qpos[base + 2] -= min(gaps)
 
 
 def _reading(values: Floats, where: slice | Ints) -> Floats:

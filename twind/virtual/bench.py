@@ -20,6 +20,7 @@ from twind_drivers.virtual.can.controller import CanAdapter
 from twind_drivers.virtual.can.muscles import CanMuscles
 from twind_drivers.virtual.can.spec import NodeSpec
 from twind_drivers.virtual.muscles import FirstOrder, Muscles
+from twind_drivers.virtual.sensor import VirtualSensor
 from twind_drivers.virtual.served import Served
 from twind_drivers.virtual.servos import BAUDS, ServoSpec
 from twind_drivers.virtual.stream import Adapter
@@ -132,9 +133,16 @@ def laid_out(specs: Sequence[ServoSpec], seed: int) -> tuple[list[ServoSpec], li
 
 
 def virtual_bus(
-    name: str, specs: Sequence[ServoSpec], muscles: Muscles, line: Line, *, baud: int, now: float
+    name: str,
+    specs: Sequence[ServoSpec],
+    muscles: Muscles,
+    line: Line,
+    *,
+    baud: int,
+    now: float,
+    sensor: VirtualSensor | None = None,
 ) -> VirtualBus:
-    """One bus; raises SpecimenError for a model that cannot be simulated."""
+    """One bus; `sensor` hangs there too. Raises SpecimenError for a model that cannot be simulated."""
     try:
         return VirtualBus(
             name,
@@ -145,6 +153,7 @@ def virtual_bus(
             now=now,
             adapter=line.adapter,
             seed=line.seed,
+            sensor=sensor,
         )
     except (KeyError, ValueError) as error:
         raise SpecimenError(f"bus {name}: {error.args[0]}") from None

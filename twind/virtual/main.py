@@ -20,11 +20,12 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.loop import realtime
 from twind.twin.base_pose import BASES, UPRIGHT
+from twind.twin.crane import BY_TORQUE, HOLDS, Crane
 from twind.virtual.bench import FIRMWARE, Line, SpecimenError, bench, by_bus, servo, settings
 from twind.virtual.orders import OrderSocket
 from twind.virtual.pty_port import PtyPort
 from twind.virtual.serve import Server, ServoClock
-from twind.virtual.specimen import buses, save, specimen
+from twind.virtual.specimen import body_for, buses, save, specimen
 from twind.virtual.truth import Truth, load_truth, random_truth
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.virtual.can.spec import NodeSpec
@@ -66,6 +67,12 @@ def parser() -> argparse.ArgumentParser:
         "--base-pose", choices=tuple(BASES), default=UPRIGHT, help="how the body's base is held"
     )
     parser.add_argument(
+        "--hold",
+        choices=HOLDS,
+        default=BY_TORQUE,
+        help="what holds a base that is free: hands until the legs have had torque, an order, nobody",
+    )
+    parser.add_argument(
         "--truth", type=Path, metavar="FILE", help="what is true of this specimen: YAML or JSON"
     )
     parser.add_argument("--truth-seed", type=int, metavar="N", help="draw what is true of this specimen")
@@ -80,10 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _check(options)
         clock = ServoClock(MonotonicClock())
-        virtual = _buses(options, clock.now())
+        virtual, crane = _buses(options, clock.now())
         if options.link is not None:
             options.link.mkdir(parents=True, exist_ok=True)
-        _serve(virtual, clock, options)
+        _serve(virtual, clock, options, crane)
     except (ConfigError, SpecimenError, OSError) as error:
         print(f"twind-virtual: {error}", file=sys.stderr)
         return 2
@@ -114,7 +121,7 @@ def _check(options: argparse.Namespace) -> None:
                 raise SpecimenError(f"--{name.replace('_', '-')} needs --robot: servos alone have no joints")
 
 
-def _buses(options: argparse.Namespace, now: float) -> dict[str, Served]:
+def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, Served], Crane | None]:
     line = Line(
         wire_timing=not options.no_wire_timing,
         adapter=Adapter(echo=options.echo, latency=options.latency_timer * 1e-3),
@@ -126,7 +133,7 @@ def _buses(options: argparse.Namespace, now: float) -> dict[str, Served]:
             (bus, _set(spec, options, options.baud) if isinstance(spec, ServoSpec) else spec)
             for bus, spec in named
         ]
-        return bench(made, line, baud=options.baud, now=now)
+        return bench(made, line, baud=options.baud, now=now), None
     robot = load_robot(options.robot or "h24")
     one = specimen(
         robot,
@@ -137,11 +144,13 @@ def _buses(options: argparse.Namespace, now: float) -> dict[str, Served]:
     )
     rates = {bus.name: options.baud or bus.baud for bus in robot.buses}
     extra = by_bus([(bus, _set(_servo(spec), options, rates.get(bus))) for bus, spec in named])
-    physics = options.muscles == "mujoco"
-    virtual = buses(one, physics=physics, base=options.base_pose, now=now, line=line, extra=extra)
+    body = None
+    if options.muscles == "mujoco":
+        body = body_for(one, base=options.base_pose, hold=options.hold, now=now)
+    virtual = buses(one, physics=False, body=body, now=now, line=line, extra=extra)
     if options.calibration is not None:
         save(one, options.calibration)
-    return _served(virtual, options)
+    return _served(virtual, options), None if body is None else body.crane
 
 
 def _truth(robot: RobotFile, options: argparse.Namespace) -> Truth | None:
@@ -172,14 +181,16 @@ def _set(spec: ServoSpec, options: argparse.Namespace, baud: int | None) -> Serv
     return replace(spec, settings=settings(baud, options.return_delay))
 
 
-def _serve(virtual: dict[str, Served], clock: ServoClock, options: argparse.Namespace) -> None:
+def _serve(
+    virtual: dict[str, Served], clock: ServoClock, options: argparse.Namespace, crane: Crane | None
+) -> None:
     links = {name: options.link and options.link / name for name in virtual}
     with ExitStack() as undo:
         ports = {}
         for name, link in links.items():
             ports[name] = PtyPort(name, link)
             undo.callback(ports[name].close)
-        server = Server(virtual, ports, clock, _say)
+        server = Server(virtual, ports, clock, _say, crane)
         if options.faults is not None:
             server.orders = OrderSocket(options.faults, server.obey)
             undo.callback(server.orders.close)

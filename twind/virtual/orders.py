@@ -94,6 +94,14 @@ CAN_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
 }
 
 
+# of the body that all buses move, as the methods of `Crane`; of its inertial sensor, as `VirtualSensor.err`
+BODY_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
+    "hold": {"on?": bool},
+    "push": {"forward?": REAL, "left?": REAL, "up?": REAL, "seconds?": REAL},
+    "imu": {"gyro_noise?": REAL, "acceleration_noise?": REAL, "gyro_bias?": REAL},
+}
+
+
 class OrderError(ValueError):
     """An order that cannot be carried out, and what would be right."""
 

@@ -12,9 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from twind.virtual.orders import CAN_FAULTS, FAULTS, Order, OrderError, OrderSocket, arguments
+from twind.twin.crane import Crane
+from twind.virtual.orders import BODY_FAULTS, CAN_FAULTS, FAULTS, Order, OrderError, OrderSocket, arguments
 from twind.virtual.pty_port import PtyPort
 from twind_drivers.clock import Clock
+from twind_drivers.virtual.bus import VirtualBus
+from twind_drivers.virtual.sensor import VirtualSensor
 from twind_drivers.virtual.served import Served
 
 STEP = 0.002  # s between two looks at muscles and watchdogs, traffic or not
@@ -43,7 +46,10 @@ class ServoClock:
 
 
 class Server:
-    """Buses behind ports. `said` is told when a port is plugged in: bus name, path."""
+    """Buses behind ports. `said` is told when a port is plugged in: bus name, path.
+
+    `crane`: what holds the base of a body that stands freely.
+    """
 
     def __init__(
         self,
@@ -51,9 +57,11 @@ class Server:
         ports: Mapping[str, PtyPort],
         clock: ServoClock,
         said: Callable[[str, str], None],
+        crane: Crane | None = None,
     ) -> None:
         self._pairs = [(buses[name], port) for name, port in ports.items()]
         self._buses, self._ports, self._clock, self._said = buses, ports, clock, said
+        self._crane = crane
         self._lost = clock.lost  # s, that the clock registers have counted
         self._input = -1  # descriptor whose end of file ends the server
         self.ended = False
@@ -125,6 +133,8 @@ class Server:
             raise OrderError(f"no query {order['query']!r}; there are state, history")
         if order.get("fault") == "hand" and "bus" not in order and len(self._pairs) > 1:
             return self._hands(order)
+        if order.get("fault") in BODY_FAULTS:
+            return self._body(order)
         bus, port = self._chosen(order.get("bus"))
         name, given = arguments(order, CAN_FAULTS if bus.kind == "can" else FAULTS)
         bus.advance(self._clock.now())
@@ -153,6 +163,26 @@ class Server:
                 bus.faults.hand(**given, **({"pose": own} if own else {}))
         return {"ok": True}
 
+    def _body(self, order: Order) -> Order:
+        """What is done to the whole body; it is of no bus."""
+        name, given = arguments(order, BODY_FAULTS)
+        for bus, _ in self._pairs:
+            bus.advance(self._clock.now())
+        if name == "imu":
+            self._sensor().err(**given)
+        elif self._crane is None:
+            raise OrderError(f"{name}: no body stands here freely: `support: free`, upright, with MuJoCo")
+        else:
+            getattr(self._crane, name)(**given)
+        return {"ok": True}
+
+    def _sensor(self) -> VirtualSensor:
+        """The inertial sensor of the robot. Raises OrderError: it has none."""
+        found = [bus.sensor for bus, _ in self._pairs if isinstance(bus, VirtualBus) and bus.sensor]
+        if not found:
+            raise OrderError("imu: this robot has none: `sensors` in its robot file")
+        return found[0]
+
     def _chosen(self, name: Any) -> tuple[Served, PtyPort]:
         if name is None and len(self._pairs) == 1:
             return self._pairs[0]
@@ -165,7 +195,8 @@ class Server:
         buses = {}
         for name, bus in self._buses.items():
             buses[name] = {"plugged": bus.plugged, "kind": bus.kind, "servos": bus.truth(now)}
-        return {"ok": True, "now": now, "lost": self._clock.lost, "buses": buses}
+        body = {} if self._crane is None else {"body": self._crane.told()}
+        return {"ok": True, "now": now, "lost": self._clock.lost, "buses": buses, **body}
 
     def _history(self, order: Order) -> Order:
         """At most `PAGE` readings, the oldest first, of those after `since` (s)."""

@@ -26,6 +26,7 @@ from twind.config.calibration_file import (
 from twind.config.counts import slot_angles, ticks_of, turn_start
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.twin.base_pose import UPRIGHT
+from twind.twin.crane import BY_TORQUE
 from twind.twin.muscles import MujocoMuscles, body_of
 from twind.version import __version__
 from twind.virtual.bench import (
@@ -37,6 +38,7 @@ from twind.virtual.bench import (
     settings,
     virtual_bus,
 )
+from twind.virtual.inertial import sensor_of
 from twind.virtual.nodes import device, node, unloaded
 from twind.virtual.seats import Frame, fenced, frames_of, hinge_of, margined, servo_of, zero_of
 from twind.virtual.truth import Truth, mechanical_stops, refuse_impossible
@@ -187,6 +189,7 @@ def buses(
     made: Specimen,
     *,
     physics: bool = True,
+    body: MujocoMuscles | None = None,
     base: str = UPRIGHT,
     now: float = 0.0,
     line: Line | None = None,
@@ -194,7 +197,8 @@ def buses(
 ) -> dict[str, Served]:
     """The buses of a specimen, in its rest pose with torque off. One body moves all of them.
 
-    `base`: how that is held, of `base_pose.BASES`. `extra`: servos beside those of the robot, by serial bus.
+    `body`: that one, else with `physics` one is made; `base`: how that is held, of `base_pose.BASES`.
+    `extra`: servos beside those of the robot, by serial bus.
     Raises SpecimenError for a bus that the robot has not, and with `physics`: the body knows nothing of them.
     """
     extra = extra or {}
@@ -205,10 +209,11 @@ def buses(
         )
         known = f"no bus {strange[0]!r}; {made.robot.name} has {', '.join(made.servos)}"
         raise SpecimenError(f"{strange[0]} {why}" if why else known)
-    if extra and physics:
+    if physics and body is None:
+        body = body_for(made, base=base, now=now)
+    if extra and body is not None:
         raise SpecimenError("servos beside those of a robot have no body: say --muscles first-order")
     line = line or Line()
-    body = _body(made, base, now) if physics else None
     virtual: dict[str, Served] = {}
     for spec in made.robot.buses:
         if spec.kind == CAN:
@@ -221,18 +226,23 @@ def buses(
         beside, stand = laid_out(extra.get(spec.name, ()), line.seed)
         baud = BAUDS[own[0].settings["baud_rate"]] if own else spec.baud
         muscles = _muscles(made, spec, body, now, stand)
-        virtual[spec.name] = virtual_bus(spec.name, [*own, *beside], muscles, line, baud=baud, now=now)
+        sensor = sensor_of(made.robot, spec.name, body)
+        virtual[spec.name] = virtual_bus(
+            spec.name, [*own, *beside], muscles, line, baud=baud, now=now, sensor=sensor
+        )
     return virtual
 
 
-def _body(made: Specimen, base: str, now: float) -> MujocoMuscles:
-    """All of it as it is wired, rubbing and ending where the truth says."""
+def body_for(
+    made: Specimen, *, base: str = UPRIGHT, hold: str = BY_TORQUE, now: float = 0.0
+) -> MujocoMuscles:
+    """All of it as it is wired, rubbing and ending where the truth says. `base`, `hold`: see `body_of`."""
     rubbing = {name: made.truth.of(name).friction_nm for name in made.robot.names}
     friction = {name: value for name, value in rubbing.items() if value is not None}
     alone = [joint.name for joint in made.robot.joints if not joint.transmission]
     ends = {name: made.hinge(name).stops for name in alone}
     stops = {name: end for name, end in ends.items() if all(map(math.isfinite, end))}
-    return body_of(made.wired, made.zeros, friction=friction, stops=stops, base=base, now=now)
+    return body_of(made.wired, made.zeros, friction=friction, stops=stops, base=base, hold=hold, now=now)
 
 
 def _muscles(

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from statistics import median
 
 from twind.config.actuator import ServoType
+from twind.robot.attitude import G
 from twind_calibration.doctor import mend
 from twind_calibration.doctor.bench import serial, servos, together
 from twind_calibration.doctor.complaint import Found
@@ -24,6 +25,7 @@ LATE = 0.001  # s that a servo's quickest answer may be later than the others'
 SECONDARY = ("secondary_shadow_id", "secondary_id")  # register 12, by the model's table
 POWER = "is the power on, is the data line plugged in, is it the right port? "
 CABLE = "look at its cable and power, and at its id: "
+ODD = 0.1  # of g: zero offsets of cheap sensors are 0.05 to 0.08 on an axis
 LAST_ID = 252  # above it the second id is off
 
 
@@ -73,6 +75,15 @@ def who(examined: Examined) -> Iterator[Found]:
                 yield Found("ID_TWICE", servo.thing, servo.trouble.partition(":")[0])
             elif servo.joint is None:
                 yield Found("SERVO_FOREIGN", servo.thing, f"a {_model(servo)} answers", "nobody")
+
+
+def inertial(examined: Examined) -> Iterator[Found]:
+    """IMU_SILENT, IMU_GRAVITY."""
+    for imu in [survey.imu for survey in serial(examined) if survey.imu is not None]:
+        if not imu.heard or imu.force is None:
+            yield Found("IMU_SILENT", imu.thing, "no answer")
+        elif not abs(imu.force / G - 1.0) <= ODD:
+            yield Found("IMU_GRAVITY", imu.thing, f"{imu.force:.2f} m/s²", f"{G:.2f} m/s² at rest")
 
 
 def _elsewhere(survey: SerialSurvey) -> Iterator[Found]:

@@ -91,6 +91,21 @@ WHO = (
         WARNING,
     ),
     Complaint(
+        "IMU_SILENT",
+        "the IMU does not answer",
+        "nobody is told how the robot leans: what balances it must not run; joints do not mind",
+        "look at its cable and power, and at `bus` and `id` under `sensors` in the robot file",
+        WARNING,
+    ),
+    Complaint(
+        "IMU_GRAVITY",
+        "at rest the IMU does not feel one g",
+        "its registers are not as described, or it is broken: the attitude it gives is wrong",
+        "leave the robot alone and look again; then compare `address`, `type` and `lsb_m_s2` of its "
+        "acceleration in the robot file with its manual",
+        WARNING,
+    ),
+    Complaint(
         "SERVO_MODEL",
         "another model than the robot file says",
         "its counts, currents and limits mean something else: the daemon refuses to arm",

@@ -4,12 +4,13 @@ Reading methods alone. Most registers come with its scan; the others are read on
 tick's spare time, so that the loop keeps its rate: seconds for a whole robot.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from twind.client import CallError, Client, ClientError
-from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind_calibration.doctor.complaint import CannotLook
 from twind_calibration.doctor.daemon import Daemon
 from twind_calibration.doctor.survey import (
@@ -17,14 +18,17 @@ from twind_calibration.doctor.survey import (
     MAPPED,
     RAM,
     CanSurvey,
+    Inertial,
     Node,
     SerialSurvey,
     Servo,
     asked,
+    thing_of,
 )
 from twind_drivers.dynamixel.identity import known as table_of
 from twind_drivers.dynamixel.tables import Table
 
+SILENT = 1000.0  # ms, of an IMU: one that is silent is asked at least once a second
 PATIENCE = 65.0  # s for one answer: a scan of a slow bus
 TOLD = {"pmax_milli": "position_range", "vmax_milli": "velocity_range", "tmax_milli": "torque_range"}
 MEASURED = ("present_input_voltage", "present_temperature")
@@ -46,7 +50,21 @@ def operator(daemon: Daemon) -> Client:
 def survey_serial(daemon: Daemon, spec: BusSpec, robot: RobotFile) -> SerialSurvey:
     """One serial bus. Raises CannotLook: it is not open, or the daemon does not answer."""
     port, servos, missing = _bus(daemon, spec, robot, _servo)
-    return SerialSurvey(spec, port, tuple(sorted(servos, key=lambda servo: servo.id)), missing)
+    imu = robot.imu if robot.imu is not None and robot.imu.bus == spec.name else None
+    found = tuple(sorted(servos, key=lambda servo: servo.id))
+    return SerialSurvey(spec, port, found, missing, imu=None if imu is None else _inertial(daemon, imu))
+
+
+def _inertial(daemon: Daemon, imu: ImuSpec) -> Inertial:
+    """What the daemon heard of it last. Raises CannotLook."""
+    with operator(daemon) as client:
+        try:
+            told = client.call("Monitor", topics=["state"]).get("imu")
+        except ClientError as error:
+            raise CannotLook(f"the daemon does not answer Monitor: {error}") from error
+    if told is None or told["age_ms"] > SILENT:
+        return Inertial(thing_of(imu), False)
+    return Inertial(thing_of(imu), True, math.hypot(*told["acceleration"]))
 
 
 def survey_can(daemon: Daemon, spec: BusSpec, robot: RobotFile) -> CanSurvey:

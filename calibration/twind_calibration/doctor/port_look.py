@@ -3,15 +3,26 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
+import numpy as np
+
+from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind_calibration.doctor.asker import Asker
 from twind_calibration.doctor.complaint import CannotLook
 from twind_calibration.doctor.line import Line
-from twind_calibration.doctor.survey import EEPROM, MAPPED, RAM, SerialSurvey, Servo
+from twind_calibration.doctor.survey import (
+    EEPROM,
+    MAPPED,
+    RAM,
+    Inertial,
+    SerialSurvey,
+    Servo,
+    thing_of,
+)
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.identity import known as table_of
 from twind_drivers.dynamixel.prober import Prober
 from twind_drivers.dynamixel.scan import BAUDS, IDS, Found, scan, scan_rate
+from twind_drivers.dynamixel.sensor import decoded
 from twind_drivers.dynamixel.tables import Field, Table
 
 PINGS = 12  # of each servo, for the line's quality and each one's delay
@@ -39,6 +50,9 @@ def _survey(line: Line, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> 
         answer = _again(asker, spec.baud, id)
         if answer is not None:
             answered[id] = answer
+    imu = robot.imu if robot.imu is not None and robot.imu.bus == spec.name else None
+    if imu is not None:
+        answered.pop(imu.id, None)  # it is no servo
     servos = tuple(_servo(asker, spec.name, answered[id], joints.get(id)) for id in sorted(answered))
     quality = _Quality()
     delays = _pinged(asker, [servo.id for servo in servos if not servo.trouble], quality)
@@ -56,7 +70,18 @@ def _survey(line: Line, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> 
         quality.asked,
         quality.garbled,
         quality.lost,
+        None if imu is None else _inertial(asker, imu),
     )
+
+
+def _inertial(asker: Asker, imu: ImuSpec) -> Inertial:
+    """What it feels now."""
+    first, size = imu.span
+    data, force = _read(asker, imu.id, first, size), imu.acceleration
+    if data is None:
+        return Inertial(thing_of(imu), False)
+    raw = decoded(data, force.address - first, force.kind, 3)
+    return Inertial(thing_of(imu), True, float(np.linalg.norm((raw - force.zero) * force.lsb)))
 
 
 class _Quality:

@@ -14,6 +14,7 @@ BUSES, SERVOS, ACTUATORS = "serial buses", "servos", "CAN actuators"
 CHECKS: tuple[tuple[str, tuple[str, ...], Look], ...] = (
     (BUSES, ("BUS_SILENT", "BUS_TALK", "BUS_ECHO", "PROTOCOL_OLD", "BUS_NOISE"), bus_checks.line),
     (BUSES, ("BAUD_WRONG", "SERVO_FRESH", "SERVO_MISSING", "ID_TWICE", "SERVO_FOREIGN"), bus_checks.who),
+    (BUSES, ("IMU_SILENT", "IMU_GRAVITY"), bus_checks.inertial),
     (BUSES, ("SERVO_MODEL", "WATCHDOG_UNKNOWN", "FIRMWARE_SLOW", "SECOND_ID"), bus_checks.model),
     (BUSES, ("BUS_BUDGET", "RETURN_DELAY", "SERVO_SLOW"), bus_checks.speed),
     (

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from twind.config.actuator import CanType
-from twind.config.robot_spec import BusSpec, JointSpec
+from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec
 from twind_drivers.dynamixel.identity import SETTINGS
 from twind_drivers.dynamixel.scan import Found as Answer
 from twind_drivers.dynamixel.tables import number_of
@@ -61,7 +61,21 @@ class Servo:
         return self.joint is not None and self.model == number_of(self.joint.type.device)
 
 
-@dataclass(frozen=True, slots=True)
+def thing_of(imu: ImuSpec) -> str:
+    """As people name it."""
+    return f"bus {imu.bus} id {imu.id} (IMU)"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inertial:
+    """The IMU of a bus."""
+
+    thing: str  # as people name it
+    heard: bool
+    force: float | None = None  # m/s², the size of what it feels; None: not heard
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SerialSurvey:
     """One serial bus."""
 
@@ -74,6 +88,7 @@ class SerialSurvey:
     asked: int = 0  # pings of which each answer was looked at
     garbled: int = 0  # of those: bytes came, and no sound answer, or more than it
     lost: int = 0  # of those: nothing came though others were answered
+    imu: Inertial | None = None  # None: the robot file describes none there
 
     @property
     def known(self) -> tuple[Servo, ...]:

@@ -144,12 +144,13 @@ def budget(
     usb_s: float = 0.0,
     read_size: int = CYCLIC,
     groups: Sequence[int] = (),
+    sensor: tuple[int, float] | None = None,
 ) -> Budget:
     """The cycle of `count` devices: goals (`write`), cyclic reading, and with `upkeep_hz` its longest slice.
 
     `groups`: devices of each register layout where there are several: read by bulk read, written in one
-    packet for each. `usb_s`: what the adapter adds to each transaction, s. Raises ValueError for no devices
-    or no baud rate.
+    packet for each. `usb_s`: what the adapter adds to each transaction, s. `sensor`: bytes and return delay
+    (us) of what is read besides. Raises ValueError for no devices or no baud rate.
     """
     if count < 1 or baud < 1:
         raise ValueError(f"a budget needs devices and a baud rate, got {count} and {baud}")
@@ -167,15 +168,24 @@ def budget(
         delays = 1 if plan.watch else max(plan.state, plan.health)
         rows.append((f"longest slice of upkeep ({plan.state} a slice)", plan.most, delays))
         transactions = 2
-    return _sum(rows, baud, return_delay_us, transactions * usb_s)
+    own = 0.0
+    if sensor is not None:
+        rows.append((f"reading of a sensor, {sensor[0]} bytes", 14 + 11 + sensor[0], 0))
+        own, transactions = sensor[1], transactions + 1
+    return _sum(rows, baud, return_delay_us, transactions * usb_s, own)
 
 
-def _sum(rows: Sequence[tuple[str, int, int]], baud: int, delay_us: float, usb_s: float) -> Budget:
+def _sum(
+    rows: Sequence[tuple[str, int, int]], baud: int, delay_us: float, usb_s: float, own_us: float
+) -> Budget:
+    """`own_us`: the return delay of a sensor."""
     total = sum(size for _, size, _ in rows)
     delays = sum(each for _, _, each in rows)
-    seconds = wire(total, baud) + delays * delay_us * 1e-6 + usb_s
+    seconds = wire(total, baud) + (delays * delay_us + own_us) * 1e-6 + usb_s
     lines = [f"{what}: {size} bytes = {wire(size, baud) * 1e6:.0f} us" for what, size, _ in rows]
     lines.append(f"return delay: {delays} x {delay_us:g} us = {delays * delay_us:.0f} us")
+    if own_us:
+        lines.append(f"return delay of the sensor: {own_us:g} us")
     if usb_s:
         lines.append(f"adapter: {usb_s * 1e6:.0f} us")
     lines.append(f"together {total} bytes at {baud} baud = {seconds * 1e6:.0f} us")

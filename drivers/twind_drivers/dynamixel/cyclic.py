@@ -141,6 +141,9 @@ class Cyclic:
             heard = heard & self._prove(answered, line.strays)
             self._judge(asked, answered, now)
         foreign, line.foreign = line.foreign, 0
+        late: tuple[int, ...] = ()
+        if line.late:
+            late, line.late = tuple(line.late), []
         return Sample(
             sent=line.sent,
             received=line.received,
@@ -152,6 +155,7 @@ class Cyclic:
             asked=attendance,
             discarded=line.strays,
             foreign=foreign,
+            late=late,
         )
 
     def back(self, place: int, now: float) -> None:

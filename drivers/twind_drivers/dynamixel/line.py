@@ -3,7 +3,7 @@
 Does the I/O through a `Transport`; time is an argument. It also judges what came unasked (R08).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -22,6 +22,7 @@ class Exchange:
     packet: bytes
     reply: Expected | None  # None: never answered
     delays: int  # how many return delays pass before the last byte
+    extra: float = 0.0  # s that pass besides, of a device that takes longer than the servos
 
     @property
     def size(self) -> int:
@@ -37,8 +38,10 @@ class Line:
     in the port is thrown away.
 
     `foreign` counts whole sound packets that nobody asked for. A status of a device that missed an answer
-    within the last second is not one of them: it may be that answer. `echo`: the adapter gives back what we
-    send; recognised by a packet of ours in the answer, from then on taken off each answer.
+    within the last second is not one of them: it may be that answer. Nor is any of `sensors`, ids of devices
+    that only tell: those are `late`, and no strays; and what comes behind the answer of such a device and
+    before the next request is its own, too. `echo`: the adapter gives back what we send; recognised by a
+    packet of ours in the answer, from then on taken off each answer.
     """
 
     def __init__(
@@ -50,16 +53,20 @@ class Line:
         return_delay_s: float,
         slack: float,
         one_write: bool = True,
+        sensors: Collection[int] = (),
     ) -> None:
         """`one_write`: what is pending and the request leave in one system call, else in two."""
         self.name, self.transport, self.baud, self.slack = name, transport, baud, slack
         self.return_delay_s, self.one_write = return_delay_s, one_write
+        self._sensors = frozenset(sensors)
         self.urgent = b""
         self.goals = b""
         self._leaving = b""  # urgent, written, and not yet known to have left the port
         self.sent = self.received = self.deadline = -inf  # s
         self.strays = 0  # bytes dropped in the present transaction
         self.foreign = 0  # packets; whoever reports it sets it back
+        self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; the same
+        self._told = False  # the last transaction asked a sensor
         self.echo = False
         self.exchange: Exchange | None = None
         self._done = True
@@ -71,7 +78,7 @@ class Line:
 
     def span(self, exchange: Exchange, extra: int = 0) -> float:
         """Bus time (s) that it takes, with `extra` bytes before it."""
-        return wire(exchange.size + extra, self.baud) + exchange.delays * self.return_delay_s
+        return wire(exchange.size + extra, self.baud) + exchange.delays * self.return_delay_s + exchange.extra
 
     def send(self, exchange: Exchange, now: float, *, goals: bool = False) -> None:
         """Begin a transaction: late bytes of the last one are dropped, then everything leaves.
@@ -91,6 +98,7 @@ class Line:
         self.strays = self.transport.drain(self._late)
         if self.strays:
             self._look_back()
+        self._told = False
         lead = self.urgent or (self.goals if goals else b"")
         if lead:
             self.goals = b""
@@ -132,6 +140,7 @@ class Line:
         exchange, self.exchange, self._done = self.exchange, None, True
         reply = exchange.reply if exchange is not None else None
         if reply is not None:
+            self._told = bool(self._sensors) and self._sensors.issuperset(reply.ids)
             reply.end()
             self.strays += reply.strays
             if self._leaving and reply.answered.any():
@@ -154,6 +163,8 @@ class Line:
         """What came after the last transaction had ended."""
         self._judge(Framer(status=None).feed(self._late), bytes(self._late))
         self._late.clear()
+        if self._told:
+            self.strays = 0
 
     def _judge(self, packets: Sequence[Packet], first: bytes) -> None:
         """`first`: what came first in this window; where our own packets stand there, they are an echo."""
@@ -163,7 +174,11 @@ class Line:
         if own and ours and list(packets[: len(own)]) == own:
             self.echo, packets = True, packets[len(own) :]
             self.strays -= len(sent)
-        self.foreign += sum(each.instruction != STATUS or each.id not in self._owed for each in packets)
+        told = [each for each in packets if each.instruction == STATUS and each.id in self._sensors]
+        self.late += [len(each.data) for each in told]
+        self.strays = max(0, self.strays - sum(each.octets for each in told))
+        known = self._owed.keys() | self._sensors
+        self.foreign += sum(each.instruction != STATUS or each.id not in known for each in packets)
 
     def _remember(self, reply: Expected) -> None:
         """Who owes an answer, and until when."""

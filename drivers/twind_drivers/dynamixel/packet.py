@@ -201,6 +201,11 @@ class Packet(NamedTuple):
         """What a status carries behind its error byte."""
         return self.params[1:]
 
+    @property
+    def octets(self) -> int:
+        """Bytes that it took on the wire, stuffing included."""
+        return len(stuff(bytes((self.instruction,)) + self.params)) + OVERHEAD - 1
+
 
 class Framer:
     """Finds packets in a stream of untrusted bytes. Never raises, never holds more than `CAPACITY` bytes.

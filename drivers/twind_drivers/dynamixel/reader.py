@@ -59,13 +59,14 @@ class DynamixelReader:
         rate_hz: float = 100.0,
         slack: float | None = None,
         one_write: bool = True,
+        sensors: Mapping[int, float] | None = None,
     ) -> None:
         """`models`: model number of each id. `fast`: use the fast reads; None: what `identify` finds.
 
         `return_delay_us`: the longest of the devices. `rate_hz`: how often the loop calls. `slack` (s):
         what a reply may take beyond its wire time; None: 2 ms, or half a period where that is less (with less
         than 1 ms, an adapter's timer, every reply would be late). `one_write`: goals and request leave in
-        one system call.
+        one system call. `sensors`: return delay (s) by id of what hangs there besides, and only tells.
 
         Raises ValueError for no ids or ids given twice, and for a model that cannot be driven, with the
         reason; KeyError for an unknown model.
@@ -85,7 +86,9 @@ class DynamixelReader:
             return_delay_s=return_delay_us * 1e-6,
             slack=min(SLACK, 0.5 / rate_hz) if slack is None else slack,
             one_write=one_write,
+            sensors=tuple(sensors or ()),
         )
+        self._sensors, self._singles = dict(sensors or {}), dict[Query, Exchange]()  # of these, kept
         layouts = tuple(self.layouts.values())
         self._described, self._period = self.line.return_delay_s, 1.0 / rate_hz
         self._choose_fast, self._upkeep_hz = fast is None, rate_hz / upkeep_stride(rate_hz)
@@ -212,14 +215,19 @@ class DynamixelReader:
     def _asking(self, query: Query) -> Exchange:
         """Slices are read fast while all is well, and never made twice."""
         found = self._fast.get(query) if self.fast and not self.cyclic.trouble else None
-        return found or self._plain.get(query) or self._exchange(query)
+        return found or self._plain.get(query) or self._singles.get(query) or self._exchange(query)
 
     def _exchange(self, query: Query) -> Exchange:
         if isinstance(query, Ping):
             return Exchange(packet.ping(query.id), PlainReply((query.id,), 3), 1)
         reply = PlainReply(query.ids, query.size)
         if len(query.ids) == 1:
-            return Exchange(packet.read(query.ids[0], query.address, query.size), reply, 1)
+            id = query.ids[0]
+            longer = max(0.0, self._sensors.get(id, 0.0) - self.line.return_delay_s)
+            made = Exchange(packet.read(id, query.address, query.size), reply, 1, longer)
+            if id in self._sensors:  # asked again and again
+                self._singles[query] = made
+            return made
         request = packet.sync_read(query.ids, query.address, query.size)
         return Exchange(request, reply, len(query.ids))
 

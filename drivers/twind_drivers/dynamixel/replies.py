@@ -15,7 +15,6 @@ from twind_drivers.dynamixel.packet import (
     BROADCAST,
     CAPACITY,
     HEADER,
-    OVERHEAD,
     STATUS,
     STATUS_OVERHEAD,
     STUFFED,
@@ -186,7 +185,7 @@ class PlainReply:
         whole = len(packet.data) == self.size and not (failed and self.size)
         refused = failed and len(packet.data) in (0, self.size)
         if place is None or self.answered[place] or not (whole or refused):
-            self.strays += len(packet.params) + OVERHEAD
+            self.strays += packet.octets
             self.unasked = (*self.unasked, packet)
             return
         self.answered[place] = True
@@ -200,7 +199,7 @@ class FastReply:
     """The joint status of a fast sync read: not stuffed, every block's CRC over all bytes before it.
 
     A missing device ends the reply, so an intact prefix is kept: its devices did answer. Who answered with an
-    error number is not heard.
+    error number is not heard. A whole status of somebody else in the middle of it is taken out.
     """
 
     def __init__(self, ids: Sequence[int], size: int) -> None:
@@ -257,9 +256,27 @@ class FastReply:
             if at < 0 or (self._got < self.expected and not final):
                 return False
             count = self._intact()
+            if count < len(self.ids):
+                if self._cut_out():
+                    continue
+                if not final and self._bytes.find(HEADER, len(HEADER), self._got) >= 0:
+                    return False  # somebody talks in between: the rest of both may still come
             if count:
                 return self._keep(count)
             self._shift(1)  # a false head
+
+    def _cut_out(self) -> bool:
+        """Take out the first whole status that stands behind the head; False: there is none."""
+        at = self._bytes.find(HEADER, len(HEADER), self._got)
+        while at >= 0:
+            end = at + 7 + int.from_bytes(self._view[at + 5 : at + 7], "little")
+            if end <= self._got and Framer(status=True).feed(self._view[at:end]):
+                self._drop(at, end)
+                self._bytes[at : self._got - (end - at)] = self._bytes[end : self._got]
+                self._got -= end - at
+                return True
+            at = self._bytes.find(HEADER, at + 1, self._got)
+        return False
 
     def _shift(self, count: int) -> None:
         """The first `count` bytes are no part of the reply."""

@@ -84,14 +84,14 @@ class AnswerFaults:
         if id is None:
             self._wire.lag = seconds
             return
-        self.rows(id)
+        self.require(id)
         self._late[id] = seconds
         if not seconds:
             del self._late[id]
         self.look()
 
-    def rows(self, id: int) -> list[int]:
-        """Places of the servos with this id. Raises KeyError."""
+    def require(self, id: int) -> None:
+        """Somebody has this id. Raises KeyError."""
         raise NotImplementedError
 
     def look(self) -> None:
@@ -139,7 +139,7 @@ class AnswerFaults:
         if not isfinite(value):
             raise ValueError(f"{name}: {value} is not a number")
         if id is not None:
-            self.rows(id)
+            self.require(id)
         self._orders[name, id] = (count, value)
         self.look()
 

@@ -27,6 +27,7 @@ from twind_drivers.virtual.group import FastGroup, PlainGroup
 from twind_drivers.virtual.history import History
 from twind_drivers.virtual.instructions import Answer, Answers, Instructions
 from twind_drivers.virtual.muscles import Muscles
+from twind_drivers.virtual.sensor import VirtualSensor
 from twind_drivers.virtual.servos import BAUDS, Servos, ServoSpec
 from twind_drivers.virtual.stream import Adapter, Stream
 from twind_drivers.virtual.truth import truth
@@ -56,17 +57,20 @@ class VirtualBus:
         adapter: Adapter | None = None,
         seed: int = 0,
         made: Callable[..., Servos] = Servos,
+        sensor: VirtualSensor | None = None,
     ) -> None:
         """`baud` is the line's; a servo whose own baud register differs hears and says nothing.
 
         `seed`: of all that is random in the faults; the same orders and bytes then give the same bytes.
         `made`: what makes the servos, as `Servos` is made; others of that kind may live by other rules.
+        `sensor`: hangs there too.
         """
         self.name = name
         self.servos = made(servos, muscles, now=now, keep_goal=keep_goal)
         self._wire = Wire(baud, timing=wire_timing)
         self._stream = Stream(self._wire, adapter or Adapter(), seed)
-        self.faults = Faults(name, self.servos, self._wire, self._stream)
+        self.sensor = sensor
+        self.faults = Faults(name, self.servos, self._wire, self._stream, sensor)
         self._framer = Framer(status=False, broken=True)
         self._groups: dict[bytes, Group] = {}
         self._goal_rows: dict[bytes, tuple[Any, Any] | None] = {}
@@ -249,10 +253,19 @@ class VirtualBus:
             servos.feed(at)
         answers = self._instructions.obey(packet, at)
         self._answer(answers)
+        if self.sensor is not None and packet.intact:
+            self._let_tell(self.sensor, packet)
         if packet.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ) and packet.intact:
             self._remember(packet, answers, chunk)
         elif packet.instruction not in (Instruction.PING, Instruction.READ) and packet.intact:
             servos.changed()
+
+    def _let_tell(self, sensor: VirtualSensor, packet: Packet) -> None:
+        piece = sensor.answer(packet)
+        if piece and self.faults.active:
+            self.faults.speak([sensor.id], [sensor.return_delay], [piece], joint=False)
+        elif piece:
+            self._wire.say(self._wire.ends([sensor.return_delay], [len(piece)]), [len(piece)], piece)
 
     def _talk(self, answers: Answers) -> list[Answer]:
         return [each for each in answers.statuses if self.servos.registers.level(each.row) >= answers.level]

@@ -2,6 +2,7 @@
 
 from twind_drivers.virtual.answers import AnswerFaults
 from twind_drivers.virtual.line_faults import LineFaults
+from twind_drivers.virtual.sensor import VirtualSensor
 from twind_drivers.virtual.servo_faults import ServoFaults
 from twind_drivers.virtual.servos import Servos
 from twind_drivers.virtual.stream import Stream
@@ -11,7 +12,10 @@ from twind_drivers.virtual.wire import Wire
 class Faults(AnswerFaults, LineFaults, ServoFaults):
     """What goes wrong on one bus. Each method is an order; `docs/virtual.md` lists them."""
 
-    def __init__(self, bus: str, servos: Servos, wire: Wire, stream: Stream) -> None:
+    def __init__(
+        self, bus: str, servos: Servos, wire: Wire, stream: Stream, sensor: VirtualSensor | None = None
+    ) -> None:
+        self._sensor = sensor
         ServoFaults.__init__(self, bus, servos)
         LineFaults.__init__(self, stream)
         AnswerFaults.__init__(self, wire, stream)
@@ -27,6 +31,27 @@ class Faults(AnswerFaults, LineFaults, ServoFaults):
         """The adapter is back. `renamed`: as another device; in process there is no name to change."""
         self.plugged = True
 
+    def silence(self, id: int | None = None, on: bool = True) -> None:
+        """Pull the connector of one device or (None) of all: it hears and says nothing, keeps its power.
+
+        `clear` plugs all in. Raises KeyError.
+        """
+        if self._sensor is not None and id in (None, self._sensor.id):
+            self._sensor.silenced = on
+        if self._sensor is None or id != self._sensor.id:
+            ServoFaults.silence(self, id, on)
+
+    def power(self, on: bool) -> None:
+        """The supply of the bus. Off: nobody answers or holds. On: all boot, RAM and turns are lost."""
+        ServoFaults.power(self, on)
+        if self._sensor is not None:
+            self._sensor.silenced = not on
+
+    def require(self, id: int) -> None:
+        """Somebody has this id. Raises KeyError that names the ids there are."""
+        if self._sensor is None or id != self._sensor.id:
+            self.rows(id)
+
     def rows(self, id: int) -> list[int]:
         """Places of the servos with this id. Raises KeyError that names the ids there are."""
         return ServoFaults.rows(self, id)
@@ -41,3 +66,5 @@ class Faults(AnswerFaults, LineFaults, ServoFaults):
         LineFaults.clear(self)
         AnswerFaults.clear(self)
         ServoFaults.clear(self)
+        if self._sensor is not None:
+            self._sensor.silenced = False

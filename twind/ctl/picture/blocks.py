@@ -2,11 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import acos, asin, atan2, degrees, hypot
 
 from twind.ctl.picture.lines import Line, Span, cut, fitting, length, line, wrapped
 from twind.ctl.picture.remedies import remedy
 from twind.ctl.picture.view import Answer, Said, View
+from twind.ctl.table import LOST
 
+STALE = 100.0  # ms, of an IMU's reading
 LABEL = 9  # columns of `loop     `
 NEWEST = 5  # refusals beside everything else
 STATES = {  # style of a robot's state; others are plain
@@ -108,12 +111,14 @@ def summary(view: View, width: int) -> Block:
         return Block("summary", (), (), 0)
     rows = [_labelled("lease", _lease(status, view), width), _labelled("loop", _loop(status), width)]
     rows.append(_labelled("latency", _latency(status), width))
+    if view.imu is not None:
+        rows.append(_labelled("imu", _imu(view.imu), width))
     return Block("summary", (), [Row(each) for each in rows], len(rows))
 
 
 def recorder(view: View, width: int) -> Block:
-    """What the flight recorder holds, and the episode that runs or ran last."""
-    rows = []
+    """What the flight recorder holds, who streams, and the episode that runs or ran last."""
+    rows = [_stream(told, width) for told in (view.status or {}).get("streams") or ()]
     flight = (view.status or {}).get("flight")
     if flight:
         last = flight.get("last")
@@ -132,6 +137,14 @@ def recorder(view: View, width: int) -> Block:
             parts = [(f"{episode.task}, {spent} long", ""), label, (f"{ago(view.now - episode.end)} ago", "")]
         rows.append(_labelled("episode", parts, width))
     return Block("recorder", (), [Row(each) for each in rows], min(len(rows), 1))
+
+
+def _stream(told: Answer, width: int) -> Line:
+    """What is in the way comes first: the end of a line is what a small terminal cuts."""
+    wrong = [(f"! {told['error']}", "warn")] if told["error"] else []
+    lost = [(f"! {told[key]} {said}", "warn") for key, said in LOST[:2] if told[key]]
+    counts = [(f"{told['rate_hz']:.0f} Hz", ""), (f"{told['sent']} sent, {told['waiting']} waiting", "")]
+    return _labelled("stream", [*wrong, *lost, *counts, (told["endpoint"], "dim")], width)
 
 
 def refusals(view: View, width: int) -> Block:
@@ -206,6 +219,22 @@ def _latency(status: Answer) -> list[Span]:
         (f"mean {milli(status['latency_avg_ms'])}, max {milli(status['latency_max_ms'])} ms", ""),
         (f"{'! ' if violations else ''}{violations} violations", "warn" if violations else ""),
         ("" if skew is None else f"between buses {skew:.1f} ms", "dim"),
+    ]
+
+
+def _imu(imu: Answer) -> list[Span]:
+    """How far the base leans, and which way; what it feels; how old. Nothing of before a silence."""
+    if imu["age_ms"] > STALE:
+        return [(f"! silent for {ago(imu['age_ms'] / 1e3)}: how it leans is not known", "warn")]
+    w, x, y, z = imu["quaternion"]
+    lean = degrees(acos(min(1.0, max(-1.0, 1.0 - 2.0 * (x * x + y * y)))))
+    pitch = degrees(asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x)))))
+    roll = degrees(atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))
+    return [
+        (f"leans {lean:.1f}°", ""),
+        (f"roll {roll:+.1f}°, pitch {pitch:+.1f}°", ""),
+        (f"{hypot(*imu['acceleration']):.2f} m/s², {hypot(*imu['gyro']):.2f} rad/s", "dim"),
+        (f"{imu['age_ms']:.0f} ms old", "dim"),
     ]
 
 

@@ -19,7 +19,7 @@ REMEDIES: Mapping[str, str] = {
     "LEASE_LOST": "renew the lease, or follow the motion with `more`",
     "STREAM_STALE": "send setpoints more often",
     "STATE_STALE": "its cable, power and id",
-    "BUS_ERRORS": "wiring, termination, power and baud rate of the bus",
+    "BUS_ERRORS": "wiring, termination, power and baud rate of the bus; if virtual: load of this machine",
     "RX_SHAPE": "wiring, a second master, two servos with one id",
     "FOREIGN_TRAFFIC": "disconnect the other master; then twindctl disarm, twindctl reset",
     "SERVO_ALERT": "find the cause, twindctl disarm, twindctl reboot BUS ID",

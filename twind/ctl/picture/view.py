@@ -52,6 +52,7 @@ class View:
     now: float  # s, monotonic
     status: Answer | None = None
     joints: Sequence[Answer] = ()
+    imu: Answer | None = None  # None: none, or not heard yet
     bounds: Mapping[str, Bounds] = field(default_factory=dict)
     hops: Sequence[Answer] = ()
     lateness: Sequence[Answer] = ()  # Bucket of the whole run
@@ -93,7 +94,7 @@ class Watched:
             self._lost += news.get("dropped") or 0
             topic = news["topic"]
             if topic == "state":
-                self._now["joints"] = news["joints"]
+                self._now |= {"joints": news["joints"], "imu": news.get("imu")}
                 self.count += 1
             elif topic == "status":
                 self._status(news["status"], now)

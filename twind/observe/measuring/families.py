@@ -21,6 +21,7 @@ from twind.observe.measuring.ledger import Buckets, Fields, News
 from twind.robot.modes import Mode, Motion, State
 
 MS = 1e-3  # s
+Rows = Sequence[tuple[tuple[str, ...], Fields]]  # label values, fields
 
 # name, its unit, the field, factor to the unit, what it is
 JOINT = (
@@ -66,6 +67,14 @@ FLIGHT = (
     ("flight_size_bytes", "bytes", "bytes", 1.0, "What the flight recorder holds."),
 )
 
+# Of all streamers together: a label of their names would be one for each spool that ever was.
+STREAMS = (
+    ("stream_sent_messages", "messages", "sent", 1.0, "Taken by endpoints, of the streamers that are there."),
+    ("stream_waiting_messages", "messages", "waiting", 1.0, "Wait in their spools."),
+    ("stream_dropped_messages", "messages", "dropped", 1.0, "Dropped: too much, too old, or no disk."),
+    ("stream_dead_messages", "messages", "dead", 1.0, "Dead letters: endpoints will not have them."),
+)
+
 
 def families(news: News | None) -> Iterator[Metric]:
     """Everything there is to say. None, or a daemon that is not there: `twind_up 0` and nothing else."""
@@ -87,14 +96,18 @@ def families(news: News | None) -> Iterator[Metric]:
     yield _joint_faults(news.joints)
     yield from _latency(news)
     yield from _gauges(FLIGHT, [((), status.get("flight") or {})], ())
+    yield from _gauges(STREAMS, _together(status.get("streams") or ()), ())
     yield from _counted(news)
+
+
+def _together(streams: Sequence[Fields]) -> Rows:
+    """Their sums; nothing where nobody streams."""
+    sums = {key: sum(each[key] for each in streams) for _, _, key, _, _ in STREAMS}
+    return [((), sums)] if streams else []
 
 
 def _plain(name: str, unit: str, value: float, text: str) -> Metric:
     return GaugeMetricFamily(f"twind_{name}", text, value=value, unit=unit)
-
-
-Rows = Sequence[tuple[tuple[str, ...], Fields]]  # label values, fields
 
 
 def _gauges(

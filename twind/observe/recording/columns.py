@@ -63,6 +63,18 @@ class Hop:
 
 
 @dataclass(frozen=True, slots=True)
+class Inertial:
+    """What an IMU told, in the axes of the base; in mode sim the simulation's. Rows as `Recording.time`.
+
+    NaN where nothing new was heard.
+    """
+
+    gyro: Floats  # rad/s, (k, 3)
+    acceleration: Floats  # m/s², (k, 3)
+    quaternion: Floats  # w x y z, (k, 4)
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
     """One file. Rows (k, n): k readings, n joints in `joints`' order; NaN where nothing is known.
 
@@ -78,6 +90,7 @@ class Recording:
     effort: Floats  # N·m
     goal: Floats  # rad
     simulated: Floats  # rad
+    imu: Inertial | None = None  # None: there is none in it
     events: tuple[Said, ...] = ()  # Event of the interface
     verdicts: tuple[Said, ...] = ()  # Verdict
     trajectories: tuple[Said, ...] = ()  # Trajectory and its id: what passed the gate

@@ -7,11 +7,12 @@ import numpy as np
 
 from twind.flight import Flight, FlightError, load
 from twind.link import Tick
-from twind.observe.recording.columns import Floats, Recording, Said, Unreadable, marked
+from twind.observe.recording.columns import Floats, Inertial, Recording, Said, Unreadable, marked
 from twind.observe.recording.flight_news import answers, news
 from twind.observe.recording.of_mcap import hops, slow
 
 SECOND = 1_000_000_000  # ns
+NEWER = 1.0  # ms from one reading of an IMU to the next, at least
 SLOW_PERIOD = 0.5  # s between rows of `Recording.slow`
 
 
@@ -68,6 +69,7 @@ def _recording(
         effort=effort,
         goal=column("goal"),
         simulated=column("simulated"),
+        imu=_inertial(ticks),
         events=events,
         verdicts=tuple(Said(each.time, _verdict(each.what)) for each in topics.get("verdicts", ())),
         trajectories=tuple(Said(each.time, _path(each.what)) for each in topics.get("trajectories", ())),
@@ -80,6 +82,17 @@ def _recording(
         calibration=flight.briefing.calibration,
         mjcf=flight.briefing.mjcf,
     )
+
+
+def _inertial(ticks: list[Tick]) -> Inertial | None:
+    """None: no tick has one."""
+    if not any(tick.imu for tick in ticks):
+        return None
+    numbers, heard = np.full((len(ticks), 10), np.nan), -np.inf
+    for row, tick in enumerate(ticks):
+        if tick.imu and (at := tick.time - tick.imu_age) >= heard + NEWER / 1e3:
+            numbers[row], heard = np.frombuffer(tick.imu), at
+    return Inertial(numbers[:, :3], numbers[:, 3:6], numbers[:, 6:])
 
 
 def _verdict(answer: Any) -> dict[str, Any]:

@@ -2,13 +2,24 @@
 
 import json
 import struct
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from twind.observe.recording.columns import Floats, Hop, Recording, Said, Slow, Unreadable, marked
+from twind.observe.recording.columns import (
+    Floats,
+    Hop,
+    Inertial,
+    Recording,
+    Said,
+    Slow,
+    Unreadable,
+    marked,
+)
 from twind.observe.recording.joint_rows import JointRows
 from twind.observe.recording.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap
 from twind.observe.recording.topics import (
@@ -16,6 +27,7 @@ from twind.observe.recording.topics import (
     CALIBRATION,
     COMMANDS,
     EVENTS,
+    INERTIAL,
     JOINTS,
     LATENCY,
     MEASURED,
@@ -29,6 +41,7 @@ from twind.observe.recording.topics import (
 )
 from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, STRING, CdrError, decode
 from twind.ros.cdr import HEAD
+from twind.ros.imu import felt
 
 SECOND = 1e9  # ns
 SAID = frozenset({STATUS, EVENTS, VERDICTS, LATENCY, JOINTS, NOTES, TRAJECTORY})
@@ -70,6 +83,19 @@ def _broken(error: Exception) -> str:
     return f"what it says on our topics, or in its JointStates, is not as we write it ({kind}: {error})"
 
 
+class _Felt:
+    """Readings of an IMU as numbers: an hour of them fits."""
+
+    def __init__(self) -> None:
+        self.times: list[int] = []  # ns
+        self.numbers = array("d")  # 10 of each
+
+    def add(self, time: int, data: bytes) -> None:
+        """The next message. Raises struct.error."""
+        self.numbers.extend(felt(data))
+        self.times.append(time)
+
+
 class _Taken:
     """What is of use in a file: JointStates as numbers, what was said as bytes; the rest is passed over."""
 
@@ -77,6 +103,7 @@ class _Taken:
         self.file = file
         self.states: dict[str, JointRows] = {}
         self.said: dict[str, list[Kept]] = {}
+        self.felt = _Felt()
         self.files: dict[str, bytes] = {}
         self.meta: dict[str, str] = {}
         self.start: int | None = None  # ns, of the first message
@@ -86,7 +113,9 @@ class _Taken:
         if isinstance(each, Message):
             topic = self.file.channels[each.channel].topic
             self.start = each.log_time if self.start is None else min(self.start, each.log_time)
-            if topic in SAID:
+            if topic == INERTIAL:
+                self.felt.add(each.log_time, each.data)
+            elif topic in SAID:
                 self.said.setdefault(topic, []).append(Kept(each.log_time, each.data))
             elif topic in self.states or self._is_state(each.channel):
                 self.states.setdefault(topic, JointRows()).add(each.log_time, each.data)
@@ -131,6 +160,7 @@ def _recording(path: Path, taken: _Taken, start: int) -> Recording:
         effort=column("measured", 2),
         goal=column("goal", 0),
         simulated=column("simulated", 0),
+        imu=_inertial(taken.felt, times),
         events=events,
         verdicts=said(VERDICTS),
         trajectories=_trajectories(taken.said.get(TRAJECTORY, ()), start),
@@ -145,6 +175,18 @@ def _recording(path: Path, taken: _Taken, start: int) -> Recording:
         mjcf=None if mjcf is None else mjcf.decode(),
         damage=_damage(taken.file),
     )
+
+
+def _inertial(told: _Felt, times: NDArray[np.int64]) -> Inertial | None:
+    """Of the rows at `times` (ns); None: no IMU told anything."""
+    if not told.times or not times.size:
+        return None
+    at = np.array(told.times, np.int64)
+    rows = np.searchsorted(times, at).clip(0, times.size - 1)
+    known = times[rows] == at
+    numbers = np.full((times.size, 10), np.nan)
+    numbers[rows[known]] = np.array(told.numbers).reshape(-1, 10)[known]
+    return Inertial(numbers[:, :3], numbers[:, 3:6], numbers[:, 6:])
 
 
 def _chosen(states: Sequence[str]) -> dict[str, str]:

@@ -3,6 +3,7 @@
 MEASURED = "/hw/joint_states"
 SIMULATED = "/sim/joint_states"
 COMMANDS = "/hw/joint_commands"
+INERTIAL = "/imu"
 TRAJECTORY = "/hw/joint_trajectory"
 STATUS = "/twind/status"
 EVENTS = "/twind/events"

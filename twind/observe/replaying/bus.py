@@ -13,6 +13,7 @@ from math import inf
 from types import SimpleNamespace
 from typing import Any
 
+from twind.observe.replaying.sensors import ToldSensors
 from twind.observe.replaying.servos import Passage, ToldServos, specs, still
 from twind.observe.replaying.story import Story
 from twind.observe.replaying.wire import FAST, Exchange, asks, packets
@@ -64,6 +65,7 @@ class ToldBus:
             if each.asks and each.time >= passage.begin:
                 self._times.setdefault(each.asks, []).append(each.time)
                 self._recorded.setdefault(each.asks, []).append(each)
+        self._sensors = ToldSensors(story)
         self._first = self._usual(passage.begin)
         self._under_way: list[tuple[float, int, bytes]] = []  # s, number, bytes
         self._number = count()
@@ -167,7 +169,12 @@ class ToldBus:
             self.servos.holds(each.id, each.address, each.data) for each in exchange.told
         ):
             self.made += self._passage.running
-            self._bus.receive(question, now)
+            told = self._sensors.answer(question, self._passage.moment(now))
+            if told:
+                at = now + BITS * (len(question) + len(told)) / self._baud
+                heapq.heappush(self._under_way, (at, next(self._number), told))
+            else:
+                self._bus.receive(question, now)
             return
         self.verbatim += 1
         latest = self._latest(exchange) if exchange.whole else inf

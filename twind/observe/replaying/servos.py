@@ -189,7 +189,7 @@ class ToldServos(Servos):
 
     def holds(self, id: int, address: int, data: bytes) -> bool:
         """Do the registers that a host writes hold what `data` has? Those of the servo alone may differ."""
-        if address < 0:
+        if address < 0 or id not in self._rows:  # said nothing, or is no servo
             return True
         row, span = self._rows[id], slice(address, address + len(data))
         same = self.memory.raw[row, span] == np.frombuffer(data, np.uint8)

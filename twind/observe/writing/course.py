@@ -31,6 +31,7 @@ class Course:
     begun: float = 0.0  # s, monotonic, of the first connection
     ours: Clocks | None = None  # of the file
     failed: bool = False  # an error of ours was told
+    named: int = 0  # files that were told of
     parted: int = 0  # ns that the wall clock is off from them, as last noted
 
     def run(self) -> int:
@@ -41,7 +42,6 @@ class Course:
         with Progress(self.options, "record", seconds=self.options.seconds) as progress:
             self._mark(first, "begin")
             while listening is not None:
-                self._say(progress, f"recording {listening.session.robot} into {self.writer.folder}")
                 self._follow(listening, progress)
                 gone = listening.ended
                 if not gone and self.writer.tally.episode is not None:
@@ -63,13 +63,23 @@ class Course:
     def _follow(self, listening: Listening, progress: Progress) -> None:
         """Until it is over, or the daemon is gone."""
         last, count = time.monotonic(), listening.answers
+        if self.options.per_episode:  # no file before somebody begins one
+            self._say(progress, f"recording episodes of {listening.session.robot} into {self.writer.folder}")
         while not (self._over() or listening.ended):
             self.stop.wait(0.1)
+            self._name_files(progress, listening.session.robot)
             now = time.monotonic()
             if now - last >= TOLD:
                 rate, last, count = (listening.answers - count) / (now - last), now, listening.answers
                 progress.tell(line(self.writer.tally, rate))
                 self._look_at_clock(listening)
+
+    def _name_files(self, progress: Progress, robot: str) -> None:
+        """Each file by its name, once, as soon as it is there."""
+        files = self.writer.tally.files
+        for path in files[self.named :]:
+            self._say(progress, f"recording {robot} into {path}")
+        self.named = len(files)
 
     def _look_at_clock(self, listening: Listening) -> None:
         """Note that the wall clock was set. Times in the file go on as they were."""

@@ -11,6 +11,7 @@ import msgspec
 from twind.observe.recording.topics import (
     COMMANDS,
     EVENTS,
+    INERTIAL,
     JOINTS,
     LATENCY,
     MEASURED,
@@ -20,13 +21,16 @@ from twind.observe.recording.topics import (
     TRAJECTORY,
     VERDICTS,
 )
-from twind.ros import JOINT_TRAJECTORY, JointStateBuffer, encode, stamp
+from twind.ros import JOINT_TRAJECTORY, ImuBuffer, JointStateBuffer, encode, stamp
 from twind.ros.cdr import HEAD
 
-STAMPED = frozenset({MEASURED, SIMULATED, COMMANDS, TRAJECTORY})  # a header with a stamp is their first field
+# a header with a stamp is their first field
+STAMPED = frozenset({MEASURED, SIMULATED, COMMANDS, TRAJECTORY, INERTIAL})
 SECOND = 1_000_000_000  # ns
 LAST = (1 << 31) * SECOND - 1  # ns since 1970: a stamp of ROS goes no further, whatever a clock says
+NEWER = 1.0  # ms from one reading of an IMU to the next, at least
 SLOW = 0.5  # s between two messages of JOINTS
+FELT = ("gyro", "acceleration", "quaternion")
 STEP = 50_000_000  # ns that wall clock and monotonic one may part before it is a step
 
 Answer = Mapping[str, Any]
@@ -87,6 +91,8 @@ class Scribe:
         self._measured = JointStateBuffer(joints, velocity=True, effort=True)
         self._only = JointStateBuffer(joints, velocity=False, effort=False)
         self._slow_due = float("-inf")
+        self._inertial = ImuBuffer()
+        self._felt = float("-inf")  # ms, when the last that was written was heard
 
     def take(self, answer: Answer) -> Iterator[Line]:
         """What one answer says; nothing where it is of no topic that is recorded."""
@@ -107,7 +113,10 @@ class Scribe:
             yield Line(TRAJECTORY, time, _trajectory(answer["accepted"], time))
 
     def _state(self, answer: Answer, time: int) -> Iterator[Line]:
-        """Rows of which nothing is known are left out; in sim there is no robot that was measured."""
+        """Rows of which nothing is known are left out, of an IMU all that is not new.
+
+        In sim there is no robot that was measured.
+        """
         joints = answer["joints"]
         position = [joint["position"] for joint in joints]
         if self.mode != "sim" and _known(position):
@@ -118,6 +127,10 @@ class Scribe:
             row = [joint[field] for joint in joints]
             if _known(row):
                 yield Line(topic, time, self._only.fill(time, _numbers(row)))
+        imu = answer.get("imu")
+        if imu is not None and (heard := answer["time"] * 1e3 - imu["age_ms"]) >= self._felt + NEWER:
+            self._felt = heard
+            yield Line(INERTIAL, time, self._inertial.fill(time, *(imu[key] for key in FELT)))
         if answer["time"] >= self._slow_due:
             self._slow_due = answer["time"] + SLOW
             yield Line(JOINTS, time, _json.encode({"joints": joints}))

@@ -10,6 +10,7 @@ from typing import Any
 from twind.observe.recording.topics import (
     COMMANDS,
     EVENTS,
+    INERTIAL,
     JOINTS,
     LATENCY,
     MEASURED,
@@ -22,7 +23,7 @@ from twind.observe.recording.topics import (
 )
 from twind.protocol import CONTROL, Interface, load
 from twind.protocol.idl import Choice, List, Maybe, Named, Plain, Struct, Table, Type
-from twind.ros import JOINT_STATE, JOINT_TRAJECTORY
+from twind.ros import IMU, JOINT_STATE, JOINT_TRAJECTORY
 
 # topic -> type of its CDR messages
 ROS = {
@@ -30,6 +31,7 @@ ROS = {
     SIMULATED: JOINT_STATE,
     COMMANDS: JOINT_STATE,
     TRAJECTORY: JOINT_TRAJECTORY,
+    INERTIAL: IMU,
 }
 _WORDS = {"bool": "boolean", "int": "integer", "float": "number", "string": "string", "object": "object"}
 _NOTE = {

@@ -15,6 +15,7 @@ from twind.observe.recording.topics import (
     COMMANDS,
     END,
     EPISODE,
+    INERTIAL,
     JOINTS,
     LATENCY,
     MEASURED,
@@ -27,7 +28,7 @@ from twind.observe.writing.head import clock_words
 from twind.observe.writing.lines import Clocks, Line, note, shifted
 
 ROOM = 16 << 20  # bytes that may wait: a minute of a robot of 24 joints at 100 Hz
-PERIODIC = frozenset({MEASURED, SIMULATED, COMMANDS, JOINTS, LATENCY, STATUS})
+PERIODIC = frozenset({MEASURED, SIMULATED, COMMANDS, INERTIAL, JOINTS, LATENCY, STATUS})
 FLUSH = 0.5  # s between two ends of a chunk: with what waits less than a second is not on the disk yet
 NAP = 0.1  # s in which lines gather
 

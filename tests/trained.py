@@ -1,0 +1,48 @@
+"""A policy for Stand-v0, trained from scratch in a test-sized run: once for each state of the code, and kept.
+
+Two tests want it, in two runs of pytest: what is judged against the zero policy is what stands on the robot.
+"""
+
+import argparse
+import hashlib
+import threading
+from pathlib import Path
+
+import pytest
+
+import twind.learn
+from twind.ctl.progress import Progress
+from twind.learn.training.course import Course
+from twind.learn.training.folder import BEST, RUN, read_run, taken
+from twind.learn.training.settings import Settings, chosen
+from twind.learn.training.told import Told
+
+STEPS = 61_440  # 30 updates; 30 s of CPU
+
+
+def settings(seed: int = 0) -> Settings:
+    """The defaults, but shorter and with fewer evaluations."""
+    return chosen("Stand", {"steps": STEPS, "evaluate_every": 20_480, "seed": seed})
+
+
+def train(folder: Path, wanted: Settings) -> Path:
+    """Train in `folder`, or take what was trained there. The policy file."""
+    options = argparse.Namespace(json=True)
+    with taken(folder) as mine:
+        if not (folder / RUN).exists() or read_run(folder)[1]["ended"] != "done":
+            course = Course(wanted, mine, Told(options), None)
+            try:
+                course.run(threading.Event(), Progress(options, "train"))
+            finally:
+                course.close()
+    return folder / BEST
+
+
+def policy(config: pytest.Config) -> Path:
+    """The policy file of seed 0, of the code as it is."""
+    room = Path(twind.learn.__file__).parent
+    said = hashlib.sha256(repr(settings()).encode())
+    for each in sorted(room.rglob("*.py")) + sorted((room.parent / "robots").glob("h24.*")):
+        said.update(each.read_bytes())
+    assert config.cache is not None
+    return train(Path(config.cache.mkdir(f"stand-{said.hexdigest()[:16]}")), settings())

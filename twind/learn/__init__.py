@@ -1,0 +1,9 @@
+"""Who learns: environments, training, policies, streams, data sets.
+
+Reaches a robot through the client alone.
+"""
+
+
+def register() -> None:
+    """Let Gymnasium know `twind/Stand-v0` and `twind/Humanoid-v0`: then `gymnasium.make` finds them."""
+    from twind.learn import envs  # noqa: F401 # an extra that a robot may lack

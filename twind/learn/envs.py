@@ -1,0 +1,17 @@
+"""`gymnasium.make("twind.learn.envs:twind/Stand-v0")` knows the environments by this import.
+
+The one module here whose import does something: Gymnasium reads no entry points of packages, but imports what
+stands before the colon.
+"""
+
+import gymnasium
+
+from twind.learn.tasks import TASKS
+
+for _task in TASKS.values():
+    gymnasium.register(
+        id=f"twind/{_task.name}-v0",
+        entry_point="twind.learn.env:RobotEnv",
+        vector_entry_point="twind.learn.batch.vector:BatchVectorEnv",
+        kwargs={"task": _task.name},
+    )

@@ -1,0 +1,112 @@
+"""The body that is a MuJoCo simulation in this process: one robot, free on the floor."""
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from twind.learn.model import Plant, fill
+from twind.learn.observation import Reading
+from twind.learn.randomise.delays import Histories
+from twind.learn.randomise.draw import Draws
+from twind.learn.randomise.physics import OneModel, Physics
+from twind.learn.randomise.pushes import Pushes
+from twind.learn.randomise.ranges import Ranges
+from twind.learn.randomise.start import Start
+from twind.robot.arrays import Floats
+from twind.twin.simulation import hush
+
+NOTHING: Mapping[str, Any] = {}
+
+
+class SimBody:
+    """Keeps the protocol `env.Body`. Between steps the data is as after `mj_step1`: of now."""
+
+    def __init__(self, plant: Plant, ranges: Ranges, period: float) -> None:
+        """`ranges`: what differs from episode to episode; the plant must have room for its delays."""
+        hush()
+        self.plant = plant
+        self.model: Any = copy.copy(plant.model)
+        self.data: Any = mujoco.MjData(self.model)
+        n, links = len(plant.default), len(plant.places.links)
+        self._draws = Draws(ranges, n, links)
+        self._drawn = OneModel(Physics(ranges, self.model, plant.places), self.model)
+        self._start = Start(plant.model, plant.places, plant.stance)
+        self._pushed = ranges.pushes is not None
+        self._pushes = Pushes(ranges.pushes, plant.mass, period)
+        self._histories, self._late = Histories(self.model), bool(self.model.nhistory)
+        self._reading = Reading.empty(n)
+        self._rngs: list[np.random.Generator] = []
+        self._between = plant.substeps - 2
+        self._option: Any = self.model.opt
+        self._seeing = self._blind = int(self._option.disableflags)
+        if not ranges.imu_delay[1]:  # what is told late must be known at every step
+            self._blind |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+        self._lasts, self._due = period - 0.5 * self.model.opt.timestep, 0.0
+        d = self.data
+        self._state = d.qpos, d.qvel, d.sensordata
+        self._steady, self._parts = plant.steady, plant.parts(*self._state)
+        self._goals, self._ctrl, self._force = plant.goals, d.ctrl, d.xfrc_applied[plant.places.base, :2]
+
+    @property
+    def diverged(self) -> bool:
+        """The physics broke down in the last period; MuJoCo has then put the robot back to its own start."""
+        return bool(self.data.time < self._due)
+
+    @property
+    def told(self) -> Mapping[str, Any]:
+        """Nothing: all is as it was asked."""
+        return NOTHING
+
+    def reset(self, rng: np.random.Generator) -> Reading:
+        """Standing in the default pose, changed as drawn from `rng`, at rest but for what is drawn."""
+        plant, data = self.plant, self.data
+        draw = self._draws.draw(rng)
+        self._drawn.apply(draw)
+        mujoco.mj_resetData(self.model, data)
+        data.qpos[:], data.qvel[:] = self._start.state(draw)
+        data.ctrl[:] = plant.control
+        if self._late:
+            self._histories.fill_controls(data.history, data.ctrl)
+            delays = self.model.sensor_delay.copy()
+            self.model.sensor_delay[:] = 0.0  # else it tells the zeros that a reset leaves in its history
+        mujoco.mj_step1(self.model, data)
+        plant.rest(data.sensordata)
+        if self._late:
+            self.model.sensor_delay[:] = delays
+            self._histories.fill_sensors(data.history, data.sensordata)
+        self._rngs, self._due = [rng], 0.0
+        self._pushes.begin([0], self._rngs)
+        return self._read()
+
+    def advance(self, target: Floats, velocity: Floats) -> Reading:
+        """One control period in which the servos go to `target` (n,), rad; `velocity` is theirs to find."""
+        self._due = self.data.time + self._lasts
+        self._ctrl[self._goals] = target
+        if self._pushed and self._pushes.step(self._rngs):
+            self._force[:] = self._pushes.force[0]
+        self._step()
+        return self._read()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _step(self) -> None:
+        """The physics of one period. Sensors are worked out at its end alone: that saves 4 % of it."""
+        model, data = self.model, self.data
+        if self._between >= 0:
+            self._option.disableflags = self._blind
+            mujoco.mj_step2(model, data)
+            if self._between:
+                mujoco.mj_step(model, data, self._between)
+            mujoco.mj_step1(model, data)
+            self._option.disableflags = self._seeing
+        mujoco.mj_step2(model, data)
+        mujoco.mj_step1(model, data)
+
+    def _read(self) -> Reading:
+        parts = self._parts if self._steady else self.plant.parts(*self._state)
+        fill(self._reading, *parts)
+        return self._reading

@@ -1,0 +1,261 @@
+"""Messages on disk until they have arrived: SQLite, in the order of their sequence numbers.
+
+A number is given once: AUTOINCREMENT never gives one again, and what is appended is synced
+(`synchronous=FULL`) before anybody sends it, so that neither SIGKILL nor a power cut brings a key back for
+other data. That sync is 10 ms of waiting for this thread alone, three times a second. Deletions are not
+synced: one that is lost has its message sent again, under the same key.
+"""
+
+import fcntl
+import json
+import os
+import sqlite3
+import threading
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from twind.learn.streaming.samples import Message
+
+FILE, LOCK, BROKEN = "spool.sqlite", "lock", "spool.sqlite.broken"
+# `reason`: of a dead letter. `run`, `made`: which run of ours wrote it, at which monotonic time of that run.
+SCHEMA = """
+CREATE TABLE IF NOT EXISTS message (
+    sequence INTEGER PRIMARY KEY AUTOINCREMENT, run INTEGER NOT NULL, made REAL NOT NULL, wall REAL NOT NULL,
+    headers TEXT NOT NULL, samples INTEGER NOT NULL, reason TEXT, body BLOB NOT NULL);
+CREATE TABLE IF NOT EXISTS tally (stream TEXT NOT NULL, run INTEGER NOT NULL, sent INTEGER NOT NULL,
+    dropped INTEGER NOT NULL);
+"""
+KEPT = "sequence, headers, samples, reason, wall, body"
+
+
+class SpoolHeld(Exception):
+    """Another process streams from this folder."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What a spool may keep, dead letters included: the oldest goes first."""
+
+    bytes: int  # of bodies; the file is larger by a few per cent and its journal of 4 MB
+    age: float  # s
+
+
+@dataclass(slots=True)
+class Tally:
+    """Messages: all that were = sent + dropped + waiting + dead. Replaced as a whole, never changed."""
+
+    stream: str = ""
+    sent: int = 0
+    dropped: int = 0
+    waiting: int = 0
+    dead: int = 0
+    bytes: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A message of the spool. `wall`: when it was appended, s since 1970; `reason`: why it is dead."""
+
+    sequence: int
+    message: Message
+    reason: str | None
+    wall: float
+
+
+class Spool:
+    """A folder of one process, for several threads. Each call waits for the disk and raises sqlite3.Error."""
+
+    def __init__(self, folder: Path, bounds: Bounds, now: float, wall: float) -> None:
+        """Raises SpoolHeld, OSError, sqlite3.Error. `set_aside`: why an older file is read no more."""
+        self.folder, self._bounds = folder, bounds
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        self._held = _hold(folder / LOCK)
+        self._lock = threading.Lock()
+        self.set_aside, self.tally = "", Tally()
+        try:
+            try:
+                self._open()
+            except sqlite3.DatabaseError as error:
+                if isinstance(error, sqlite3.OperationalError):
+                    raise  # full, or not for us: that says nothing against the file
+                self.set_aside = str(error)
+                _set_aside(folder)
+                self._open()
+            self.expire(now, wall)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        self._base = sqlite3.connect(self.folder / FILE, isolation_level=None, check_same_thread=False)
+        self._base.execute("PRAGMA journal_mode=WAL")
+        self._base.execute("PRAGMA journal_size_limit=4194304")
+        self._base.executescript(SCHEMA)
+        with self._all_or_nothing(synced=True):
+            if self._base.execute("SELECT 1 FROM tally").fetchone() is None:
+                self._base.execute("INSERT INTO tally VALUES (?, 0, 0, 0)", (uuid.uuid4().hex[:16],))
+            self._base.execute("UPDATE tally SET run = run + 1")
+        self._run = int(self._one("SELECT run FROM tally"))
+        dead, bodies = self._rows("SELECT count(reason), coalesce(sum(length(body)), 0) FROM message")[0]
+        stream, sent, dropped = self._rows("SELECT stream, sent, dropped FROM tally")[0]
+        waiting = int(self._one("SELECT count(*) FROM message WHERE reason IS NULL"))
+        self.tally = Tally(stream, sent, dropped, waiting, dead, bodies)
+
+    def __enter__(self) -> "Spool":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        if hasattr(self, "_base"):
+            self._base.close()
+        os.close(self._held)
+
+    # ------------------------------------------------------------------------------------------ in and out
+
+    def append(self, message: Message, now: float, wall: float, lost: int = 0) -> int:
+        """Its sequence number, once it is on the disk. `lost`: messages before it that never got here."""
+        row = (self._run, now, wall, json.dumps(dict(message.headers)), message.samples, message.body)
+        with self._lock, self._all_or_nothing(synced=True) as changed:
+            found = self._base.execute(
+                "INSERT INTO message (run, made, wall, headers, samples, body) VALUES (?, ?, ?, ?, ?, ?)", row
+            )
+            changed.waiting += 1
+            changed.bytes += len(message.body)
+            changed.dropped += lost
+            self._drop_old(changed, now, wall)
+        assert found.lastrowid is not None
+        return found.lastrowid
+
+    def oldest(self, after: int = 0) -> Kept | None:
+        """The first that waits behind sequence number `after`."""
+        with self._lock:
+            found = self._base.execute(
+                f"SELECT {KEPT} FROM message WHERE sequence > ? AND reason IS NULL ORDER BY sequence LIMIT 1",
+                (after,),
+            ).fetchone()
+        return None if found is None else _kept(found)
+
+    def acknowledge(self, sequence: int) -> None:
+        """It arrived. One that was dropped meanwhile stays counted as dropped."""
+        with self._lock, self._all_or_nothing() as changed:
+            changed.sent += self._take_away(changed, sequence)
+
+    def bury(self, sequence: int, reason: str) -> None:
+        """It will never be taken: a dead letter, kept within the same bounds."""
+        with self._lock, self._all_or_nothing() as changed:
+            done = self._base.execute(
+                "UPDATE message SET reason = ? WHERE sequence = ? AND reason IS NULL", (reason, sequence)
+            )
+            changed.waiting -= done.rowcount
+            changed.dead += done.rowcount
+
+    def revive(self) -> int:
+        """Dead letters wait again, in their old places; how many."""
+        with self._lock, self._all_or_nothing() as changed:
+            count = self._base.execute("UPDATE message SET reason = NULL WHERE reason IS NOT NULL").rowcount
+            changed.waiting += count
+            changed.dead -= count
+        return count
+
+    def expire(self, now: float, wall: float, lost: int = 0) -> None:
+        """What has become too old or too much goes. `lost` as of `append`."""
+        with self._lock, self._all_or_nothing() as changed:
+            changed.dropped += lost
+            self._drop_old(changed, now, wall)
+
+    # ------------------------------------------------------------------------------------------ inside
+
+    def _drop_old(self, changed: Tally, now: float, wall: float) -> None:
+        """Of this run by the monotonic clock: a wall clock that is set drops nothing of it."""
+        while True:
+            first = self._rows("SELECT sequence, run, made, wall FROM message ORDER BY sequence LIMIT 1")
+            if not first:
+                return
+            sequence, run, made, written = first[0]
+            age = now - made if run == self._run else wall - written
+            if age <= self._bounds.age and changed.bytes <= self._bounds.bytes:
+                return
+            changed.dropped += self._take_away(changed, sequence)
+
+    def _take_away(self, changed: Tally, sequence: int) -> bool:
+        """It was there."""
+        found = self._rows("SELECT length(body), reason IS NULL FROM message WHERE sequence = ?", (sequence,))
+        if not found:
+            return False
+        self._base.execute("DELETE FROM message WHERE sequence = ?", (sequence,))
+        size, waiting = found[0]
+        changed.bytes -= size
+        changed.waiting -= waiting
+        changed.dead -= 1 - waiting
+        return True
+
+    @contextmanager
+    def _all_or_nothing(self, *, synced: bool = False) -> Iterator[Tally]:
+        """A transaction, and the tally after it; where it fails all is as it was."""
+        self._base.execute(f"PRAGMA synchronous={'FULL' if synced else 'NORMAL'}")
+        was, changed = self.tally, replace(self.tally)
+        self._base.execute("BEGIN IMMEDIATE")
+        try:
+            yield changed
+            if (changed.sent, changed.dropped) != (was.sent, was.dropped):
+                self._base.execute("UPDATE tally SET sent = ?, dropped = ?", (changed.sent, changed.dropped))
+            self._base.execute("COMMIT")
+        except BaseException:
+            if self._base.in_transaction:
+                self._base.execute("ROLLBACK")
+            raise
+        self.tally = changed
+
+    def _rows(self, query: str, values: tuple[object, ...] = ()) -> list[Any]:
+        return self._base.execute(query, values).fetchall()
+
+    def _one(self, query: str) -> Any:
+        return self._base.execute(query).fetchone()[0]
+
+
+def dead_letters(folder: Path) -> list[Kept]:
+    """Those of a spool, whoever streams from it. Raises sqlite3.Error where there is none."""
+    base = sqlite3.connect(f"{(folder / FILE).absolute().as_uri()}?mode=ro", uri=True)
+    try:
+        rows = base.execute(f"SELECT {KEPT} FROM message WHERE reason IS NOT NULL ORDER BY sequence")
+        return [_kept(row) for row in rows]
+    finally:
+        base.close()
+
+
+def _kept(row: tuple[int, str, int, str | None, float, bytes]) -> Kept:
+    sequence, headers, samples, reason, wall, body = row
+    return Kept(sequence, Message(body, json.loads(headers), samples), reason, wall)
+
+
+def _hold(path: Path) -> int:
+    """The lock of a folder, for as long as the descriptor lives: the system frees it with the process."""
+    held = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        holder = os.read(held, 32).decode(errors="replace").strip()
+        os.close(held)
+        raise SpoolHeld(
+            f"{path.parent}: process {holder or '?'} streams from it; end that, or name another with --spool"
+        ) from None
+    os.ftruncate(held, 0)
+    os.write(held, f"{os.getpid()}\n".encode())
+    return held
+
+
+def _set_aside(folder: Path) -> None:
+    """What cannot be read is kept, once. The new spool has a new name, so no key comes again."""
+    (folder / FILE).replace(folder / BROKEN)
+    for tail in ("-wal", "-shm"):
+        (folder / (FILE + tail)).unlink(missing_ok=True)

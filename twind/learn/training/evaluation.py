@@ -1,0 +1,91 @@
+"""How good a policy is: whole episodes on simulations of their own, with the same seeds every time.
+
+Beside it the policy that does nothing: it holds the default pose. What is not better has learnt nothing.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twind.learn.batch.core import Core
+from twind.learn.training.settings import Settings
+
+FIRST_SEED = (
+    1_000_000  # training takes seeds drawn from all 32 bits: that these come up is one in a thousand runs
+)
+Rows = NDArray[np.float32]
+Act = Callable[[Rows], Rows]
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Of the episodes of one evaluation. Means over episodes."""
+
+    returns: float  # sum of rewards of an episode
+    deviation: float  # of the returns, between episodes
+    length: float  # control steps until it fell or the time was up
+    longest: int  # control steps of an episode without a fall
+    falls: float  # share of the episodes that ended by a fall
+    speed: float  # m/s forward, of the base, over all steps
+    jitter: float  # mean change of an action from step to step: how restless it is
+    episodes: int
+
+    def told(self) -> dict[str, Any]:
+        """By name."""
+        return asdict(self)
+
+
+class Trials:
+    """The simulations of an evaluation, kept from one to the next."""
+
+    def __init__(
+        self, settings: Settings, *, episodes: int | None = None, first_seed: int = FIRST_SEED
+    ) -> None:
+        """As the training has them, but `episodes` of them: one each. Raises what `Core` does."""
+        count = episodes or settings.episodes
+        self.core = Core(settings.task, count, robot=settings.robot, randomise=settings.profile)
+        self._seeds = [first_seed + place for place in range(count)]
+
+    def zero(self) -> Score:
+        """Of the policy that does nothing."""
+        action = np.zeros((self.core.count, self.core.joints), np.float32)
+        return self.judge(lambda _: action)
+
+    def judge(self, act: Act) -> Score:
+        """`act`: observations (k, N) -> actions (k, n). The same `act` gives the same score, to the bit."""
+        core, count = self.core, self.core.count
+        core.seed(self._seeds)
+        observation = core.reset()
+        returns, lengths, fallen = np.zeros(count), np.zeros(count), np.zeros(count, np.bool_)
+        runs = np.ones(count, np.bool_)
+        last: Rows = np.zeros((count, core.joints), np.float32)
+        moved, ahead = 0.0, 0.0
+        while runs.any():
+            action = act(observation)
+            moved += float(np.abs(action - last)[runs].mean(axis=1).sum())
+            ahead += float(core.body.reading.base_velocity[runs, 0].sum())
+            last = action
+            step = core.step(action)
+            observation = step.observation
+            returns[runs] += step.reward[runs]
+            lengths[runs] += 1.0
+            fallen |= step.fallen & runs
+            runs &= ~(step.fallen | step.truncated)
+        return Score(
+            returns=float(returns.mean()),
+            deviation=float(returns.std()),
+            length=float(lengths.mean()),
+            longest=core.episode_steps,
+            falls=float(fallen.mean()),
+            speed=ahead / float(lengths.sum()),
+            jitter=moved / float(lengths.sum()),
+            episodes=count,
+        )
+
+
+def told_score(data: Mapping[str, Any]) -> Score:
+    """As a run's file has it. Raises TypeError: it is none."""
+    return Score(**data)

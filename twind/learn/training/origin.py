@@ -1,0 +1,33 @@
+"""Of what files a training is made: two trainings of the same files and settings differ by nothing else."""
+
+import hashlib
+from dataclasses import replace
+
+from twind.config.located import read_text
+from twind.config.robot_file import load_robot
+from twind.learn.randomise.ranges import file_of
+from twind.learn.training.settings import Settings
+
+
+def originated(settings: Settings) -> Settings:
+    """With the hashes of robot file and MJCF (its meshes aside), and of the file of ranges, as they are now.
+
+    Raises ConfigError.
+    """
+    robot, profile = load_robot(settings.robot), settings.profile
+    ranges = "" if profile is None else _hash(read_text(file_of(profile)))
+    return replace(settings, robot_sha256=_hash(robot.text_sha256 + robot.mjcf), profile_sha256=ranges)
+
+
+def changed(settings: Settings) -> list[str]:
+    """What is no more as it was when the training began, a sentence each. Raises ConfigError."""
+    now, found = originated(settings), []
+    if now.robot_sha256 != settings.robot_sha256:
+        found.append(f"the robot file {settings.robot} or its MJCF has changed since")
+    if now.profile_sha256 != settings.profile_sha256:
+        found.append(f"the ranges of {settings.profile} have changed since")
+    return found
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,143 @@
+"""How a body stands in the world, from what its gyroscope and accelerometer tell. Pure; time is an argument.
+
+A complementary filter (Mahony's): the gyro is integrated; what the accelerometer says of down pulls the tilt
+there with a time constant of a second and learns the gyro's bias, as long as it feels about one g: what
+shakes or falls says nothing of down. Yaw is the integral of the gyro alone, 0 at the beginning: it drifts.
+"""
+
+from math import cos, hypot, isfinite, sin, sqrt
+
+import numpy as np
+
+from twind.robot.arrays import Floats
+
+G = 9.80665  # m/s²
+PULL = 1.0  # 1/s, of the tilt
+LEARN = 0.1  # 1/s², of the bias
+BIAS = 0.1  # rad/s, most that is believed of it: a MEMS gyro in the sun
+TRUST = 0.2  # of g, by which an acceleration may differ from it and still says where down is
+GAP = 0.2  # s: after a longer one the tilt is taken from the accelerometer anew, once it feels about one g
+
+Quaternion = tuple[float, float, float, float]
+UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+class Attitude:
+    """Of one body. `quaternion`: w x y z, from its axes (x forward, y left, z up) to the world's."""
+
+    def __init__(self) -> None:
+        self.quaternion = UPRIGHT
+        self.bias = (0.0, 0.0, 0.0)  # rad/s, what it takes off the gyro
+        self._time: float | None = None
+        self._known = False  # something has said where down is, and the gyro was heard ever since
+
+    def update(self, gyro: Floats, acceleration: Floats, time: float) -> Quaternion | None:
+        """A reading (rad/s, m/s²) of `time` (s); one not finite, or of no later time, changes nothing.
+
+        None: not known, at the beginning and after a gap, until it feels about one g: a body in the air is
+        not taken for one that stands.
+        """
+        reading = (*gyro.tolist(), *acceleration.tolist())
+        if not all(map(isfinite, reading)) or (self._time is not None and time <= self._time):
+            return self.quaternion if self._known else None
+        step, self._time = (None if self._time is None else time - self._time), time
+        x, y, z, *force = reading
+        size = hypot(*force)
+        sure = max(0.0, 1.0 - abs(size / G - 1.0) / TRUST)
+        above = (force[0] / size, force[1] / size, force[2] / size) if size > 0.0 else None
+        if not self._known or step is None or step > GAP:
+            self._known = sure > 0.0 and above is not None
+            if not self._known or above is None:
+                return None
+            self.quaternion = tilted(self.quaternion, above)
+            return self.quaternion
+        if sure > 0.0 and above is not None:
+            error = _cross(above, up(self.quaternion))
+            self.bias = _learnt(self.bias, error, sure * LEARN * step)
+            x, y, z = x + PULL * sure * error[0], y + PULL * sure * error[1], z + PULL * sure * error[2]
+        bias = self.bias
+        self.quaternion = turned(self.quaternion, (x - bias[0], y - bias[1], z - bias[2]), step)
+        return self.quaternion
+
+
+def up(quaternion: Quaternion) -> tuple[float, float, float]:
+    """The world's up in the body's axes."""
+    w, x, y, z = quaternion
+    return (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+
+
+def turned(quaternion: Quaternion, rate: tuple[float, float, float], seconds: float) -> Quaternion:
+    """It turns at `rate` (rad/s, in its own axes) for so long; of unit length."""
+    w, x, y, z = quaternion
+    half = hypot(*rate) * seconds / 2.0
+    share = seconds / 2.0 if half < 1e-9 else sin(half) / half * seconds / 2.0
+    c, (i, j, k) = cos(half), (each * share for each in rate)
+    return unit(
+        (
+            w * c - x * i - y * j - z * k,
+            w * i + x * c + y * k - z * j,
+            w * j - x * k + y * c + z * i,
+            w * k + x * j - y * i + z * c,
+        )
+    )
+
+
+def product(one: Quaternion, other: Quaternion) -> Quaternion:
+    """First `other`, then `one`."""
+    w, x, y, z = one
+    a, b, c, d = other
+    return (
+        w * a - x * b - y * c - z * d,
+        w * b + x * a + y * d - z * c,
+        w * c - x * d + y * a + z * b,
+        w * d + x * c - y * b + z * a,
+    )
+
+
+def conjugate(quaternion: Quaternion) -> Quaternion:
+    """The way back."""
+    w, x, y, z = quaternion
+    return (w, -x, -y, -z)
+
+
+def unit(quaternion: Quaternion) -> Quaternion:
+    """Of length 1; one that has no length, or is not finite, is UPRIGHT."""
+    w, x, y, z = quaternion
+    size = sqrt(w * w + x * x + y * y + z * z)
+    return (w / size, x / size, y / size, z / size) if 0.0 < size < float("inf") else UPRIGHT
+
+
+def matrix(quaternion: Quaternion) -> Floats:
+    """(3, 3), of a quaternion of length 1."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def tilted(quaternion: Quaternion, force: tuple[float, float, float]) -> Quaternion:
+    """The same heading, and up where `force` (of unit length) points: the shortest turn there."""
+    above = up(quaternion)
+    x, y, z = _cross(force, above)
+    cosine = sum(one * other for one, other in zip(force, above, strict=True))
+    if cosine < -1.0 + 1e-9:  # head down: half a turn about any axis that lies level
+        x, y, z = _cross(above, (1.0, 0.0, 0.0) if abs(above[0]) < 0.9 else (0.0, 1.0, 0.0))
+        return unit(product(quaternion, (0.0, x, y, z)))
+    return unit(product(quaternion, (1.0 + cosine, x, y, z)))
+
+
+def _learnt(
+    bias: tuple[float, float, float], error: tuple[float, float, float], share: float
+) -> tuple[float, float, float]:
+    x, y, z = (min(BIAS, max(-BIAS, b - share * e)) for b, e in zip(bias, error, strict=True))
+    return (x, y, z)
+
+
+def _cross(one: tuple[float, float, float], other: tuple[float, float, float]) -> tuple[float, float, float]:
+    a, b, c = one
+    x, y, z = other
+    return (b * z - c * y, c * x - a * z, a * y - b * x)
