@@ -1,5 +1,6 @@
 """Sockets that were there before the daemon: handed over by name, served, kept; real processes."""
 
+import fcntl
 import json
 import os
 import shutil
@@ -129,9 +130,10 @@ class Manager:
     def start(self) -> subprocess.Popen[bytes]:
         """A daemon with these sockets as 3 and 4."""
         fds = [listener.fileno() for listener in self.listeners]
-        moved = " ".join(f"{place}<&{fd}" for place, fd in zip((3, 4), (20, 21), strict=True))
-        high = [os.dup2(fd, place, inheritable=True) for fd, place in zip(fds, (20, 21), strict=True)]
-        command = f'exec {moved} 20<&- 21<&-; LISTEN_PID=$$ exec "$0" "$@"'
+        # Numbers that are free, and neither 3 nor 4: a fixed one may be somebody else's of this process.
+        high = [fcntl.fcntl(fd, fcntl.F_DUPFD, 10) for fd in fds]
+        moved = " ".join(f"{place}<&{fd} {fd}<&-" for place, fd in zip((3, 4), high, strict=True))
+        command = f'exec {moved}; LISTEN_PID=$$ exec "$0" "$@"'
         environment = {**os.environ, "LISTEN_FDS": "2", "LISTEN_FDNAMES": "control:observe"}
         own = ("--socket", str(self.folder / "own"))
         with (self.folder / "log").open("ab") as log:
@@ -150,9 +152,9 @@ def test_whoever_calls_once_the_daemon_is_dead_is_served_by_the_next_e_stops_too
     tmp_path: Path,
 ) -> None:
     manager = Manager(tmp_path)
-    first = manager.start()
-    second = None
+    first = second = None
     try:
+        first = manager.start()
         assert mode_of(Waiting(tmp_path / "control.sock", "GetStatus").answer()) == "sim"
         first.kill()  # while its front loads the model
         first.wait(10)
