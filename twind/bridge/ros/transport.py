@@ -1,0 +1,31 @@
+"""What a back end does: carry bytes. What they mean is not its business. Standard library, 3.10."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from twind.bridge.ros.endpoints import Service, Topic
+
+Heard = Callable[[Topic, bytes], None]  # CDR, header included; returns at once, from any thread
+# a request's `data` (None: the type has none) -> (success, message); waits for the daemon, seconds at most
+Asked = Callable[[Service, "bool | None"], "tuple[bool, str]"]
+
+
+class TransportError(Exception):
+    """The graph cannot be joined, or was lost. The text names the back end, the setting and the remedy."""
+
+
+class Transport(Protocol):
+    """One way into the ROS 2 graph. `publish` may be called by several threads."""
+
+    serves: bool  # services work truly here; else topics do instead
+
+    def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
+        """Join the graph with these endpoints. Raises TransportError."""
+
+    def publish(self, topic: Topic, data: bytes) -> None:
+        """Send CDR bytes, header included, within milliseconds whoever is there. Raises TransportError."""
+
+    def close(self) -> None:
+        """Leave the graph. May be called twice."""

@@ -1,0 +1,41 @@
+"""The key space of robots over Zenoh, in one place. JSON everywhere, the objects of `io.twind.Control`.
+
+twind/ROBOT/alive                liveliness token: its uplink is up
+twind/ROBOT/state/RATE           Monitor's messages of the topic state, so many a second (full: all)
+twind/ROBOT/news/TOPIC           Monitor's messages of the other topics
+twind/ROBOT/ask/METHOD           query -> answer; reading methods, for every observer
+twind/ROBOT/stop/METHOD          query -> answer; Cancel and EStop: no lease, never refused by us
+twind/ROBOT/lease                query {"op": acquire|renew|release, "holder", "take"?} -> Grant
+twind/ROBOT/goal                 query {"goal", "lease", "deadline", "trajectory"} -> {"phase", "verdict"?}
+twind/ROBOT/goals/GOAL           what became of it: answers of SubmitTrajectory, {"phase", "progress", …}
+
+Parameters and answers are JSON objects in the payload; an error is an error reply {"error", "parameters"}.
+`deadline` is in the robot's own clock, which each Grant tells (`now`): clocks of two machines need not agree.
+"""
+
+from __future__ import annotations
+
+import re
+
+ROOT = "twind"
+RATES = ("1", "10", "30", "full")  # Hz
+TOPICS = ("status", "latency", "events", "verdicts", "trajectories", "stream")
+ASKED = ("GetStatus", "GetRobot", "Check", "GetParameters")
+STOPS = ("Cancel", "EStop")
+LEASE_S = 1.0  # s that a lease from afar lives without being renewed
+_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+
+
+def robot_key(robot: str, *parts: str) -> str:
+    """`twind/ROBOT/PARTS...`. Raises ValueError: a name that is no single chunk of a key."""
+    if _NAME.fullmatch(robot) is None or robot.startswith("."):
+        raise ValueError(f"robot {robot!r}: must be 1 to 64 of A-Z a-z 0-9 _ . -")
+    return "/".join((ROOT, robot, *parts))
+
+
+def robot_of(key: str) -> str:
+    """Whose key it is. Raises ValueError: none of ours."""
+    parts = key.split("/")
+    if len(parts) < 3 or parts[0] != ROOT:
+        raise ValueError(f"key {key!r} is none of twind's")
+    return parts[1]
