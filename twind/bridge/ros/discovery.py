@@ -1,0 +1,97 @@
+"""Which part of a ROS 2 graph is joined, from the variables that ROS users set. Pure; standard library, 3.10.
+
+One difference to ROS: unset means this machine alone, where ROS from Iron on says SUBNET. A robot that
+can be commanded is not offered to a network because somebody forgot a variable.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+LAST_DOMAIN = 232  # the ports of a domain, 7400 + 250 each, end there
+DISTRO = "jazzy"  # taken where none is named: all from Iron on are alike in what depends on it
+_DISTRO = re.compile(r"[a-z]{2,32}")
+_PEER = re.compile(r"[A-Za-z0-9_.:%-]{1,253}")  # names, IPv4, IPv6 with a zone; no more gets into a config
+
+
+class DiscoveryError(ValueError):
+    """A variable or option that says nothing usable. The text names it, its value and what is allowed."""
+
+
+class Range(Enum):
+    """How far nodes are looked for, as ROS_AUTOMATIC_DISCOVERY_RANGE has it."""
+
+    OFF = "OFF"  # nobody: no packet leaves
+    LOCALHOST = "LOCALHOST"  # this machine, and the peers that are named
+    SUBNET = "SUBNET"  # whoever multicast reaches, and the peers
+    SYSTEM_DEFAULT = "SYSTEM_DEFAULT"  # whatever the transport's own configuration says
+
+
+@dataclass(frozen=True, slots=True)
+class Discovery:
+    """What a back end has to know of the graph."""
+
+    domain: int = 0  # ROS_DOMAIN_ID, 0..232
+    range: Range = Range.LOCALHOST
+    peers: tuple[str, ...] = ()  # addresses or names of other machines, asked by unicast
+    distro: str = DISTRO  # of the peers: it decides what their graph messages look like
+
+    @property
+    def humble(self) -> bool:
+        """Humble's graph: gids of 24 bytes, no type hashes. From Iron on 16 bytes and hashes."""
+        return self.distro == "humble"
+
+    @property
+    def local(self) -> bool:
+        """Nothing leaves this machine."""
+        return self.range is Range.OFF or (self.range is Range.LOCALHOST and not self.peers)
+
+
+def discovery(
+    environment: Mapping[str, str], *, domain: int | None = None, distro: str | None = None
+) -> Discovery:
+    """From an environment; `domain` and `distro` are options that come before it. Raises DiscoveryError."""
+    number = _domain(environment.get("ROS_DOMAIN_ID", "")) if domain is None else domain
+    if not 0 <= number <= LAST_DOMAIN:
+        raise DiscoveryError(f"domain {number}: must be 0 to {LAST_DOMAIN}")
+    name = (distro or environment.get("ROS_DISTRO", "") or DISTRO).strip().lower()
+    if _DISTRO.fullmatch(name) is None:
+        raise DiscoveryError(f"ROS_DISTRO={name!r}: expected the name of a distribution, such as {DISTRO}")
+    if _localhost_only(environment.get("ROS_LOCALHOST_ONLY", "")):
+        return Discovery(number, Range.LOCALHOST, (), name)  # as in ROS: the other two do not count then
+    return Discovery(number, _range(environment), _peers(environment), name)
+
+
+def _domain(text: str) -> int:
+    if not text:
+        return 0
+    if not (text.isascii() and text.isdigit()):
+        raise DiscoveryError(f"ROS_DOMAIN_ID={text!r}: must be a number, 0 to {LAST_DOMAIN}")
+    return int(text[:9])
+
+
+def _localhost_only(text: str) -> bool:
+    if text not in ("", "0", "1"):
+        raise DiscoveryError(f"ROS_LOCALHOST_ONLY={text!r}: must be 0 or 1")
+    return text == "1"
+
+
+def _range(environment: Mapping[str, str]) -> Range:
+    text = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or Range.LOCALHOST.value
+    try:
+        return Range(text)
+    except ValueError:
+        known = ", ".join(each.value for each in Range)
+        raise DiscoveryError(f"ROS_AUTOMATIC_DISCOVERY_RANGE={text!r}: must be one of {known}") from None
+
+
+def _peers(environment: Mapping[str, str]) -> tuple[str, ...]:
+    names = [each.strip() for each in environment.get("ROS_STATIC_PEERS", "").split(";")]
+    peers = tuple(dict.fromkeys(each for each in names if each))
+    for peer in peers:
+        if _PEER.fullmatch(peer) is None:
+            raise DiscoveryError(f"ROS_STATIC_PEERS: {peer!r} is no address; several are parted by `;`")
+    return peers
