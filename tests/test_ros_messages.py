@@ -13,9 +13,14 @@ from rosbags.typesys.store import Typestore
 
 from twind.ros import (
     DIAGNOSTIC_ARRAY,
+    FLOAT,
+    FLOATS,
     JOINT_STATE,
     JOINT_TRAJECTORY,
+    PARTICIPANT_ENTITIES,
+    SET_BOOL,
     STRING,
+    TRIGGER,
     CdrError,
     Definitions,
     JointStateBuffer,
@@ -23,6 +28,7 @@ from twind.ros import (
     decode,
     definition_text,
     encode,
+    participant_entities,
     stamp,
 )
 from twind.ros.definitions import KNOWN, DefinitionError
@@ -120,7 +126,7 @@ def test_any_message_has_the_bytes_that_rosbags_gives_it_and_comes_back_as_it_wa
     same()
 
 
-@pytest.mark.parametrize("kind", KNOWN)
+@pytest.mark.parametrize("kind", [kind for kind in KNOWN if "/msg/" in kind])
 def test_a_definition_means_to_rosbags_what_its_own_does(kind: str) -> None:
     parsed = get_types_from_msg(definition_text(kind), kind)
     for name, definition in parsed.items():
@@ -218,6 +224,42 @@ def test_the_definitions_of_others_are_read_too() -> None:
         encode(Definitions("a/msg/B", "other_msgs/Gone x"), {})
     with pytest.raises(DefinitionError, match="has no fields"):
         encode(Definitions("std_msgs/msg/Empty", ""), {})
+
+
+@pytest.mark.parametrize(("store", "width"), [(Stores.ROS2_HUMBLE, 24), (Stores.ROS2_JAZZY, 16)])
+def test_who_takes_part_is_told_in_gids_as_wide_as_the_distribution_has_them(
+    store: Stores, width: int
+) -> None:
+    peer, gid = get_typestore(store), bytes(range(width))
+    node = {"node_namespace": "/", "node_name": "twind", "writer_gid_seq": [{"data": gid}] * 2}
+    kind = participant_entities(width)
+    data = encode(kind, {"gid": {"data": gid}, "node_entities_info_seq": [node]})
+    told: Any = peer.deserialize_cdr(data, PARTICIPANT_ENTITIES)
+    assert bytes(told.gid.data) == gid
+    (found,) = told.node_entities_info_seq
+    assert (found.node_namespace, found.node_name, found.reader_gid_seq) == ("/", "twind", [])
+    assert [bytes(each.data) for each in found.writer_gid_seq] == [gid, gid]
+    assert bytes(peer.serialize_cdr(told, PARTICIPANT_ENTITIES)) == data
+
+
+def test_a_request_without_fields_has_a_byte() -> None:
+    assert encode(f"{TRIGGER}_Request", {}) == bytes.fromhex("00010000 00")
+    assert encode(f"{SET_BOOL}_Request", {"data": True}) == bytes.fromhex("00010000 01")
+    answer = {"success": True, "message": "live"}
+    for service in (TRIGGER, SET_BOOL):
+        data = encode(f"{service}_Response", answer)
+        assert data == bytes.fromhex("00010000 01000000 05000000 6c69766500")
+        assert decode(f"{service}_Response", data) == answer
+
+
+def test_labelled_numbers_have_the_bytes_that_rosbags_gives_them() -> None:
+    dims = [{"label": "hop", "size": 2, "stride": 6}, {"label": "ms", "size": 3, "stride": 3}]
+    message = {"layout": {"dim": dims, "data_offset": 0}, "data": [1.0, 2.0, 3.5, 0.0, -1.0, 4.0]}
+    data = encode(FLOATS, message)
+    told: Any = STORE.deserialize_cdr(data, FLOATS)
+    assert [(each.label, each.size, each.stride) for each in told.layout.dim] == [("hop", 2, 6), ("ms", 3, 3)]
+    assert bytes(STORE.serialize_cdr(told, FLOATS)) == data and decode(FLOATS, data) == message
+    assert decode(FLOAT, encode(FLOAT, {"data": 0.5})) == {"data": 0.5}
 
 
 def test_nan_and_the_infinities_pass() -> None:

@@ -1,4 +1,4 @@
-"""Messages as ROS 2 has them, without ROS: their definitions, and their bytes (CDR). Standard library only.
+"""Messages as ROS 2 has them, without ROS: definitions, bytes (CDR), hashes. Standard library, Python 3.10.
 
 For whoever writes recordings or speaks to ROS: `encode` and `decode` know every message by its definition,
 `JointStateBuffer` writes one kind of message at the loop's rate.
@@ -7,29 +7,46 @@ For whoever writes recordings or speaks to ROS: `encode` and `decode` know every
 from twind.ros.cdr import CdrError, decode, encode
 from twind.ros.definitions import (
     DIAGNOSTIC_ARRAY,
+    FLOAT,
+    FLOATS,
     IMU,
     JOINT_STATE,
     JOINT_TRAJECTORY,
+    PARTICIPANT_ENTITIES,
+    SET_BOOL,
     STRING,
+    TRIGGER,
+    DefinitionError,
     Definitions,
     definition_text,
+    participant_entities,
 )
+from twind.ros.hashes import dds_type, type_hash
 from twind.ros.imu import ImuBuffer
 from twind.ros.joint_state import JointStateBuffer, JointStateLayout, stamp
 
 __all__ = [
     "DIAGNOSTIC_ARRAY",
+    "FLOAT",
+    "FLOATS",
     "IMU",
     "JOINT_STATE",
     "JOINT_TRAJECTORY",
+    "PARTICIPANT_ENTITIES",
+    "SET_BOOL",
     "STRING",
+    "TRIGGER",
     "CdrError",
+    "DefinitionError",
     "Definitions",
     "ImuBuffer",
     "JointStateBuffer",
     "JointStateLayout",
+    "dds_type",
     "decode",
     "definition_text",
     "encode",
+    "participant_entities",
     "stamp",
+    "type_hash",
 ]

@@ -8,15 +8,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twind.ros.definitions import (
-    KNOWN,
-    PRIMITIVES,
-    TEXT,
-    DefinitionError,
-    Definitions,
-    Field,
-    definition_text,
-)
+from twind.ros.definitions import PRIMITIVES, TEXT, Definitions, Field, definitions_of
 
 HEAD = b"\x00\x01\x00\x00"  # XCDR1, little endian
 _COUNT = struct.Struct("<I")
@@ -31,7 +23,7 @@ class CdrError(ValueError):
 
 def encode(kind: str | Definitions, message: Mapping[str, Any]) -> bytes:
     """The bytes of `message`, header included. Raises CdrError."""
-    definitions = _definitions(kind)
+    definitions = definitions_of(kind)
     out = bytearray(HEAD)
     _put(out, definitions, definitions.name, message)
     return bytes(out)
@@ -41,7 +33,7 @@ def decode(kind: str | Definitions, data: bytes) -> Message:
     """The message whose bytes, header included, are `data`. Raises CdrError."""
     if data[:2] != HEAD[:2]:
         raise CdrError(f"bytes begin with {data[:4].hex(' ')!r}: only XCDR1, little endian (00 01) is read")
-    definitions = _definitions(kind)
+    definitions = definitions_of(kind)
     source = Source(data)
     try:
         message = source.message(definitions, definitions.name)
@@ -50,14 +42,6 @@ def decode(kind: str | Definitions, data: bytes) -> Message:
     if len(data) - source.place > _LOOSE:
         raise CdrError(f"{definitions.name}: ends at byte {source.place}, but there are {len(data)}")
     return message
-
-
-def _definitions(kind: str | Definitions) -> Definitions:
-    if isinstance(kind, Definitions):
-        return kind
-    if kind not in KNOWN:
-        raise DefinitionError(f"no message {kind!r}; known: {', '.join(KNOWN)}")
-    return Definitions(kind, definition_text(kind))
 
 
 # ------------------------------------------------------------------------------------------ out

@@ -11,6 +11,10 @@ TIME = "builtin_interfaces/msg/Time"
 DURATION = "builtin_interfaces/msg/Duration"
 HEADER = "std_msgs/msg/Header"
 STRING = "std_msgs/msg/String"
+FLOAT = "std_msgs/msg/Float64"
+DIMENSION = "std_msgs/msg/MultiArrayDimension"
+LAYOUT = "std_msgs/msg/MultiArrayLayout"
+FLOATS = "std_msgs/msg/Float64MultiArray"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY_POINT = "trajectory_msgs/msg/JointTrajectoryPoint"
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -20,6 +24,24 @@ IMU = "sensor_msgs/msg/Imu"
 KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
 DIAGNOSTIC_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
+GID = "rmw_dds_common/msg/Gid"
+NODE_ENTITIES = "rmw_dds_common/msg/NodeEntitiesInfo"
+PARTICIPANT_ENTITIES = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+EVENT_INFO = "service_msgs/msg/ServiceEventInfo"
+TRIGGER = "std_srvs/srv/Trigger"
+SET_BOOL = "std_srvs/srv/SetBool"
+
+
+def _service(name: str, request: str, response: str) -> Mapping[str, str]:
+    """A service is a message of three, as its type hash has it. Without fields it has a byte all the same."""
+    asked, told, event = f"{name}_Request", f"{name}_Response", f"{name}_Event"
+    return {
+        name: f"{asked} request_message\n{told} response_message\n{event} event_message",
+        asked: request or "uint8 structure_needs_at_least_one_member",
+        told: response,
+        event: f"service_msgs/ServiceEventInfo info\n{asked}[<=1] request\n{told}[<=1] response",
+    }
+
 
 # Field lists, in the notation of ROS: the order is that of the bytes.
 KNOWN: Mapping[str, str] = {
@@ -27,6 +49,10 @@ KNOWN: Mapping[str, str] = {
     DURATION: "int32 sec\nuint32 nanosec",
     HEADER: "builtin_interfaces/Time stamp\nstring frame_id",
     STRING: "string data",
+    FLOAT: "float64 data",
+    DIMENSION: "string label\nuint32 size\nuint32 stride",
+    LAYOUT: "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
+    FLOATS: "std_msgs/MultiArrayLayout layout\nfloat64[] data",
     JOINT_STATE: (
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
     ),
@@ -51,6 +77,18 @@ KNOWN: Mapping[str, str] = {
         "byte level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values"
     ),
     DIAGNOSTIC_ARRAY: "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status",
+    GID: "char[16] data",
+    NODE_ENTITIES: (
+        "string<=256 node_namespace\nstring<=256 node_name\n"
+        "rmw_dds_common/Gid[] reader_gid_seq\nrmw_dds_common/Gid[] writer_gid_seq"
+    ),
+    PARTICIPANT_ENTITIES: "rmw_dds_common/Gid gid\nrmw_dds_common/NodeEntitiesInfo[] node_entities_info_seq",
+    EVENT_INFO: (
+        "uint8 REQUEST_SENT=0\nuint8 REQUEST_RECEIVED=1\nuint8 RESPONSE_SENT=2\nuint8 RESPONSE_RECEIVED=3\n"
+        "uint8 event_type\nbuiltin_interfaces/Time stamp\nchar[16] client_gid\nint64 sequence_number"
+    ),
+    **_service(TRIGGER, "", "bool success\nstring message"),
+    **_service(SET_BOOL, "bool data", "bool success\nstring message"),
 }
 # name in a definition -> (struct's letter, bytes); a string has no letter
 PRIMITIVES: Mapping[str, tuple[str, int]] = {
@@ -71,7 +109,7 @@ PRIMITIVES: Mapping[str, tuple[str, int]] = {
 TEXT = "string"
 _BETWEEN = "=" * 80
 _CONSTANT = re.compile(r"\s*\S+\s+\w+\s*=")
-_TYPE = re.compile(r"([\w/]+)(?:<=\d+)?(\[(?:<=)?(\d*)\])?$")
+_TYPE = re.compile(r"([\w/]+)(?:<=(\d+))?(?:(\[)(<=)?(\d*)\])?$")
 
 
 class DefinitionError(ValueError):
@@ -83,12 +121,15 @@ class Field:
     """One field. `kind`: a primitive, `string`, or a full type name.
 
     `many`: a row of them; `count`: of that many always, None: as many as the bytes say.
+    `most`, `longest`: bounds of such a row and of a string that the type hash knows; 0: none.
     """
 
     name: str
     kind: str
     many: bool = False
     count: int | None = None
+    most: int = 0
+    longest: int = 0
 
 
 class Definitions:
@@ -119,6 +160,21 @@ def definition_text(name: str) -> str:
     return "".join(parts)
 
 
+def definitions_of(kind: str | Definitions) -> Definitions:
+    """The fields of a known type, or those that are given. Raises DefinitionError."""
+    if isinstance(kind, Definitions):
+        return kind
+    if kind not in KNOWN:
+        raise DefinitionError(f"no message {kind!r}; known: {', '.join(KNOWN)}")
+    return Definitions(kind, definition_text(kind))
+
+
+def participant_entities(gid_bytes: int) -> Definitions:
+    """What `ros_discovery_info` carries. A gid has 24 bytes in Humble and 16 since Iron."""
+    text = definition_text(PARTICIPANT_ENTITIES)
+    return Definitions(PARTICIPANT_ENTITIES, text.replace(KNOWN[GID], f"char[{gid_bytes}] data"))
+
+
 def _contained(name: str) -> Iterator[str]:
     """The type and whatever it contains, outer before inner."""
     yield name
@@ -145,14 +201,16 @@ def _fields(name: str, lines: str) -> Iterator[Field]:
         found = _TYPE.match(words[0])
         if found is None or len(words) < 2:
             raise DefinitionError(f"{name}: no field: {line.strip()[:60]!r}")
-        kind, row, count = found.groups()
+        kind, longest, row, at_most, count = found.groups()
         kind = kind if kind in PRIMITIVES or kind == TEXT else _full(kind, name)
-        fixed = int(count) if count and "<=" not in row else None
-        yield Field(words[1], kind, row is not None, fixed)
+        fixed = int(count) if count and not at_most else None
+        most = int(count) if count and at_most else 0
+        yield Field(words[1], kind, row is not None, fixed, most, int(longest or 0))
 
 
 def _full(kind: str, beside: str) -> str:
     """`std_msgs/Header` and `std_msgs/msg/Header` are one; a name alone is of the package it stands in."""
     parts = kind.split("/")
     package = parts[0] if len(parts) > 1 else beside.split("/")[0]
-    return f"{package}/msg/{parts[-1]}"
+    folder = parts[1] if len(parts) == 3 else "msg"
+    return f"{package}/{folder}/{parts[-1]}"
