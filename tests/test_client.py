@@ -261,7 +261,7 @@ def test_an_answer_that_is_none_ends_the_connection(start: Start, tmp_path: Path
     with Client(tmp_path) as client:
         with pytest.raises(Disconnected, match="answered to GetStatus is no message"):
             client.call("GetStatus")
-        assert client._socket is None
+        assert not client.connected
 
 
 def test_nan_never_leaves(start: Start, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ with Client() as robot:
 """
 
 from twind.client.connection import Client
-from twind.client.errors import CallError, ClientError, Disconnected, NoAnswer, NoDaemon, Refused
+from twind.client.errors import CallError, ClientError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused
 from twind.client.places import socket_path
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "Disconnected",
     "NoAnswer",
     "NoDaemon",
+    "NotCarried",
     "Refused",
     "socket_path",
 ]

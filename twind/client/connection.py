@@ -2,19 +2,16 @@
 
 import json
 import os
-import socket
-import struct
-import time
 from collections.abc import Generator, Mapping
 from types import TracebackType
 from typing import Any
 
-from twind.client.errors import ClientError, Disconnected, NoAnswer, NoDaemon, as_error
-from twind.client.places import HOW_TO_START, socket_path
+from twind.client.errors import ClientError, Disconnected, NoAnswer, as_error
+from twind.client.line import Line, SocketLine
+from twind.client.places import socket_path
 
 INTERFACE = "io.twind.Control"
 TIMEOUT = 35.0  # s; the daemon answers every call within 30 s, a scan within 60
-LONGEST = 64 << 20  # bytes of one answer
 
 Answer = dict[str, Any]
 
@@ -22,16 +19,21 @@ Answer = dict[str, Any]
 class Client:
     """One connection, made at the first call. The lease belongs to it and ends with it.
 
-    `path` is the folder of the sockets or a socket; `name` which of the two: `control` or `observe`.
-    `timeout` is the longest wait for one answer, s. Not for several threads at once.
+    `path` is the folder of the sockets or a socket; `name` which of the two: `control` or `observe`. `line`,
+    instead of both: what carries the messages. `timeout` is the longest wait for one answer, s. Not for
+    several threads at once.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str] | None = None, *, name: str = "control", timeout: float = TIMEOUT
+        self,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        name: str = "control",
+        timeout: float = TIMEOUT,
+        line: Line | None = None,
     ) -> None:
-        self.path, self.timeout = socket_path(path, name), timeout
-        self._socket: socket.socket | None = None
-        self._buffer = bytearray()
+        self.timeout = timeout
+        self._line = SocketLine(socket_path(path, name)) if line is None else line
         self._streaming = False
         self._begun = ""  # the call whose answer nobody has taken yet
 
@@ -46,31 +48,20 @@ class Client:
     @property
     def connected(self) -> bool:
         """A connection is open, which a lease would belong to. False: the next call opens one."""
-        return self._socket is not None
+        return self._line.is_open
+
+    @property
+    def path(self) -> str:
+        """Which daemon, for people: its socket, or whatever else leads there."""
+        return self._line.where
 
     def connect(self) -> None:
         """Connect now rather than at the first call. Raises NoDaemon."""
-        if self._socket is not None:
-            return
-        sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            # Blocking: under a time-out of Python's own, a queue that others fill ends it at once (EAGAIN).
-            patience = struct.pack("ll", int(self.timeout), int(self.timeout % 1.0 * 1e6))
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, patience)
-            sock.connect(self.path)
-            sock.settimeout(self.timeout)
-        except OSError as error:
-            sock.close()
-            absent = isinstance(error, FileNotFoundError | ConnectionRefusedError)
-            raise NoDaemon(f"{self.path}: {_why(error)}", absent=absent) from None
-        self._socket = sock
+        self._line.open(self.timeout)
 
     def close(self) -> None:
         """Hang up; a lease held by this connection lapses. The next call connects anew."""
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
-        self._buffer.clear()
+        self._line.close()
         self._streaming, self._begun = False, ""
 
     # ------------------------------------------------------------------------------------------ calls
@@ -119,10 +110,7 @@ class Client:
     def _bursts(self, method: str) -> Generator[list[bytes], None, None]:
         try:
             while True:
-                first, end = self._next(method), self._buffer.rfind(b"\0")
-                others = bytes(self._buffer[: max(end, 0)])
-                del self._buffer[: end + 1]
-                yield [first, *others.split(b"\0")] if end >= 0 else [first]
+                yield [self._next(method), *self._line.waiting()]
         finally:
             self.close()
 
@@ -152,21 +140,17 @@ class Client:
         if more:
             message["more"] = True
         try:
-            data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode() + b"\0"
+            data = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
         except ValueError:
             raise ClientError(
                 f"{method}: a number is NaN or infinite; only finite ones can be sent"
             ) from None
         self.connect()
-        assert self._socket is not None
         try:
-            self._socket.settimeout(self.timeout)
-            self._socket.sendall(data)
+            self._line.send(data, self.timeout)
         except TimeoutError:
             self.close()
             raise NoAnswer(f"{method}: the daemon did not take the call within {self.timeout:g} s") from None
-        except OSError:
-            pass  # it hung up; what it said before that explains why and is still to be read
 
     def _receive(self, method: str) -> tuple[Answer, bool]:
         """Parameters of the next answer, and whether more follow."""
@@ -186,26 +170,19 @@ class Client:
 
     def _next(self, method: str) -> bytes:
         """Bytes of the next message."""
-        if self._socket is None:
+        if not self._line.is_open:
             raise Disconnected(f"{self.path}: the connection is closed")
-        deadline, searched = time.monotonic() + self.timeout, 0
-        while (end := self._buffer.find(b"\0", searched)) < 0:
-            searched = len(self._buffer)
-            try:
-                self._socket.settimeout(max(1e-3, deadline - time.monotonic()))
-                data = self._socket.recv(1 << 18)
-            except TimeoutError:
-                self.close()
-                raise NoAnswer(f"{method}: no answer from the daemon within {self.timeout:g} s") from None
-            except OSError:
-                data = b""
-            if not data or searched > LONGEST:
-                self.close()
-                raise Disconnected(f"{self.path}: the daemon closed the connection during {method}")
-            self._buffer += data
-        message = bytes(self._buffer[:end])
-        del self._buffer[: end + 1]
-        return message
+        try:
+            return self._line.receive(self.timeout)
+        except TimeoutError:
+            self.close()
+            raise NoAnswer(f"{method}: no answer from the daemon within {self.timeout:g} s") from None
+        except EOFError:
+            self.close()
+            raise Disconnected(f"{self.path}: the daemon closed the connection during {method}") from None
+        except ClientError:
+            self.close()
+            raise
 
 
 def _understood(data: bytes) -> Answer:
@@ -218,15 +195,3 @@ def _understood(data: bytes) -> Answer:
     if not isinstance(message.get("error") or "", str):
         raise ValueError("its error is not a name")
     return message
-
-
-def _why(error: OSError) -> str:
-    if isinstance(error, FileNotFoundError):
-        return f"no daemon: there is no such socket; {HOW_TO_START}"
-    if isinstance(error, ConnectionRefusedError):
-        return f"no daemon: nobody listens there; {HOW_TO_START}"
-    if isinstance(error, PermissionError):
-        return "permission denied: operators are in the group twind-operator, observers in twind-observe"
-    if isinstance(error, BlockingIOError):
-        return "the daemon takes no connection: too many wait, or it hangs"
-    return f"{error.strerror or error}; {HOW_TO_START}"

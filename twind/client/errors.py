@@ -4,6 +4,7 @@ ClientError
 ├── NoDaemon        nobody listens on the socket, or this user may not connect
 ├── Disconnected    the daemon hung up
 ├── NoAnswer        no answer in time; also a TimeoutError
+├── NotCarried      what leads to this daemon does not carry such a call: a robot from afar is not armed
 └── CallError       the daemon answered with an error
     └── Refused     the gate or the daemon said no; `findings` says why
 """
@@ -36,6 +37,10 @@ class Disconnected(ClientError):
 
 class NoAnswer(ClientError, TimeoutError):
     """The daemon did not answer in time. The connection is closed."""
+
+
+class NotCarried(ClientError):
+    """What leads to this daemon does not carry such a call. The text says which, and what does."""
 
 
 class CallError(ClientError):
