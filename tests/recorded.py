@@ -6,9 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from twind.client.clocks import Clocks
 from twind.observe.writing.file import Disk, RecordFile
 from twind.observe.writing.head import clock_words
-from twind.observe.writing.lines import Clocks, Scribe
+from twind.observe.writing.lines import Scribe
 from twind.observe.writing.writer import RecordWriter, Session
 
 JOINTS = ("hip", "knee")

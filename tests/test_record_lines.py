@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded import CLOCKS, JOINTS, event, joint, state, status
 
-from twind.observe.writing.lines import STEP, Clocks, Line, Scribe, note, shifted
+from twind.client.clocks import STEP, Clocks
+from twind.observe.writing.lines import Line, Scribe, note, shifted
 from twind.observe.writing.schemas import ROS, json_schemas
 from twind.protocol import CONTROL, load
 from twind.ros import IMU, JOINT_STATE, JOINT_TRAJECTORY, decode, stamp

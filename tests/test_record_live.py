@@ -25,9 +25,9 @@ from processes import Daemon, daemon, favour, patiently, robot, until
 from rosbags.highlevel import AnyReader
 
 from twind.client import Client, ClientError
+from twind.client.clocks import Clocks
 from twind.observe.recording.columns import Recording, open_recording
 from twind.observe.recover import recover
-from twind.observe.writing.lines import Clocks
 
 pytestmark = pytest.mark.realtime
 

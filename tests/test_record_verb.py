@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from recorded import CLOCKS, SESSION, Told
 
+from twind.client.clocks import Clocks
 from twind.ctl.progress import Progress
 from twind.ctl.verb import UsageError
 from twind.observe import record
@@ -18,7 +19,6 @@ from twind.observe.recording.topics import NOTES
 from twind.observe.writing import course as record_run
 from twind.observe.writing.course import Course, line, summary
 from twind.observe.writing.folder import Bounds
-from twind.observe.writing.lines import Clocks
 from twind.observe.writing.schemas import json_schemas
 from twind.observe.writing.writer import Mark, RecordWriter, Tally
 

@@ -12,12 +12,13 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from recorded import CLOCKS, JOINTS, SESSION, FullDisk, Told, event, mark, state
 
+from twind.client.clocks import Clocks
 from twind.observe.recording.columns import Unreadable, open_recording
 from twind.observe.recover import recover
 from twind.observe.writing import writer as record_writer
 from twind.observe.writing.file import Disk, RecordFile
 from twind.observe.writing.folder import Bounds, fresh, make_room
-from twind.observe.writing.lines import Clocks, Scribe
+from twind.observe.writing.lines import Scribe
 from twind.observe.writing.writer import RecordWriter
 
 WIDE = Bounds(keep=1 << 40, free=0, file=1 << 40)

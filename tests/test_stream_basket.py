@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_stream_samples import ROBOT, some
 
+from twind.client.clocks import Clocks
 from twind.learn.streaming.basket import Basket
 from twind.learn.streaming.samples import Batch, Message, Robot
-from twind.observe.writing.lines import Clocks
 
 
 class Watch:

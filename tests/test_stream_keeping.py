@@ -8,10 +8,10 @@ from processes import until
 from test_stream_samples import ROBOT, some
 from test_stream_spool import WIDE, folder
 
+from twind.client.clocks import clocks
 from twind.learn.streaming.basket import Basket
 from twind.learn.streaming.keeping import Keeping
 from twind.learn.streaming.spool import Spool
-from twind.observe.writing.daemon import clocks
 
 pytestmark = pytest.mark.realtime
 ROOM = 3

@@ -8,8 +8,8 @@ import msgspec
 import pytest
 
 from twind.client import CallError, ClientError
+from twind.client.clocks import Clocks
 from twind.learn.streaming.samples import JSON, NDJSON, ROWS, Batch, Robot, Sample, message, picture, sample
-from twind.observe.writing.lines import Clocks
 
 ROBOT = Robot("h24", "one", "0.1.0", "live")
 CLOCKS = Clocks(100.0, 1_800_000_000_000_000_000)

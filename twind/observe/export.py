@@ -10,6 +10,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from twind.client.clocks import Clocks
 from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, Rejected, show
 from twind.flight import NO_BUS, Entry, Flight, FlightError, Kind, load
@@ -20,7 +21,7 @@ from twind.observe.recording.topics import WIRE
 from twind.observe.recover import recover
 from twind.observe.writing.file import RecordFile
 from twind.observe.writing.head import attachments, clock_words
-from twind.observe.writing.lines import Clocks, Line, Scribe
+from twind.observe.writing.lines import Line, Scribe
 
 _NAMES = {Kind.OUT: "out", Kind.IN: "in", Kind.PORT: "port"}
 

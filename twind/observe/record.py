@@ -9,10 +9,10 @@ import os
 import time
 from pathlib import Path
 
+from twind.client.clocks import clocks
 from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import UsageError, observer
 from twind.observe.writing.course import Course
-from twind.observe.writing.daemon import clocks
 from twind.observe.writing.folder import Bounds
 from twind.observe.writing.writer import RecordWriter
 

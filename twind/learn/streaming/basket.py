@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from twind.client.clocks import Clocks
 from twind.learn.streaming.samples import Batch, Message, Robot, Sample
-from twind.observe.writing.lines import Clocks
 
 ROOM = 64  # closed batches, and pictures: 20 s at 100 Hz
 

@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from twind.client import ClientError
+from twind.client.clocks import Clocks, clocks
 from twind.ctl.verb import observer
 from twind.learn.picture import NoPicture, Picture
 from twind.learn.streaming.basket import Basket
 from twind.learn.streaming.samples import ROWS, Sample, picture
 from twind.observe.viewing.likeness import Likeness, NoLikeness
-from twind.observe.writing.daemon import clocks
-from twind.observe.writing.lines import Clocks
 
 QUALITY = 80  # of JPEG: 640x480 are 20 kB
 AGAIN = 5.0  # s until a robot that cannot be drawn is asked for anew

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from twind.client import Client, ClientError
+from twind.client.clocks import clocks
 from twind.ctl.progress import Progress
 from twind.ctl.table import stream_text
 from twind.ctl.verb import DONE, harmless, observer, show
@@ -22,7 +23,6 @@ from twind.learn.streaming.keeping import Keeping
 from twind.learn.streaming.listening import Listening
 from twind.learn.streaming.sender import Sender
 from twind.learn.streaming.spool import Spool
-from twind.observe.writing.daemon import clocks
 
 LOOK = 0.5  # s between two looks at the others
 REPORT = 1.0  # s between two reports to the daemon

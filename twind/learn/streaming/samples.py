@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from twind.client.clocks import Clocks
 from twind.client.errors import ClientError, as_error
-from twind.observe.writing.lines import Clocks
 
 FORMAT = "twind-stream/1"
 ROWS = ("position", "velocity", "effort", "commanded", "age_ms")  # of each sample, in the order of its joints

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from twind.client import ClientError
+from twind.client.clocks import STEP, Clocks, clocks
 from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, REFUSED, Rejected, complain, operator, show
-from twind.observe.writing.daemon import Listening, clocks
-from twind.observe.writing.lines import STEP, Clocks, note
+from twind.observe.writing.daemon import Listening
+from twind.observe.writing.lines import note
 from twind.observe.writing.writer import RecordWriter, Tally
 
 AGAIN = 0.5  # s between two attempts to reach a daemon that is gone

@@ -2,32 +2,20 @@
 
 import argparse
 import threading
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from twind.client import Client, ClientError
+from twind.client.clocks import Clocks, clocks
 from twind.ctl.verb import observer
 from twind.observe.writing.head import attachments
-from twind.observe.writing.lines import Clocks, Scribe
+from twind.observe.writing.lines import Scribe
 from twind.observe.writing.writer import RecordWriter, Session
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
 CHANGED = "RELOADED"  # the event after which the robot may be described otherwise
 OTHERS = ("status", "latency", "events", "verdicts", "trajectories")  # each at its own rate
-
-
-def clocks() -> Clocks:
-    """Both clocks, read as closely together as they can be."""
-    best: tuple[int, Clocks] | None = None
-    for _ in range(5):
-        before, wall, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-        found = Clocks((before + after) / 2e9, wall)
-        if best is None or after - before < best[0]:
-            best = (after - before, found)
-    assert best is not None
-    return best[1]
 
 
 class Listening:

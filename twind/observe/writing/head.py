@@ -4,8 +4,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from twind.client.clocks import Clocks
 from twind.observe.recording.topics import CALIBRATION, MJCF, ROBOT
-from twind.observe.writing.lines import Clocks
 
 
 def clock_words(clocks: Clocks) -> dict[str, str]:

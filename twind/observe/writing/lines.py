@@ -1,13 +1,13 @@
 """Answers of `Monitor` as messages of a recording. Pure: time is in the answers, clocks are handed in."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from math import nan
 from struct import Struct
 from typing import Any, NamedTuple
 
 import msgspec
 
+from twind.client.clocks import SECOND, Clocks
 from twind.observe.recording.topics import (
     COMMANDS,
     EVENTS,
@@ -21,17 +21,16 @@ from twind.observe.recording.topics import (
     TRAJECTORY,
     VERDICTS,
 )
-from twind.ros import JOINT_TRAJECTORY, ImuBuffer, JointStateBuffer, encode, stamp
+from twind.ros import ImuBuffer, JointStateBuffer, stamp
 from twind.ros.cdr import HEAD
+from twind.ros.trajectory import accepted_bytes
 
 # a header with a stamp is their first field
 STAMPED = frozenset({MEASURED, SIMULATED, COMMANDS, TRAJECTORY, INERTIAL})
-SECOND = 1_000_000_000  # ns
 LAST = (1 << 31) * SECOND - 1  # ns since 1970: a stamp of ROS goes no further, whatever a clock says
 NEWER = 1.0  # ms from one reading of an IMU to the next, at least
 SLOW = 0.5  # s between two messages of JOINTS
 FELT = ("gyro", "acceleration", "quaternion")
-STEP = 50_000_000  # ns that wall clock and monotonic one may part before it is a step
 
 Answer = Mapping[str, Any]
 _STAMP = Struct("<iI")
@@ -45,23 +44,6 @@ class Line(NamedTuple):
     time_ns: int
     data: bytes
     mark: Mapping[str, Any] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Clocks:
-    """Both clocks at one moment: what makes wall-clock times of monotonic ones."""
-
-    monotonic: float  # s
-    wall_ns: int  # ns since 1970
-
-    def wall(self, monotonic: float) -> int:
-        """ns since 1970 of a monotonic time (s)."""
-        return self.wall_ns + round((monotonic - self.monotonic) * SECOND)
-
-    def step(self, now: "Clocks") -> int:
-        """ns by which the wall clock was set since; 0: it was not."""
-        parted = now.wall_ns - self.wall(now.monotonic)
-        return parted if abs(parted) > STEP else 0
 
 
 def shifted(line: Line, by: int) -> Line:
@@ -110,7 +92,7 @@ class Scribe:
         elif topic == "verdicts":
             yield Line(VERDICTS, time, _json.encode({"id": answer.get("id"), **answer["verdict"]}))
         elif topic == "trajectories":
-            yield Line(TRAJECTORY, time, _trajectory(answer["accepted"], time))
+            yield Line(TRAJECTORY, time, accepted_bytes(answer["accepted"], time))
 
     def _state(self, answer: Answer, time: int) -> Iterator[Line]:
         """Rows of which nothing is known are left out, of an IMU all that is not new.
@@ -142,25 +124,3 @@ def _known(row: Sequence[float | None]) -> bool:
 
 def _numbers(row: Sequence[float | None]) -> list[float]:
     return [nan if each is None else each for each in row]
-
-
-def _trajectory(accepted: Mapping[str, Any], time: int) -> bytes:
-    """JointTrajectory; the stamp says when it starts, the frame which one it is."""
-    path = accepted["trajectory"]
-    begins = time + round((path.get("start_in") or 0.0) * SECOND)
-    return encode(
-        JOINT_TRAJECTORY,
-        {
-            "header": {"stamp": stamp(begins), "frame_id": accepted["id"]},
-            "joint_names": path["joint_names"],
-            "points": [
-                {
-                    "positions": point["positions"],
-                    "velocities": point.get("velocities"),
-                    "accelerations": point.get("accelerations"),
-                    "time_from_start": stamp(round(point["time_from_start"] * SECOND)),
-                }
-                for point in path["points"]
-            ],
-        },
-    )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
+from twind.client.clocks import Clocks
 from twind.observe.recording.topics import (
     COMMANDS,
     END,
@@ -25,7 +26,7 @@ from twind.observe.recording.topics import (
 from twind.observe.writing.file import RecordFile
 from twind.observe.writing.folder import Bounds, free, fresh, make_room
 from twind.observe.writing.head import clock_words
-from twind.observe.writing.lines import Clocks, Line, note, shifted
+from twind.observe.writing.lines import Line, note, shifted
 
 ROOM = 16 << 20  # bytes that may wait: a minute of a robot of 24 joints at 100 Hz
 PERIODIC = frozenset({MEASURED, SIMULATED, COMMANDS, INERTIAL, JOINTS, LATENCY, STATUS})
