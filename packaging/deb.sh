@@ -7,6 +7,7 @@
 # PYTHON   the interpreter to build with and for (as in install.sh)
 # PYTHONS  further versions to serve, "3.12 3.13": wheels for them are fetched too
 # WHEELS   a folder that has all wheels already; nothing is fetched then
+# EXTRAS   further packages that come along and are installed (as in install.sh)
 # SOURCE_DATE_EPOCH  the time in the package; else that of the last commit. The same sources give the same package
 set -eu
 umask 022
@@ -45,6 +46,7 @@ for each in ${PYTHONS:-}; do
     [ "$each" = "$pythons" ] || "$here/install.sh" foreign "$tree/usr/lib/twind/wheels" "$each"
 done
 chmod 0644 "$tree"/usr/lib/twind/wheels/*.whl
+printf '%s\n' "${EXTRAS:-}" >"$tree/usr/lib/twind/extras"
 ordered=$(printf '%s\n' "$pythons" ${PYTHONS:-} | sort -V)
 first=$(echo "$ordered" | head -n 1)
 last=$(echo "$ordered" | tail -n 1)

@@ -12,8 +12,9 @@
 # BIN      where the commands are found (/usr/local/bin)
 # PYTHON   the interpreter (the first of /usr/bin/python3, /usr/local/bin/python3, python3 that will do)
 # WHEELS   a folder with wheels of twind and of what it needs; without it they are fetched
+# EXTRAS   further packages by the names of pyproject.toml, "ros" or "zenoh,view" (those of the installation before)
 #
-# /opt/twind/versions/ID is a virtual environment, ID its version and a digest of its wheels; /opt/twind/bin points
+# /opt/twind/versions/ID is a virtual environment, ID its version and a digest of what is in it; /opt/twind/bin points
 # into the one in force and is switched when the new one is whole. A daemon that runs goes on with its own files.
 set -eu
 umask 022  # everybody may read and run what is installed, whatever the umask of who installs it
@@ -27,6 +28,7 @@ COMMANDS="twind twindctl twind-virtual"
 SOURCE=$(cd "$(dirname "$0")/.." && pwd)
 REFUSED="twind@sim.service twind@twind.service"  # masked: their sockets, or settings, are another unit's
 TAB=$(printf '\t')
+EXTRAS=${EXTRAS-$(cat "$DESTDIR$HOME_OF_TWIND/extras" 2>/dev/null || :)}
 
 say() { printf '%s\n' "$*"; }
 fail() { printf 'twind: %s\n' "$*" >&2; exit 1; }
@@ -75,9 +77,12 @@ wheels() {
     scratch
     # Our own first and alone: it is the only one that is built, from Python alone.
     pip wheel --no-deps --wheel-dir "$1" "$SOURCE" || fail "the wheel of twind was not built; its own words are above"
-    pip download --only-binary :all: --dest "$1" "$1"/twind-*.whl ||
+    pip download --only-binary :all: --dest "$1" "$(extended "$1"/twind-*.whl)" ||
         fail "a wheel is missing: without a way to the index, give a folder that has them with WHEELS="
 }
+
+# What pip calls $1 with the extras.
+extended() { say "$1${EXTRAS:+[$EXTRAS]}"; }
 
 # A folder that goes when we do, and in it a pip of `$python`.
 scratch() {
@@ -99,7 +104,7 @@ foreign() {
     scratch
     # shellcheck disable=SC2086  # one word each
     pip download --only-binary :all: --dest "$1" --find-links "$1" --python-version "$2" --implementation cp \
-        --abi "$3" --abi abi3 --abi none $platforms "$1"/twind-*.whl ||
+        --abi "$3" --abi abi3 --abi none $platforms "$(extended "$1"/twind-*.whl)" ||
         fail "a wheel for Python $2 is missing; its own words are above"
 }
 
@@ -178,7 +183,11 @@ environment() {
     [ ! -e "$top/pyvenv.cfg" ] || fail "$top is a virtual environment made by hand: remove it (rm -r $top), then again"
     own=$(cd "$1" && ls twind-*.whl) || fail "$1: no wheel of twind in it"
     version=$(say "$own" | cut -d- -f2)
-    digest=$({ "$python" -c 'import sys; print(sys.version_info[:2], sys.base_prefix)'; cd "$1" && sha256sum ./*.whl; } | sha256sum | cut -c1-8)
+    digest=$({
+        "$python" -c 'import sys; print(sys.version_info[:2], sys.base_prefix)'
+        say "$EXTRAS"
+        cd "$1" && sha256sum ./*.whl
+    } | sha256sum | cut -c1-8)
     id=$version-$digest
     new=$top/versions/$id
     if [ ! -e "$new/whole" ]; then
@@ -186,7 +195,10 @@ environment() {
         mkdir -p "$top/versions"
         "$python" -m venv "$new"
         "$new/bin/python" -m pip --disable-pip-version-check --quiet install --no-compile --no-index --find-links "$1" \
-            twind || { rm -rf "$new"; fail "the environment was not made; what was installed before is as it was"; }
+            "$(extended twind)" || {
+            rm -rf "$new"
+            fail "the environment was not made; what was installed before is as it was"
+        }
         [ -z "$DESTDIR" ] || relocate "$new"
         # Nobody runs the tests of others there, nor pip; templates of others do not compile.
         "$new/bin/python" -m compileall -q -s "$DESTDIR" -x '/(pip|setuptools|pkg_resources|tests?)/' "$new/lib" \
@@ -195,6 +207,7 @@ environment() {
     fi
     ln -sfn "versions/$id/bin" "$top/bin.new"
     mv -T "$top/bin.new" "$top/bin"
+    say "$EXTRAS" >"$top/extras"
     for old in "$top/versions"/*; do
         [ "$old" = "$new" ] || retire "$old"
     done
@@ -249,7 +262,8 @@ reload() {
 stop() {
     if [ -d /run/systemd/system ]; then
         # Patterns, all of them: a unit that nobody has loaded is then no error.
-        set -- 'twind.servic[e]' 'twind@*.service' 'twind-sim.servic[e]' 'twind-metrics*.service' 'twind-stream*.service'
+        set -- 'twind.servic[e]' 'twind@*.service' 'twind-sim.servic[e]' 'twind-metrics*.service' 'twind-stream*.service' \
+            'twind-ros*.service' 'twind-uplink*.service'
         # Services first, as systemctl takes patterns in no order: sockets wait for them, so that a robot on its way
         # down can be stopped. Again with the sockets: a connection may have started one anew.
         systemctl stop --no-block "$@"

@@ -201,20 +201,29 @@ def test_a_relative_destination_is_refused(tmp_path: Path) -> None:
 
 
 def wheel(folder: Path, version: str, *, code: str = "def main():\n    print('here')\n") -> Path:
-    """A folder with one small wheel that calls itself twind, and brings a command."""
-    folder.mkdir(parents=True)
-    about = f"twind-{version}.dist-info"
-    files = {
-        "twind_stand_in.py": code,
-        f"{about}/METADATA": f"Metadata-Version: 2.1\nName: twind\nVersion: {version}\n",
-        f"{about}/WHEEL": "Wheel-Version: 1.0\nGenerator: tests\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
-        f"{about}/entry_points.txt": "[console_scripts]\ntwind = twind_stand_in:main\n",
-    }
-    files[f"{about}/RECORD"] = "".join(f"{name},,\n" for name in [*files, f"{about}/RECORD"])
-    with zipfile.ZipFile(folder / f"twind-{version}-py3-none-any.whl", "w") as archive:
-        for name, text in files.items():
-            archive.writestr(zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0)), text)
+    """A folder with one small wheel that calls itself twind, and brings a command; and one of its extra."""
+    more = "Provides-Extra: more\nRequires-Dist: twind-more; extra == 'more'\n"
+    commands = {"entry_points.txt": "[console_scripts]\ntwind = twind_stand_in:main\n"}
+    _pack(folder, "twind", version, {"twind_stand_in.py": code}, more, commands)
+    _pack(folder, "twind_more", "1.0.0", {"twind_more.py": ""}, "", {})
     return folder
+
+
+def _pack(
+    folder: Path, name: str, version: str, modules: Mapping[str, str], more: str, about: Mapping[str, str]
+) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    info = f"{name}-{version}.dist-info"
+    files = {
+        **modules,
+        f"{info}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n{more}",
+        f"{info}/WHEEL": "Wheel-Version: 1.0\nGenerator: tests\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        **{f"{info}/{file}": text for file, text in about.items()},
+    }
+    files[f"{info}/RECORD"] = "".join(f"{file},,\n" for file in [*files, f"{info}/RECORD"])
+    with zipfile.ZipFile(folder / f"{name}-{version}-py3-none-any.whl", "w") as archive:
+        for file, text in files.items():
+            archive.writestr(zipfile.ZipInfo(file, (2026, 1, 1, 0, 0, 0)), text)
 
 
 @pytest.fixture(scope="module")
@@ -244,9 +253,15 @@ def test_an_environment_is_switched_when_it_is_whole(tmp_path: Path, usable: str
     install(tree, "install", fails=True, WHEELS=str(broken))
     assert bin_.readlink() == first
     assert [path.name for path in versions.iterdir()] == [first.parent.name]
+    extra = f"lib/python{usable}/site-packages/twind_more.py"
+    assert not (tree / "opt/twind" / first.parent / extra).exists()
+    install(tree, "install", WHEELS=str(two), EXTRAS="more")
+    second = bin_.readlink()
+    assert str(second).startswith("versions/2.0.0-")
+    assert [path.name for path in versions.iterdir()] == [second.parent.name]
+    assert (tree / "opt/twind" / second.parent / extra).exists()
     install(tree, "install", WHEELS=str(two))
-    assert str(bin_.readlink()).startswith("versions/2.0.0-")
-    assert [path.name for path in versions.iterdir()] == [bin_.readlink().parent.name]
+    assert bin_.readlink() == second, "what is installed anew has the extras that it had"
     install(tree, "uninstall")
     assert not (tree / "opt/twind").exists()
 
