@@ -19,6 +19,7 @@ from twind.observe.viewing.live import messages
 from twind.observe.viewing.news import WINDOW, Described, Known, Lost, News
 from twind.observe.viewing.scene import AUTO
 from twind.observe.viewing.stops import Stops
+from twind.observe.viewing.ways import local
 from twind_drivers.clock import FakeClock
 
 
@@ -33,7 +34,7 @@ def test_messages_go_on_after_one_that_is_none(daemons: Daemons, tmp_path: Path)
     answers: dict[str, Any] = {"GetRobot": {"parameters": h24()}, "Monitor": {"parameters": {"no": "topic"}}}
     daemons("observe", answers.get)
     ended = threading.Event()
-    news = messages(str(tmp_path), ended)
+    news = messages(local(str(tmp_path)), ended)
     found = [next(news) for _ in range(4)]
     assert isinstance(found[0], Described) and isinstance(found[3], Described)
     assert isinstance(found[2], Lost) and "KeyError" in found[2].why
@@ -96,7 +97,7 @@ def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
     monkeypatch.setattr(viewer, "Scene", lambda *_: SimpleNamespace(remove=lambda: None))
     monkeypatch.setattr(viewer, broken, lambda told: {}["no such pose"])
     daemons("control", lambda method: {"parameters": {"state": "estop"}})
-    stops, outcomes, known, canvas = Stops(str(tmp_path)), queue.Queue(), Known(), Canvas()
+    stops, outcomes, known, canvas = Stops(local(str(tmp_path))), queue.Queue(), Known(), Canvas()
     for news in (Described(h24()), status(), state(h24())):
         known.take(news)
     ended = threading.Event()
@@ -118,7 +119,7 @@ def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
 @pytest.mark.realtime
 def test_messages_go_on_when_a_daemon_comes_back(daemons: Daemons, tmp_path: Path) -> None:
     ended = threading.Event()
-    news = messages(str(tmp_path), ended)
+    news = messages(local(str(tmp_path)), ended)
     assert isinstance(next(news), Lost)
     answers = {"GetRobot": {"parameters": h24()}, "Monitor": {"parameters": status()}}
     daemons("observe", answers.get)

@@ -9,6 +9,7 @@ import pytest
 from answering import Daemons, answering, told
 
 from twind.observe.viewing.stops import Outcome, Stops
+from twind.observe.viewing.ways import local
 
 
 @pytest.fixture
@@ -21,7 +22,7 @@ def daemons(tmp_path: Path) -> Iterator[Daemons]:
 def test_an_estop_waits_for_no_stop_that_hangs(daemons: Daemons, tmp_path: Path) -> None:
     daemons("control", lambda method: None)
     daemons("observe", lambda method: {"parameters": {"state": "estop", "torque_off": True, "done": True}})
-    stops, stop, estop = Stops(str(tmp_path), bound=1.0), queue.Queue(), queue.Queue()
+    stops, stop, estop = Stops(local(str(tmp_path)), bound=1.0), queue.Queue(), queue.Queue()
     stops.stop.ask(stop.put)
     stops.estop.ask(estop.put)
     assert told(estop, 0.9) == Outcome(True, "e-stop", "state estop, torque is off")
@@ -35,7 +36,7 @@ def test_an_estop_waits_for_no_stop_that_hangs(daemons: Daemons, tmp_path: Path)
 def test_an_estop_goes_by_whichever_socket_there_is_and_says_when_there_is_none(
     daemons: Daemons, tmp_path: Path
 ) -> None:
-    stops, outcomes = Stops(str(tmp_path), bound=1.0), queue.Queue()
+    stops, outcomes = Stops(local(str(tmp_path)), bound=1.0), queue.Queue()
     stops.estop.ask(outcomes.put)
     none = told(outcomes)
     assert (none.done, none.title) == (False, "e-stop NOT confirmed") and "own switch" in none.text
@@ -53,7 +54,7 @@ def test_an_estop_goes_by_the_other_socket_where_one_answers_rubbish(
     daemons("observe", lambda method: observe)
     daemons("control", lambda method: {"parameters": {"state": "estop", "torque_off": False}})
     outcomes: queue.Queue[Outcome] = queue.Queue()
-    Stops(str(tmp_path), bound=1.0).estop.ask(outcomes.put)
+    Stops(local(str(tmp_path)), bound=1.0).estop.ask(outcomes.put)
     assert told(outcomes) == Outcome(True, "e-stop", "state estop, torque is on")
 
 
@@ -63,7 +64,7 @@ def test_a_stop_button_outlives_rubbish_and_tabs_that_cannot_be_told(
 ) -> None:
     answers: dict[str, Any] = {"Cancel": {"parameters": {}}, "EStop": {"parameters": {"torque_off": 7}}}
     daemons("control", answers.get)
-    stops, outcomes = Stops(str(tmp_path), bound=1.0), queue.Queue()
+    stops, outcomes = Stops(local(str(tmp_path)), bound=1.0), queue.Queue()
 
     def no_tab(outcome: Outcome) -> None:
         raise RuntimeError("the tab was closed")
@@ -88,6 +89,6 @@ def test_who_may_not_stop_is_told_what_may(daemons: Daemons, tmp_path: Path) -> 
     }
     daemons("control", lambda method: refusal)
     outcomes: queue.Queue[Outcome] = queue.Queue()
-    Stops(str(tmp_path)).stop.ask(outcomes.put)
+    Stops(local(str(tmp_path))).stop.ask(outcomes.put)
     answer = told(outcomes)
     assert not answer.done and "e-stop needs no operator" in answer.text

@@ -82,7 +82,7 @@ def test_latency_is_plotted_by_hop() -> None:
 def test_without_its_libraries_the_viewer_says_what_to_install(monkeypatch: Any, capsys: Any) -> None:
     monkeypatch.setattr(view, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install '\.\[view\]'"):
-        view.run(Namespace())
+        view.run(Namespace(port=None))
     monkeypatch.setattr(demo_viewer, "find_spec", lambda name: None)
     with demo_viewer.viewer("nowhere", lambda: None):
         said = capsys.readouterr().out

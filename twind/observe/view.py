@@ -30,11 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Until Ctrl-C or SIGTERM: 0. Raises UsageError, Rejected, ClientError."""
-    missing = [name for name in NEEDED if find_spec(name) is None]
-    if missing:
-        raise UsageError(f"the viewer needs {' and '.join(missing)}: {REMEDY}")
-    if options.port is not None and not 1 <= options.port <= 65535:
-        raise UsageError(f"--port {options.port} is no port: 1 to 65535")
+    needed(options.port)
     from twind.observe.viewing import watch
 
     return watch(
@@ -45,3 +41,12 @@ def run(options: argparse.Namespace) -> int:
         wait=options.wait,
         as_json=options.json,
     )
+
+
+def needed(port: int | None = None) -> None:
+    """Raises UsageError: what draws is not installed, or `port` is none."""
+    missing = [name for name in NEEDED if find_spec(name) is None]
+    if missing:
+        raise UsageError(f"the viewer needs {' and '.join(missing)}: {REMEDY}")
+    if port is not None and not 1 <= port <= 65535:
+        raise UsageError(f"--port {port} is no port: 1 to 65535")

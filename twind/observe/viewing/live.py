@@ -1,39 +1,35 @@
 """Messages of a daemon, for as long as anybody wants them: it may restart, and the next one be another robot.
 
-A client of `observe.sock`, on a connection of its own.
+On a connection of its own.
 """
 
-import contextlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from typing import Any
 
-from twind.client import CallError, Client, ClientError, NoDaemon
+from twind.client import CallError, ClientError
 from twind.observe.viewing.news import Described, Lost, News
+from twind.observe.viewing.ways import Ways, observer
 
 RATE = 30.0  # Hz of states: pictures a second
 SILENT = 5.0  # s without a word after which a daemon counts as gone
 AGAIN = 0.5  # s between two tries
-TOPICS = ["state", "status", "latency", "events", "verdicts"]
+TOPICS = ("state", "status", "latency", "events", "verdicts")
 CHANGED = "RELOADED"  # the event after which the robot may be described otherwise
 
 
-def observer(place: str | None, timeout: float) -> Client:
-    """A connection that reads: `observe.sock`, else `control.sock`. Raises NoDaemon."""
-    client = Client(place, name="observe", timeout=timeout)
-    try:
-        client.connect()
-    except NoDaemon:
-        client = Client(place, timeout=timeout)
-        client.connect()
-    return client
-
-
-def messages(place: str | None, ended: threading.Event) -> Iterator[News]:
-    """Without end, until `ended`. The first of a daemon says which robot it has."""
+def messages(
+    ways: Ways, ended: threading.Event, *, topics: Sequence[str] = TOPICS, rate: float = RATE
+) -> Iterator[News]:
+    """Without end, until `ended`. The first of a daemon says which robot it has; `topics` have `events`."""
     while not ended.is_set():
         try:
-            with contextlib.closing(observer(place, SILENT)) as client:
-                yield from _of_one_daemon(place, client, ended)
+            with closing(observer(ways, SILENT)) as client:
+                yield Described(client.call("GetRobot"))
+                yield from _of_one_daemon(
+                    ways, client.stream("Monitor", topics=list(topics), rate=rate), ended
+                )
         except CallError as error:  # it answers, and will answer no better at once
             yield Lost(f"the daemon is not there, tried again: {error}")
             ended.wait(4.0 * AGAIN)
@@ -45,12 +41,11 @@ def messages(place: str | None, ended: threading.Event) -> Iterator[News]:
             ended.wait(4.0 * AGAIN)
 
 
-def _of_one_daemon(place: str | None, client: Client, ended: threading.Event) -> Iterator[News]:
-    yield Described(client.call("GetRobot"))
-    for message in client.stream("Monitor", topics=TOPICS, rate=RATE):
+def _of_one_daemon(ways: Ways, stream: Iterator[Any], ended: threading.Event) -> Iterator[News]:
+    for message in stream:
         if ended.is_set():
             return
         yield message
         if message["topic"] == "events" and message["event"]["code"] == CHANGED:
-            with contextlib.closing(observer(place, SILENT)) as other:
+            with closing(observer(ways, SILENT)) as other:
                 yield Described(other.call("GetRobot"))

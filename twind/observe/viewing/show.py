@@ -1,22 +1,24 @@
 """The viewer from the first line it prints to its end: of a daemon, or of messages from elsewhere."""
 
 import json
-import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
-from types import FrameType
 
 from twind.client import Client
+from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import DONE, Rejected
 from twind.observe.viewing.door import DoorError, Site, opened
-from twind.observe.viewing.live import messages, observer
+from twind.observe.viewing.live import messages
 from twind.observe.viewing.news import Described, Known, Message, News
 from twind.observe.viewing.page import Controls, Page
 from twind.observe.viewing.stops import BOUND, Stops
 from twind.observe.viewing.viewer import Viewer, in_browser, run
+from twind.observe.viewing.ways import local, observer
+
+Drawing = Callable[[threading.Event], None]  # draws until it is set
 
 
 def show(
@@ -38,13 +40,12 @@ def show(
         yield Described(robot)
         yield from messages
 
-    known, ended = Known(), _until_told()
-    with tempfile.TemporaryDirectory(prefix="twind-view-") as folder, _site(port, title) as site:
-        _say(site, as_json=as_json)
-        if open_page:
-            in_browser(site.url, folder)
-        run(Viewer(site, known, Page(site.server, known, None)), known, news(), ended)
-    return DONE
+    def begun(site: Site) -> Drawing:
+        known = Known()
+        viewer = Viewer(site, known, Page(site.server, known, None))
+        return lambda ended: run(viewer, known, news(), ended)
+
+    return served(begun, title=title, port=port, open_page=open_page, as_json=as_json)
 
 
 def watch(
@@ -62,20 +63,38 @@ def watch(
     Raises ClientError where none is there now and `wait` is not asked for, Rejected where no server can be
     started.
     """
+    ways = local(place)
     if not wait:
-        with closing(observer(place, BOUND)) as client:
+        with closing(observer(ways, BOUND)) as client:
             client.call("GetStatus")
     if operate and not wait:
         with closing(Client(place)) as operator:
             operator.connect()  # whoever may not is told now, not at the first press
-    known, ended = Known(), _until_told()
-    with tempfile.TemporaryDirectory(prefix="twind-view-") as folder, _site(port, "twind") as site:
-        page = Page(site.server, known, Stops(place))
+
+    def begun(site: Site) -> Drawing:
+        known = Known()
+        page = Page(site.server, known, Stops(ways))
         viewer = Viewer(site, known, page, Controls(site.server, place) if operate else None)
+        return lambda ended: run(viewer, known, messages(ways, ended), ended)
+
+    return served(begun, title="twind", port=port, open_page=open_page, as_json=as_json)
+
+
+def served(
+    begun: Callable[[Site], Drawing], *, title: str, port: int | None, open_page: bool, as_json: bool
+) -> int:
+    """A page, its address printed, drawn until Ctrl-C or SIGTERM. Raises Rejected where no server can be
+    started."""
+    with (
+        told_to_stop() as ended,
+        tempfile.TemporaryDirectory(prefix="twind-view-") as folder,
+        _site(port, title) as site,
+    ):
+        draw = begun(site)
         _say(site, as_json=as_json)
         if open_page:
             in_browser(site.url, folder)
-        run(viewer, known, messages(place, ended), ended)
+        draw(ended)
     return DONE
 
 
@@ -86,18 +105,6 @@ def _site(port: int | None, title: str) -> Iterator[Site]:
             yield site
     except DoorError as error:
         raise Rejected(str(error)) from None
-
-
-def _until_told() -> threading.Event:
-    """Set by Ctrl-C, SIGTERM, or the end of the terminal."""
-    ended = threading.Event()
-
-    def end(_number: int, _frame: FrameType | None) -> None:
-        ended.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, end)
-    return ended
 
 
 def _say(site: Site, *, as_json: bool) -> None:

@@ -11,7 +11,8 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 
-from twind.client import Client, ClientError
+from twind.client import ClientError
+from twind.observe.viewing.ways import Way, Ways
 
 BOUND = 5.0  # s until a call counts as not answered
 HARDWARE = "if the robot still moves, use its own switch"
@@ -65,37 +66,35 @@ class Errand(threading.Thread):
 
 
 class Stops:
-    """The two errands of one daemon. `place`: folder of its sockets."""
+    """The two errands of one robot."""
 
-    def __init__(self, place: str | None, bound: float = BOUND) -> None:
-        self._place, self._bound = place, bound
+    def __init__(self, ways: Ways, bound: float = BOUND) -> None:
+        self._ways, self._bound = ways, bound
         self.estop = Errand("e-stop", self._estop)
         self.stop = Errand("stop", self._stop)
 
     def _estop(self) -> Outcome:
-        """By whichever socket lets us in and answers: both take it."""
+        """By whichever way lets us in and answers: all take it."""
         failures: list[str] = []
-        for name in ("observe", "control"):
+        for way in self._ways.reading:
             try:
-                return self._estop_by(name)
+                return self._estop_by(way)
             except Exception as error:  # noqa: BLE001  whatever is wrong with one, the other is tried
                 said = str(error) if isinstance(error, ClientError) else f"{type(error).__name__}: {error}"
                 failures.append(said)
         return Outcome(False, "e-stop NOT confirmed", f"{'; '.join(failures)}; {HARDWARE}")
 
-    def _estop_by(self, name: str) -> Outcome:
-        with closing(Client(self._place, name=name, timeout=self._bound)) as client:
+    def _estop_by(self, way: Way) -> Outcome:
+        with closing(way(self._bound)) as client:
             answer = client.call("EStop", level="settle", reason="twindctl view")
         off = {True: "torque is off", False: "torque is on", None: "torque unknown"}
         return Outcome(True, "e-stop", f"state {answer['state']}, {off[answer.get('torque_off')]}")
 
     def _stop(self) -> Outcome:
         """Cancel: for operators."""
-        client = Client(self._place, timeout=self._bound)
         try:
-            answer = client.call("Cancel")
+            with closing(self._ways.commanding(self._bound)) as client:
+                answer = client.call("Cancel")
         except ClientError as error:
             return Outcome(False, "NOT stopped", f"{error}; the e-stop needs no operator")
-        finally:
-            client.close()
         return Outcome(True, "stopping", f"the motion comes to a hold; state {answer['state']}")
