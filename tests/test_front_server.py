@@ -166,7 +166,7 @@ def test_how_far_apart_the_buses_were_read_is_in_status_and_state(loop: StandIn)
         status = client.call("GetStatus")["parameters"]["status"]
         state = client.call("Monitor", topics=["state"])["parameters"]
     assert (status["skew_ms"], status["skew_max_ms"]) == (1.5, 2.5)
-    assert state["skew_ms"] == 1.5
+    assert state["skew_ms"] == 1.5 and state["mode"] == "live"
     assert len(state["joints"]) == 24
 
 
