@@ -18,7 +18,7 @@ SAMPLE ?=
 CHANGED ?=
 
 .PHONY: demo test test-fast test-slow check computed lived format lint types imports bench coverage oracle fuzz \
-	mutate clean faults soak kills model cast pictures \
+	mutate clean faults soak kills model cast pictures ros \
 	install uninstall deb
 
 demo: $(VENV)/.ready
@@ -133,6 +133,17 @@ $(VENV)/.ready: pyproject.toml
 # The learning extras: hundreds of megabytes, so `make test` does without, and skips their tests.
 $(VENV)/.learn: $(VENV)/.ready constraints.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,learn,dataset]'
+	touch $@
+
+# The real rclpy, in an environment of its own: it wants CPython 3.12, and nobody but tests. `empy` has no wheel.
+PYTHON312 ?= $(lastword python3.12 $(wildcard ~/.pyenv/versions/3.12.*/bin/python3.12))
+
+ros: $(VENV)/ros/.ready
+
+$(VENV)/ros/.ready: constraints-ros.txt | $(VENV)/.ready
+	$(PYTHON312) -m venv $(VENV)/ros
+	$(VENV)/ros/bin/pip install --quiet --disable-pip-version-check --only-binary :all: --no-binary empy \
+		--requirement constraints-ros.txt
 	touch $@
 
 $(VENV)/.bench: $(VENV)/.ready
