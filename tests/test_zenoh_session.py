@@ -1,0 +1,81 @@
+"""Where a Zenoh network is joined: what is asked for, and no more."""
+
+import argparse
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from zenoh_router import free_port
+
+from twind.bridge.zenoh import session
+from twind.bridge.zenoh.session import LOCAL, Place, SessionError
+
+
+def given(*words: str, **environ: str) -> Place:
+    parser = argparse.ArgumentParser()
+    session.add_options(parser)
+    return session.place(parser.parse_args(words), environ)
+
+
+def test_without_a_word_it_is_the_router_of_this_machine() -> None:
+    assert given() == Place(connect=(LOCAL,))
+
+
+def test_options_go_before_the_variable_which_holds_endpoints_or_a_file() -> None:
+    assert given(TWIND_ZENOH="tcp/a:1, tls/b:2") == Place(connect=("tcp/a:1", "tls/b:2"))
+    assert given(TWIND_ZENOH="/etc/z.json5") == Place(file=Path("/etc/z.json5"))
+    assert given("--connect", "tcp/c:3", TWIND_ZENOH="tcp/a:1") == Place(connect=("tcp/c:3",))
+    assert given("--listen", "tcp/d:4", TWIND_ZENOH="tcp/a:1") == Place(listen=("tcp/d:4",))
+
+
+def test_what_others_on_the_way_can_read_is_named() -> None:
+    place = Place(
+        connect=("tcp/localhost:1", "tcp/127.0.0.9:1", "tcp/[::1]:1", "tls/far:1", "quic/far:1", "tcp/far:1"),
+        listen=("udp/0.0.0.0:2", "tcp/[::]:2"),
+    )
+    assert session.readable(place) == ["tcp/far:1", "udp/0.0.0.0:2", "tcp/[::]:2"]
+
+
+def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_path: Path) -> None:
+    said = tmp_path / "z.json5"
+    said.write_text('{mode: "peer", connect: {endpoints: ["tcp/a:1"]}}')
+    for place in (Place(connect=("tcp/a:1",)), Place(file=said)):
+        made = session._configuration(place, 1.0)
+        assert (
+            made.get_json("scouting/multicast/enabled") == made.get_json("scouting/gossip/enabled") == "false"
+        )
+        assert made.get_json("listen/endpoints") == "[]"
+        assert made.get_json("connect/endpoints") == '["tcp/a:1"]'
+    said.write_text(
+        '{mode: "router", listen: {endpoints: ["tcp/a:2"]}, scouting: {multicast: {enabled: true}}}'
+    )
+    made = session._configuration(Place(file=said), 1.0)
+    assert (made.get_json("mode"), made.get_json("listen/endpoints")) == ('"router"', '["tcp/a:2"]')
+    assert made.get_json("scouting/multicast/enabled") == "true"
+
+
+@pytest.mark.parametrize("place", [Place(connect=("nonsense",)), Place(file=Path("/nowhere.json5"))])
+def test_a_place_that_is_none_is_told_at_once_and_not_tried_again(place: Place) -> None:
+    with pytest.raises(SessionError, match=r"nonsense|nowhere") as told:
+        session.opened(place, threading.Event(), lambda line: None)
+    assert ".rs" not in str(told.value), "a place in somebody's source helps nobody"
+
+
+def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> None:
+    place, stop, lines = Place(connect=(f"tcp/127.0.0.1:{free_port()}",)), threading.Event(), list[str]()
+    with pytest.raises(SessionError, match=place.connect[0]):
+        session.open_now(place, 0.2)
+    threading.Timer(2.5, stop.set).start()
+    assert session.opened(place, stop, lines.append) is None
+    assert len(lines) == 1 and place.connect[0] in lines[0]
+
+
+def test_who_listens_waits_for_nobody() -> None:
+    place = Place(connect=(f"tcp/127.0.0.1:{free_port()}",), listen=(f"tcp/127.0.0.1:{free_port()}",))
+    begun = time.monotonic()
+    with session.open_now(place, 30.0):
+        assert time.monotonic() - begun < 15.0
+        host, port = place.listen[0].removeprefix("tcp/").split(":")
+        socket.create_connection((host, int(port)), 5.0).close()
