@@ -1,0 +1,93 @@
+"""A ROS 2 node on DDS without ROS: its endpoints and its place in the graph. Why so bare: see `library`.
+
+No services: each vendor pairs requests and replies in its own way, and a request of the one has made servers
+of the other run out of memory. Topics do instead.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import os
+from collections.abc import Callable, Sequence
+
+from twind.bridge.ros.dds.config import PARTICIPANTS, configuration
+from twind.bridge.ros.dds.ends import Reader, Writer, guid
+from twind.bridge.ros.dds.library import checked, load
+from twind.bridge.ros.dds.names import ENCLAVE, GID, GID_HUMBLE, GRAPH, graph_message
+from twind.bridge.ros.dds.reading import Reading
+from twind.bridge.ros.discovery import Discovery
+from twind.bridge.ros.endpoints import Service, Topic
+from twind.bridge.ros.transport import Asked, Heard, TransportError
+
+
+class Dds:
+    """A `Transport` by Cyclone DDS. One per process and domain."""
+
+    serves = False
+
+    def __init__(self, discovery: Discovery, tell: Callable[[str], None]) -> None:
+        """`tell`: a line for whoever reads along, from any thread."""
+        self._discovery, self._tell = discovery, tell
+        self._library: ct.CDLL | None = None
+        self._domain = 0
+        self._writers: dict[str, Writer] = {}
+        self._reading: Reading | None = None
+        self.dropped = 0  # messages that found no room within `ends.BLOCKING`
+
+    def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
+        """Join the graph with these topics; no service is offered. Raises TransportError."""
+        self.close()
+        self._library = load()
+        try:
+            self._join(self._library, topics, heard)
+        except TransportError:
+            self.close()
+            raise
+
+    def publish(self, topic: Topic, data: bytes) -> None:
+        """Send CDR bytes, header included; dropped and counted after 5 ms. Raises TransportError."""
+        writer = self._writers.get(topic.name)
+        if writer is None:
+            raise TransportError(f"dds: {topic.name}: no such topic is open")
+        if self._reading is not None and self._reading.lost is not None:
+            raise self._reading.lost
+        if not writer.write(data):
+            self.dropped += 1
+            if str(self.dropped).strip("0") == "1":  # at 1, 10, 100 …: who is slow stays slow
+                self._tell(f"dds: {topic.name}: a reader does not keep up; {self.dropped} messages dropped")
+
+    def close(self) -> None:
+        """Leave the graph. May be called twice."""
+        for writer in self._writers.values():
+            writer.close()
+        self._writers = {}
+        reading, self._reading = self._reading, None
+        if reading is not None:
+            reading.end()
+        domain, self._domain = self._domain, 0
+        if domain and self._library is not None:
+            self._library.dds_delete(domain)
+
+    def _join(self, library: ct.CDLL, topics: Sequence[Topic], heard: Heard) -> None:
+        participant = self._participant(library)
+        out = [Writer(library, participant, topic) for topic in topics if topic.out]
+        into = [Reader(library, participant, topic) for topic in topics if not topic.out]
+        graph = Writer(library, participant, GRAPH)
+        self._writers = {writer.topic.name: writer for writer in (*out, graph)}
+        self._reading = Reading(library, participant, into, heard)
+        # Gids of all endpoints but the graph's own, as rmw_dds_common has it: that one is no node's.
+        readers, writers = [each.guid() for each in into], [each.guid() for each in out]
+        width = GID_HUMBLE if self._discovery.humble else GID
+        self.publish(GRAPH, graph_message(guid(library, participant), readers, writers, width))
+
+    def _participant(self, library: ct.CDLL) -> int:
+        number = self._discovery.domain
+        settings = configuration(self._discovery, os.environ.get("CYCLONEDDS_URI", ""))
+        made = library.dds_create_domain(number, settings.encode() if settings else None)
+        self._domain = checked(library, made, f"domain {number}: is CYCLONEDDS_URI well formed?")
+        qos = library.dds_create_qos()
+        library.dds_qset_userdata(qos, ENCLAVE, len(ENCLAVE))
+        participant = library.dds_create_participant(number, qos, None)
+        library.dds_delete_qos(qos)
+        doing = f"ROS_DOMAIN_ID={number}: no participant; at most {PARTICIPANTS} of a domain fit a machine"
+        return checked(library, participant, doing)
