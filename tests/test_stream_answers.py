@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.learn.streaming.answers import FIRST, LONGEST, PATIENT, Backoff, Fate, Once, fate, retry_after
+from twind.client.once import Once
+from twind.learn.streaming.answers import FIRST, LONGEST, PATIENT, Backoff, Fate, fate, retry_after
 
 
 @pytest.mark.parametrize("status", [200, 201, 202, 204, 299])

@@ -12,6 +12,7 @@ from twind.ros.cdr import HEAD, CdrError, Source, encode
 from twind.ros.definitions import JOINT_STATE
 
 SECOND = 1_000_000_000  # ns
+LAST = (1 << 31) * SECOND - 1  # ns since 1970: a stamp of ROS goes no further, whatever a clock says
 Numbers: TypeAlias = Sequence[float] | bytes  # n numbers, or their float64 as they lie in memory
 _STAMP = struct.Struct("<iI")
 _STILL = len(HEAD) + _STAMP.size  # first byte after the stamp

@@ -56,21 +56,3 @@ class Backoff:
     def went_well(self) -> None:
         """The next failure is the first one again."""
         self.failures, self.until = 0, 0.0
-
-
-@dataclass(slots=True)
-class Once:
-    """Says what is wrong when it begins and when it is over, not at every try. `every`: s between two."""
-
-    every: float = 10.0
-    wrong: str = ""
-    told: str = ""
-    at: float = float("-inf")
-
-    def news(self, wrong: str, now: float) -> bool:
-        """`wrong` ("": nothing) is worth a line now. Reasons that come by turns get one each `every` s."""
-        self.wrong = wrong
-        if wrong == self.told or (wrong and self.told and now - self.at < self.every):
-            return False
-        self.told, self.at = wrong, now
-        return True

@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from twind.learn.streaming.answers import Once
+from twind.client.once import Once
 from twind.learn.streaming.basket import Basket
 from twind.learn.streaming.samples import Batch, message
 from twind.learn.streaming.spool import Spool

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from twind.client import Client, ClientError
+from twind.client.once import Once
 from twind.ctl.verb import observer
-from twind.learn.streaming.answers import Once
 from twind.learn.streaming.basket import Basket
 from twind.learn.streaming.samples import Robot, sample
 

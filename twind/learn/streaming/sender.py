@@ -11,7 +11,8 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from twind.learn.streaming.answers import Backoff, Fate, Once, fate, retry_after
+from twind.client.once import Once
+from twind.learn.streaming.answers import Backoff, Fate, fate, retry_after
 from twind.learn.streaming.endpoint import Answer, Endpoint, Failed
 from twind.learn.streaming.spool import Kept, Spool
 

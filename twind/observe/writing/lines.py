@@ -23,11 +23,11 @@ from twind.observe.recording.topics import (
 )
 from twind.ros import ImuBuffer, JointStateBuffer, stamp
 from twind.ros.cdr import HEAD
+from twind.ros.joint_state import LAST
 from twind.ros.trajectory import accepted_bytes
 
 # a header with a stamp is their first field
 STAMPED = frozenset({MEASURED, SIMULATED, COMMANDS, TRAJECTORY, INERTIAL})
-LAST = (1 << 31) * SECOND - 1  # ns since 1970: a stamp of ROS goes no further, whatever a clock says
 NEWER = 1.0  # ms from one reading of an IMU to the next, at least
 SLOW = 0.5  # s between two messages of JOINTS
 FELT = ("gyro", "acceleration", "quaternion")
