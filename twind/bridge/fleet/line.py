@@ -1,0 +1,221 @@
+"""A robot from afar behind an ordinary `twind.client.Client`: each call becomes a question over Zenoh.
+
+What no uplink carries is refused here, before anything is sent: whoever arms, or changes the mode, stands
+beside the robot.
+"""
+
+import getpass
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import zenoh
+
+from twind.bridge.fleet.goal import Goal
+from twind.bridge.fleet.hold import Hold
+from twind.bridge.fleet.inbox import Inbox
+from twind.bridge.fleet.news import Thinned, keys
+from twind.bridge.fleet.reach import Reach
+from twind.bridge.zenoh.keys import ASKED, STOPS, robot_key
+from twind.client import NoDaemon, NotCarried
+
+LATEST = 5.0  # s that finding the robot may take
+PARTING = 0.5  # s that giving a lease back may take when the line is closed
+Parameters = Mapping[str, Any]
+
+
+class Way(Protocol):
+    """Where sessions come from: one of its own for each line, or one that many share."""
+
+    @property
+    def where(self) -> str:
+        """Which network, for people."""
+
+    def enter(self, patience: float) -> zenoh.Session:
+        """Raises ClientError: the network cannot be joined."""
+
+    def leave(self, session: zenoh.Session) -> None:
+        """It is needed no more."""
+
+
+class FarLine:
+    """A `twind.client.line.Line` to `robot`, its name in the key space. Raises ValueError: it is none."""
+
+    def __init__(self, robot: str, way: Way) -> None:
+        robot_key(robot)
+        self.where = f"robot {robot} by {way.where}"
+        self._robot, self._way = robot, way
+        self._reach: Reach | None = None
+        self._inbox = Inbox()
+        self._hold: Hold | None = None
+        self._goal: Goal | None = None
+        self._subscribers: list[zenoh.Subscriber[None]] = []
+
+    @property
+    def is_open(self) -> bool:
+        """The robot was found, and nobody has hung up since."""
+        return self._reach is not None
+
+    def open(self, patience: float) -> None:
+        """Join the network, find the robot. Raises NoDaemon."""
+        if self._reach is not None:
+            return
+        reach = Reach(self._way.enter(patience), self._robot)
+        inbox = self._inbox = Inbox()
+        try:
+            gone = reach.watch(lambda: inbox.end(f"{self.where}: it went away, or the way to it is lost"))
+            self._subscribers = [gone]
+            if not reach.is_there(min(patience, LATEST)):
+                raise NoDaemon(f"{self.where}: not there; `twindctl fleet` lists who is", absent=True)
+        except BaseException:
+            self._forget(reach)
+            raise
+        self._reach = reach
+
+    def close(self) -> None:
+        """Hang up. A lease is given back, else it lapses: what moves under it ends in a hold."""
+        if self._reach is None:
+            return
+        reach, self._reach = self._reach, None
+        if self._hold is not None and not self._hold.lost:
+            released = threading.Event()
+            reach.ask(*_release(self._hold), PARTING, lambda _: released.set(), released.set)
+            released.wait(PARTING)
+        self._forget(reach)
+
+    def _forget(self, reach: Reach) -> None:
+        if self._goal is not None:
+            self._goal.close()
+        for each in self._subscribers:
+            each.undeclare()
+        self._goal, self._hold, self._subscribers = None, None, []
+        self._way.leave(reach.session)
+
+    # ------------------------------------------------------------------------------------------ messages
+
+    def send(self, message: bytes, patience: float) -> None:
+        """Ask. Raises NotCarried."""
+        assert self._reach is not None
+        call = json.loads(message)
+        method, more = call["method"].rpartition(".")[2], bool(call.get("more"))
+        parameters: Parameters = call["parameters"]
+        if method in ASKED:
+            self._ask(("ask", method), parameters, patience)
+        elif method in STOPS:
+            self._ask(("stop", method), parameters, patience)
+        elif method in _LEASE:
+            _LEASE[method](self, parameters, patience)
+        elif method in _STREAMS and more:
+            _STREAMS[method](self, parameters)
+        else:
+            raise NotCarried(
+                f"{method}: not from afar; who arms {self.where}, or sets it up, stands beside it"
+            )
+
+    def receive(self, patience: float) -> bytes:
+        """The next message. Raises TimeoutError, Disconnected, NoDaemon."""
+        deadline = time.monotonic() + patience
+        while (left := deadline - time.monotonic()) > 0.0:
+            message = self._inbox.take(min(left, self._tend()))
+            if message is not None:
+                return self._understood(message)
+        raise TimeoutError
+
+    def waiting(self) -> list[bytes]:
+        """What has come already."""
+        return self._inbox.rest()
+
+    def _tend(self) -> float:
+        """What runs under a lease lives as long as somebody here takes its reports; s until the next look."""
+        return self._goal.tend(time.monotonic()) if self._goal is not None and not self._goal.over else LATEST
+
+    def _understood(self, message: bytes) -> bytes:
+        if message.startswith(b'{"error"') and b"Uplink.NoDaemon" in message:
+            told = json.loads(message).get("parameters", {}).get("message", "")
+            raise NoDaemon(f"{self.where}: its uplink is there, its daemon is not: {told}")
+        return message
+
+    # ------------------------------------------------------------------------------------------ calls
+
+    def _ask(
+        self,
+        parts: tuple[str, ...],
+        what: Parameters,
+        patience: float,
+        told: Callable[[bytes], None] | None = None,
+    ) -> None:
+        assert self._reach is not None
+        inbox = self._inbox
+        silent = f"{self.where}: nobody answers {'/'.join(parts)}: it went away, or this is not for us"
+        self._reach.ask(parts, what, patience, told or inbox.answer, lambda: inbox.end(silent))
+
+    def _acquire(self, parameters: Parameters, patience: float) -> None:
+        assert self._reach is not None
+        inbox, reach = self._inbox, self._reach
+        what = {"op": "acquire", "holder": holder(), **parameters}
+
+        def granted(message: bytes) -> None:
+            came = time.monotonic()
+            try:
+                grant = json.loads(message)["parameters"]
+                self._hold = Hold(reach, grant, came)
+            except (ValueError, KeyError, TypeError):
+                inbox.answer(message)  # the refusal
+            else:
+                told = {"holder": grant.get("holder"), "expires_in": grant.get("expires_in")}
+                inbox.answer(json.dumps({"parameters": {"lease": told}}).encode())
+
+        self._ask(("lease",), what, patience, granted)
+
+    def _release(self, _parameters: Parameters, patience: float) -> None:
+        hold, self._hold = self._hold, None
+        if hold is None:
+            self._inbox.answer(b'{"parameters":{}}')
+        else:
+            self._ask(*_release(hold), patience)
+
+    def _renew(self, _parameters: Parameters, patience: float) -> None:
+        if self._hold is None:
+            raise NotCarried("RenewLease: AcquireLease comes first")
+        self._ask(("lease",), {"op": "renew", "lease": self._hold.id}, patience)
+
+    def _submit(self, parameters: Parameters) -> None:
+        if self._hold is None:
+            raise NotCarried("SubmitTrajectory: from afar only under a lease; AcquireLease comes first")
+        assert self._reach is not None
+        now = time.monotonic()
+        self._goal = Goal(self._reach, self._hold, parameters["trajectory"], self._inbox, now)
+
+    def _monitor(self, parameters: Parameters) -> None:
+        assert self._reach is not None
+        rate = parameters.get("rate")
+        for topic, parts in keys(parameters["topics"], rate).items():
+            self._subscribers.append(self._reach.hear(parts, self._thinned(Thinned(topic, rate))))
+
+    def _thinned(self, thinned: Thinned) -> Callable[[bytes], None]:
+        inbox = self._inbox
+
+        def heard(message: bytes) -> None:
+            if thinned.takes(time.monotonic()):
+                inbox.news(message)
+
+        return heard
+
+
+def holder() -> str:
+    """What the robot's people are told of whoever holds its lease."""
+    try:
+        return f"{getpass.getuser()}@{socket.gethostname()}"
+    except (KeyError, OSError):  # a user without a name
+        return socket.gethostname()
+
+
+def _release(hold: Hold) -> tuple[tuple[str, ...], Parameters]:
+    return ("lease",), {"op": "release", "lease": hold.id}
+
+
+_LEASE = {"AcquireLease": FarLine._acquire, "RenewLease": FarLine._renew, "ReleaseLease": FarLine._release}
+_STREAMS = {"Monitor": FarLine._monitor, "SubmitTrajectory": FarLine._submit}

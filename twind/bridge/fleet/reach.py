@@ -1,0 +1,78 @@
+"""One robot as one session of Zenoh reaches it: questions, news, and whether it is there."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from twind.bridge.zenoh.keys import robot_key
+
+Told = Callable[[bytes], None]  # one message of the interface, in a thread of Zenoh's; returns at once
+ALIVE = "alive"
+_TIMEOUT = b"Timeout"  # what Zenoh itself says in place of an answer
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """`robot` is its name in the key space."""
+
+    session: zenoh.Session
+    robot: str
+
+    def ask(
+        self,
+        parts: tuple[str, ...],
+        what: Mapping[str, Any],
+        patience: float,
+        told: Told,
+        silent: Callable[[], None],
+    ) -> None:
+        """One question. Then either `told` the answer or the error, or `silent`: nobody answered in time."""
+        answers: list[bytes] = []
+
+        def answered(reply: zenoh.Reply) -> None:
+            message = as_message(reply)
+            if message is not None and not answers:
+                answers.append(message)
+                told(message)
+
+        def over() -> None:
+            if not answers:
+                silent()
+
+        self.session.get(
+            robot_key(self.robot, *parts),
+            zenoh.handlers.Callback(answered, over),
+            payload=json.dumps(what, allow_nan=False, separators=(",", ":")),
+            timeout=patience,
+        )
+
+    def hear(self, parts: tuple[str, ...], told: Callable[[bytes], None]) -> "zenoh.Subscriber[None]":
+        """News, as their bytes, until the subscriber is undeclared."""
+        return self.session.declare_subscriber(
+            robot_key(self.robot, *parts), lambda sample: told(bytes(sample.payload))
+        )
+
+    def watch(self, gone: Callable[[], None]) -> "zenoh.Subscriber[None]":
+        """`gone`: its uplink ended, or the way there is lost."""
+
+        def changed(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                gone()
+
+        return self.session.liveliness().declare_subscriber(robot_key(self.robot, ALIVE), changed)
+
+    def is_there(self, patience: float) -> bool:
+        """Its uplink is alive. Waits `patience` s at most."""
+        found = self.session.liveliness().get(robot_key(self.robot, ALIVE), timeout=patience)
+        return any(reply.ok is not None for reply in found)
+
+
+def as_message(reply: zenoh.Reply) -> bytes | None:
+    """An answer or an error as a message of the interface; None: nobody answered."""
+    if reply.ok is not None:
+        return b'{"parameters":%b}' % bytes(reply.ok.payload)
+    error = b"" if reply.err is None else bytes(reply.err.payload)
+    return None if error == _TIMEOUT else error

@@ -1,0 +1,75 @@
+"""`twindctl --remote ROBOT VERB`: the client of a robot that is elsewhere. Imports Zenoh when it is used."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from twind.bridge.zenoh.session import MISSING, VARIABLE, Place, named, open_now
+from twind.client import Client, ClientError, NoDaemon
+from twind.client.connection import TIMEOUT
+from twind.ctl.verb import UsageError
+
+if TYPE_CHECKING:
+    import zenoh
+
+JOINING = 5.0  # s that joining a network may take
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """A session for one line alone."""
+
+    place: Place
+
+    @property
+    def where(self) -> str:
+        """The network, as it was named."""
+        return str(self.place)
+
+    def enter(self, patience: float) -> zenoh.Session:
+        """Joins it. Raises NoDaemon."""
+        try:
+            return open_now(self.place, min(patience, JOINING))
+        except ClientError as error:
+            raise NoDaemon(str(error)) from None
+
+    def leave(self, session: zenoh.Session) -> None:
+        """Ends it."""
+        session.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """A session that many lines use, each with a queue of its own; who opened it ends it."""
+
+    session: zenoh.Session
+    where: str
+
+    def enter(self, patience: float) -> zenoh.Session:
+        """The one."""
+        return self.session
+
+    def leave(self, session: zenoh.Session) -> None:
+        """Others use it."""
+
+
+def client(robot: str, way: Own | Shared, timeout: float = TIMEOUT) -> Client:
+    """A connection to `robot`, made at its first call. Raises UsageError: no name of a robot."""
+    try:
+        from twind.bridge.fleet.line import FarLine
+    except ImportError:
+        raise UsageError(MISSING) from None
+    try:
+        return Client(line=FarLine(robot, way), timeout=timeout)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+
+
+def remote(text: str) -> Client:
+    """Of `ROBOT` or `ROBOT@tcp/HOST:PORT`. Raises UsageError, as where Zenoh is missing."""
+    robot, at, place = text.partition("@")
+    if at and not place:
+        raise UsageError(f"--remote {text}: expected ROBOT or ROBOT@tcp/HOST:PORT")
+    return client(robot, Own(named(place or os.environ.get(VARIABLE, ""))))
