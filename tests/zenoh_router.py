@@ -1,4 +1,4 @@
-"""A real Zenoh router in a process of its own, on loopback: `python zenoh_router.py ENDPOINT [FILE]`.
+"""A real Zenoh router in a process of its own, on loopback: `python zenoh_router.py ENDPOINT [FILE [gossip]]`.
 
 It ends with its standard input. Kill it, stop it, start it anew at the same place.
 """
@@ -22,17 +22,20 @@ def free_port() -> int:
 
 
 class Router:
-    """Runs until `kill` or the end of the context. `file`: its configuration, but where it listens."""
+    """Runs until `kill` or the end of the context. `file`: its configuration, but where it listens.
 
-    def __init__(self, *, scheme: str = "tcp", file: Path | None = None) -> None:
+    `gossip`: peers learn from it of each other, as from the router of ROS.
+    """
+
+    def __init__(self, *, scheme: str = "tcp", file: Path | None = None, gossip: bool = False) -> None:
         self.endpoint = f"{scheme}/127.0.0.1:{free_port()}"
-        self._file = file
+        self._words = (str(file or ""), "gossip" if gossip else "")
         self.process: subprocess.Popen[bytes] | None = None
         self.start()
 
     def start(self) -> None:
         """Begin to serve; returns when it does."""
-        command = [sys.executable, __file__, self.endpoint, *([str(self._file)] if self._file else [])]
+        command = [sys.executable, __file__, self.endpoint, *self._words]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == b"up\n", "the router did not start"
@@ -62,16 +65,16 @@ class Router:
         self.kill()
 
 
-def main(endpoint: str, file: str | None = None) -> None:
+def main(endpoint: str, file: str = "", gossip: str = "") -> None:
     """Route until standard input ends."""
     import zenoh
 
-    config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
+    config = zenoh.Config.from_file(file) if file else zenoh.Config()
     for key, value in {
         "mode": "router",
         "listen/endpoints": [endpoint],
         "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
+        "scouting/gossip/enabled": bool(gossip),
     }.items():
         config.insert_json5(key, json.dumps(value))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C of a test run: whoever started us ends us
