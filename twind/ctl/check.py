@@ -9,6 +9,8 @@ from twind.ctl.motions import load_motion
 from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, operator, show
 
+from_afar = True
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What is checked, and the file."""

@@ -110,11 +110,11 @@ def _dump(options: argparse.Namespace) -> int:
     return DONE
 
 
-MODE = Plain(_mode_arguments, _mode)
+MODE = Plain(_mode_arguments, _mode, from_afar=True)
 ARM = Plain(_arm_arguments, _arm)
 DISARM = Plain(_none, _disarm)
-ESTOP = Plain(_estop_arguments, _estop)
+ESTOP = Plain(_estop_arguments, _estop, from_afar=True)
 RESET = Plain(_reset_arguments, _reset)
-STOP = Plain(_none, _stop)
+STOP = Plain(_none, _stop, from_afar=True)
 MARK = Plain(_mark_arguments, _mark)
 DUMP = Plain(_dump_arguments, _dump)

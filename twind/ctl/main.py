@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import Any
 
-from twind.client import ClientError, Disconnected, NoDaemon
+from twind.client import ClientError, Disconnected, NoDaemon, NotCarried
 from twind.ctl.verb import DONE, NO_DAEMON, REFUSED, USAGE, Rejected, UsageError, Verb, complain
 from twind.protocol.places import SYSTEM
 
@@ -54,16 +54,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(verb: Verb, options: argparse.Namespace) -> int:
     try:
+        _check_remote(verb, options)
         return verb.run(options)
     except (NoDaemon, Disconnected) as error:
         complain(options, error)
         return NO_DAEMON
+    except (NotCarried, UsageError) as error:
+        complain(options, error)
+        return USAGE
     except (ClientError, Rejected) as error:
         complain(options, error)
         return REFUSED
-    except UsageError as error:
-        complain(options, error)
-        return USAGE
     except BrokenPipeError:  # `twindctl watch | head`: what was asked for was given
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
@@ -71,13 +72,23 @@ def _run(verb: Verb, options: argparse.Namespace) -> int:
         return 130
 
 
+def _check_remote(verb: Verb, options: argparse.Namespace) -> None:
+    """Raises UsageError: what the verb does is not done to a robot elsewhere."""
+    if options.remote is None:
+        return
+    if not getattr(verb, "from_afar", False):
+        raise UsageError(f"{options.verb}: not with --remote; it is done beside the robot, or without one")
+    if options.socket is not None:
+        raise UsageError("--remote and --socket: one robot at a time")
+
+
 def _verb_name(given: Sequence[str]) -> str | None:
-    """The first word that is neither an option nor the value of `--socket` or `-i`."""
+    """The first word that is neither an option nor the value of `--socket`, `-i` or `--remote`."""
     skip = False
     for word in given:
         if skip:
             skip = False
-        elif word in ("--socket", "-i"):
+        elif word in ("--socket", "-i", "--remote"):
             skip = True
         elif not word.startswith("-"):
             return word
@@ -107,6 +118,12 @@ def common(parser: argparse.ArgumentParser, default: Any) -> None:
         type=lambda name: os.path.join(SYSTEM, name),
         default=default,
         help=f"the daemon of twind@NAME: --socket {SYSTEM}/NAME",
+    )
+    parser.add_argument(
+        "--remote",
+        metavar="ROBOT",
+        default=default,
+        help="a robot elsewhere, by its uplink: its name, or NAME@tcp/HOST:PORT; `twindctl fleet` lists them",
     )
     json_default = False if default is None else default
     parser.add_argument("--json", action="store_true", default=json_default, help="print JSON, one line each")

@@ -111,4 +111,4 @@ def is_live() -> bool:
     return sys.stdout.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")
 
 
-MONITOR = Plain(_arguments, _run)
+MONITOR = Plain(_arguments, _run, from_afar=True)

@@ -134,5 +134,5 @@ def _report(report: dict[str, Any], options: argparse.Namespace, progress: Progr
     progress.tell(report["phase"], report["progress"])
 
 
-MOVE = Plain(_move_arguments, _move)
-PLAY = Plain(_play_arguments, _play)
+MOVE = Plain(_move_arguments, _move, from_afar=True)
+PLAY = Plain(_play_arguments, _play, from_afar=True)

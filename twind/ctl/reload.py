@@ -60,4 +60,4 @@ def _setting(word: str) -> tuple[str, Any]:
 
 
 RELOAD = Plain(_arguments, _reload)
-PARAMETERS = Plain(_parameters_arguments, _parameters)
+PARAMETERS = Plain(_parameters_arguments, _parameters, from_afar=True)

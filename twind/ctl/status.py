@@ -17,4 +17,4 @@ def _run(options: argparse.Namespace) -> int:
     return DONE
 
 
-STATUS = Plain(_arguments, _run)
+STATUS = Plain(_arguments, _run, from_afar=True)

@@ -35,4 +35,4 @@ def _line(news: Mapping[str, Any]) -> str:
     return f"{event['time']:.3f} {lost}{event['level']:<7} {event['code']}: {event['message']}{found}"
 
 
-WATCH = Plain(_arguments, _run)
+WATCH = Plain(_arguments, _run, from_afar=True)
