@@ -1,7 +1,7 @@
 """A ROS node over Zenoh that shares no code with ours: `python ros_zenoh_peer.py PORT`, zenoh-ros2-sdk alone.
 
 One order a line of standard input, one answer a line of standard output, JSON. It ends with its input.
-Definitions and hashes are those of rosbags, those of services the ones that ROS itself gives: it clones nothing.
+Definitions and hashes are rosbags', hashes of services those that ROS itself gives: it clones nothing.
 """
 
 import json

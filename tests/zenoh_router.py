@@ -1,4 +1,4 @@
-"""A real Zenoh router in a process of its own, on loopback: `python zenoh_router.py ENDPOINT [FILE [gossip]]`.
+"""A real Zenoh router in a process of its own, on loopback: `zenoh_router.py ENDPOINT [FILE [gossip]]`.
 
 It ends with its standard input. Kill it, stop it, start it anew at the same place.
 """
