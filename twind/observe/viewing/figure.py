@@ -3,6 +3,7 @@
 Several figures, and several robots, stand beside each other by their roots.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -36,9 +37,18 @@ def _alpha(model: Any, geom: int) -> float:
 class Figure:
     """One robot in one pose. Bodies are numbered as in the model."""
 
-    def __init__(self, scene: Any, root: str, model: Any, shell: tuple[Colour, float] | None = None) -> None:
+    def __init__(
+        self,
+        scene: Any,
+        root: str,
+        model: Any,
+        shell: tuple[Colour, float] | None = None,
+        *,
+        alone: bool = False,
+    ) -> None:
         """`shell`: colour and opacity of a figure that is hidden, body by body, until `show`; without it the
-        bodies look as the model says, and what does not move stands around them."""
+        bodies look as the model says, and what does not move stands around them. `alone`: without the world
+        (body 0), and a shell also of bodies that do not move."""
         from mjviser.conversions import is_fixed_body
 
         self._root = scene.add_frame(root, show_axes=False)
@@ -46,10 +56,10 @@ class Figure:
         self._shown: dict[int, bool] = {}
         self._meshes: dict[int, Any] = {}
         self._last: Places | None = None
-        for body in range(model.nbody):
+        for body in range(int(alone), model.nbody):
             geoms = shown_geoms(model, body)
-            fixed = is_fixed_body(model, body)
-            if not geoms or (fixed and shell is not None):
+            still = shell is not None and not alone and is_fixed_body(model, body)
+            if not geoms or still:
                 continue
             name = f"{root}/{body}"
             self._frames[body] = scene.add_frame(name, show_axes=False, visible=shell is None)
@@ -85,11 +95,19 @@ class Figure:
                     self._put(body, frame, places)
                 frame.visible = wanted
 
-    def colour(self, body: int, colour: Colour) -> None:
-        """Of one body of a shell."""
-        mesh = self._meshes.get(body)
-        if mesh is not None and tuple(mesh.color) != colour:
-            mesh.color = colour
+    def mark(self, colours: Mapping[int, Colour], places: Places) -> None:
+        """Exactly these bodies of a shell are seen, each in its colour, where they are."""
+        for body, colour in colours.items():
+            mesh = self._meshes.get(body)
+            if mesh is not None and tuple(mesh.color) != colour:
+                mesh.color = colour
+        self.show([body in colours for body in range(len(places.position))], places)
+        self.place(places)
+
+    def seen(self, *, wanted: bool) -> None:
+        """All of it, or nothing."""
+        if bool(self._root.visible) != wanted:
+            self._root.visible = wanted
 
     def remove(self) -> None:
         """Out of the scene."""

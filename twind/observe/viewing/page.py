@@ -2,18 +2,16 @@
 elsewhere."""
 
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from typing import Any
 
 from twind.observe.viewing import operate
+from twind.observe.viewing.buttons import Press, stop_window, teller
 from twind.observe.viewing.news import Known, Message
 from twind.observe.viewing.operate import Operator, Work
 from twind.observe.viewing.plots import Plots
 from twind.observe.viewing.scene import AUTO, GHOSTS
-from twind.observe.viewing.stops import Errand, Outcome, Stops
-
-STAYS, LASTS = 60.0, 6.0  # s that a notification of a failure is seen, and of what was done
-Press = Callable[[Any], Coroutine[Any, Any, None]]
+from twind.observe.viewing.stops import Outcome, Stops
 
 
 class Page:
@@ -23,7 +21,7 @@ class Page:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         if stops is not None:
-            _stop_panel(gui, stops)
+            stop_window(gui, stops.estop, stops.stop)
         self._words = gui.add_html("")
         self._said = ""
         self._ghost = gui.add_dropdown("translucent", options=GHOSTS, initial_value=AUTO)
@@ -43,39 +41,6 @@ class Page:
         """HTML, sent where it differs."""
         if words != self._said:
             self._said = self._words.content = words
-
-
-def _stop_panel(gui: Any, stops: Stops) -> None:
-    """A window of its own above everything: it scrolls away with nothing and cannot be closed."""
-    panel = gui.add_panel(order=-1.0)
-    with panel.add_tab("stop"):
-        estop = gui.add_button("E-STOP", color="red", hint="lower the robot, torque off, latched")
-        stop = gui.add_button("Stop", color="orange", hint="the motion comes to a hold; needs an operator")
-    panel.float(x=12, y=-12, width=230)  # from the lower left: notifications come down from above
-    estop.on_click(_pressed(stops.estop))
-    stop.on_click(_pressed(stops.stop))
-
-
-def _pressed(errand: Errand) -> Press:
-    async def press(event: Any) -> None:  # in the server's loop: behind no drawing, and in no queue of ours
-        errand.ask(teller(event.client))
-
-    return press
-
-
-def teller(client: Any) -> Callable[[Outcome], None]:
-    """Tells one tab what came of what it asked."""
-
-    def tell(outcome: Outcome) -> None:
-        if client is not None:
-            client.add_notification(
-                outcome.title,
-                outcome.text,
-                color="green" if outcome.done else "red",
-                auto_close_seconds=LASTS if outcome.done else STAYS,
-            )
-
-    return tell
 
 
 class Controls:

@@ -39,6 +39,14 @@ def ghosts(choice: str, mode: str) -> tuple[bool, bool]:
     return choice in ("goal", BOTH), choice in ("simulation", BOTH)
 
 
+def marked(now: Now, likeness: Likeness) -> dict[int, Colour]:
+    """Bodies whose joints want a look, and why; joints were heard of."""
+    assert now.joints is not None
+    faulty = np.array([bool(each) for each in now.joints.faults])
+    which = ((now.stale, OLD), (faulty, FAULTY), (~now.joints.heard, UNHEARD))
+    return {int(body): colour for each, colour in which for body in likeness.bodies_of[each]}
+
+
 class Scene:
     """One robot below a root of its own: `/robots/NAME`."""
 
@@ -70,7 +78,7 @@ class Scene:
         goal, simulated = ghosts(choice, now.mode)
         self._ghost(self._goal, joints.goal, solid, wanted=goal)
         self._ghost(self._simulated, joints.simulated, solid, wanted=simulated)
-        self._mark(now, solid)
+        self._marks.mark(marked(now, self.likeness), solid)
         self._distances()
 
     def _ghost(self, figure: Figure, position: Floats, solid: Places, *, wanted: bool) -> None:
@@ -79,17 +87,6 @@ class Scene:
         away = there.differ(solid, AWAY_M, AWAY_RAD)
         figure.show(away & wanted, there)
         figure.place(there)
-
-    def _mark(self, now: Now, solid: Places) -> None:
-        assert now.joints is not None
-        marked = np.zeros(self.likeness.model.nbody, np.bool_)
-        faulty = np.array([bool(each) for each in now.joints.faults])
-        for which, colour in ((now.stale, OLD), (faulty, FAULTY), (~now.joints.heard, UNHEARD)):
-            for body in self.likeness.bodies_of[which]:
-                marked[body] = True
-                self._marks.colour(int(body), colour)
-        self._marks.show(marked, solid)
-        self._marks.place(solid)
 
     def _distances(self) -> None:
         """The nearest pair as a line of its colour, contacts as points."""
@@ -143,9 +140,15 @@ class Scene:
 
 def camera(likeness: Likeness) -> tuple[Floats, Floats]:
     """Where to look from, and at: from the front, a little to its left, all of it in sight."""
+    low, high = extent(likeness)
+    middle = 0.5 * (low + high)
+    size = max(0.3, float(np.linalg.norm(high - low)))
+    return middle + size * np.array([1.45, 0.6, 0.3]), middle
+
+
+def extent(likeness: Likeness) -> tuple[Floats, Floats]:
+    """The least and the greatest place (3,) m of the robot's bodies at rest, in its own world."""
     places = likeness.places(likeness.rest)
     own = likeness.model.body_rootid == likeness.model.body_rootid[likeness.model.body(likeness.base).id]
     seen = places.position[own]
-    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    size = max(0.3, float(np.linalg.norm(seen.max(axis=0) - seen.min(axis=0))))
-    return middle + size * np.array([1.45, 0.6, 0.3]), middle
+    return seen.min(axis=0), seen.max(axis=0)

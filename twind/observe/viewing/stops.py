@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from typing import Protocol
 
 from twind.client import ClientError
 from twind.observe.viewing.ways import Way, Ways
@@ -27,6 +28,13 @@ class Outcome:
     done: bool
     title: str
     text: str
+
+
+class Asked(Protocol):
+    """What a button is for."""
+
+    def ask(self, tell: Tell) -> None:
+        """Returns at once; `tell` has the outcome later, in another thread; of several, each."""
 
 
 class Errand(threading.Thread):

@@ -25,10 +25,14 @@ BASES = {
 
 def page(now: Now, likeness: Likeness | None, near: Near | None, contacts: int) -> str:
     """All of it, the most urgent first."""
-    rows = [*_connection(now), *_heard(now), *_state(now)]
+    rows = [*connection(now), *heard(now), *_state(now)]
     if likeness is not None:
-        rows += [*_joints(now, likeness), *_distance(near, contacts), *_base(likeness)]
-    rows += [*_refusals(now), *_events(now)]
+        rows += [*joints(now, likeness.joints), *_distance(near, contacts), *_base(likeness)]
+    return block([*rows, *_refusals(now), *events(now)])
+
+
+def block(rows: Sequence[str]) -> str:
+    """Lines below each other."""
     return f'<div style="font-size:0.8em;line-height:1.45;padding:0 0.7em 0.5em">{"".join(rows)}</div>'
 
 
@@ -38,13 +42,14 @@ def row(name: str, text: str, colour: str = "") -> str:
     return f'<div><span style="color:{GREY}">{escape(name)}</span> <span{style}>{escape(text)}</span></div>'
 
 
-def _connection(now: Now) -> list[str]:
+def connection(now: Now) -> list[str]:
+    """Why nothing comes."""
     if now.lost is not None:
         return [row("now", now.lost, RED)]
     return [row("now", "nothing was heard yet", AMBER)] if now.status is None else []
 
 
-def _heard(now: Now) -> list[str]:
+def heard(now: Now) -> list[str]:
     """How old the picture is, while it is drawn: one that stands still looks like a robot that does."""
     if now.age is None:
         return []
@@ -76,20 +81,20 @@ def _state(now: Now) -> list[str]:
     return rows
 
 
-def _joints(now: Now, likeness: Likeness) -> list[str]:
-    """Those that are marked, by why."""
-    joints = now.joints
-    if joints is None:
+def joints(now: Now, names: Sequence[str]) -> list[str]:
+    """Of those with these names who is marked, by why."""
+    told = now.joints
+    if told is None:
         return []
     rows = []
     for what, which, colour in (
-        ("not heard", ~joints.heard, RED),
+        ("not heard", ~told.heard, RED),
         ("old", now.stale, AMBER),
-        ("faults", np.array([bool(each) for each in joints.faults]), "#be00be"),
+        ("faults", np.array([bool(each) for each in told.faults]), "#be00be"),
     ):
-        names = [name for name, marked in zip(likeness.joints, which, strict=True) if marked]
-        if names:
-            rows.append(row(what, _some(names), colour))
+        these = [name for name, marked in zip(names, which, strict=True) if marked]
+        if these:
+            rows.append(row(what, _some(these), colour))
     return rows
 
 
@@ -127,7 +132,8 @@ def _found(findings: Sequence[Message]) -> list[str]:
     return [*said, *([f"{len(findings) - 2} more"] if len(findings) > 2 else [])]
 
 
-def _events(now: Now) -> list[str]:
+def events(now: Now) -> list[str]:
+    """The newest first."""
     colours = {"error": RED, "warning": AMBER}
     return [
         row(

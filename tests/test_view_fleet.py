@@ -1,0 +1,293 @@
+"""Several robots on one page: how each is, where it stands, who stops it, that one troubles no other."""
+
+import queue
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from answering import Answers, answering, told
+from hypothesis import given
+from hypothesis import strategies as st
+from processes import until
+from viewed import h24, other, state, status
+
+from twind.client import ClientError
+from twind.observe.viewing import words
+from twind.observe.viewing.fleet.chorus import Chorus
+from twind.observe.viewing.fleet.company import Company
+from twind.observe.viewing.fleet.stand import FADED, Stand, camera, spots
+from twind.observe.viewing.fleet.standing import GREY, Kind, page, standing, summary
+from twind.observe.viewing.news import Described, Known, Lost, News
+from twind.observe.viewing.scene import UNHEARD
+from twind.observe.viewing.stops import Outcome, Stops, Tell
+from twind.observe.viewing.ways import Ways, local
+from twind_drivers.clock import FakeClock
+
+SILENT = {"heard": False, "age_ms": 900.0}
+FAULT = {"code": "FOLLOW_ERR", "message": "l_knee: too far off"}
+BUS = {"name": "main", "port": "", "connected": False}
+
+
+def known(*news: News, clock: FakeClock | None = None) -> Known:
+    """Of h24, then these."""
+    made = Known() if clock is None else Known(clock.now)
+    for each in (Described(h24()), *news):
+        made.take(each)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("news", "kind", "said"),
+    [
+        ((status(), state(h24())), Kind.WELL, "live, armed, holding"),
+        ((status(motion="active"), state(h24())), Kind.MOVING, "live, armed, active"),
+        ((status(motion="streaming"), state(h24())), Kind.MOVING, "live, armed, streaming"),
+        ((status(), state(h24(), l_knee=SILENT)), Kind.WARNED, "live, armed, holding"),
+        ((status(), state(h24(), l_knee={"age_ms": None})), Kind.WARNED, "live, armed, holding"),
+        ((status(), state(h24(), l_knee={"faults": ["overload"]})), Kind.WARNED, "live, armed, holding"),
+        ((status(buses=[BUS]), state(h24())), Kind.WARNED, "live, armed, holding"),
+        ((status(mode="sim", state="disconnected", buses=[BUS]), state(h24())), Kind.WELL, "sim, holding"),
+        ((status(faults=[FAULT], motion="active"), state(h24())), Kind.FAULT, "live, armed, active"),
+        ((status(state="inhibited"), state(h24())), Kind.FAULT, "live, inhibited, holding"),
+        ((status(state="estop", faults=[FAULT]), state(h24())), Kind.STOPPED, "live, estop, holding"),
+        ((status(), state(h24()), Lost("gone")), Kind.LOST, "lost"),
+        ((Lost("never there"),), Kind.LOST, "not reached"),
+        ((), Kind.LOST, "nothing was heard yet"),
+        ((status(),), Kind.LOST, "nothing was heard yet"),
+        ((state(h24()),), Kind.LOST, "nothing was heard yet"),
+    ],
+)
+def test_the_most_urgent_of_a_robot_is_what_is_said_of_it(
+    news: tuple[News, ...], kind: Kind, said: str
+) -> None:
+    how = standing(known(*news).now())
+    assert (how.kind, how.said) == (kind, said)
+
+
+def test_a_robot_that_is_silent_for_a_second_counts_as_old_whatever_it_said_last() -> None:
+    clock = FakeClock()
+    robot = known(status(faults=[FAULT]), state(h24()), clock=clock)
+    clock.time = words.OLD - 0.1
+    assert standing(robot.now()).kind is Kind.FAULT
+    clock.time = words.OLD
+    assert standing(robot.now()).kind is Kind.OLD
+    robot.take(state(h24(), 1.0))
+    assert standing(robot.now()).kind is Kind.FAULT
+
+
+def test_no_word_of_any_robot_becomes_markup() -> None:
+    evil = "<img src=x onerror=alert(1)>"
+    finding = {"code": evil, "message": evil}
+    event = {"topic": "events", "time": 0.0, "event": {"level": "error", "code": evil, "message": evil}}
+    lease = {"holder": evil, "uid": 0, "expires_in": 1.0}
+    told_evil = status(mode=evil, state=evil, motion=evil, lease=lease, faults=[finding])
+    robot = known(told_evil, state(h24()), event)
+    assert "<img" not in page(robot.now(), standing(robot.now()), evil)
+    robot.take(Lost(evil))
+    assert "<img" not in page(robot.now(), standing(robot.now()), evil)
+
+
+def test_the_words_of_a_robot_name_its_faults_and_the_joints_that_are_not_heard() -> None:
+    robot = known(status(faults=[FAULT]), state(h24(), l_knee=SILENT))
+    said = page(robot.now(), standing(robot.now()), "")
+    assert words.row("joints", "23 of 24 heard") in said
+    assert words.row("not heard", "l_knee", words.RED) in said
+    assert words.row("fault", "FOLLOW_ERR: l_knee: too far off", words.RED) in said
+
+
+def test_the_sum_counts_each_kind_the_most_urgent_first() -> None:
+    robots = [known(status(), state(h24())), known(), known(status(state="estop"), state(h24())), known()]
+    said = summary(standing(each.now()) for each in robots)
+    assert [said.find(each) for each in ("1 e-stop", "2 lost", "1 well")] == sorted(
+        said.find(each) for each in ("1 e-stop", "2 lost", "1 well")
+    )
+    assert "none was found" in summary([])
+
+
+@given(st.integers(1, 60), st.floats(0.3, 3.0))
+def test_nobody_stands_nearer_to_another_than_asked_and_all_are_looked_at(count: int, apart: float) -> None:
+    places = spots(count, apart)
+    away = np.linalg.norm(places[:, None] - places[None], axis=2) + 1e9 * np.eye(count)
+    assert away.min() >= apart - 1e-9
+    where, what = camera(places, 0.5)
+    assert (where[0] > places[:, 0]).all()  # in front of them
+    assert places[:, 1].min() <= what[1] <= places[:, 1].max()
+
+
+class Heard:
+    """An errand that is answered when the test says so."""
+
+    def __init__(self) -> None:
+        self.tell: Tell | None = None
+
+    def ask(self, tell: Tell) -> None:
+        self.tell = tell
+
+    def answer(self, *, done: bool) -> None:
+        assert self.tell is not None
+        self.tell(Outcome(done, "stopping" if done else "NOT stopped", "why"))
+
+
+def test_all_are_asked_at_once_and_a_failure_is_told_before_the_last_has_answered() -> None:
+    robots, outcomes = {name: Heard() for name in ("a", "b", "c")}, list[Outcome]()
+    Chorus("stop", lambda: robots).ask(outcomes.append)
+    assert all(each.tell is not None for each in robots.values())
+    robots["b"].answer(done=True)
+    assert outcomes == []
+    robots["c"].answer(done=False)
+    assert outcomes == [Outcome(False, "c: NOT stopped", "why")]
+    robots["a"].answer(done=True)
+    assert outcomes[1:] == [Outcome(False, "stop: 2 of 3 robots", "not c")]
+
+
+def test_that_all_did_it_is_told_once() -> None:
+    robots, outcomes = {name: Heard() for name in ("a", "b")}, list[Outcome]()
+    Chorus("e-stop", lambda: robots).ask(outcomes.append)
+    for each in robots.values():
+        each.answer(done=True)
+    assert outcomes == [Outcome(True, "e-stop: 2 of 2 robots", "all have answered")]
+
+
+def test_a_press_that_reaches_nobody_is_no_success() -> None:
+    outcomes = list[Outcome]()
+    Chorus("e-stop", dict).ask(outcomes.append)
+    assert [each.done for each in outcomes] == [False]
+
+
+# ---------------------------------------------------------------------------------------- with sockets
+
+
+@dataclass
+class Folders:
+    """Robots that answer on sockets of their own."""
+
+    folder: Path
+    ways: dict[str, Ways]
+    stack: list[Any]
+
+    def robot(self, name: str, answers: Answers) -> Any:
+        place = self.folder / name
+        place.mkdir()
+        context = answering(place)
+        make = context.__enter__()
+        self.stack.append(context)
+        self.ways[name] = local(str(place))
+        return make("observe", answers), make("control", answers)
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> Iterator[Folders]:
+    made = Folders(tmp_path, {}, [])
+    yield made
+    for context in made.stack:
+        context.__exit__(None, None, None)
+
+
+def speaking(mode: str = "live") -> dict[str, Any]:
+    """Answers of a robot that says one thing and hangs up."""
+    done = {"parameters": {"state": "estop", "torque_off": True}}
+    return {
+        "GetRobot": {"parameters": h24()},
+        "Monitor": {"parameters": status(mode=mode)},
+        "EStop": done,
+        "Cancel": done,
+    }
+
+
+@pytest.mark.realtime
+def test_an_estop_of_all_waits_for_no_robot_that_hangs(folders: Folders) -> None:
+    folders.robot("hangs", lambda method: None)
+    answering_one, _ = folders.robot("answers", speaking().get)
+    outcomes = queue.Queue[Outcome]()
+    stops = {name: Stops(ways, bound=1.0) for name, ways in folders.ways.items()}
+    Chorus("e-stop", lambda: {name: each.estop for name, each in stops.items()}).ask(outcomes.put)
+    until(lambda: answering_one.asked == ["EStop"], 1.0, "the one that does not hang was asked")
+    assert outcomes.empty()
+    failed, total = told(outcomes), told(outcomes)
+    assert failed.title == "hangs: e-stop NOT confirmed" and "own switch" in failed.text
+    assert (total.title, total.text) == ("e-stop: 1 of 2 robots", "not hangs")
+
+
+@pytest.mark.realtime
+def test_who_is_gone_stays_and_who_comes_later_is_added(folders: Folders) -> None:
+    folders.robot("first", speaking().get)
+    found: list[Mapping[str, Ways]] = [dict(folders.ways)]
+    ended = threading.Event()
+
+    def look() -> Mapping[str, Ways]:
+        if not found:
+            raise ClientError("no way there")
+        return found[-1]
+
+    company = Company(look, ended)
+    until(lambda: [each.name for each in company.members] == ["first"], 5.0, "the first")
+    folders.robot("second", speaking("mirror").get)
+    found.append({"second": folders.ways["second"]})
+    until(lambda: [each.name for each in company.members] == ["first", "second"], 5.0, "both")
+    until(lambda: company.members[1].known.now().mode == "mirror", 5.0, "what it says")
+    found.clear()
+    until(lambda: company.problem == "no way there", 5.0, "why nobody is found")
+    assert len(company.members) == 2
+    ended.set()
+
+
+# ---------------------------------------------------------------------------------------- drawn
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Any]:
+    pytest.importorskip("mjviser", reason="the extra `view` is not installed")
+    from twind.observe.viewing.door import opened
+
+    with opened(None, "test") as site:
+        yield site.server
+
+
+def bodies(server: Any, number: int, figure: str) -> list[Any]:
+    """Frames of a figure of one robot."""
+    names = (f"/robots/{number}/robot/{figure}/{body}" for body in range(30))
+    found = (server.scene.get_handle_by_name(name) for name in names)
+    return [each for each in found if each is not None]
+
+
+@pytest.mark.realtime
+def test_a_robot_that_is_lost_is_drawn_grey_where_it_was_and_as_it_is_when_it_is_back(server: Any) -> None:
+    stand, robot = Stand(server.scene, 0, "one"), known(status(), state(h24(), l_elbow=-0.5))
+    stand.draw(robot.now(), standing(robot.now()))
+    solid = server.scene.get_handle_by_name("/robots/0/robot/solid")
+    marks = bodies(server, 0, "marks")
+    assert solid.visible and not any(each.visible for each in marks)
+    places = [tuple(each.position) for each in bodies(server, 0, "solid")]
+
+    robot.take(Lost("the link is cut"))
+    how = standing(robot.now())
+    assert how.kind in GREY
+    stand.draw(robot.now(), how)
+    assert not solid.visible and all(each.visible for each in marks)
+    shells = [server.scene.get_handle_by_name(f"{each.name}/shell") for each in marks]
+    assert {tuple(each.color) for each in shells} == {FADED}
+    assert [tuple(each.position) for each in marks] == places
+
+    robot.take(state(h24(), 1.0, head_pitch=SILENT))
+    stand.draw(robot.now(), standing(robot.now()))
+    red = [each for each, shell in zip(marks, shells, strict=True) if tuple(shell.color) == UNHEARD]
+    assert solid.visible and [each for each in marks if each.visible] == red and len(red) == 1
+
+
+@pytest.mark.realtime
+def test_another_model_takes_the_place_of_the_first_and_one_that_is_none_is_said(server: Any) -> None:
+    stand, robot = Stand(server.scene, 1, "two"), known(status(), state(h24()))
+    stand.draw(robot.now(), standing(robot.now()))
+    large = stand.size
+    robot.take(Described(other("<mujoco><nonsense/></mujoco>")))
+    stand.draw(robot.now(), standing(robot.now()))
+    assert "cannot be compiled" in stand.problem and bodies(server, 1, "solid") == []
+    robot.take(Described(other()))
+    stand.draw(robot.now(), standing(robot.now()))
+    assert stand.problem == "" and len(bodies(server, 1, "solid")) == 2 and stand.size != large
+    stand.failed(RuntimeError("no such mesh"))
+    assert "no such mesh" in stand.problem and bodies(server, 1, "solid") == []

@@ -1,0 +1,67 @@
+"""The robots of one page: found again and again, each listened to in a thread of its own."""
+
+import threading
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from twind.client import ClientError
+from twind.observe.viewing.live import messages
+from twind.observe.viewing.news import Known, News
+from twind.observe.viewing.stops import Stops
+from twind.observe.viewing.viewer import take
+from twind.observe.viewing.ways import Ways
+
+RATE = 10.0  # Hz of states: pictures a second, for each robot
+TOPICS = ("state", "status", "events")
+LOOKED = 1.0  # s between two looks who is there
+
+Found = Callable[[], Mapping[str, Ways]]  # who is there, by name; may take seconds, may raise ClientError
+
+
+class Member:
+    """One robot, for as long as the page is there, whether or not anything comes from it."""
+
+    def __init__(self, name: str, ways: Ways, ended: threading.Event) -> None:
+        self.name, self.known, self.stops = name, Known(), Stops(ways)
+        _started(f"news of {name}", take, self.known, _news(ways, ended))
+
+
+def _news(ways: Ways, ended: threading.Event) -> Iterable[News]:
+    return messages(ways, ended, topics=TOPICS, rate=RATE)
+
+
+class Company:
+    """All who were ever found, in that order. A name keeps the ways that it was found with first."""
+
+    def __init__(self, found: Found, ended: threading.Event) -> None:
+        self._found, self._ended = found, ended
+        self._members: tuple[Member, ...] = ()
+        self.problem = ""  # why nobody else can be found
+        _started("who is there", self._look)
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """Of this moment; more come, none goes."""
+        return self._members
+
+    def _look(self) -> None:
+        while not self._ended.is_set():
+            try:
+                self._take(self._found())
+                self.problem = ""
+            except ClientError as error:
+                self.problem = str(error)
+            except Exception as error:  # noqa: BLE001  those who are known stay, and their buttons
+                traceback.print_exc()
+                self.problem = f"{type(error).__name__}: {error}"
+            self._ended.wait(LOOKED)
+
+    def _take(self, found: Mapping[str, Ways]) -> None:
+        known = {each.name for each in self._members}
+        new = [Member(name, ways, self._ended) for name, ways in found.items() if name not in known]
+        self._members = (*self._members, *new)
+
+
+def _started(name: str, do: Callable[..., None], *arguments: Any) -> None:
+    threading.Thread(target=do, args=arguments, name=name, daemon=True).start()

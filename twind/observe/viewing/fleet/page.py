@@ -1,0 +1,34 @@
+"""The page of several robots: a window that stops all, and for each a folder with its words and its stops."""
+
+from typing import Any
+
+from twind.observe.viewing.buttons import stop_buttons, stop_window
+from twind.observe.viewing.fleet.chorus import Chorus
+from twind.observe.viewing.fleet.company import Company, Member
+
+
+class Page:
+    """What changes is HTML, sent where it differs. The last of `said` is the sum of all."""
+
+    def __init__(self, server: Any, company: Company) -> None:
+        self._gui = server.gui
+        self._gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        estop = Chorus("e-stop", lambda: {each.name: each.stops.estop for each in company.members})
+        stop = Chorus("stop", lambda: {each.name: each.stops.stop for each in company.members})
+        stop_window(self._gui, estop, stop, "all")
+        self._sum = self._gui.add_html("")
+        self._words: dict[str, Any] = {}
+        self._said: dict[str | None, str] = {}
+        self._gui.main_panel.dock_right()
+
+    def add(self, member: Member) -> None:
+        """A folder more."""
+        with self._gui.add_folder(member.name):
+            self._words[member.name] = self._gui.add_html("")
+            stop_buttons(self._gui, member.stops.estop, member.stops.stop, member.name)
+
+    def say(self, words: str, of: str | None = None) -> None:
+        """HTML of one robot; None: of all."""
+        if words != self._said.get(of):
+            self._said[of] = words
+            (self._sum if of is None else self._words[of]).content = words

@@ -1,0 +1,116 @@
+"""How a robot is, in one word that has a colour, and in a line. Pure."""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from twind.observe.viewing import words
+from twind.observe.viewing.news import Message, Now
+
+
+class Kind(StrEnum):
+    """The most urgent first."""
+
+    STOPPED = "e-stop"
+    FAULT = "fault"
+    LOST = "lost"  # nothing comes from it
+    OLD = "old"  # it is there, and its joints were not heard of lately
+    WARNED = "warned"
+    MOVING = "moving"
+    WELL = "well"
+
+
+COLOURS = {
+    Kind.STOPPED: words.RED,
+    Kind.FAULT: words.RED,
+    Kind.LOST: words.GREY,
+    Kind.OLD: words.GREY,
+    Kind.WARNED: words.AMBER,
+    Kind.MOVING: "#2563eb",
+    Kind.WELL: words.GREEN,
+}
+GREY = (Kind.LOST, Kind.OLD)  # what is drawn of it says nothing of now
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Of one robot."""
+
+    kind: Kind
+    said: str
+
+    @property
+    def colour(self) -> str:
+        """As HTML has it."""
+        return COLOURS[self.kind]
+
+
+def standing(now: Now) -> Standing:
+    """Of a robot that is known so far."""
+    status = now.status
+    if now.lost is not None:
+        return Standing(Kind.LOST, "lost" if status is not None else "not reached")
+    if status is None or now.age is None:
+        return Standing(Kind.LOST, "nothing was heard yet")
+    if now.age >= words.OLD:
+        return Standing(Kind.OLD, f"not heard for {now.age:.0f} s")
+    said = _said(status)
+    if status["state"] == "estop":
+        return Standing(Kind.STOPPED, said)
+    if status["state"] in ("fault", "inhibited") or status["faults"]:
+        return Standing(Kind.FAULT, said)
+    if not _whole(now, status):
+        return Standing(Kind.WARNED, said)
+    return Standing(Kind.MOVING if status["motion"] in ("active", "streaming") else Kind.WELL, said)
+
+
+def _said(status: Message) -> str:
+    """In sim the robot is always disconnected, which is no news."""
+    mode, state = str(status["mode"]), str(status["state"])
+    states = [] if (mode, state) == ("sim", "disconnected") else [state]
+    return ", ".join([mode, *states, str(status["motion"])])
+
+
+def _whole(now: Now, status: Message) -> bool:
+    """Every joint is heard, with a new number, and tells no fault."""
+    told = now.joints
+    assert told is not None
+    if status["mode"] != "sim" and not all(bus["connected"] for bus in status["buses"]):
+        return False
+    return bool(told.heard.all()) and not now.stale.any() and not any(told.faults)
+
+
+def summary(standings: Iterable[Standing]) -> str:
+    """How many there are of each kind, as HTML."""
+    found = Counter(each.kind for each in standings)
+    told = [
+        f'<span style="color:{COLOURS[kind]};font-weight:600">{found[kind]} {kind}</span>'
+        for kind in Kind
+        if found[kind]
+    ]
+    return words.block([", ".join(told) or words.row("robots", "none was found yet", words.AMBER)])
+
+
+def page(now: Now, how: Standing, problem: str) -> str:
+    """One robot in words, as HTML. `problem`: why it is not drawn."""
+    rows = [words.row("state", how.said, how.colour)]
+    if now.lost is not None:
+        rows.append(words.row("now", now.lost, words.RED))
+    if problem:
+        rows.append(words.row("picture", problem, words.RED))
+    rows += _status(now.status) if now.status is not None else []
+    if now.joints is not None and now.told is not None:
+        names = [str(joint["name"]) for joint in now.told["robot"]["joints"]]
+        if len(names) == len(now.joints.heard):
+            rows.append(words.row("joints", f"{int(now.joints.heard.sum())} of {len(names)} heard"))
+            rows += words.joints(now, names)
+    return words.block([*rows, *words.events(now)[:1]])
+
+
+def _status(status: Message) -> list[str]:
+    lease, loop = status["lease"], status["loop"]
+    rows = [words.row("fault", f"{each['code']}: {each['message']}", words.RED) for each in status["faults"]]
+    rows.append(words.row("lease", "nobody" if lease is None else str(lease["holder"])))
+    rows.append(words.row("loop", f"{loop['rate_hz']:g} Hz, {loop['on_time']:.1%} of the ticks on time"))
+    return rows
