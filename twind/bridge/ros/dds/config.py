@@ -1,12 +1,17 @@
-"""Where Cyclone DDS looks for others, as XML of its own configuration. Pure."""
+"""Where Cyclone DDS looks for others, as XML of its own configuration."""
 
 from __future__ import annotations
 
-from twind.bridge.ros.discovery import Discovery, Range
+import socket
+from collections.abc import Sequence
 
-PARTICIPANTS = 120  # of one domain on one machine: as many as its 250 ports are enough for
+from twind.bridge.ros.discovery import Discovery, Range
+from twind.bridge.ros.transport import TransportError
+
 HERE = "127.0.0.1"
 _LOOPBACK = f'<NetworkInterface address="{HERE}" multicast="false"/>'
+# Ports of a domain by RTPS 9.6.1: 250 for each, of which each participant has two, from the eleventh on.
+_FIRST_PORT, _PORTS, _FIRST, _EACH, _LAST_PORT = 7400, 250, 10, 2, 65535
 
 
 def configuration(discovery: Discovery, own: str = "") -> str | None:
@@ -14,6 +19,7 @@ def configuration(discovery: Discovery, own: str = "") -> str | None:
 
     A user's own configuration is obeyed where others are looked for beyond this machine, not within it: it
     names the interface of a network, and who asked for this machine alone must not end there.
+    Raises TransportError: a peer that has no address.
     """
     if discovery.range is Range.SYSTEM_DEFAULT:
         return own or None
@@ -25,7 +31,9 @@ def configuration(discovery: Discovery, own: str = "") -> str | None:
     if discovery.range is Range.OFF:
         looking = "<ParticipantIndex>none</ParticipantIndex>"  # no port that others know
     else:
-        looking = f"<ParticipantIndex>auto</ParticipantIndex>{_limit()}{_peers(discovery)}"
+        last = participants(discovery.domain) - 1
+        looking = "<ParticipantIndex>auto</ParticipantIndex>"
+        looking += f"<MaxAutoParticipantIndex>{last}</MaxAutoParticipantIndex>{_peers(discovery)}"
     ours = (
         '<CycloneDDS><Domain id="any">'
         f"<General>{general}</General><Discovery>{looking}</Discovery>"
@@ -34,11 +42,25 @@ def configuration(discovery: Discovery, own: str = "") -> str | None:
     return ours if discovery.local or not own else f"{ours},{own}"
 
 
-def _limit() -> str:
-    return f"<MaxAutoParticipantIndex>{PARTICIPANTS - 1}</MaxAutoParticipantIndex>"
+def participants(domain: int) -> int:
+    """How many of one domain fit on one machine: as many as its ports are enough for."""
+    first = _FIRST_PORT + _PORTS * domain + _FIRST
+    end = min(first - _FIRST + _PORTS, _LAST_PORT + 1)
+    return (end - first) // _EACH
 
 
 def _peers(discovery: Discovery) -> str:
     here = () if discovery.range is Range.SUBNET else (HERE,)
-    peers = "".join(f'<Peer address="{peer}"/>' for peer in (*here, *discovery.peers))
+    peers = "".join(f'<Peer address="{each}"/>' for each in (*here, *_addresses(discovery.peers)))
     return f"<Peers>{peers}</Peers>" if peers else ""
+
+
+def _addresses(peers: Sequence[str]) -> list[str]:
+    """IPv4 addresses of names: the library ends the whole process at a name that it cannot resolve."""
+    found = []
+    for peer in peers:
+        try:
+            found.append(socket.getaddrinfo(peer, None, socket.AF_INET)[0][4][0])
+        except (OSError, UnicodeError) as error:
+            raise TransportError(f"dds: ROS_STATIC_PEERS: {peer}: {error}") from None
+    return list(dict.fromkeys(map(str, found)))

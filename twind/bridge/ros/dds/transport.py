@@ -10,7 +10,7 @@ import ctypes as ct
 import os
 from collections.abc import Callable, Sequence
 
-from twind.bridge.ros.dds.config import PARTICIPANTS, configuration
+from twind.bridge.ros.dds.config import configuration, participants
 from twind.bridge.ros.dds.ends import Reader, Writer, guid
 from twind.bridge.ros.dds.library import checked, load
 from twind.bridge.ros.dds.names import ENCLAVE, GID, GID_HUMBLE, GRAPH, graph_message
@@ -84,10 +84,14 @@ class Dds:
         number = self._discovery.domain
         settings = configuration(self._discovery, os.environ.get("CYCLONEDDS_URI", ""))
         made = library.dds_create_domain(number, settings.encode() if settings else None)
-        self._domain = checked(library, made, f"domain {number}: is CYCLONEDDS_URI well formed?")
+        doing = (
+            f"ROS_DOMAIN_ID={number}: another of this process is in it, or CYCLONEDDS_URI is not well formed"
+        )
+        self._domain = checked(library, made, doing)
         qos = library.dds_create_qos()
         library.dds_qset_userdata(qos, ENCLAVE, len(ENCLAVE))
         participant = library.dds_create_participant(number, qos, None)
         library.dds_delete_qos(qos)
-        doing = f"ROS_DOMAIN_ID={number}: no participant; at most {PARTICIPANTS} of a domain fit a machine"
+        most = participants(number)
+        doing = f"ROS_DOMAIN_ID={number}: no participant; at most {most} of a domain fit on a machine"
         return checked(library, participant, doing)
