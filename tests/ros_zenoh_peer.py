@@ -130,6 +130,59 @@ class Node:
         finally:
             client.close()
 
+    def hear_latched(self, topic: str, kind: str) -> None:
+        """As a TRANSIENT_LOCAL subscription of rmw_zenoh is declared (read: rmw_subscription_data.cpp)."""
+        import zenoh.ext
+        from zenoh_ros2_sdk.keyexpr import topic_keyexpr
+        from zenoh_ros2_sdk.session import ZenohSession
+        from zenoh_ros2_sdk.utils import ros2_to_dds_type
+
+        session = ZenohSession.get_instance("127.0.0.1", self._port)
+        session.register_message_type(self._wanted(topic, kind)["msg_definition"], kind)
+        heard = self._heard[topic] = []
+
+        def hear(sample: Any) -> None:
+            message = session.store.deserialize_cdr(sample.payload.to_bytes(), kind)
+            heard.append((time.time_ns(), message))
+
+        self._kept.append(
+            zenoh.ext.declare_advanced_subscriber(
+                session.session,
+                topic_keyexpr(0, topic, ros2_to_dds_type(kind), self._store.hash_rihs01(kind)),
+                hear,
+                history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+                recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                subscriber_detection=True,
+            )
+        )
+
+    def raw(self, topic: str, kind: str, data: str, attachment: str | None) -> None:
+        """Any bytes on a topic, hexadecimal."""
+        from zenoh_ros2_sdk.keyexpr import topic_keyexpr
+        from zenoh_ros2_sdk.session import ZenohSession
+        from zenoh_ros2_sdk.utils import ros2_to_dds_type
+
+        key = topic_keyexpr(0, topic, ros2_to_dds_type(kind), self._store.hash_rihs01(kind))
+        beside = None if attachment is None else bytes.fromhex(attachment)
+        session = ZenohSession.get_instance("127.0.0.1", self._port).session
+        session.put(key, bytes.fromhex(data), attachment=beside)
+
+    def query(self, service: str, kind: str, data: str, attachment: str | None) -> Any:
+        """Any request, hexadecimal: what is replied, bytes and attachment or error."""
+        from zenoh_ros2_sdk.keyexpr import topic_keyexpr
+        from zenoh_ros2_sdk.session import ZenohSession
+        from zenoh_ros2_sdk.utils import ros2_to_dds_type
+
+        beside = None if attachment is None else bytes.fromhex(attachment)
+        session = ZenohSession.get_instance("127.0.0.1", self._port).session
+        key = topic_keyexpr(0, service, ros2_to_dds_type(kind), HASHES[kind])
+        for reply in session.get(key, payload=bytes.fromhex(data), attachment=beside, timeout=5.0):
+            if reply.err is not None:
+                return {"error": reply.err.payload.to_string()}
+            told = reply.ok
+            return {"data": told.payload.to_bytes().hex(), "attachment": told.attachment.to_bytes().hex()}
+        return None
+
     def topics(self) -> Any:
         """Names and types, as `ros2 topic list --show-types` has them."""
         from zenoh_ros2_sdk.discovery import get_topic_names_and_types

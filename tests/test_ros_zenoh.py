@@ -1,0 +1,342 @@
+"""ROS 2 over Zenoh, with a real router and a peer in another process that shares no code with ours.
+
+Of Zenoh itself both use the one engine there is; names, tokens, types and bytes are zenoh-ros2-sdk's own.
+"""
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from processes import PATIENCE, until
+from ros_zenoh_peer import Peer
+from zenoh_router import Router
+
+from twind.bridge.ros.discovery import Discovery
+from twind.bridge.ros.endpoints import (
+    DIAGNOSTICS,
+    GET_STATUS,
+    HW_JOINTS,
+    LATENCY,
+    RESULTS,
+    SERVICES,
+    SET_LIVE,
+    STATUS,
+    TO_E_STOP,
+    TOPICS,
+    TRAJECTORY,
+    Service,
+    Topic,
+)
+from twind.bridge.ros.transport import TransportError
+from twind.bridge.ros.zenoh import Zenoh
+from twind.bridge.ros.zenoh.attachment import Attachment, attachment
+from twind.ros import FLOATS, JOINT_TRAJECTORY, SET_BOOL, STRING, TRIGGER, JointStateBuffer, decode, encode
+
+pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")
+pytestmark = pytest.mark.realtime
+JOINTS = [f"joint_{place}" for place in range(24)]
+LAST = Topic("/last", STRING, out=True, depth=1, latched=True)  # the peer's own way knows only short names
+
+
+class Us:
+    """Our node, and what came to it."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.heard: list[tuple[Topic, bytes]] = []
+        self.asked: list[tuple[Service, bool | None]] = []
+        self.told: list[str] = []
+        self.hold = threading.Event()  # set: requests are answered
+        self.hold.set()
+        self.node = Zenoh(Discovery(), self.told.append, endpoint)
+
+    def join(self) -> None:
+        self.node.open((*TOPICS, LAST), SERVICES, self._hear, self._answer)
+
+    def say(self, topic: Topic, text: str) -> None:
+        self.node.publish(topic, encode(STRING, {"data": text}))
+
+    def _hear(self, topic: Topic, data: bytes) -> None:
+        self.heard.append((topic, data))
+
+    def _answer(self, service: Service, data: bool | None) -> tuple[bool, str]:
+        self.asked.append((service, data))
+        if service == SET_LIVE:
+            self.hold.wait(PATIENCE)
+        return data is not False, f"{service.name}: {data}"
+
+
+@contextmanager
+def joined(endpoint: str) -> Iterator[Us]:
+    us = Us(endpoint)
+    us.join()
+    try:
+        yield us
+    finally:
+        us.hold.set()
+        us.node.close()
+
+
+@pytest.fixture(scope="module")
+def router() -> Iterator[Router]:
+    with Router(gossip=True) as router:
+        yield router
+
+
+@pytest.fixture(scope="module")
+def peer(router: Router) -> Iterator[Peer]:
+    with Peer(router.endpoint) as peer:
+        yield peer
+
+
+@pytest.fixture(scope="module")
+def us(router: Router, peer: Peer) -> Iterator[Us]:
+    with joined(router.endpoint) as us:
+        until(lambda: peer.ask("endpoints", kind="SS"), PATIENCE, "the peer sees our services")
+        yield us
+
+
+def heard(peer: Peer, topic: Topic) -> list[str]:
+    return [each["data"] for each in peer.ask("heard", topic=topic.name)]
+
+
+def endpoints(peer: Peer) -> dict[str, dict[str, str]]:
+    """What the peer sees of whoever is there, by name."""
+    told = [each for kind in ("MP", "MS", "SS") for each in peer.ask("endpoints", kind=kind)]
+    return {each["qualified_name"]: each for each in told}
+
+
+def hears(us: Us, peer: Peer, topic: Topic) -> None:
+    """The peer hears a topic: what is said now comes."""
+    peer.ask("hear", topic=topic.name, kind=topic.kind)
+
+    def came() -> bool:
+        us.say(topic, "there?")
+        time.sleep(0.05)
+        return "there?" in heard(peer, topic)
+
+    until(came, PATIENCE, f"the peer hears {topic.name}")
+
+
+def test_a_peer_finds_every_endpoint_with_its_name_type_and_quality(us: Us, peer: Peer) -> None:
+    expected = {each.name: [each.kind] for each in (*TOPICS, LAST)}
+    until(lambda: dict(peer.ask("topics")) == expected, PATIENCE, "every topic is listed")
+    count = len(expected) + len(SERVICES)
+    found = until(lambda: every if len(every := endpoints(peer)) == count else None, PATIENCE, "all are seen")
+    assert {(each["node_name"], each["namespace"]) for each in found.values()} == {("twind", "/")}
+    assert len({each["entity_id"] for each in found.values()}) == len(found)
+    for each in (*TOPICS, LAST):
+        told = found[each.name]
+        assert told["kind"] == ("MP" if each.out else "MS")
+        assert "RELIABLE: 1" in told["qos"] and f"history_depth={each.depth}," in told["qos"]
+        assert ("TRANSIENT_LOCAL" in told["qos"]) == each.latched
+    assert {name for name, each in found.items() if each["kind"] == "SS"} == {each.name for each in SERVICES}
+
+
+def test_what_is_published_comes_as_it_was(us: Us, peer: Peer) -> None:
+    for topic in (HW_JOINTS, LATENCY, DIAGNOSTICS):
+        peer.ask("hear", topic=topic.name, kind=topic.kind)
+    columns = [[place + 0.5 for place in range(24)], [0.25] * 24, [-1.0] * 24]
+    state = JointStateBuffer(JOINTS, velocity=True, effort=True, frame="base").fill(
+        1_500_000_000_000_000_007, *columns
+    )
+    dims = [{"label": "hop", "size": 2, "stride": 2}]
+    numbers = encode(FLOATS, {"layout": {"dim": dims}, "data": [0.5, 1.5]})
+    level = {"level": 1, "name": "bus", "message": "late", "values": [{"key": "age", "value": "3"}]}
+    status = encode(DIAGNOSTICS.kind, {"status": [level]})
+
+    def came() -> bool:
+        for topic, data in ((HW_JOINTS, state), (LATENCY, numbers), (DIAGNOSTICS, status)):
+            us.node.publish(topic, data)
+        time.sleep(0.05)
+        return all(peer.ask("heard", topic=topic.name) for topic in (HW_JOINTS, LATENCY, DIAGNOSTICS))
+
+    until(came, PATIENCE, "all three come")
+    joints = peer.ask("heard", topic=HW_JOINTS.name)[0]
+    assert joints["name"] == JOINTS and joints["header"]["frame_id"] == "base"
+    assert [joints["header"]["stamp"][part] for part in ("sec", "nanosec")] == [1_500_000_000, 7]
+    assert [joints[part] for part in ("position", "velocity", "effort")] == columns
+    told = peer.ask("heard", topic=LATENCY.name)[0]
+    assert told["data"] == [0.5, 1.5] and told["layout"]["dim"][0]["label"] == "hop"
+    assert peer.ask("heard", topic=DIAGNOSTICS.name)[0]["status"][0]["values"][0]["value"] == "3"
+
+
+def test_who_comes_later_has_the_last_of_a_latched_topic(us: Us, peer: Peer) -> None:
+    for text in ("first", "last"):
+        us.say(STATUS, text)
+        us.say(LAST, text)
+    peer.ask("hear_latched", topic=STATUS.name, kind=STRING)
+    peer.ask("hear", topic=LAST.name, kind=STRING, qos="1:1:1,1:,:,:,,")
+    for topic in (STATUS, LAST):
+        until(lambda topic=topic: heard(peer, topic), PATIENCE, f"the last of {topic.name} comes")
+        assert heard(peer, topic) == ["last"]
+    us.say(STATUS, "new")
+    until(lambda: heard(peer, STATUS) == ["last", "new"], PATIENCE, "what is said then comes too, once")
+
+
+def test_a_trajectory_of_the_peer_comes_with_its_nested_points(us: Us, peer: Peer) -> None:
+    point = {
+        "_": "trajectory_msgs/msg/JointTrajectoryPoint",
+        "positions": [0.5, -0.25],
+        "velocities": [0.0, 0.0],
+    }
+    point |= {"accelerations": [0.0], "effort": [0.0]}
+    point |= {"time_from_start": {"_": "builtin_interfaces/msg/Duration", "sec": 1, "nanosec": 5}}
+    header = {
+        "_": "std_msgs/msg/Header",
+        "stamp": {"_": "builtin_interfaces/msg/Time", "sec": 3, "nanosec": 4},
+    }
+    message = {"header": header | {"frame_id": "x"}, "joint_names": ["a", "b"], "points": [point, point]}
+    peer.ask("say", topic=TRAJECTORY.name, kind=JOINT_TRAJECTORY, message=message)
+    until(lambda: us.heard, PATIENCE, "the trajectory comes")
+    topic, data = us.heard.pop()
+    told = decode(JOINT_TRAJECTORY, data)
+    assert topic == TRAJECTORY and told["joint_names"] == ["a", "b"]
+    assert told["header"] == {"stamp": {"sec": 3, "nanosec": 4}, "frame_id": "x"}
+    assert [each["positions"] for each in told["points"]] == [[0.5, -0.25]] * 2
+    assert told["points"][1]["time_from_start"] == {"sec": 1, "nanosec": 5}
+
+
+@pytest.mark.parametrize("data", ["", "ff", "00010000", "00010000ffffff7f", "00" * 5000])
+@pytest.mark.parametrize("beside", [None, "00"])
+def test_whatever_bytes_come_are_handed_on(us: Us, peer: Peer, data: str, beside: str | None) -> None:
+    us.heard.clear()
+    peer.ask("raw", topic=TRAJECTORY.name, kind=JOINT_TRAJECTORY, data=data, attachment=beside)
+    until(lambda: us.heard, PATIENCE, "the bytes come")
+    assert us.heard == [(TRAJECTORY, bytes.fromhex(data))]
+
+
+def test_services_answer_with_what_is_said(us: Us, peer: Peer) -> None:
+    for data in (True, False):
+        answer = peer.ask("call", service=SET_LIVE.name, kind=SET_BOOL, request={"data": data})
+        assert (answer["success"], answer["message"]) == (data, f"/bridge/set_mode: {data}")
+    empty = {"structure_needs_at_least_one_member": 0}
+    answer = peer.ask("call", service=GET_STATUS.name, kind=TRIGGER, request=empty)
+    assert (answer["success"], answer["message"]) == (True, "/bridge/get_status: None")
+
+
+@pytest.mark.parametrize("labelled", [False, True])
+def test_a_reply_says_whose_request_it_answers_in_the_form_of_the_request(
+    us: Us, peer: Peer, labelled: bool
+) -> None:
+    asked = Attachment(77, 5, bytes(range(16)), labelled)
+    request = encode(f"{SET_BOOL}_Request", {"data": True}).hex()
+    told = peer.ask(
+        "query", service=SET_LIVE.name, kind=SET_BOOL, data=request, attachment=asked.pack().hex()
+    )
+    reply = attachment(bytes.fromhex(told["attachment"]))
+    assert (reply.number, reply.gid, reply.labelled) == (
+        77,
+        asked.gid,
+        labelled,
+    ) and reply.time_ns > asked.time_ns
+    assert decode(f"{SET_BOOL}_Response", bytes.fromhex(told["data"]))["success"]
+
+
+def test_a_request_that_cannot_be_read_asks_for_nothing_and_is_refused_in_words(us: Us, peer: Peer) -> None:
+    us.asked.clear()
+    beside = Attachment(1, 1, bytes(16)).pack().hex()
+    for data in ("", "00010000", "ffff000001", "00010000" + "01" * 20):
+        told = peer.ask("query", service=SET_LIVE.name, kind=SET_BOOL, data=data, attachment=beside)
+        answer = decode(f"{SET_BOOL}_Response", bytes.fromhex(told["data"]))
+        assert answer["success"] is False and answer["message"]
+    for wrong in (None, "00" * 33):
+        told = peer.ask("query", service=SET_LIVE.name, kind=SET_BOOL, data="0001000001", attachment=wrong)
+        assert "no attachment" in told["error"]
+    assert us.asked == []
+
+
+def test_a_stop_does_not_wait_behind_a_service_that_takes_long(us: Us, router: Router) -> None:
+    us.hold.clear()
+    us.asked.clear()
+    with Peer(router.endpoint) as slow, Peer(router.endpoint) as quick:
+        until(lambda: quick.ask("endpoints", kind="SS"), PATIENCE, "services are seen")
+        waiting = threading.Thread(
+            target=lambda: slow.ask("call", service=SET_LIVE.name, kind=SET_BOOL, request={"data": True})
+        )
+        waiting.start()
+        until(lambda: us.asked, PATIENCE, "the slow one is asked")
+        empty = {"structure_needs_at_least_one_member": 0}
+        assert quick.ask("call", service=TO_E_STOP.name, kind=TRIGGER, request=empty)["success"]
+        assert waiting.is_alive()
+        us.hold.set()
+        waiting.join(PATIENCE)
+
+
+@pytest.mark.parametrize("rate", [100, 500])
+def test_of_24_joints_none_is_lost_at(rate: int, us: Us, router: Router) -> None:
+    buffer, count = JointStateBuffer(JOINTS, velocity=True, effort=True), rate * 2
+    with Peer(router.endpoint) as peer:
+        hears(us, peer, RESULTS)
+        peer.ask("hear", topic=HW_JOINTS.name, kind=HW_JOINTS.kind)
+        time.sleep(0.3)
+        begun = time.monotonic()
+        for number in range(count):
+            us.node.publish(HW_JOINTS, buffer.fill(time.time_ns(), *[[0.1] * 24] * 3))
+            time.sleep(max(0.0, begun + (number + 1) / rate - time.monotonic()))
+        until(lambda: peer.ask("counted", topic=HW_JOINTS.name)["count"] >= count, PATIENCE, "all come")
+        told = peer.ask("counted", topic=HW_JOINTS.name)
+    late = [round(told["late"][round(share * (count - 1))] * 1e3, 2) for share in (0.5, 0.99, 1.0)]
+    print(f"{rate} Hz: {count} of {count}; p50, p99, max {late} ms")
+    assert told["count"] == count
+
+
+def test_a_peer_that_hangs_holds_up_no_message_to_others(us: Us, router: Router, peer: Peer) -> None:
+    hears(us, peer, RESULTS)
+    with Peer(router.endpoint) as frozen:
+        hears(us, frozen, RESULTS)
+        frozen.signal(signal.SIGSTOP)
+        slowest = 0.0
+        for _ in range(200):  # 12 MB: more than any buffer on the way
+            begun = time.monotonic()
+            us.say(RESULTS, "x" * 60_000)
+            slowest = max(slowest, time.monotonic() - begun)
+        print(f"the slowest of 200: {slowest * 1e3:.1f} ms")
+        us.say(RESULTS, "last")
+        until(lambda: heard(peer, RESULTS)[-1:] == ["last"], PATIENCE, "the other peer hears on")
+        frozen.signal(signal.SIGCONT)
+    assert slowest < PATIENCE / 10
+
+
+def test_the_router_may_go_and_come_back(router: Router) -> None:
+    with joined(router.endpoint) as us, Peer(router.endpoint) as peer:
+        hears(us, peer, RESULTS)
+        until(lambda: any("found" in line for line in us.told), PATIENCE, "a router is told")
+        us.told.clear()
+        router.kill()
+        until(lambda: any("lost" in line for line in us.told), PATIENCE, "its loss is told")
+        us.say(RESULTS, "without")
+        until(lambda: "without" in heard(peer, RESULTS), PATIENCE, "who knew each other speak on")
+        router.start()
+        until(lambda: any("found" in line for line in us.told), PATIENCE, "it is found again")
+        with Peer(router.endpoint) as new:
+            hears(us, new, RESULTS)
+
+
+def test_a_router_that_comes_later_is_found() -> None:
+    with Router(gossip=True) as router:
+        router.kill()
+        with joined(router.endpoint) as us:
+            assert any("no router" in line for line in us.told)
+            us.say(STATUS, "to nobody")
+            router.start()
+            with Peer(router.endpoint) as peer:
+                hears(us, peer, RESULTS)
+
+
+def test_who_leaves_is_gone_at_once_and_may_come_back(router: Router, peer: Peer) -> None:
+    def here() -> int:
+        return len({each["session_id"] for each in peer.ask("endpoints", kind="SS")})
+
+    before = here()
+    with joined(router.endpoint) as us:
+        until(lambda: here() == before + 1, PATIENCE, "one more is seen")
+        us.node.close()
+        us.node.close()
+        until(lambda: here() == before, PATIENCE, "it is gone")
+        with pytest.raises(TransportError, match="/bridge/status: the graph is not joined"):
+            us.say(STATUS, "too late")
+        us.join()
+        until(lambda: here() == before + 1, PATIENCE, "it is back")
