@@ -1,0 +1,168 @@
+"""Motions of a bridge: the lease, trajectories sent under it, what became of them. Standard library, 3.10.
+
+One connection of its own. It is opened for a trajectory, renews the lease while one of them is under way,
+and is closed soon after the last has ended, so that others may drive. Who holds it and dies lets go of the
+motion: the daemon then holds the robot. Trajectories go without `more`, so that a newer one replaces the
+older; how each ends is told by `Monitor`'s events, which somebody hears on another connection (`heard`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any
+
+from twind.client import Client, ClientError, Refused
+
+PATIENCE = 15.0  # s for a verdict: the front may take 10 to judge a long path
+SOON = 2.0  # s for all other answers
+RENEW = 0.3  # s between two renewals of a lease that lasts 1
+LINGER = 0.5  # s after the last motion until the lease is given back
+LATE = 1.0  # s after which a motion is over that nobody performs any more, though its end was not heard
+EARLY = 64  # ends kept of motions that are not known yet: an end may be heard before the answer
+MOVING = ("active", "streaming")  # of `Status.motion`
+ENDS = ("succeeded", "cancelled", "replaced", "aborted")
+LOST = "lost"  # our word for an end that nobody heard
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a motion ended. `phase`: succeeded, cancelled, replaced, aborted, or lost (nobody heard it)."""
+
+    id: str
+    phase: str
+    findings: Sequence[Mapping[str, Any]] = ()
+
+
+@dataclass(slots=True)
+class _Motion:
+    begins: float  # s, monotonic
+    orphaned: float = inf  # s, when the connection broke that it was sent on
+
+
+class Driving:
+    """`submit`, `keep`, `cancel` and `close` belong to one thread; `heard` and `driving` to any."""
+
+    def __init__(self, operator: Callable[[], Client], now: Callable[[], float] = time.monotonic) -> None:
+        """`operator` makes a connection that may command; it need not be open. `now`: s, monotonic."""
+        self._operator, self._now = operator, now
+        self._client: Client | None = None
+        self._renewed = self._quiet = -inf  # s: since when nothing was asked, and nothing is under way
+        self._lock = threading.Lock()
+        self._under: dict[str, _Motion] = {}
+        self._over: dict[str, Ended] = {}  # heard, and not told yet
+
+    @property
+    def driving(self) -> tuple[str, ...]:
+        """Motions that are under way or wait for their start."""
+        with self._lock:
+            return tuple(self._under)
+
+    def submit(self, trajectory: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Have it judged and followed: the answer `accepted`, with its id and verdict.
+
+        Raises ClientError: Refused by the gate, LeaseHeld by somebody else, NoDaemon.
+        """
+        if self._client is None:
+            self._client = self._operator()
+        client = self._client
+        client.timeout = PATIENCE
+        try:
+            client.call("AcquireLease")
+            answer = client.call("SubmitTrajectory", trajectory=trajectory)
+        except ClientError:
+            if not client.connected:
+                self._lose()
+            raise
+        finally:
+            now = self._quiet = self._renewed = self._now()
+        with self._lock:
+            self._under[answer["id"]] = _Motion(now + (trajectory.get("start_in") or 0.0))
+        return answer
+
+    def keep(self) -> list[Ended]:
+        """What ended since; the lease is renewed, or given back where nothing is under way. Call it often."""
+        now, over = self._now(), self._taken()
+        if self.driving:
+            self._quiet = now
+            if now - self._renewed >= RENEW:
+                self._renewed = now
+                self._renew()
+        elif now - self._quiet >= LINGER:
+            self.close()
+        return over
+
+    def cancel(self) -> None:
+        """Decelerate and hold, on our own connection. Raises ClientError."""
+        if self._client is not None:
+            self._client.timeout = SOON
+            self._client.call("Cancel")
+
+    def heard(self, answer: Mapping[str, Any]) -> None:
+        """An answer of `Monitor`: topic events tells ends, topic status that nothing moves any more."""
+        if answer["topic"] == "events" and answer["event"]["code"] == "MOTION":
+            name, _, phase = answer["event"]["message"].partition(" ")
+            if phase in ENDS:
+                self._end(Ended(name, phase, answer["event"]["findings"]))
+        elif answer["topic"] == "status" and answer["status"]["motion"] not in MOVING:
+            with self._lock:
+                late = self._now() - LATE
+                gone = [name for name, motion in self._under.items() if motion.begins < late]
+            for name in gone:
+                self._end(Ended(name, LOST))
+
+    def close(self) -> None:
+        """Give the lease back and hang up: what is under way decelerates and holds. May be called twice."""
+        client, self._client = self._client, None
+        if client is None:
+            return
+        client.timeout = SOON
+        if client.connected:
+            with contextlib.suppress(ClientError, RuntimeError):
+                client.call("ReleaseLease")
+        client.close()
+
+    # ------------------------------------------------------------------------------------------ inside
+
+    def _end(self, ended: Ended) -> None:
+        with self._lock:
+            self._over.setdefault(ended.id, ended)
+            strangers = [name for name in self._over if name not in self._under]
+            for name in strangers[: max(0, len(strangers) - EARLY)]:
+                del self._over[name]
+
+    def _taken(self) -> list[Ended]:
+        """Ends of our motions, each once."""
+        late = self._now() - LATE
+        with self._lock:
+            for name, motion in self._under.items():
+                if motion.orphaned < late:
+                    self._over.setdefault(name, Ended(name, LOST))
+            names = [name for name in self._under if name in self._over]
+            for name in names:
+                del self._under[name]
+            return [self._over.pop(name) for name in names]
+
+    def _renew(self) -> None:
+        if self._client is None:
+            return
+        self._client.timeout = SOON
+        try:
+            self._client.call("RenewLease")
+        except Refused:
+            pass  # somebody took it, or it lapsed: our motion has ended by that, and the event says so
+        except ClientError:
+            self._lose()
+
+    def _lose(self) -> None:
+        """The connection broke, and with it our lease: the daemon holds the robot, if there is one."""
+        if self._client is not None:
+            self._client.close()
+        self._client, now = None, self._now()
+        with self._lock:
+            for motion in self._under.values():
+                motion.orphaned = min(motion.orphaned, now)

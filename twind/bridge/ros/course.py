@@ -1,0 +1,232 @@
+"""One run of a ROS bridge: over as many daemons, and as many lives of the graph, as there are. Library, 3.10.
+
+Two threads listen to the daemon, one to its readings, one to all else; what they hear goes out at once. One
+takes trajectories to the gate, three do stops and modes. This one joins the graph, again where it was lost,
+and says how all of it is once a second. Nobody waits for a reader: what the graph does not take is dropped
+there, what the daemon had to drop is counted.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from twind.bridge.ros.calls import Calls
+from twind.bridge.ros.endpoints import (
+    DIAGNOSTICS,
+    E_STOP,
+    GET_STATUS,
+    LATENCY,
+    RESULTS,
+    SERVICES,
+    STATUS,
+    TO_E_STOP,
+    TOPICS,
+    TRAJECTORY,
+    Service,
+    Topic,
+)
+from twind.bridge.ros.listening import Listening
+from twind.bridge.ros.orders import Orders
+from twind.bridge.ros.report import Diagnostics, latencies, words
+from twind.bridge.ros.speech import Message, Speech
+from twind.bridge.ros.transport import Transport, TransportError
+from twind.client import Client, NoDaemon
+from twind.client.clocks import clocks
+from twind.client.once import Once
+
+OTHERS = ("status", "latency", "events", "trajectories")
+OFTEN = 10.0  # Hz, of status and latencies, where they change
+AGAIN = 1.0  # s between two attempts to join the graph, and two diagnostics
+STEP = 0.1  # s that a command may wait to be seen, where nothing wakes who takes it
+STATUS_PERIOD = 0.5  # s between two statuses that differ in numbers alone
+URGENT = ("mode", "state", "motion", "armed", "hw_connected", "faults")
+GRACE = 1.0  # s at the end: to give the lease back, and to leave the graph
+
+
+class Course:
+    """What runs. `run` returns the exit code. `orders` takes trajectories, of a back end's actions too."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        sockets: str | None = None,
+        *,
+        rate: float | None = None,
+        commands: bool = True,
+        tell: Callable[[str], None],
+        stop: threading.Event,
+    ) -> None:
+        """`sockets`: folder of the daemon's. `rate`: readings a second, at most the loop's, which None is."""
+        self._transport, self._tell, self._stop = transport, tell, stop
+        self._commands, self._sockets = commands, sockets
+        self._speech, self._diagnostics, self._graph = Speech(), Diagnostics(), Once()
+        self.orders = Orders(self._operator, self._result)
+        self._calls = Calls(self._operator, self._observer, self.orders.stop, self._status_text, self._result)
+        self._readings = Listening(self._observer, ("state",), self._reading, tell, stop, rate=rate)
+        self._news = Listening(self._observer, OTHERS, self._take, lambda _: None, stop, rate=OFTEN)
+        self._joined = False
+        self._wrong = ""  # with the graph
+        self._status: Mapping[str, Any] | None = None
+        self._joints: Sequence[Mapping[str, Any]] = ()
+        self._told_at = float("-inf")
+
+    def run(self) -> int:
+        """Until told to stop; 0."""
+        taking = threading.Thread(target=self._take_orders, name="orders", daemon=True)
+        self._say_rights()
+        try:
+            self._calls.start()
+            self._readings.start()
+            self._news.start()
+            taking.start()
+            while not self._stop.is_set():
+                self._tend()
+                self._stop.wait(AGAIN)
+        finally:
+            self._stop.set()
+            self.orders.stop()
+            self._end(taking)
+        return 0
+
+    # ------------------------------------------------------------------------------------------ the graph
+
+    def _tend(self) -> None:
+        """Join the graph where that is to be done; say how everything is."""
+        if not self._joined:
+            self._join()
+        if not self._news.there:
+            self._status = None
+            self._publish_status()
+        now = clocks().wall_ns
+        self._publish(DIAGNOSTICS, self._diagnostics.message(now, self._bridge(), self._status, self._joints))
+
+    def _join(self) -> None:
+        self._transport.close()
+        topics = [each for each in TOPICS if each.out or each is E_STOP or self._commands]
+        services = [each for each in SERVICES if self._commands or each in (GET_STATUS, TO_E_STOP)]
+        try:
+            self._transport.open(topics, services if self._transport.serves else [], self._heard, self._asked)
+        except TransportError as error:
+            self._wrong = str(error)
+        else:
+            self._joined, self._wrong = True, ""
+            self._publish_status()
+        if self._graph.news(self._wrong, time.monotonic()):
+            self._tell(f"{self._wrong}; tried again" if self._wrong else "the graph is joined again")
+
+    def _publish(self, topic: Topic, data: bytes) -> None:
+        if not self._joined:
+            return
+        try:
+            self._transport.publish(topic, data)
+        except TransportError as error:
+            self._joined, self._wrong = False, str(error)
+            if self._graph.news(self._wrong, time.monotonic()):
+                self._tell(f"{self._wrong}; tried again")
+
+    def _heard(self, topic: Topic, data: bytes) -> None:
+        """A message of the graph; in a thread of the back end."""
+        if topic is TRAJECTORY:
+            self.orders.put(data)
+        else:
+            self._calls.heard(topic, data)
+
+    def _asked(self, service: Service, data: bool | None) -> tuple[bool, str]:
+        return self._calls.asked(service, data)
+
+    def _result(self, result: Mapping[str, Any]) -> None:
+        self._publish(RESULTS, words(result))
+
+    # ------------------------------------------------------------------------------------------ the daemon
+
+    def _observer(self) -> Client:
+        """A connection that only reads, and stops: it leaves the operators their places."""
+        client = Client(self._sockets, name="observe")
+        try:
+            client.connect()
+        except NoDaemon:
+            return self._operator()
+        return client
+
+    def _operator(self) -> Client:
+        return Client(self._sockets)
+
+    def _reading(self, answer: Mapping[str, Any]) -> None:
+        """In the thread that hears readings."""
+        self._joints = answer["joints"]
+        self._send(self._speech.state(answer, clocks()))
+
+    def _take(self, answer: Mapping[str, Any]) -> None:
+        """In the thread that hears all else."""
+        topic = answer["topic"]
+        if topic == "status":
+            self._speech.status(answer["status"])
+            self._keep(answer["status"], answer["time"])
+        elif topic == "latency":
+            self._publish(LATENCY, latencies(answer["latency"]))
+        elif topic == "trajectories":
+            self._send(self._speech.accepted(answer, clocks()))
+        self.orders.heard(answer)
+
+    def _send(self, messages: Sequence[Message]) -> None:
+        for topic, data in messages:
+            self._publish(topic, data)
+
+    def _keep(self, status: Mapping[str, Any], time: float) -> None:
+        """Tell a status that says something new at once, others now and then."""
+        before, self._status = self._status, status
+        news = before is None or any(before[key] != status[key] for key in URGENT)
+        if news or time - self._told_at >= STATUS_PERIOD:
+            self._told_at = time
+            self._publish_status()
+
+    def _take_orders(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self.orders.step(STEP)
+            except Exception as error:  # noqa: BLE001  one command that breaks us is not the last one
+                self._tell(f"a command was lost: {type(error).__name__}: {error}")
+        self.orders.close()
+
+    def _say_rights(self) -> None:
+        """Once, before the first command: nobody can be moved from here."""
+        if not self._commands:
+            return
+        try:
+            with self._operator() as client:
+                client.connect()
+        except NoDaemon as error:
+            if not error.absent:
+                self._tell(f"commands will be refused: {error}")
+
+    # ------------------------------------------------------------------------------------------ what is said
+
+    def _bridge(self) -> dict[str, Any]:
+        """How we are: what a reader of a latched status must know before it believes the rest."""
+        return {
+            "daemon": self._news.there,
+            "error": self._readings.error or self._news.error or self._wrong or None,
+            "commands": self._commands,
+            "dropped": self._readings.dropped + self._news.dropped,
+            "driving": len(self.orders.driving),
+        }
+
+    def _said(self) -> dict[str, Any]:
+        return {**(self._status or {}), "bridge": self._bridge()}
+
+    def _publish_status(self) -> None:
+        self._publish(STATUS, words(self._said()))
+
+    def _status_text(self) -> str:
+        return json.dumps(self._said(), ensure_ascii=False)
+
+    def _end(self, taking: threading.Thread) -> None:
+        """The lease first: what is under way is let go. Whoever hangs is left behind after GRACE."""
+        taking.join(GRACE)
+        leaving = threading.Thread(target=self._transport.close, name="leaving", daemon=True)
+        leaving.start()
+        leaving.join(GRACE)

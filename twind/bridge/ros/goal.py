@@ -1,0 +1,118 @@
+"""A JointTrajectory of ROS as a trajectory of the daemon. Pure; standard library, Python 3.10.
+
+The gate judges it like any other. Here stands what only ROS has: stamps of the wall clock, efforts, NaN, and
+sizes that a message of the socket may not have. Stamps follow joint_trajectory_controller: 0 is now, a future
+one waits, of a past one the points that are over are left out; all over: refused.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite
+from typing import Any
+
+from twind.ros import JOINT_TRAJECTORY, CdrError, decode
+from twind.ros.cdr import Source
+from twind.ros.joint_state import SECOND
+
+AHEAD = 60.0  # s that a start may lie in the future: the daemon's own bound
+LONGEST = 2 << 20  # bytes of a message; 2,000 points of 40 joints with velocities
+NUMBERS = 150_000  # of all columns: as JSON they have to stay below the socket's 4 MiB
+COLUMNS = ("positions", "velocities", "accelerations")
+
+Finding = Mapping[str, Any]  # as the interface has it
+
+
+class Unfit(Exception):
+    """A command that never reaches the gate. `findings` says why, as the gate does."""
+
+    def __init__(self, code: str, message: str, **more: Any) -> None:
+        super().__init__(message)
+        self.findings: Sequence[Finding] = ({"code": code, "message": message, **more},)
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """What a command says of itself, so that its sender knows it again."""
+
+    sec: int = 0
+    nanosec: int = 0
+    frame: str = ""
+    joints: tuple[str, ...] = ()
+
+    @property
+    def time_ns(self) -> int:
+        """Its stamp, ns since 1970; 0: now."""
+        return self.sec * SECOND + self.nanosec
+
+
+def heading(data: bytes) -> Heading | None:
+    """The head of a command's bytes, without what follows; None: they are no command. Some 10 µs."""
+    source = Source(data)
+    try:
+        (sec,), (nanosec,) = source.numbers("i", 4, 1), source.numbers("I", 4, 1)
+        frame, (count,) = source.text(), source.numbers("I", 4, 1)
+        joints = tuple(source.text() for _ in range(min(count, len(data))))
+    except (struct.error, UnicodeDecodeError):
+        return None
+    return Heading(sec, nanosec, frame, joints)
+
+
+def trajectory(data: bytes, now_ns: int) -> dict[str, Any]:
+    """`Trajectory` of the interface, of CDR bytes that are submitted at `now_ns` since 1970. Raises Unfit."""
+    if len(data) > LONGEST:
+        raise Unfit("FRAME_TOO_LARGE", f"{len(data)} bytes: must be at most {LONGEST}; send fewer points")
+    try:
+        message = decode(JOINT_TRAJECTORY, data)
+    except (CdrError, RecursionError) as error:
+        raise Unfit("BAD_SCHEMA", f"malformed: {error}") from None
+    joints = message["joint_names"]
+    points = [_point(place, point, joints) for place, point in enumerate(message["points"])]
+    count = sum(len(point.get(key) or ()) for point in points for key in COLUMNS)
+    if count > NUMBERS:
+        raise Unfit("FRAME_TOO_LARGE", f"{count} numbers: must be at most {NUMBERS}; send fewer points")
+    stamp = message["header"]["stamp"]
+    start_in, points = _when(stamp["sec"] * SECOND + stamp["nanosec"], now_ns, points)
+    return {"joint_names": joints, "points": points, "start_in": start_in}
+
+
+def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
+    """One point with its time in s. Raises Unfit for a number that is none, and for efforts."""
+    if point["effort"]:
+        raise Unfit("BAD_SHAPE", "efforts are not taken: leave them out", point=place)
+    said: dict[str, Any] = {"positions": point["positions"]}
+    for key in COLUMNS:
+        row = point[key]
+        for column, value in enumerate(row):
+            if not isfinite(value):
+                joint = joints[column] if column < len(joints) else None
+                text = f"{joint or 'a joint'}, point {place}: {key} is {value}"
+                raise Unfit("NONFINITE", text, joint=joint, point=place)
+        if row:
+            said[key] = row
+    time = point["time_from_start"]
+    return said | {"time_from_start": (time["sec"] * SECOND + time["nanosec"]) / SECOND}
+
+
+def _when(stamp_ns: int, now_ns: int, points: list[dict[str, Any]]) -> tuple[float, list[dict[str, Any]]]:
+    """When it begins, s from now, and the points that are still to come. Raises Unfit."""
+    if stamp_ns == 0:
+        return 0.0, points
+    ahead = (stamp_ns - now_ns) / SECOND
+    if ahead > AHEAD:
+        why = f"the stamp is {ahead:.3f} s ahead of the robot's clock: must be at most {AHEAD:g}"
+        raise Unfit("TOO_DISTANT", f"{why}; stamp 0 means now", value=ahead, bound=AHEAD)
+    if ahead >= 0.0 or not points:
+        return max(ahead, 0.0), points
+    times = [point["time_from_start"] for point in points]
+    if any(after <= before for before, after in pairwise(times)) or times[0] < 0.0:
+        raise Unfit("TIME_ORDER", "times must increase from 0 on")  # else which points are over is unknown
+    left = [point | {"time_from_start": time + ahead} for point, time in zip(points, times, strict=True)]
+    left = [point for point in left if point["time_from_start"] > 0.0]
+    if not left:
+        why = f"its end lies {-ahead - times[-1]:.3f} s in the past of the robot's clock"
+        raise Unfit("CMD_EXPIRED", f"{why}; stamp 0 means now", value=ahead + times[-1], bound=0.0)
+    return 0.0, left

@@ -1,0 +1,95 @@
+"""Commands from ROS that wait for the daemon: bounded, whatever comes. Standard library, Python 3.10.
+
+Of commands for the same joints that begin at once only the newest waits: the daemon would follow only that.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from twind.bridge.ros.goal import Heading
+
+ROOM = 8  # commands that wait; one more, and the oldest goes
+PACE = 1.0 / 15.0  # s between two that are taken: the daemon refuses more than 20 a second
+TELL = 1.0  # s between two words on commands that were dropped
+
+Told = Callable[[Mapping[str, Any]], None]
+
+
+@dataclass(eq=False, slots=True)
+class Command:
+    """One trajectory that was asked for."""
+
+    data: bytes  # CDR of a JointTrajectory
+    head: Heading | None  # None: malformed
+    came: float  # s, monotonic
+    epoch: int  # stops that had been asked for when it came
+    told: Told | None = None  # who else hears what becomes of it: then it is never dropped for a newer one
+    more: Mapping[str, Any] = field(default_factory=dict)  # goal_time, tolerances, as the daemon takes them
+    cancelled: bool = False
+
+
+class Inbox:
+    """`put` and `wake` may be called from any thread and return at once; `take` and `dropped` by one."""
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._waiting: list[Command] = []
+        self._changed = threading.Condition()
+        self._woken = False
+        self._next = self._tell_at = float("-inf")  # s: when the next may be taken, and drops be told
+        self._dropped, self._last = 0, Heading()
+
+    def put(self, command: Command) -> list[Command]:
+        """It waits now. Answers whom it leaves no room though somebody waits to hear of them."""
+        with self._changed:
+            void = [each for each in self._waiting if _voids(command, each)]
+            self._waiting = [each for each in self._waiting if each not in void] + [command]
+            over = self._waiting[: max(0, len(self._waiting) - ROOM)]
+            del self._waiting[: len(over)]
+            for gone in void + over:
+                self._dropped, self._last = self._dropped + 1, gone.head or Heading()
+            self._changed.notify()
+        return [each for each in over if each.told is not None]
+
+    def wake(self) -> None:
+        """`take` returns."""
+        with self._changed:
+            self._woken = True
+            self._changed.notify()
+
+    def take(self, patience: float) -> Command | None:
+        """The oldest, when it is time for another; None after `patience` s, or woken."""
+        early = self._next - self._now()
+        if early > 0.0:  # no use in being woken by each of a flood
+            time.sleep(min(early, patience))
+            if early > patience:
+                return None
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._woken, patience)
+            self._woken = False
+            command = self._waiting.pop(0) if self._waiting else None
+        if command is not None:
+            self._next = self._now() + PACE
+        return command
+
+    def dropped(self) -> tuple[int, Heading] | None:
+        """How many went since this was last asked, and which was the last; None: nothing to tell now."""
+        now = self._now()
+        with self._changed:
+            if not self._dropped or now < self._tell_at:
+                return None
+            count, self._dropped, self._tell_at = self._dropped, 0, now + TELL
+            return count, self._last
+
+
+def _voids(newer: Command, older: Command) -> bool:
+    """Whoever follows the newer one has nothing left of the older."""
+    new, old = newer.head, older.head
+    if new is None or old is None or older.told is not None:
+        return False
+    return new.time_ns == old.time_ns == 0 and set(new.joints) >= set(old.joints)

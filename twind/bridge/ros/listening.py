@@ -1,0 +1,69 @@
+"""The daemon as it is heard: one stream of `Monitor`, over as many daemons as there are. Library, 3.10."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from twind.client import Client, ClientError
+from twind.client.once import Once
+
+SILENCE = 5.0  # s without a message after which the daemon counts as gone
+AGAIN = 0.5  # s between two attempts to reach one
+FASTEST = 1000.0  # Hz: the daemon gives at most its loop's rate
+
+
+class Listening:
+    """A thread, from `start` to the end of the process or `stop`."""
+
+    def __init__(
+        self,
+        connect: Callable[[], Client],
+        topics: Sequence[str],
+        take: Callable[[Mapping[str, Any]], None],
+        tell: Callable[[str], None],
+        stop: threading.Event,
+        *,
+        rate: float | None = None,
+    ) -> None:
+        """`take` gets every answer; `tell` a line when the daemon goes and comes. `rate` None: the loop's."""
+        self._connect, self._topics, self._take, self._tell = connect, list(topics), take, tell
+        self._stop, self._rate, self._once = stop, rate or FASTEST, Once()
+        self.error = ""  # why there is no daemon
+        self.there = False  # something was heard of it
+        self.dropped = 0  # messages that the daemon had to drop since we were slow
+        self._thread = threading.Thread(target=self._run, name=f"hears {topics[0]}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to listen."""
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._follow()
+                self.error = "the daemon ended the stream"
+            except ClientError as error:
+                self.error = str(error)
+            except Exception as error:  # noqa: BLE001  a thread that dies in silence would go on "bridging"
+                self.error = f"what the daemon says cannot be understood: {type(error).__name__}: {error}"
+            self.there = False
+            if not self._stop.is_set() and self._once.news(self.error, time.monotonic()):
+                self._tell(f"{self.error}; waiting for the daemon")
+            self._stop.wait(AGAIN)
+
+    def _follow(self) -> None:
+        """One daemon, to its end. Raises ClientError."""
+        with self._connect() as client:
+            client.timeout = SILENCE
+            for answer in client.stream("Monitor", topics=self._topics, rate=self._rate):
+                self.dropped += answer["dropped"]
+                self._take(answer)
+                if not self.there:
+                    self.there, self.error = True, ""
+                    if self._once.news("", time.monotonic()):
+                        self._tell("the daemon is there again")
+                if self._stop.is_set():
+                    return

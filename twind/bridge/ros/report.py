@@ -1,0 +1,136 @@
+"""How the robot and the daemon are: status, latencies, diagnostics. Pure; standard library, Python 3.10."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from math import nan
+from typing import Any
+
+from twind.client.errors import finding_text
+from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, STRING, encode, stamp
+
+FIELDS = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
+OK, WARN, ERROR = 0, 1, 2  # levels of a DiagnosticStatus
+BAD_STATES = ("fault", "estop")
+
+Said = Mapping[str, Any]
+
+
+def words(said: Any) -> bytes:
+    """A String whose text is JSON."""
+    return encode(STRING, {"data": json.dumps(said, ensure_ascii=False)})
+
+
+def latencies(hops: Sequence[Said]) -> bytes:
+    """Topic `latency`: a row for each hop, a column for each of FIELDS; what is unknown is NaN.
+
+    The labels of the two dimensions name rows and columns.
+    """
+    rows = [[nan if hop[key] is None else float(hop[key]) for key in FIELDS] for hop in hops]
+    names = ", ".join(str(hop["hop"]) for hop in hops)
+    wide = len(FIELDS)
+    dimensions = [
+        {"label": f"hop: {names}", "size": len(rows), "stride": len(rows) * wide},
+        {"label": ", ".join(FIELDS), "size": wide, "stride": wide},
+    ]
+    data = [value for row in rows for value in row]
+    return encode(FLOATS, {"layout": {"dim": dimensions, "data_offset": 0}, "data": data})
+
+
+class Diagnostics:
+    """Messages of /diagnostics, one after the other: counts that grew since the last one are a warning."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, int] = {}
+
+    def message(self, time_ns: int, bridge: Said, status: Said | None, joints: Sequence[Said]) -> bytes:
+        """`bridge`: of us; `status` and `joints` of the daemon, as last heard; no status: it is away."""
+        rows = [self._bridge(bridge)]
+        if status is not None:
+            rows += [_robot(status), self._loop(status)]
+            rows += [self._bus(bus, status["mode"]) for bus in status["buses"]]
+            rows += [_joint(joint, status) for joint in joints]
+        header = {"stamp": stamp(time_ns), "frame_id": ""}
+        return encode(DIAGNOSTIC_ARRAY, {"header": header, "status": rows})
+
+    def _bridge(self, bridge: Said) -> Said:
+        grew = self._grew("dropped", bridge["dropped"])
+        level, message = OK, "the daemon is there"
+        if bridge["error"]:
+            level, message = ERROR, str(bridge["error"])
+        elif grew:
+            level, message = WARN, f"{grew} messages of the daemon were lost on the way here"
+        return _row("bridge", "", level, message, bridge)
+
+    def _loop(self, status: Said) -> Said:
+        loop = status["loop"]
+        grew = self._grew("missed", loop["missed"])
+        message = f"{grew} ticks missed in the last second" if grew else f"{loop['rate_hz']:g} Hz"
+        keys = ("rate_hz", "ticks", "missed", "on_time", "late_p50_us", "late_p99_us", "late_max_us")
+        said = {key: loop[key] for key in keys} | dict(loop["realtime"])
+        return _row("loop", status["robot"], WARN if grew else OK, message, said)
+
+    def _bus(self, bus: Said, mode: str) -> Said:
+        grew = self._grew(f"bus {bus['name']}", bus["errors"])
+        level, message = OK, "connected"
+        if mode == "sim":
+            message = "not opened in sim"
+        elif not bus["connected"]:
+            level, message = ERROR, "not connected"
+        elif bus["warning"]:
+            level, message = WARN, str(bus["warning"])
+        elif grew:
+            level, message = WARN, f"{grew} errors in the last second"
+        keys = ("port", "latency_ms", "latency_p99_ms", "utilisation", "exchanges", "errors")
+        return _row(f"bus {bus['name']}", bus["port"], level, message, {key: bus[key] for key in keys})
+
+    def _grew(self, name: str, count: int) -> int:
+        """By how much, since the last message; a smaller count is a daemon that began anew."""
+        before = self._before.get(name, count)
+        self._before[name] = count
+        return max(0, count - before)
+
+
+def _robot(status: Said) -> Said:
+    level, message = OK, f"{status['mode']}, {status['state']}, {status['motion']}"
+    faults = [finding_text(each) for each in status["faults"]]
+    if status["state"] in BAD_STATES:
+        level = ERROR
+    elif faults:
+        level = WARN
+    lease = status["lease"]
+    keys = ("version", "mode", "state", "motion", "armed", "inherited", "hw_connected", "latency_ms")
+    said = {key: status[key] for key in keys} | {"lease": lease["holder"] if lease else "free"}
+    said |= {f"fault {place}": text for place, text in enumerate(faults)}
+    return _row("robot", status["robot"], level, "; ".join([message, *faults]), said)
+
+
+def _joint(joint: Said, status: Said) -> Said:
+    level, message = OK, "heard"
+    if joint["faults"]:
+        level, message = ERROR, ", ".join(joint["faults"])
+    elif not joint["heard"]:
+        level, message = WARN, "not heard"
+    keys = ("age_ms", "temperature", "voltage", "torque", "calibrated", "verified", "bus", "id")
+    name = f"{joint['bus']} {joint['id']}"
+    if status["mode"] == "sim":
+        level, message = OK, "simulated"
+    return _row(f"joint {joint['name']}", name, level, message, {key: joint[key] for key in keys})
+
+
+def _row(name: str, hardware: str, level: int, message: str, values: Said) -> dict[str, Any]:
+    rows = [{"key": str(key), "value": text} for key, text in _texts(values)]
+    name = f"twind: {name}"
+    return {"level": level, "name": name, "message": message, "hardware_id": hardware, "values": rows}
+
+
+def _texts(values: Said) -> Iterator[tuple[str, str]]:
+    """What is not known is said so, never as a zero."""
+    for key, value in values.items():
+        if value is None:
+            yield key, "unknown"
+        elif isinstance(value, bool):
+            yield key, "yes" if value else "no"
+        else:
+            yield key, f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,133 @@
+"""the robot in a ROS 2 graph, with or without ROS on this machine: joint states out, trajectories in
+
+A client of observe.sock, and of control.sock for commands, which meet the gate as any other. Without ROS it
+speaks DDS or Zenoh itself; with it, the distribution's own rclpy. It stays on this machine unless
+ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_STATIC_PEERS say otherwise; ROS_DOMAIN_ID counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import threading
+from collections.abc import Callable
+from importlib import import_module
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twind.ctl.stopping import told_to_stop
+from twind.ctl.verb import Rejected, UsageError, harmless
+
+if TYPE_CHECKING:
+    from twind.bridge.ros.discovery import Discovery
+    from twind.bridge.ros.transport import Transport
+
+# name -> (what joins the graph, the packages that it needs)
+BACK_ENDS = {
+    "dds": ("twind.bridge.ros.dds:Dds", "cyclonedds"),
+    "zenoh": ("twind.bridge.ros.zenoh:Zenoh", "eclipse-zenoh and xxhash"),
+}
+RCLPY = "rclpy"  # joins it in another interpreter: twind.bridge.ros.launcher
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of `twindctl ros`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = __doc__
+    parser.add_argument(
+        "--backend",
+        choices=[RCLPY, *BACK_ENDS],
+        help="what joins the graph (default: rclpy where ROS is sourced, zenoh where RMW_IMPLEMENTATION is "
+        "rmw_zenoh_cpp, else dds)",
+    )
+    parser.add_argument("--domain", type=int, metavar="N", help="instead of ROS_DOMAIN_ID")
+    parser.add_argument(
+        "--distro", metavar="NAME", help="of the peers, instead of ROS_DISTRO (default jazzy)"
+    )
+    parser.add_argument("--rate", type=float, metavar="HZ", help="readings a second (default: the loop's)")
+    parser.add_argument(
+        "--no-commands",
+        dest="commands",
+        action="store_false",
+        help="look only: of what comes from ROS the e-stop alone is done",
+    )
+    parser.add_argument(
+        "--zenoh-connect", metavar="ENDPOINT", help="of the router (default tcp/localhost:7447)"
+    )
+    parser.add_argument("--zenoh-config", type=Path, metavar="FILE", help="configuration of the session")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Bridge until told to stop; 0. A graph that the settings cannot name: 2."""
+    from twind.bridge.ros.discovery import DiscoveryError, discovery
+    from twind.bridge.ros.transport import TransportError
+
+    if options.rate is not None and not (isfinite(options.rate) and options.rate > 0.0):
+        raise UsageError(f"--rate {options.rate:g}: must be above 0 Hz")
+    try:
+        graph = discovery(os.environ, domain=options.domain, distro=options.distro)
+    except DiscoveryError as error:
+        raise UsageError(str(error)) from None
+    options.backend = options.backend or usual(dict(os.environ))
+    with told_to_stop() as stop:
+        try:
+            return _bridge(options, graph, stop)
+        except TransportError as error:
+            raise Rejected(str(error)) from None
+
+
+def usual(environment: dict[str, str]) -> str:
+    """The back end where none is named.
+
+    Whoever has sourced ROS gets its own: actions, parameters and every rmw work there.
+    """
+    if environment.get("ROS_DISTRO") and environment.get("AMENT_PREFIX_PATH"):
+        return RCLPY
+    return "zenoh" if environment.get("RMW_IMPLEMENTATION", "") == "rmw_zenoh_cpp" else "dds"
+
+
+def _bridge(options: argparse.Namespace, graph: Discovery, stop: threading.Event) -> int:
+    tell(_headline(options, graph))
+    if options.backend == RCLPY:
+        from twind.bridge.ros.launcher import launch
+
+        return launch(options, tell, stop)
+    from twind.bridge.ros.course import Course
+
+    transport = made(options, graph)
+    course = Course(
+        transport, options.socket, rate=options.rate, commands=options.commands, tell=tell, stop=stop
+    )
+    return course.run()
+
+
+def made(options: argparse.Namespace, graph: Discovery) -> Transport:
+    """The back end. Raises UsageError: a package that it needs is missing."""
+    where, needs = BACK_ENDS[options.backend]
+    module, _, name = where.partition(":")
+    try:
+        kind: Callable[..., Any] = getattr(import_module(module), name)
+    except ImportError as error:
+        remedy = "from a clone: pip install '.[ros]'; an installed service: sudo make install EXTRAS=ros"
+        raise UsageError(f"--backend {options.backend} needs {needs} ({error}); {remedy}") from None
+    if options.backend == "zenoh":
+        made: Transport = kind(graph, tell, connect=options.zenoh_connect, config=options.zenoh_config)
+        return made
+    transport: Transport = kind(graph, tell)
+    return transport
+
+
+def _headline(options: argparse.Namespace, graph: Discovery) -> str:
+    """What is begun, and who may do what by it."""
+    reach = "this machine" if graph.local else ", ".join([graph.range.value, *graph.peers])
+    if options.backend == "zenoh":
+        reach = f"whoever reaches the router {options.zenoh_connect or ''}".rstrip()
+    who = f"{reach} may move the robot" if options.commands else "look only"
+    return f"ROS 2 by {options.backend}, domain {graph.domain}: {reach}; {who}"
+
+
+def tell(line: str) -> None:
+    """One line for whoever reads standard error."""
+    print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True)
