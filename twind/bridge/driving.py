@@ -45,12 +45,16 @@ class _Motion:
 
 
 class Driving:
-    """`submit`, `keep`, `cancel` and `close` belong to one thread; `heard` and `driving` to any."""
+    """`heard` and `driving` belong to any thread, all else to one.
+
+    `held`: the lease was asked for by `hold`, and is still ours as far as we know.
+    """
 
     def __init__(self, operator: Callable[[], Client], now: Callable[[], float] = time.monotonic) -> None:
         """`operator` makes a connection that may command; it need not be open. `now`: s, monotonic."""
         self._operator, self._now = operator, now
         self._client: Client | None = None
+        self.held = False
         self._renewed = self._quiet = -inf  # s: since when nothing was asked, and nothing is under way
         self._lock = threading.Lock()
         self._under: dict[str, _Motion] = {}
@@ -62,15 +66,25 @@ class Driving:
         with self._lock:
             return tuple(self._under)
 
+    def hold(self, *, take: bool = False) -> None:
+        """Have the lease, and keep it until `close`, whether anything moves or not. `take`: from anybody.
+
+        Raises ClientError: LeaseHeld by somebody else, NoDaemon.
+        """
+        client = self._connected(SOON)
+        try:
+            client.call("AcquireLease", take=take or None)
+        except ClientError:
+            self.close()
+            raise
+        self.held, self._renewed = True, self._now()
+
     def submit(self, trajectory: Mapping[str, Any]) -> Mapping[str, Any]:
         """Have it judged and followed: the answer `accepted`, with its id and verdict.
 
         Raises ClientError: Refused by the gate, LeaseHeld by somebody else, NoDaemon.
         """
-        if self._client is None:
-            self._client = self._operator()
-        client = self._client
-        client.timeout = PATIENCE
+        client = self._connected(PATIENCE)
         try:
             client.call("AcquireLease")
             answer = client.call("SubmitTrajectory", trajectory=trajectory)
@@ -87,7 +101,7 @@ class Driving:
     def keep(self) -> list[Ended]:
         """What ended since; the lease is renewed, or given back where nothing is under way. Call it often."""
         now, over = self._now(), self._taken()
-        if self.driving:
+        if self.driving or self.held:
             self._quiet = now
             if now - self._renewed >= RENEW:
                 self._renewed = now
@@ -117,16 +131,19 @@ class Driving:
 
     def close(self) -> None:
         """Give the lease back and hang up: what is under way decelerates and holds. May be called twice."""
-        client, self._client = self._client, None
-        if client is None:
-            return
-        client.timeout = SOON
-        if client.connected:
+        if self._client is not None and self._client.connected:
+            self._client.timeout = SOON
             with contextlib.suppress(ClientError, RuntimeError):
-                client.call("ReleaseLease")
-        client.close()
+                self._client.call("ReleaseLease")
+        self._lose()
 
     # ------------------------------------------------------------------------------------------ inside
+
+    def _connected(self, patience: float) -> Client:
+        if self._client is None:
+            self._client = self._operator()
+        self._client.timeout = patience
+        return self._client
 
     def _end(self, ended: Ended) -> None:
         with self._lock:
@@ -153,16 +170,16 @@ class Driving:
         self._client.timeout = SOON
         try:
             self._client.call("RenewLease")
-        except Refused:
-            pass  # somebody took it, or it lapsed: our motion has ended by that, and the event says so
+        except Refused:  # somebody took it, or it lapsed: our motion has ended by that, and the event says so
+            self.held = False
         except ClientError:
             self._lose()
 
     def _lose(self) -> None:
-        """The connection broke, and with it our lease: the daemon holds the robot, if there is one."""
+        """The connection is over, and with it our lease: the daemon holds the robot, if there is one."""
         if self._client is not None:
             self._client.close()
-        self._client, now = None, self._now()
+        self._client, self.held, now = None, False, self._now()
         with self._lock:
             for motion in self._under.values():
                 motion.orphaned = min(motion.orphaned, now)
