@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from twind.bridge.zenoh.session import MISSING, VARIABLE, Place, named, open_now
+from twind.bridge.zenoh.session import LOCAL, MISSING, VARIABLE, Place, named, open_now
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.connection import TIMEOUT
 from twind.ctl.verb import UsageError
@@ -14,7 +14,13 @@ from twind.ctl.verb import UsageError
 if TYPE_CHECKING:
     import zenoh
 
-JOINING = 5.0  # s that joining a network may take
+JOINING, BESIDE = 3.0, 0.3  # s that joining a network may take; one of this machine
+NAME_IT = f"the network is named by --remote ROBOT@tcp/HOST:PORT or {VARIABLE}"
+
+
+def joining(place: Place) -> float:
+    """s that joining it may take: where nobody answers beside us, nobody will."""
+    return BESIDE if place.connect == (LOCAL,) else JOINING
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +37,9 @@ class Own:
     def enter(self, patience: float) -> zenoh.Session:
         """Joins it. Raises NoDaemon."""
         try:
-            return open_now(self.place, min(patience, JOINING))
+            return open_now(self.place, min(patience, joining(self.place)))
         except ClientError as error:
-            raise NoDaemon(str(error)) from None
+            raise NoDaemon(f"{error}; {NAME_IT}") from None
 
     def leave(self, session: zenoh.Session) -> None:
         """Ends it."""

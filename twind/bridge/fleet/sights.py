@@ -1,0 +1,35 @@
+"""Robots of the roll for a viewer: names, and ways to each. Imports Zenoh when one is elsewhere."""
+
+from collections.abc import Mapping
+
+from twind.bridge.fleet.lookout import Lookout
+from twind.bridge.fleet.remote import Shared, client
+from twind.bridge.fleet.roll import UPLINK, Robot
+from twind.client import Client
+from twind.observe.viewing.ways import Ways, local
+
+
+def found(lookout: Lookout) -> Mapping[str, Ways]:
+    """Whoever was ever there. Of two with one name the second has it with where it is."""
+    ways: dict[str, Ways] = {}
+    for robot in lookout.roll.robots():
+        way = _ways(robot, lookout.way)
+        if way is not None:
+            ways[f"{robot.name} ({robot.where})" if robot.name in ways else robot.name] = way
+    return ways
+
+
+def _ways(robot: Robot, shared: Shared | None) -> Ways | None:
+    """None: no network is joined that leads to it."""
+    if robot.where != UPLINK:
+        return local(robot.where)
+    if shared is None:
+        return None
+    network = shared
+
+    def way(patience: float) -> Client:
+        connection = client(robot.name, network, patience)
+        connection.connect()
+        return connection
+
+    return Ways((way,), way)
