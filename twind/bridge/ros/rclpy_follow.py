@@ -1,0 +1,197 @@
+"""The action FollowJointTrajectory, under rclpy: a goal is a command like any other, with an answer.
+
+It goes the way of `/cmd/joint_trajectory`: same lease, same gate, and the newer of both replaces the other.
+A goal is accepted in order to be judged; one that the gate refuses is aborted with the reasons in
+`error_string`, since ROS gives a rejection no words. Standard library and rclpy; Python 3.10.
+"""
+
+from __future__ import annotations
+
+import importlib
+import queue
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing, suppress
+from typing import Any, Protocol
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.serialization import serialize_message
+
+from twind.bridge.ros.feedback import State, places, states
+
+ACTION = "/cmd/follow_joint_trajectory"
+KIND = "control_msgs/action/FollowJointTrajectory"
+MOST = 4  # goals at once; the newest replaces the others, which end soon
+SUCCESSFUL, INVALID_GOAL, INVALID_JOINTS, OLD_STAMP, PATH_TOLERANCE, GOAL_TOLERANCE = 0, -1, -2, -3, -4, -5
+CODES = {
+    "UNKNOWN_JOINT": INVALID_JOINTS,
+    "DUP_JOINT": INVALID_JOINTS,
+    "NO_JOINTS": INVALID_JOINTS,
+    "CMD_EXPIRED": OLD_STAMP,
+    "PATH_TOLERANCE": PATH_TOLERANCE,
+    "GOAL_TOLERANCE": GOAL_TOLERANCE,
+}
+
+UNDER_WAY = ("accepted", "running")  # every other phase is an end
+Said = Mapping[str, Any]
+
+
+class Goals(Protocol):
+    """Who takes trajectories: `Orders.goal`."""
+
+    def __call__(
+        self,
+        data: bytes,
+        told: Callable[[Said], None],
+        *,
+        goal_time: float | None = None,
+        tolerances: list[dict[str, Any]] | None = None,
+    ) -> Callable[[], None]:
+        """CDR of a JointTrajectory. `told` hears phase, findings, message to its end; the answer cancels."""
+
+
+class Follow:
+    """The action server of one node."""
+
+    def __init__(self, node: Any, kind: Any, goals: Goals, sockets: str | None) -> None:
+        self._kind, self._goals, self._sockets, self._clock = kind, goals, sockets, node.get_clock()
+        self._open: set[bytes] = set()  # ids of goals that have not ended
+        self._closed = False
+        self._server = ActionServer(
+            node,
+            kind,
+            ACTION,
+            self._execute,
+            goal_callback=self._asked,
+            handle_accepted_callback=self._accepted,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=MutuallyExclusiveCallbackGroup(),  # of requests; goals run beside them
+        )
+
+    @classmethod
+    def offered(
+        cls, node: Any, goals: Goals, sockets: str | None, tell: Callable[[str], None]
+    ) -> Follow | None:
+        """Where the distribution has the action's type; else it is said what is missing."""
+        package, folder, name = KIND.split("/")
+        try:
+            kind = getattr(importlib.import_module(f"{package}.{folder}"), name)
+        except (ImportError, AttributeError) as error:
+            tell(f"no action {ACTION}: {error}; install control-msgs of the distribution")
+            return None
+        return cls(node, kind, goals, sockets)
+
+    def close(self) -> None:
+        """Goals that run are withdrawn, since nobody could cancel them any more."""
+        self._closed = True
+
+    def destroy(self) -> None:
+        """After `close`, when no callback runs any more."""
+        self._server.destroy()
+
+    def _asked(self, _: Any) -> Any:
+        """More goals than threads would keep services waiting, an e-stop's too."""
+        return GoalResponse.ACCEPT if len(self._open) < MOST else GoalResponse.REJECT
+
+    def _accepted(self, handle: Any) -> None:
+        self._open.add(bytes(handle.goal_id.uuid))
+        handle.execute()
+
+    def _execute(self, handle: Any) -> Any:
+        """In a thread of the executor, to the goal's end."""
+        try:
+            return self._ended(handle, self._followed(handle))
+        finally:
+            self._open.discard(bytes(handle.goal_id.uuid))
+
+    def _followed(self, handle: Any) -> Said:
+        """Its last word. Until then feedback at the rate of states, and the cancel that was asked for."""
+        beyond = unserved(handle.request)
+        if beyond:
+            return {"phase": "refused", "message": f"{beyond}: not served here; leave it empty"}
+        said: queue.SimpleQueue[Said] = queue.SimpleQueue()
+        goal, withdrawn = handle.request, False
+        cancel = self._goals(
+            serialize_message(goal.trajectory),
+            said.put,
+            goal_time=seconds(goal.goal_time_tolerance) or None,
+            tolerances=tolerances(goal.path_tolerance, goal.goal_tolerance) or None,
+        )
+        with closing(states(self._sockets)) as following:
+            for state in following:
+                if not withdrawn and (handle.is_cancel_requested or self._closed):
+                    withdrawn = True
+                    cancel()
+                while not said.empty():
+                    word = said.get()
+                    if word["phase"] not in UNDER_WAY:
+                        return word
+                if self._closed:
+                    break
+                if state is not None:
+                    self._publish(handle, state)
+        return {"phase": "lost", "message": "the bridge left the graph"}
+
+    def _publish(self, handle: Any, state: State) -> None:
+        names = list(handle.request.trajectory.joint_names)
+        known = places(state, names)
+        if known is None:
+            return
+        message = self._kind.Feedback()
+        message.header.stamp = self._clock.now().to_msg()
+        message.joint_names = names
+        message.desired.positions, message.actual.positions, message.error.positions = known
+        with suppress(RuntimeError):  # the client, or the node, has just left
+            handle.publish_feedback(message)
+
+    def _ended(self, handle: Any, last: Said) -> Any:
+        """The result, and the state that goes with it."""
+        result = self._kind.Result()
+        result.error_code, result.error_string = outcome(last, asked=handle.is_cancel_requested)
+        if result.error_code == SUCCESSFUL and last["phase"] == "succeeded":
+            handle.succeed()
+        elif last["phase"] == "cancelled" and handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        return result
+
+
+def outcome(last: Said, *, asked: bool) -> tuple[int, str]:
+    """Code and words of a goal's last word. `asked`: its own client cancelled it."""
+    findings: Sequence[Mapping[str, Any]] = last.get("findings") or ()
+    words = "; ".join(f"{each['code']}: {each['message']}" for each in findings)
+    words = words or str(last.get("message") or "")
+    if last["phase"] == "succeeded":
+        return SUCCESSFUL, words
+    if last["phase"] == "cancelled":
+        return (SUCCESSFUL, words) if asked else (INVALID_GOAL, words or "cancelled by another")
+    if last["phase"] == "replaced":
+        return INVALID_GOAL, words or "replaced by a newer command"
+    codes = [CODES[each["code"]] for each in findings if each["code"] in CODES]
+    return (codes or [INVALID_GOAL])[0], words
+
+
+def unserved(goal: Any) -> str:
+    """What a goal has of joints that turn about more than one axis; newer types have fields for it."""
+    multi = getattr(goal, "multi_dof_trajectory", None)
+    parts = {
+        "multi_dof_trajectory": multi is not None and (multi.joint_names or multi.points),
+        "component_path_tolerance": getattr(goal, "component_path_tolerance", ()),
+        "component_goal_tolerance": getattr(goal, "component_goal_tolerance", ()),
+    }
+    return ", ".join(name for name, given in parts.items() if given)
+
+
+def tolerances(path: Sequence[Any], goal: Sequence[Any]) -> list[dict[str, Any]]:
+    """JointTolerances of a goal as the daemon takes them: 0 keeps the default, -1 looks at nothing."""
+    rows: dict[str, dict[str, Any]] = {}
+    for key, given in (("path", path), ("goal", goal)):
+        for each in given:
+            rows.setdefault(each.name, {"joint": each.name})[key] = float(each.position)
+    return list(rows.values())
+
+
+def seconds(duration: Any) -> float:
+    """Of a builtin_interfaces Duration."""
+    return float(duration.sec) + float(duration.nanosec) / 1e9

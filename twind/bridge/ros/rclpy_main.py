@@ -1,0 +1,40 @@
+"""What the launcher begins under the distribution's interpreter. Standard library and rclpy; Python 3.10."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from twind.bridge.ros.course import Course
+from twind.bridge.ros.discovery import discovery
+from twind.bridge.ros.rclpy_node import Rclpy
+from twind.ctl.stopping import told_to_stop
+
+
+def main(words: Sequence[str]) -> int:
+    """`twindctl ros --backend rclpy` behind the launcher; the exit code."""
+    parser = argparse.ArgumentParser(prog="twindctl ros")
+    parser.add_argument("--socket")
+    parser.add_argument("--rate", type=float)
+    parser.add_argument("--domain", type=int)
+    parser.add_argument("--no-commands", action="store_true")
+    options = parser.parse_args(words)
+    node = Rclpy(discovery(os.environ, domain=options.domain), tell, sockets=options.socket)
+    with told_to_stop() as stop:
+        course = Course(
+            node,
+            sockets=options.socket,
+            rate=options.rate,
+            commands=not options.no_commands,
+            tell=tell,
+            stop=stop,
+        )
+        node.goals = course.orders.goal if options.commands else None
+        return course.run()
+
+
+def tell(line: str) -> None:
+    """One line for whoever reads standard error."""
+    print(f"twindctl: {line}", file=sys.stderr, flush=True)

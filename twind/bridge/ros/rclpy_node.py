@@ -1,0 +1,232 @@
+"""The rclpy back end: a node of the distribution's own rclpy, under the distribution's own interpreter.
+
+Standard library, rclpy, and what of twind needs no more than the library; Python 3.10. `launcher` starts
+it by `rclpy_main`. Services, parameters and actions work here on every middleware: they are rclpy's own.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import json
+import os
+import threading
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.context import Context
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from twind.bridge.ros.discovery import Discovery
+from twind.bridge.ros.endpoints import NODE, STATUS, TO_MODE, Service, Topic
+from twind.bridge.ros.rclpy_follow import Follow, Goals
+from twind.bridge.ros.transport import Asked, Heard, TransportError
+from twind.ros import STRING, decode
+
+WAKE = 0.25  # s after which the node's thread looks whether it is to end
+TOLD = 20  # troubles of one life of the node that are told
+UNKNOWN = "unknown"  # of the parameter, while no daemon says which mode it is in
+SPARE = 8  # threads beside one for each service: subscriptions, parameters, goals
+
+
+def message_type(kind: str) -> Any:
+    """The class of `package/msg/Name`, from the distribution's packages. Raises TransportError."""
+    package, folder, name = kind.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{folder}"), name)
+    except (ImportError, AttributeError) as error:
+        distro = os.environ.get("ROS_DISTRO", "DISTRO")
+        remedy = f"install ros-{distro}-{package.replace('_', '-')}"
+        raise TransportError(f"rclpy: no {kind} ({error}); {remedy}") from None
+
+
+def _kinds(topics: Sequence[Topic], services: Sequence[Service]) -> set[str]:
+    return {topic.kind for topic in topics} | {service.kind for service in services}
+
+
+def quality(topic: Topic) -> Any:
+    """The QoSProfile of a topic."""
+    return QoSProfile(
+        depth=topic.depth,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+class Rclpy:
+    """A Transport. `goals`: who takes the goals of an action, set before `open`; None: no action."""
+
+    serves = True
+
+    def __init__(self, found: Discovery, tell: Callable[[str], None], *, sockets: str | None = None) -> None:
+        """`sockets`: of the daemon, for what a goal's client is told while it runs."""
+        self._discovery, self._tell, self._sockets = found, tell, sockets
+        self.goals: Goals | None = None
+        self._graph: _Graph | None = None
+
+    def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
+        """Join the graph with these endpoints. Raises TransportError."""
+        kinds = {kind: message_type(kind) for kind in _kinds(topics, services)}
+        graph = _Graph(self._discovery.domain, len(services) + SPARE, self._tell)
+        try:
+            for topic in topics:
+                graph.add(topic, kinds[topic.kind], heard)
+            for service in services:
+                graph.serve(service, kinds[service.kind], asked)
+            offered = frozenset(services)
+            graph.begin(ModeParameter(graph.node, asked, offered), self.goals, self._sockets)
+        except RuntimeError as error:
+            graph.close()
+            raise TransportError(f"rclpy: {error}") from None
+        self._graph = graph
+
+    def publish(self, topic: Topic, data: bytes) -> None:
+        """Send CDR bytes. How long a reader may hold this up is the middleware's. Raises TransportError."""
+        graph = self._graph
+        if graph is None or not graph.alive:
+            raise TransportError("rclpy: the node has left the graph; it is made anew")
+        try:
+            graph.publishers[topic.name].publish(data)
+        except RuntimeError as error:
+            raise TransportError(f"rclpy: {topic.name}: {error}") from None
+        if topic is STATUS and graph.mode is not None:
+            graph.mode.told(data)
+
+    def close(self) -> None:
+        """Leave the graph. May be called twice."""
+        graph, self._graph = self._graph, None
+        if graph is not None:
+            graph.close()
+
+
+class _Graph:
+    """One life of the node: its context, its executor in a thread of its own, its publishers."""
+
+    def __init__(self, domain: int, threads: int, tell: Callable[[str], None]) -> None:
+        self._context, self._tell = Context(), tell
+        self._told: set[str] = set()
+        try:
+            # Not by rclpy.init: who runs us keeps its own handlers of signals.
+            self._context.init(args=[], domain_id=domain)
+            self.node = Node(NODE, context=self._context)
+        except RuntimeError as error:
+            self._context.try_shutdown()
+            raise TransportError(f"rclpy: cannot join domain {domain}: {error}") from None
+        self._executor = MultiThreadedExecutor(num_threads=threads, context=self._context)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name="rclpy", daemon=True)
+        self._listening = MutuallyExclusiveCallbackGroup()
+        self.publishers: dict[str, Any] = {}
+        self.mode: ModeParameter | None = None
+        self._follow: Follow | None = None
+
+    @property
+    def alive(self) -> bool:
+        """Callbacks are served, and messages go out."""
+        return self._thread.is_alive() and bool(self._context.ok())
+
+    def add(self, topic: Topic, kind: Any, heard: Heard) -> None:
+        """Write or read a topic, its bytes as they are on the wire."""
+        if topic.out:
+            self.publishers[topic.name] = self.node.create_publisher(kind, topic.name, quality(topic))
+            return
+        call = functools.partial(heard, topic)
+        group = self._listening  # not that of the parameters, where a change of mode waits for the daemon
+        self.node.create_subscription(kind, topic.name, call, quality(topic), callback_group=group, raw=True)
+
+    def serve(self, service: Service, kind: Any, asked: Asked) -> None:
+        """Answer a service. Each has a group: none waits for another, none takes more than one thread."""
+
+        def answer(request: Any, response: Any) -> Any:
+            response.success, response.message = asked(service, getattr(request, "data", None))
+            return response
+
+        group = MutuallyExclusiveCallbackGroup()
+        self.node.create_service(kind, service.name, answer, callback_group=group)
+
+    def begin(self, mode: ModeParameter, goals: Goals | None, sockets: str | None) -> None:
+        """Parameter and action, and callbacks from now on."""
+        self.mode = mode
+        if goals is not None:
+            self._follow = Follow.offered(self.node, goals, sockets, self._tell)
+        self._executor.add_node(self.node)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._closing.is_set() and self._context.ok():
+            try:
+                self._executor.spin_once(timeout_sec=WAKE)
+            except Exception as error:  # noqa: BLE001  bytes that no request is, or a fault of ours: go on
+                self._complain(f"rclpy: {type(error).__name__}: {error}")
+
+    def _complain(self, text: str) -> None:
+        """Once for each reason, and never in a hurry: whoever floods us gets nothing done by it."""
+        if text not in self._told and len(self._told) < TOLD and self._context.ok():
+            self._told.add(text)
+            self._tell(text)
+        self._closing.wait(0.01)
+
+    def close(self) -> None:
+        """End callbacks, then all that they use."""
+        self._closing.set()
+        if self._follow is not None:
+            self._follow.close()
+        if self._thread.is_alive():
+            self._thread.join(2.0)
+        if self._follow is not None:
+            self._follow.destroy()
+        try:
+            self._executor.shutdown(timeout_sec=0.0, wait_for_threads=False)
+        except TypeError:  # Humble's never waits for them
+            self._executor.shutdown(timeout_sec=0.0)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
+class ModeParameter:
+    """The parameter `mode`: says which mode the daemon is in; whoever sets it asks the daemon for another."""
+
+    def __init__(self, node: Any, asked: Asked, offered: Collection[Service]) -> None:
+        """`offered`: services that are served; a mode without one cannot be asked for here either."""
+        self._node, self._asked, self._offered = node, asked, offered
+        self._mode, self._following = UNKNOWN, False
+        node.declare_parameter("mode", UNKNOWN)
+        node.add_on_set_parameters_callback(self._on_set)
+        # As the parameter services, in the default group: never beside them, so `_following` needs no lock.
+        self._news = node.create_guard_condition(self._follow)
+
+    def told(self, status: bytes) -> None:
+        """A message of the topic `/bridge/status`; from any thread."""
+        mode = str(json.loads(decode(STRING, status)["data"]).get("mode") or UNKNOWN)
+        if mode != self._mode:
+            self._mode = mode
+            self._news.trigger()
+
+    def _follow(self) -> None:
+        self._following = True
+        try:
+            self._node.set_parameters([Parameter("mode", value=self._mode)])
+        finally:
+            self._following = False
+
+    def _on_set(self, parameters: Sequence[Any]) -> Any:
+        refusals = [self._refusal(each.value) for each in parameters if each.name == "mode"]
+        reason = "".join(refusals)
+        return SetParametersResult(successful=not reason, reason=reason)
+
+    def _refusal(self, mode: Any) -> str:
+        """Why the daemon does not go there; nothing: it did."""
+        if self._following:
+            return ""
+        if mode not in TO_MODE:
+            return f"mode {mode!r}: must be one of {', '.join(TO_MODE)}"
+        if TO_MODE[mode] not in self._offered:
+            return "no commands are taken from ROS here"
+        done, words = self._asked(TO_MODE[mode], None)
+        return "" if done else words
