@@ -28,9 +28,16 @@ _NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 
 def robot_key(robot: str, *parts: str) -> str:
     """`twind/ROBOT/PARTS...`. Raises ValueError: a name that is no single chunk of a key."""
-    if _NAME.fullmatch(robot) is None or robot.startswith("."):
-        raise ValueError(f"robot {robot!r}: must be 1 to 64 of A-Z a-z 0-9 _ . -")
-    return "/".join((ROOT, robot, *parts))
+    return "/".join((ROOT, chunk("robot", robot), *parts))
+
+
+def chunk(what: str, name: str) -> str:
+    """`name`, if it can be one chunk of a key. Raises ValueError."""
+    if _NAME.fullmatch(name) is None or name.startswith("."):
+        raise ValueError(
+            f"{what} {name[:80]!r}: must be 1 to 64 of A-Z a-z 0-9 _ . -, and not begin with a dot"
+        )
+    return name
 
 
 def robot_of(key: str) -> str:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 LOCAL = "tcp/127.0.0.1:7447"  # where a router of this machine listens
 VARIABLE = "TWIND_ZENOH"  # endpoints by commas, or the path of a configuration file
 FILES = (".json5", ".json", ".yaml", ".yml")
+LARGEST = 16 << 20  # bytes of one message; what is larger never fills our memory
 TRY = 1.0  # s for one attempt to connect, and between two
 SEALED = ("tls", "quic", "unixsock-stream")  # links that nobody on the way can read
 MISSING = (
@@ -130,20 +131,20 @@ def _configuration(place: Place, patience: float) -> zenoh.Config:
         raise SessionError(f"{place.file}: {_words(error)}") from None
     if place.connect:
         _put(made, "connect/endpoints", list(place.connect))
-    at = "listen/endpoints"
-    if place.listen or _get(made, at) == _get(
-        engine.Config(), at
-    ):  # of itself a peer listens on every interface
-        _put(made, at, list(place.listen))
-    usual = {
+    if place.listen:
+        _put(made, "listen/endpoints", list(place.listen))
+    usual: dict[str, Any] = {
+        "listen/endpoints": [],  # of itself a peer listens on every interface
         "mode": "peer" if place.listen else "client",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        "transport/link/rx/max_message_size": LARGEST,
         "connect/timeout_ms": int(patience * 1e3),
         "connect/exit_on_failure": not place.listen,  # who is connected to need not wait for anybody
     }
+    untouched = engine.Config()
     for key, value in usual.items():
-        if _get(made, key) is None:
+        if _get(made, key) == _get(untouched, key):
             _put(made, key, value)
     return made
 

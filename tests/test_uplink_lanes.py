@@ -1,0 +1,42 @@
+"""Lanes: one thing after the other, a bounded number, and who is too many is told at once."""
+
+import threading
+import time
+
+from processes import until
+
+from twind.bridge.uplink.lanes import Lane
+
+
+def test_what_is_put_is_done_in_its_order_and_what_finds_no_room_is_refused_and_counted() -> None:
+    lane, done, gate = Lane("asking", length=3), list[int](), threading.Event()
+    assert lane.put(gate.wait)
+    for number in range(2):
+        assert lane.put(lambda number=number: done.append(number))  # type: ignore[misc]
+    assert not lane.put(lambda: done.append(99)) and lane.full == 1
+    lane.start()
+    gate.set()
+    until(lambda: lane.done == 3, 10.0, "all is done")
+    lane.stop()
+    assert done == [0, 1]
+
+
+def test_it_tends_to_its_things_after_each_job_and_without_any() -> None:
+    tended = list[float]()
+    lane = Lane("goals", tend=lambda: tended.append(time.monotonic()), period=0.02)
+    lane.start()
+    until(lambda: len(tended) > 3, 10.0, "it tends by itself")
+    lane.stop()
+    count = len(tended)
+    time.sleep(0.1)
+    assert len(tended) == count, "after the end it tends no more"
+
+
+def test_a_lane_that_hangs_does_not_keep_the_end_of_the_process() -> None:
+    lane, gate = Lane("settling"), threading.Event()
+    lane.put(gate.wait)
+    lane.start()
+    begun = time.monotonic()
+    lane.stop(0.1)
+    assert time.monotonic() - begun < 5.0
+    gate.set()

@@ -1,0 +1,216 @@
+"""One robot's uplink while it runs: what is told, what is asked, who commands.
+
+Threads: a tap for each connection of the daemon that tells (`telling.py`), a lane for each kind of question
+(`lanes.py`), so that a stop waits for nothing but its like; and those of the engine, in which nothing of ours
+waits for anything.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import zenoh
+
+from twind.bridge.driving import Driving
+from twind.bridge.uplink.contract import question
+from twind.bridge.uplink.door import JSON, Door, encoded
+from twind.bridge.uplink.lanes import Lane
+from twind.bridge.uplink.name import robot_name
+from twind.bridge.uplink.plans import Plans
+from twind.bridge.uplink.presence import Presence
+from twind.bridge.uplink.reins import PERIOD, Reins
+from twind.bridge.uplink.telling import Tap
+from twind.bridge.uplink.tenancy import Tenancy
+from twind.bridge.zenoh.keys import ASKED, RATES, TOPICS, robot_key
+from twind.client import CallError, Client, ClientError, NoDaemon
+from twind.client.once import Once
+from twind.ctl.verb import connected, observer, operator
+
+FULL = 1000.0  # Hz: the daemon gives at most the loop's rate
+OFTEN = "latency"  # told where somebody listens; all other topics are followed all the time
+FEW = 8  # questions with a trajectory that may wait: they are large
+PATIENCE, SLOW = 5.0, 35.0  # s for an answer of the daemon; for a stop, or a check while the model loads
+AGAIN = 0.5  # s between two attempts to reach it
+END = 1.0  # s at the end for what is under way
+Tell = Callable[[str], None]
+
+
+class Uplink:
+    """Of one robot by one name, which it claims until `close`. `rival`: why the name is another's now."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        session: zenoh.Session,
+        robot: str,
+        tell: Tell,
+    ) -> None:
+        """Raises Rejected: the name is taken."""
+        self._options, self._session, self.robot = options, session, robot
+        self._tell, self._trouble, self._limits = tell, Once(), Once()
+        self.rival, self._renamed = "", False
+        self._plans, self._tenancy = Plans(), Tenancy()
+        self._driving = Driving(partial(operator, options))
+        self._reins = Reins(self._driving, self._tenancy, self._plans, self._publish, tell, time.monotonic)
+        self._presence = Presence(session, robot, self._lost)
+        self._taps = self._made_taps()
+        self._door = Door(session, robot, tell)
+        self._lanes = self._opened_lanes()
+
+    def start(self) -> None:
+        """Begin to tell and to answer."""
+        for tap in self._taps:
+            tap.start()
+        for lane in self._lanes:
+            lane.start()
+        self._presence.claim()
+
+    @property
+    def over(self) -> bool:
+        """It cannot go on by this name: the daemon has another robot now, or another has the name."""
+        return self._renamed or bool(self.rival)
+
+    def close(self) -> None:
+        """Let go of the robot, then of the name. Takes END, and a little."""
+        self._door.close()
+        for tap in self._taps:
+            tap.stop()
+        deadline = time.monotonic() + END
+        for lane in self._lanes:
+            lane.stop(max(0.0, deadline - time.monotonic()))
+        self._reins.close()
+        for tap in self._taps:
+            tap.join(max(0.0, deadline - time.monotonic()))
+        self._presence.close()
+
+    def tally(self) -> dict[str, dict[str, int]]:
+        """What was answered, and what found no room, by lane."""
+        return {lane.name: {"answered": lane.done, "refused": lane.full} for lane in self._lanes}
+
+    # ------------------------------------------------------------------------------------------ telling
+
+    def _made_taps(self) -> list[Tap]:
+        connect = partial(observer, self._options)
+        rare = [topic for topic in TOPICS if topic != OFTEN]
+        news = Tap(connect, rare, None, always=True, began=self._began, hear=self._hear, ended=self._ended)
+        often = Tap(connect, [OFTEN], None)
+        for topic in TOPICS:
+            (often if topic == OFTEN else news).lead(self._session, self.robot, topic, "news", topic)
+        states = []
+        for rate in RATES:
+            state = Tap(connect, ["state"], FULL if rate == "full" else float(rate))
+            state.lead(self._session, self.robot, "state", "state", rate)
+            states.append(state)
+        return [news, often, *states]
+
+    def _began(self, client: Client) -> None:
+        """A daemon is there. Is it the same robot's?"""
+        name = self._options.name or asked_name(client)
+        if name != self.robot:
+            self._tell(f"the daemon's robot is {name} now, no longer {self.robot}")
+            self._renamed = True
+        elif self._trouble.news("", time.monotonic()):
+            self._tell("the daemon is there again")
+        self._say_what_we_may()
+
+    def _say_what_we_may(self) -> None:
+        """Who may not open control.sock looks on, and the robot can only be looked at and stopped."""
+        why = ""
+        try:
+            with operator(self._options) as client:
+                client.connect()
+        except NoDaemon as error:
+            why = "" if error.absent else str(error)
+        if self._limits.news(why, time.monotonic()):
+            self._tell(f"{why}; so nobody commands from afar" if why else "commands are taken again")
+
+    def _ended(self, why: str) -> None:
+        if why and self._trouble.news(why, time.monotonic()):
+            self._tell(f"{why}; waiting for the daemon")
+
+    def _hear(self, topic: str, data: bytes) -> None:
+        if topic in ("events", "status"):
+            self._driving.heard(json.loads(data)["parameters"])
+        elif topic == "trajectories":
+            self._plans.heard(json.loads(data)["parameters"])
+
+    def _lost(self, why: str) -> None:
+        self.rival = why
+
+    # ------------------------------------------------------------------------------------------ answering
+
+    def _opened_lanes(self) -> list[Lane]:
+        door = self._door
+        asking, checking, cancelling = Lane("asking"), Lane("checking", length=FEW), Lane("cancelling")
+        settling, cutting, leases = Lane("settling"), Lane("cutting"), Lane("leases")
+        goals = Lane("goals", length=FEW, tend=self._reins.tend, period=PERIOD)
+        for method in ASKED:
+            lane, patience = (checking, SLOW) if method == "Check" else (asking, PATIENCE)
+            door.open(lane, partial(self._relayed, method, patience), "ask", method)
+        door.open(cancelling, partial(self._relayed, "Cancel", PATIENCE), "stop", "Cancel")
+        # A settling may last, and a cut must not wait for it. Either lane does both.
+        estop = partial(self._relayed, "EStop", SLOW)
+        door.open(lambda data: cutting if b'"cut"' in data else settling, estop, "stop", "EStop")
+        # A renewal must not wait while a goal is judged.
+        door.open(lambda data: leases if _renews(data) else goals, self._lease, "lease")
+        door.open(goals, lambda data: self._reins.goal(question("Goal", data)), "goal")
+        return [asking, checking, cancelling, settling, cutting, leases, goals]
+
+    def _relayed(self, method: str, patience: float, data: bytes) -> dict[str, Any]:
+        """The daemon's answer. Raises ClientError."""
+        asked = question(method, data)
+        names = ("control",) if method in ("Check", "Cancel") else ("observe", "control")
+        with connected(self._options, *names) as client:
+            client.timeout = patience
+            return client.call(method, **asked)
+
+    def _lease(self, data: bytes) -> dict[str, Any]:
+        asked = question("Lease", data)
+        if asked["op"] == "renew":
+            return self._tenancy.renew(asked.get("lease", ""), time.monotonic())
+        return self._reins.lease(asked)
+
+    def _publish(self, goal: str, answer: dict[str, Any]) -> None:
+        self._session.put(
+            robot_key(self.robot, "goals", goal),
+            encoded(answer),
+            encoding=JSON,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+
+
+def _renews(data: bytes) -> bool:
+    """A renewal, or nothing that could be asked: neither asks anything of the daemon."""
+    try:
+        return bool(question("Lease", data)["op"] == "renew")
+    except CallError:
+        return True
+
+
+def asked_name(client: Client) -> str:
+    """The name of the daemon's robot. Raises ClientError."""
+    status = client.call("GetStatus")["status"]
+    return robot_name(status, client.call("GetParameters")["parameters"])
+
+
+def awaited_name(options: argparse.Namespace, stop: threading.Event, tell: Tell) -> str:
+    """As soon as there is a daemon that tells it; "": told to stop before."""
+    trouble = Once()
+    while not stop.is_set():
+        try:
+            with observer(options) as client:
+                client.timeout = PATIENCE
+                return asked_name(client)
+        except ClientError as error:
+            if trouble.news(str(error), time.monotonic()):
+                tell(f"{error}; waiting for the daemon")
+        stop.wait(AGAIN)
+    return ""
