@@ -53,4 +53,5 @@ def _ours(connect: str | None) -> Mapping[str, object]:
             "gossip": {"enabled": True, "target": {"router": ["router", "peer"], "peer": ["router"]}},
         },
         "timestamping": {"enabled": True},  # what is latched is kept by its time
+        "transport": {"shared_memory": {"enabled": False}},  # nothing of ours is big enough for it
     }
