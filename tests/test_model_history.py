@@ -55,6 +55,11 @@ SOUND = {
         op(2, RENEW, 0.6),
         op(1, RENEW, 0.7, result="LEASE_MISSING"),
     ],
+    "it was taken before its first holder was told, who gives back what it has no more": [
+        op(1, ACQUIRE, 0.0, 0.15),
+        op(2, ACQUIRE, 0.1, 0.16, take=True),
+        op(1, RELEASE, 0.5),
+    ],
     "a call to take it that was answered late came before": [
         op(2, ACQUIRE, 0.0, 1.5, take=True),
         op(1, ACQUIRE, 1.2, 1.3),

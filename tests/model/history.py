@@ -10,7 +10,7 @@ from math import inf
 
 TERM, STREAMING = 1.0, 0.25  # s that a lease lasts after the last call that keeps it (docs/protocol.md)
 KEEPS = {"AcquireLease": TERM, "RenewLease": TERM, "SubmitTrajectory": TERM, "Setpoint": STREAMING}
-NEEDS = frozenset({"RenewLease", "SubmitTrajectory", "Setpoint", "Arm"})
+NEEDS = frozenset({"RenewLease", "SubmitTrajectory", "Setpoint", "Arm"})  # obeyed: it held the lease
 NO_SIGN = frozenset({"ok", "LEASE_MISSING", "LeaseHeld"})  # refused before it could keep anything, or obeyed
 ENDS = frozenset({"succeeded", "cancelled", "replaced", "aborted"})
 
@@ -102,7 +102,7 @@ class History:
         if op.end < span.may_begin or op.begin > span.must_end:
             return
         after = op.begin >= span.must_begin
-        if not after and any(each.begin >= op.end for each in span.ops):
+        if not after and any(each.begin >= op.end for each in span.ops if each.name in NEEDS):
             return
         span.must_end = min(span.must_end, op.begin)
         if after and op.ok:
