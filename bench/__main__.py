@@ -22,9 +22,11 @@ from bench import (
     loop,
     observe,
     record,
+    ros_zenoh,
     start,
     stream,
     twin,
+    view,
 )
 from bench.harness import RESULTS, CannotTake, Figure, Key, Measurement, save, table
 from bench.machine import describe
@@ -42,7 +44,9 @@ MEASUREMENTS: tuple[Measurement, ...] = (
     *ctl.MEASUREMENTS,
     *start.MEASUREMENTS,
     *observe.MEASUREMENTS,
+    *view.MEASUREMENTS,
     *record.MEASUREMENTS,
+    *ros_zenoh.MEASUREMENTS,
     *stream.MEASUREMENTS,
     *learn.MEASUREMENTS,
 )

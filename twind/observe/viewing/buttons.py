@@ -9,17 +9,17 @@ STAYS, LASTS = 60.0, 6.0  # s that a notification of a failure is seen, and of w
 Press = Callable[[Any], Coroutine[Any, Any, None]]
 
 
-def stop_window(gui: Any, estop: Asked, stop: Asked, of: str = "") -> None:
+def stop_window(gui: Any, estop: Asked, stop: Asked, whom: str = "") -> None:
     """A window of its own above everything: it scrolls away with nothing and cannot be closed."""
     panel = gui.add_panel(order=-1.0)
     with panel.add_tab("stop"):
-        stop_buttons(gui, estop, stop, of)
+        stop_buttons(gui, estop, stop, whom)
     panel.float(x=12, y=-12, width=230)  # from the lower left: notifications come down from above
 
 
-def stop_buttons(gui: Any, estop: Asked, stop: Asked, of: str = "") -> None:
-    """Both, in what is being filled. `of`: whom they stop, where there are several."""
-    what = f" {of}" if of else ""
+def stop_buttons(gui: Any, estop: Asked, stop: Asked, whom: str = "", of: str = "") -> None:
+    """Both, in what is being filled. `whom` stands on them; `of`: before what is told of a press."""
+    what = f" {whom}" if whom else ""
     first = gui.add_button(f"E-STOP{what}", color="red", hint="lower the robot, torque off, latched")
     second = gui.add_button(
         f"Stop{what}", color="orange", hint="the motion comes to a hold; needs an operator"

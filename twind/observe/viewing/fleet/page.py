@@ -6,6 +6,8 @@ from twind.observe.viewing.buttons import stop_buttons, stop_window
 from twind.observe.viewing.fleet.chorus import Chorus
 from twind.observe.viewing.fleet.company import Company, Member
 
+ALL = "all robots"  # no name of a robot: they have no spaces
+
 
 class Page:
     """What changes is HTML, sent where it differs. The last of `said` is the sum of all."""
@@ -15,7 +17,7 @@ class Page:
         self._gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         estop = Chorus("e-stop", lambda: {each.name: each.stops.estop for each in company.members})
         stop = Chorus("stop", lambda: {each.name: each.stops.stop for each in company.members})
-        stop_window(self._gui, estop, stop, "all")
+        stop_window(self._gui, estop, stop, ALL)
         self._sum = self._gui.add_html("")
         self._words: dict[str, Any] = {}
         self._said: dict[str | None, str] = {}
@@ -25,7 +27,7 @@ class Page:
         """A folder more."""
         with self._gui.add_folder(member.name):
             self._words[member.name] = self._gui.add_html("")
-            stop_buttons(self._gui, member.stops.estop, member.stops.stop, member.name)
+            stop_buttons(self._gui, member.stops.estop, member.stops.stop, member.name, member.name)
 
     def say(self, words: str, of: str | None = None) -> None:
         """HTML of one robot; None: of all."""
