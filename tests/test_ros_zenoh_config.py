@@ -10,7 +10,7 @@ from twind.bridge.ros.transport import TransportError
 from twind.bridge.ros.zenoh.config import CONFIG, OVERRIDE, session_config
 
 
-def said(*keys: str, environment: dict[str, str] | None = None, **given: str | None) -> list[Any]:
+def said(*keys: str, environment: dict[str, str] | None = None, **given: Any) -> list[Any]:
     config = session_config(environment or {}, given.get("connect"), given.get("file"))
     return [json.loads(config.get_json(key)) for key in keys]
 
@@ -32,7 +32,7 @@ def test_an_option_counts_before_the_variables_of_rmw_zenoh(tmp_path: Path) -> N
     assert one == ["peer", ["tcp/a:1", "tcp/b:2"]]
     other = tmp_path / "other.json5"
     other.write_text('{mode: "router"}')
-    assert said("mode", environment=environment, file=str(other)) == ["router"]
+    assert said("mode", environment=environment, file=other) == ["router"]
 
 
 def test_overrides_come_last() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 
 import zenoh
 
@@ -18,12 +19,14 @@ CONFIG, OVERRIDE = "ZENOH_SESSION_CONFIG_URI", "ZENOH_CONFIG_OVERRIDE"  # what u
 _AGAIN_MS = (200, 2000)  # a router that is not there is looked for ever more rarely
 
 
-def session_config(environment: Mapping[str, str], connect: str | None, file: str | None) -> zenoh.Config:
+def session_config(
+    environment: Mapping[str, str], connect: str | None, file: Path | str | None
+) -> zenoh.Config:
     """Of the options, else of the variables that ROS users set, else ours. Raises TransportError.
 
     `connect`: the router's address, or several by commas; `file`: a Zenoh configuration, taken as it is.
     """
-    path = file or ("" if connect else environment.get(CONFIG, ""))
+    path = str(file or ("" if connect else environment.get(CONFIG, "")))
     try:
         found = zenoh.Config.from_file(path) if path else zenoh.Config.from_json5(json.dumps(_ours(connect)))
     except zenoh.ZError as error:

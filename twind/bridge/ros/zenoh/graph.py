@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import zenoh
 
@@ -30,7 +31,7 @@ class Zenoh:
         discovery: Discovery,
         tell: Callable[[str], None],
         connect: str | None = None,
-        config: str | None = None,
+        config: Path | str | None = None,
         *,
         labelled: bool = False,
     ) -> None:

@@ -18,7 +18,7 @@ from twind.bridge.ros.zenoh.names import Names, gid
 from twind.bridge.ros.zenoh.service import Served
 
 HEARTBEAT_S = 0.5  # as rmw_zenoh: how soon a reader learns that it missed the last of a latched topic
-_END_S = 1.0  # for what is being answered or handed over when the graph is left
+_END_S = 0.5  # for what is being answered or handed over when the graph is left
 
 
 class Node:
