@@ -15,9 +15,9 @@ from typing import Any, Protocol
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.serialization import serialize_message
 
 from twind.bridge.ros.feedback import State, places, states
+from twind.ros import JOINT_TRAJECTORY, encode
 
 ACTION = "/cmd/follow_joint_trajectory"
 KIND = "control_msgs/action/FollowJointTrajectory"
@@ -32,6 +32,7 @@ CODES = {
     "GOAL_TOLERANCE": GOAL_TOLERANCE,
 }
 
+COLUMNS = ("positions", "velocities", "accelerations", "effort")
 UNDER_WAY = ("accepted", "running")  # every other phase is an end
 Said = Mapping[str, Any]
 
@@ -112,7 +113,7 @@ class Follow:
         said: queue.SimpleQueue[Said] = queue.SimpleQueue()
         goal, withdrawn = handle.request, False
         cancel = self._goals(
-            serialize_message(goal.trajectory),
+            as_bytes(goal.trajectory),
             said.put,
             goal_time=seconds(goal.goal_time_tolerance) or None,
             tolerances=tolerances(goal.path_tolerance, goal.goal_tolerance) or None,
@@ -190,6 +191,26 @@ def tolerances(path: Sequence[Any], goal: Sequence[Any]) -> list[dict[str, Any]]
         for each in given:
             rows.setdefault(each.name, {"joint": each.name})[key] = float(each.position)
     return list(rows.values())
+
+
+def as_bytes(trajectory: Any) -> bytes:
+    """CDR of a JointTrajectory object. What rclpy serialises has junk behind it: 12 bytes, Kilted, measured."""
+    return encode(
+        JOINT_TRAJECTORY,
+        {
+            "header": {"stamp": _time(trajectory.header.stamp), "frame_id": trajectory.header.frame_id},
+            "joint_names": list(trajectory.joint_names),
+            "points": [
+                {key: list(getattr(point, key)) for key in COLUMNS}
+                | {"time_from_start": _time(point.time_from_start)}
+                for point in trajectory.points
+            ],
+        },
+    )
+
+
+def _time(time: Any) -> dict[str, int]:
+    return {"sec": time.sec, "nanosec": time.nanosec}
 
 
 def seconds(duration: Any) -> float:

@@ -19,7 +19,7 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--socket")
     parser.add_argument("--rate", type=float)
     parser.add_argument("--domain", type=int)
-    parser.add_argument("--no-commands", action="store_true")
+    parser.add_argument("--no-commands", dest="commands", action="store_false")
     options = parser.parse_args(words)
     node = Rclpy(discovery(os.environ, domain=options.domain), tell, sockets=options.socket)
     with told_to_stop() as stop:
@@ -27,7 +27,7 @@ def main(words: Sequence[str]) -> int:
             node,
             sockets=options.socket,
             rate=options.rate,
-            commands=not options.no_commands,
+            commands=options.commands,
             tell=tell,
             stop=stop,
         )
