@@ -194,7 +194,7 @@ def tolerances(path: Sequence[Any], goal: Sequence[Any]) -> list[dict[str, Any]]
 
 
 def as_bytes(trajectory: Any) -> bytes:
-    """CDR of a JointTrajectory object. What rclpy serialises has junk behind it: 12 bytes, Kilted, measured."""
+    """CDR of a JointTrajectory object. rclpy leaves up to 12 bytes of junk behind its own, measured."""
     return encode(
         JOINT_TRAJECTORY,
         {
