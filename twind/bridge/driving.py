@@ -56,6 +56,7 @@ class Driving:
         self._client: Client | None = None
         self.held = False
         self._renewed = self._quiet = -inf  # s: since when nothing was asked, and nothing is under way
+        self._still = inf  # s, since when nothing moves, as far as statuses tell
         self._lock = threading.Lock()
         self._under: dict[str, _Motion] = {}
         self._over: dict[str, Ended] = {}  # heard, and not told yet
@@ -122,12 +123,8 @@ class Driving:
             name, _, phase = answer["event"]["message"].partition(" ")
             if phase in ENDS:
                 self._end(Ended(name, phase, answer["event"]["findings"]))
-        elif answer["topic"] == "status" and answer["status"]["motion"] not in MOVING:
-            with self._lock:
-                late = self._now() - LATE
-                gone = [name for name, motion in self._under.items() if motion.begins < late]
-            for name in gone:
-                self._end(Ended(name, LOST))
+        elif answer["topic"] == "status":
+            self._look(still=answer["status"]["motion"] not in MOVING)
 
     def close(self) -> None:
         """Give the lease back and hang up: what is under way decelerates and holds. May be called twice."""
@@ -151,6 +148,19 @@ class Driving:
             strangers = [name for name in self._over if name not in self._under]
             for name in strangers[: max(0, len(strangers) - EARLY)]:
                 del self._over[name]
+
+    def _look(self, *, still: bool) -> None:
+        """Where nothing moves for a while, what should have begun has ended unheard."""
+        now = self._now()
+        with self._lock:
+            if not still:
+                self._still = inf
+                return
+            self._still = min(self._still, now)  # an end is told after the status that has it
+            late = now - LATE
+            gone = [name for name, motion in self._under.items() if max(motion.begins, self._still) < late]
+        for name in gone:
+            self._end(Ended(name, LOST))
 
     def _taken(self) -> list[Ended]:
         """Ends of our motions, each once."""
