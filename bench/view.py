@@ -22,7 +22,7 @@ COUNTS = (1, 4, 8)  # robots on the page
 PROGRAM = """import sys
 from twind.observe.viewing.fleet import watch
 from twind.observe.viewing.ways import local
-robots = {f"robot{n}": local(sys.argv[1]) for n in range(int(sys.argv[2]))}
+robots = {(f"robot{n}", "here"): local(sys.argv[1]) for n in range(int(sys.argv[2]))}
 sys.exit(watch(lambda: robots))"""
 # A page draws thrice a second: without a graphics card it would take the processor that is measured.
 SELDOM = "const f = requestAnimationFrame; window.requestAnimationFrame = g => setTimeout(() => f(g), 300)"

@@ -18,7 +18,7 @@ from viewed import h24, other, state, status
 from twind.client import ClientError
 from twind.observe.viewing import words
 from twind.observe.viewing.fleet.chorus import Chorus
-from twind.observe.viewing.fleet.company import Company
+from twind.observe.viewing.fleet.company import Company, Whose
 from twind.observe.viewing.fleet.stand import FADED, Stand, camera, spots
 from twind.observe.viewing.fleet.standing import GREY, Kind, page, standing, summary
 from twind.observe.viewing.news import Described, Known, Lost, News
@@ -215,10 +215,10 @@ def test_an_estop_of_all_waits_for_no_robot_that_hangs(folders: Folders) -> None
 @pytest.mark.realtime
 def test_who_is_gone_stays_and_who_comes_later_is_added(folders: Folders) -> None:
     folders.robot("first", speaking().get)
-    found: list[Mapping[str, Ways]] = [dict(folders.ways)]
+    found: list[Mapping[Whose, Ways]] = [{("first", "here"): folders.ways["first"]}]
     ended = threading.Event()
 
-    def look() -> Mapping[str, Ways]:
+    def look() -> Mapping[Whose, Ways]:
         if not found:
             raise ClientError("no way there")
         return found[-1]
@@ -226,13 +226,26 @@ def test_who_is_gone_stays_and_who_comes_later_is_added(folders: Folders) -> Non
     company = Company(look, ended)
     until(lambda: [each.name for each in company.members] == ["first"], 5.0, "the first")
     folders.robot("second", speaking("mirror").get)
-    found.append({"second": folders.ways["second"]})
+    found.append({("second", "here"): folders.ways["second"]})
     until(lambda: [each.name for each in company.members] == ["first", "second"], 5.0, "both")
     until(lambda: company.members[1].known.now().mode == "mirror", 5.0, "what it says")
     found.clear()
     until(lambda: company.problem == "no way there", 5.0, "why nobody is found")
     assert len(company.members) == 2
     ended.set()
+
+
+@pytest.mark.realtime
+def test_who_is_called_as_another_takes_nobodys_place() -> None:
+    """A stop that goes to somebody else than its name says would be worse than none."""
+    unused, ended = local("nowhere"), threading.Event()
+    found = {("h24", "/run/b"): unused, ("h24-mixed", "uplink"): unused}
+    company = Company(lambda: dict(sorted(found.items())), ended)
+    until(lambda: len(company.members) == 2, 5.0, "both")
+    found[("h24", "/run/a")] = unused  # would come before it
+    until(lambda: len(company.members) == 3, 5.0, "all")
+    ended.set()
+    assert [each.name for each in company.members] == ["h24", "h24-mixed", "h24 (/run/a)"]
 
 
 # ---------------------------------------------------------------------------------------- drawn

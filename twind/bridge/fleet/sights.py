@@ -9,14 +9,10 @@ from twind.client import Client
 from twind.observe.viewing.ways import Ways, local
 
 
-def found(lookout: Lookout) -> Mapping[str, Ways]:
-    """Whoever was ever there. Of two with one name the second has it with where it is."""
-    ways: dict[str, Ways] = {}
-    for robot in lookout.roll.robots():
-        way = _ways(robot, lookout.way)
-        if way is not None:
-            ways[f"{robot.name} ({robot.where})" if robot.name in ways else robot.name] = way
-    return ways
+def found(lookout: Lookout) -> Mapping[tuple[str, str], Ways]:
+    """Whoever was ever there, by name and place."""
+    ways = {(each.name, each.where): _ways(each, lookout.way) for each in lookout.roll.robots()}
+    return {whose: way for whose, way in ways.items() if way is not None}
 
 
 def _ways(robot: Robot, shared: Shared | None) -> Ways | None:

@@ -16,7 +16,8 @@ RATE = 10.0  # Hz of states: pictures a second, for each robot
 TOPICS = ("state", "status", "events")
 LOOKED = 1.0  # s between two looks who is there
 
-Found = Callable[[], Mapping[str, Ways]]  # who is there, by name; may take seconds, may raise ClientError
+Whose = tuple[str, str]  # a robot's name, and where it is: together nobody else's
+Found = Callable[[], Mapping[Whose, Ways]]  # who is there; may take seconds, may raise ClientError
 
 
 class Member:
@@ -32,10 +33,12 @@ def _news(ways: Ways, ended: threading.Event) -> Iterable[News]:
 
 
 class Company:
-    """All who were ever found, in that order. A name keeps the ways that it was found with first."""
+    """All who were ever found, in that order. Each keeps the ways and the name that it was given first: who
+    comes later and is called the same has where it is behind its name."""
 
     def __init__(self, found: Found, ended: threading.Event) -> None:
         self._found, self._ended = found, ended
+        self._names: dict[Whose, str] = {}
         self._members: tuple[Member, ...] = ()
         self.problem = ""  # why nobody else can be found
         _started("who is there", self._look)
@@ -57,10 +60,12 @@ class Company:
                 self.problem = f"{type(error).__name__}: {error}"
             self._ended.wait(LOOKED)
 
-    def _take(self, found: Mapping[str, Ways]) -> None:
-        known = {each.name for each in self._members}
-        new = [Member(name, ways, self._ended) for name, ways in found.items() if name not in known]
-        self._members = (*self._members, *new)
+    def _take(self, found: Mapping[Whose, Ways]) -> None:
+        for whose, ways in found.items():
+            if whose not in self._names:
+                name, where = whose
+                self._names[whose] = f"{name} ({where})" if name in self._names.values() else name
+                self._members = (*self._members, Member(self._names[whose], ways, self._ended))
 
 
 def _started(name: str, do: Callable[..., None], *arguments: Any) -> None:

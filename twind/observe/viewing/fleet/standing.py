@@ -30,6 +30,7 @@ COLOURS = {
     Kind.MOVING: "#2563eb",
     Kind.WELL: words.GREEN,
 }
+PUNCTUAL = 0.99  # of the ticks: a loop with fewer on time is told
 GREY = (Kind.LOST, Kind.OLD)  # what is drawn of it says nothing of now
 
 
@@ -109,8 +110,12 @@ def page(now: Now, how: Standing, problem: str) -> str:
 
 
 def _status(status: Message) -> list[str]:
+    """What is worth a line where many robots stand: faults, who commands, a loop that is late."""
     lease, loop = status["lease"], status["loop"]
     rows = [words.row("fault", f"{each['code']}: {each['message']}", words.RED) for each in status["faults"]]
-    rows.append(words.row("lease", "nobody" if lease is None else str(lease["holder"])))
-    rows.append(words.row("loop", f"{loop['rate_hz']:g} Hz, {loop['on_time']:.1%} of the ticks on time"))
+    if lease is not None:
+        rows.append(words.row("lease", str(lease["holder"])))
+    if not loop["on_time"] >= PUNCTUAL:
+        late = f"{loop['rate_hz']:g} Hz, {loop['on_time']:.1%} of the ticks on time"
+        rows.append(words.row("loop", late, words.AMBER))
     return rows
