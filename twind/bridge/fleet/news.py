@@ -4,7 +4,7 @@ from twind.bridge.zenoh.keys import RATES, TOPICS
 from twind.client import NotCarried
 
 USUAL = {"state": 10.0, "latency": 10.0, "status": 2.0}  # Hz where nobody says, as Monitor has them
-SLACK = 0.5  # of the time between two: by how much one may come too early
+SLACK = 0.5  # of the time between two that are sent: by how much one may come too early
 
 
 def keys(topics: list[str], rate: float | None) -> dict[str, tuple[str, ...]]:
@@ -26,13 +26,24 @@ class Thinned:
     """Lets through as many a second as were asked for, of a topic that has a rate; of others all."""
 
     def __init__(self, topic: str, rate: float | None) -> None:
-        self._period = 1.0 / (rate or USUAL[topic]) if topic in USUAL else 0.0
+        self._period = self._slack = 0.0  # s
         self._due: float | None = None
+        asked, sent = rate or USUAL.get(topic, 0.0), _sent(topic, rate)
+        if sent is None or asked < sent:
+            self._period = 1.0 / asked
+            self._slack = SLACK / sent if sent else 0.0
 
     def takes(self, now: float) -> bool:
         """It is time for one. `now`: s, monotonic."""
-        slack = SLACK * self._period
-        if self._due is not None and now + slack < self._due:
+        if self._due is not None and now + self._slack < self._due:
             return False
-        self._due = max(self._due if self._due is not None else now, now - slack) + self._period
+        self._due = max(now if self._due is None else self._due, now - self._slack) + self._period
         return True
+
+
+def _sent(topic: str, rate: float | None) -> float | None:
+    """Hz at which a topic comes, 0: whenever there is something, None: at the loop's rate."""
+    if topic != "state":
+        return USUAL.get(topic, 0.0)
+    chosen = offered(rate)
+    return None if chosen == "full" else float(chosen)
