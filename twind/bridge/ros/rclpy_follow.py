@@ -7,34 +7,37 @@ A goal is accepted in order to be judged; one that the gate refuses is aborted w
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import queue
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Generator
 from contextlib import closing, suppress
 from typing import Any, Protocol
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
-from twind.bridge.ros.feedback import State, places, states
-from twind.ros import JOINT_TRAJECTORY, encode
+from twind.bridge.ros.following import (
+    SUCCESSFUL,
+    Said,
+    State,
+    as_bytes,
+    outcome,
+    places,
+    seconds,
+    tolerances,
+    unserved,
+)
+from twind.client import ClientError
+from twind.ctl.verb import observer
 
 ACTION = "/cmd/follow_joint_trajectory"
 KIND = "control_msgs/action/FollowJointTrajectory"
 MOST = 4  # goals at once; the newest replaces the others, which end soon
-SUCCESSFUL, INVALID_GOAL, INVALID_JOINTS, OLD_STAMP, PATH_TOLERANCE, GOAL_TOLERANCE = 0, -1, -2, -3, -4, -5
-CODES = {
-    "UNKNOWN_JOINT": INVALID_JOINTS,
-    "DUP_JOINT": INVALID_JOINTS,
-    "NO_JOINTS": INVALID_JOINTS,
-    "CMD_EXPIRED": OLD_STAMP,
-    "PATH_TOLERANCE": PATH_TOLERANCE,
-    "GOAL_TOLERANCE": GOAL_TOLERANCE,
-}
-
-COLUMNS = ("positions", "velocities", "accelerations", "effort")
 UNDER_WAY = ("accepted", "running")  # every other phase is an end
-Said = Mapping[str, Any]
+RATE = 20.0  # Hz of feedback: `action_monitor_rate` of the usual controller
+PATIENCE = 1.0  # s for a word of the daemon
 
 
 class Goals(Protocol):
@@ -158,61 +161,13 @@ class Follow:
         return result
 
 
-def outcome(last: Said, *, asked: bool) -> tuple[int, str]:
-    """Code and words of a goal's last word. `asked`: its own client cancelled it."""
-    findings: Sequence[Mapping[str, Any]] = last.get("findings") or ()
-    words = "; ".join(f"{each['code']}: {each['message']}" for each in findings)
-    words = words or str(last.get("message") or "")
-    if last["phase"] == "succeeded":
-        return SUCCESSFUL, words
-    if last["phase"] == "cancelled":
-        return (SUCCESSFUL, words) if asked else (INVALID_GOAL, words or "cancelled by another")
-    if last["phase"] == "replaced":
-        return INVALID_GOAL, words or "replaced by a newer command"
-    codes = [CODES[each["code"]] for each in findings if each["code"] in CODES]
-    return (codes or [INVALID_GOAL])[0], words
-
-
-def unserved(goal: Any) -> str:
-    """What a goal has of joints that turn about more than one axis; newer types have fields for it."""
-    multi = getattr(goal, "multi_dof_trajectory", None)
-    parts = {
-        "multi_dof_trajectory": multi is not None and (multi.joint_names or multi.points),
-        "component_path_tolerance": getattr(goal, "component_path_tolerance", ()),
-        "component_goal_tolerance": getattr(goal, "component_goal_tolerance", ()),
-    }
-    return ", ".join(name for name, given in parts.items() if given)
-
-
-def tolerances(path: Sequence[Any], goal: Sequence[Any]) -> list[dict[str, Any]]:
-    """JointTolerances of a goal as the daemon takes them: 0 keeps the default, -1 looks at nothing."""
-    rows: dict[str, dict[str, Any]] = {}
-    for key, given in (("path", path), ("goal", goal)):
-        for each in given:
-            rows.setdefault(each.name, {"joint": each.name})[key] = float(each.position)
-    return list(rows.values())
-
-
-def as_bytes(trajectory: Any) -> bytes:
-    """CDR of a JointTrajectory object. rclpy leaves up to 12 bytes of junk behind its own, measured."""
-    return encode(
-        JOINT_TRAJECTORY,
-        {
-            "header": {"stamp": _time(trajectory.header.stamp), "frame_id": trajectory.header.frame_id},
-            "joint_names": list(trajectory.joint_names),
-            "points": [
-                {key: list(getattr(point, key)) for key in COLUMNS}
-                | {"time_from_start": _time(point.time_from_start)}
-                for point in trajectory.points
-            ],
-        },
-    )
-
-
-def _time(time: Any) -> dict[str, int]:
-    return {"sec": time.sec, "nanosec": time.nanosec}
-
-
-def seconds(duration: Any) -> float:
-    """Of a builtin_interfaces Duration."""
-    return float(duration.sec) + float(duration.nanosec) / 1e9
+def states(sockets: str | None) -> Generator[State | None, None, None]:
+    """States at RATE, without end, on a connection of its own; None about as often where there are none."""
+    while True:
+        try:
+            with closing(observer(argparse.Namespace(socket=sockets))) as client:
+                client.timeout = PATIENCE
+                yield from client.stream("Monitor", topics=["state"], rate=RATE)
+        except ClientError:
+            time.sleep(1.0 / RATE)
+            yield None
