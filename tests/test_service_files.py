@@ -9,9 +9,24 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from unit_files import CLIENTS, METRICS, SERVICES, SOCKETS, STREAM, SYSTEMD, Lines, read, unit, value, values
+from unit_files import (
+    CLIENTS,
+    METRICS,
+    ROS,
+    SERVICES,
+    SOCKETS,
+    STREAM,
+    SYSTEMD,
+    UPLINK,
+    Lines,
+    read,
+    unit,
+    value,
+    values,
+)
 
 from twind import cli
+from twind.bridge.zenoh import session
 from twind.client.places import socket_path
 from twind.config.settings import places
 from twind.ctl import main as ctl
@@ -189,6 +204,7 @@ def test_an_instance_differs_from_the_plain_unit_in_names_alone() -> None:
     assert unit("twind@.service") == renamed(unit("twind.service"))
 
 
+BRIDGES = ((ROS, ("twind: in", "twind: %i in")), (UPLINK, ("uplink", "uplink of %i")))
 CAGE = "CapabilityBoundingSet"  # the first line of what a service may not
 SOCKETS_ARE_MADE = {("Service", "ReadWritePaths", "-/run/twind"), ("Service", "SystemCallFilter", "@chown")}
 
@@ -246,19 +262,47 @@ def test_readings_are_sent_by_nobody_that_has_a_device_or_anything_of_the_daemon
     assert cage(lines) == cage(unit(METRICS[0]))
 
 
-def test_readings_of_an_instance_differ_in_names_alone() -> None:
+@pytest.mark.parametrize(("units", "described"), [(STREAM, ("readings", "readings of %i")), *BRIDGES])
+def test_a_client_of_an_instance_differs_in_names_alone(
+    units: tuple[str, str], described: tuple[str, str]
+) -> None:
     other = {
-        "Description": ("readings to", "readings of %i to"),
+        "Description": described,
         "After": ("twind.service", "twind@%i.service"),
         "ExecStart": ("--socket /run/twind ", "--socket /run/twind/%i "),
-        "EnvironmentFile": ("stream.env", "stream-%i.env"),
+        "EnvironmentFile": (".env", "-%i.env"),
         "StateDirectory": ("twind-stream", "twind-stream/%i"),
     }
     plain = [
-        (part, key, given.replace(*other.get(key, ("", "")))) if key in other else (part, key, given)
-        for part, key, given in unit(STREAM[0])
+        (part, key, given.replace(*other[key]) if key in other else given)
+        for part, key, given in unit(units[0])
     ]
-    assert unit(STREAM[1]) == plain
+    assert unit(units[1]) == plain
+
+
+@pytest.mark.parametrize("name", [units[0] for units, _ in BRIDGES])
+def test_a_bridge_has_no_device_sees_this_machine_alone_and_commands_nothing_until_told(name: str) -> None:
+    lines = unit(name)
+    assert (value(lines, "DynamicUser"), value(lines, "SupplementaryGroups")) == ("yes", GROUPS["observe"])
+    assert not [key for _, key, _ in lines if key in ("Requires", "BindsTo", "PartOf", "ReadWritePaths")]
+    families = "RestrictAddressFamilies"
+    assert value(lines, families) == value(unit(METRICS[0]), families) + " AF_NETLINK"  # which interfaces are
+    assert [line for line in cage(lines) if line[1] != families] == [
+        line for line in cage(unit(METRICS[0])) if line[1] != families
+    ]
+
+
+def test_an_uplink_looks_for_the_router_that_the_verb_looks_for() -> None:
+    assert f"CONNECT={session.LOCAL}" in value(unit(UPLINK[0]), "Environment").split()
+
+
+@pytest.mark.parametrize("name", ["ros", "uplink"])
+def test_what_an_example_adds_to_a_bridge_is_what_its_name_says(name: str) -> None:
+    commands, elsewhere = (read(EXAMPLES / f"{name}-{what}.conf") for what in ("commands", "elsewhere"))
+    assert commands == [("Service", "SupplementaryGroups", GROUPS["control"])]
+    assert {key for part, key, _ in elsewhere if part == "Service"} <= {"IPAddressAllow", "LoadCredential"}
+    told = {line.partition("=")[0] for line in (EXAMPLES / f"{name}.env").read_text().splitlines()}
+    assert "OPTIONS" in told  # the words that the unit's command line takes
 
 
 def test_a_daemon_that_is_given_up_is_followed_by_the_fail_safe_and_never_runs_beside_it() -> None:

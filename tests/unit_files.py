@@ -7,7 +7,9 @@ SYSTEMD = Path(__file__).parents[1] / "systemd"
 SERVICES = ("twind.service", "twind@.service", "twind-failsafe@.service", "twind-sim.service")
 METRICS = ("twind-metrics.service", "twind-metrics@.service")
 STREAM = ("twind-stream.service", "twind-stream@.service")
-CLIENTS = (*METRICS, *STREAM)
+ROS = ("twind-ros.service", "twind-ros@.service")
+UPLINK = ("twind-uplink.service", "twind-uplink@.service")
+CLIENTS = (*METRICS, *STREAM, *ROS, *UPLINK)
 SOCKETS = ("twind-control.socket", "twind-observe.socket", "twind-control@.socket", "twind-observe@.socket")
 
 Lines = list[tuple[str, str, str]]  # section, key, value
