@@ -9,6 +9,8 @@ from twind.bridge.ros.discovery import Discovery, Range
 from twind.bridge.ros.transport import TransportError
 
 HERE = "127.0.0.1"
+# Each writer in turn waits so long for readers that do not answer when it is closed; by default 1 s.
+_LINGER = "<Internal><WriterLingerDuration>20 ms</WriterLingerDuration></Internal>"
 _LOOPBACK = f'<NetworkInterface address="{HERE}" multicast="false"/>'
 # Ports of a domain by RTPS 9.6.1: 250 for each, of which each participant has two, from the eleventh on.
 _FIRST_PORT, _PORTS, _FIRST, _EACH, _LAST_PORT = 7400, 250, 10, 2, 65535
@@ -36,7 +38,7 @@ def configuration(discovery: Discovery, own: str = "") -> str | None:
         looking += f"<MaxAutoParticipantIndex>{last}</MaxAutoParticipantIndex>{_peers(discovery)}"
     ours = (
         '<CycloneDDS><Domain id="any">'
-        f"<General>{general}</General><Discovery>{looking}</Discovery>"
+        f"<General>{general}</General><Discovery>{looking}</Discovery>{_LINGER}"
         "</Domain></CycloneDDS>"
     )
     return ours if discovery.local or not own else f"{ours},{own}"
