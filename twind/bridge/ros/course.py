@@ -119,11 +119,13 @@ class Course:
             self._tell(f"{self._wrong}; tried again" if self._wrong else "the graph is joined again")
 
     def _publish(self, topic: Topic, data: bytes) -> None:
-        if not self._joined:
+        if not self._joined or self._stop.is_set():
             return
         try:
             self._transport.publish(topic, data)
         except TransportError as error:
+            if self._stop.is_set():
+                return  # it is being left, by us
             self._joined, self._wrong = False, str(error)
             if self._graph.news(self._wrong, time.monotonic()):
                 self._tell(f"{self._wrong}; tried again")

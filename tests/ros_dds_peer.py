@@ -1,0 +1,245 @@
+"""A ROS node over DDS that shares no code with ours: `python ros_dds_peer.py DOMAIN`, cyclonedds' own types.
+
+One order a line of standard input, one answer a line of standard output, JSON. It ends with its input. It is
+on 127.0.0.1 alone, without multicast.
+"""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from types import TracebackType
+from typing import Any
+
+CONFIG = (
+    '<CycloneDDS><Domain id="any"><General><AllowMulticast>false</AllowMulticast><Interfaces>'
+    '<NetworkInterface address="127.0.0.1" multicast="false"/></Interfaces></General><Discovery>'
+    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>20</MaxAutoParticipantIndex>"
+    '<Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>'
+)
+
+
+def free_domain() -> int:
+    """A domain of which nobody on this machine has a port, and no other worker of these tests asks."""
+    place = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    for domain in range(10 + place * 20, 30 + place * 20):
+        ports = [7400 + 250 * domain + offset for offset in (0, 10, 11, 12, 13)]
+        sockets = []
+        try:
+            for port in ports:
+                sockets.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+                sockets[-1].bind(("0.0.0.0", port))
+        except OSError:
+            continue
+        finally:
+            for each in sockets:
+                each.close()
+        return domain
+    raise AssertionError("no domain is free")
+
+
+class Peer:
+    """The process, asked from a test."""
+
+    def __init__(self, domain: int) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, __file__, str(domain)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "CYCLONEDDS_URI": CONFIG},
+        )
+
+    def ask(self, do: str, **parameters: Any) -> Any:
+        """What it answers. AssertionError where it cannot."""
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.process.stdin.write(json.dumps({"do": do, **parameters}) + "\n")
+        self.process.stdin.flush()
+        line = self.process.stdout.readline()
+        assert line, f"the peer ended at {do}: {self.process.poll()}"
+        answer = json.loads(line)
+        assert "error" not in answer, answer["error"]
+        return answer["answer"]
+
+    def __enter__(self) -> "Peer":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.process.kill()
+        self.process.wait(10)
+        for pipe in (self.process.stdin, self.process.stdout):
+            assert pipe is not None
+            pipe.close()
+
+
+class Node:
+    """The other side: runs in the process of its own."""
+
+    def __init__(self, domain: int) -> None:
+        from cyclonedds.domain import DomainParticipant
+
+        self._participant = DomainParticipant(domain)
+        self._types = types()
+        self._readers: dict[str, Any] = {}
+        self._writers: dict[str, Any] = {}
+
+    def listen(self, topic: str, kind: str, *, latched: bool = False) -> None:
+        """Read a topic from now on."""
+        self._readers[topic] = self._made("Reader", topic, kind, latched=latched)
+
+    def heard(self, topic: str) -> list[Any]:
+        """What came since this was last asked."""
+        return [plain(each) for each in self._readers[topic].take(N=10_000)]
+
+    def speak(self, topic: str, kind: str, seconds: float = 10.0) -> int:
+        """Write a topic from now on; how many readers there are, one at least."""
+        writer = self._writers[topic] = self._made("Writer", topic, kind)
+        deadline = time.monotonic() + seconds
+        while not len(writer.get_matched_subscriptions()) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        return len(writer.get_matched_subscriptions())
+
+    def send(self, topic: str, message: dict[str, Any], times: int = 1) -> float:
+        """Write one message so often; s that it took."""
+        writer, begun = self._writers[topic], time.monotonic()
+        made = self._types["of"](writer.topic.data_type, message)
+        for _ in range(times):
+            writer.write(made)
+        return time.monotonic() - begun
+
+    def _made(self, what: str, topic: str, kind: str, *, latched: bool = False) -> Any:
+        from cyclonedds.core import Policy, Qos
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.sub import DataReader
+        from cyclonedds.topic import Topic
+        from cyclonedds.util import duration
+
+        durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
+        qos = Qos(
+            Policy.Reliability.Reliable(duration(seconds=1)),
+            Policy.History.KeepLast(2000),
+            durability,
+            Policy.DataRepresentation(use_cdrv0_representation=True),
+        )
+        made = Topic(self._participant, f"rt{topic}", self._types[kind])
+        return (DataReader if what == "Reader" else DataWriter)(self._participant, made, qos=qos)
+
+
+def plain(value: Any) -> Any:
+    """A message as JSON."""
+    if hasattr(value, "__dataclass_fields__"):
+        return {name: plain(getattr(value, name)) for name in value.__dataclass_fields__}
+    if isinstance(value, list):
+        return [plain(each) for each in value]
+    return value
+
+
+def types() -> dict[str, Any]:
+    """The types of messages, written down here anew; `of` makes one from a dict."""
+    from dataclasses import dataclass, fields
+
+    from cyclonedds.idl import IdlStruct
+    from cyclonedds.idl.types import byte, float64, int32, sequence, uint32
+
+    @dataclass
+    class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
+        sec: int32
+        nanosec: uint32
+
+    @dataclass
+    class Duration(IdlStruct, typename="builtin_interfaces.msg.dds_.Duration_"):
+        sec: int32
+        nanosec: uint32
+
+    @dataclass
+    class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
+        stamp: Time
+        frame_id: str
+
+    @dataclass
+    class JointState(IdlStruct, typename="sensor_msgs.msg.dds_.JointState_"):
+        header: Header
+        name: sequence[str]
+        position: sequence[float64]
+        velocity: sequence[float64]
+        effort: sequence[float64]
+
+    @dataclass
+    class Point(IdlStruct, typename="trajectory_msgs.msg.dds_.JointTrajectoryPoint_"):
+        positions: sequence[float64]
+        velocities: sequence[float64]
+        accelerations: sequence[float64]
+        effort: sequence[float64]
+        time_from_start: Duration
+
+    @dataclass
+    class JointTrajectory(IdlStruct, typename="trajectory_msgs.msg.dds_.JointTrajectory_"):
+        header: Header
+        joint_names: sequence[str]
+        points: sequence[Point]
+
+    @dataclass
+    class String(IdlStruct, typename="std_msgs.msg.dds_.String_"):
+        data: str
+
+    @dataclass
+    class KeyValue(IdlStruct, typename="diagnostic_msgs.msg.dds_.KeyValue_"):
+        key: str
+        value: str
+
+    @dataclass
+    class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticStatus_"):
+        level: byte
+        name: str
+        message: str
+        hardware_id: str
+        values: sequence[KeyValue]
+
+    @dataclass
+    class DiagnosticArray(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticArray_"):
+        header: Header
+        status: sequence[DiagnosticStatus]
+
+    @dataclass
+    class Garbage(IdlStruct, typename="trajectory_msgs.msg.dds_.JointTrajectory_"):
+        """The name of a trajectory, and other bytes: a count and so many."""
+
+        data: sequence[byte]
+
+    parts = {"header": Header, "stamp": Time, "time_from_start": Duration}
+
+    def of(kind: Any, message: dict[str, Any]) -> Any:
+        given = {}
+        for field in fields(kind):
+            value = message.get(field.name)
+            if field.name in parts:
+                value = of(parts[field.name], value or {})
+            elif field.name == "points":
+                value = [of(Point, each) for each in value or ()]
+            elif value is None:
+                value = "" if field.type is str else 0 if field.name in ("sec", "nanosec") else []
+            given[field.name] = value
+        return kind(**given)
+
+    known = (JointState, JointTrajectory, String, DiagnosticArray, Garbage)
+    return {each.__name__: each for each in known} | {"of": of}
+
+
+def main() -> None:
+    """Do what each line asks for."""
+    node = Node(int(sys.argv[1]))
+    for line in sys.stdin:
+        order = json.loads(line)
+        try:
+            answer = {"answer": getattr(node, order.pop("do"))(**order)}
+        except Exception as error:
+            answer = {"error": f"{type(error).__name__}: {error}"}
+        print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    main()

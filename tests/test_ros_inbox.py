@@ -1,0 +1,117 @@
+"""Commands that wait: few, the newest of each kind, and never in a hurry."""
+
+import time
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twind.bridge.ros.goal import Heading
+from twind.bridge.ros.inbox import PACE, ROOM, Command, Inbox
+
+NAMES = st.sets(st.sampled_from("abcd"), min_size=1).map(lambda joints: tuple(sorted(joints)))
+
+
+def command(*joints: str, stamp: int = 0, frame: str = "", came: float = 0.0) -> Command:
+    return Command(b"", Heading(stamp, 0, frame, joints), came, 0)
+
+
+class Clock:
+    """Moves when it is told to."""
+
+    time = 100.0
+
+    def now(self) -> float:
+        return self.time
+
+
+def taken(inbox: Inbox, clock: Clock) -> list[Command]:
+    """All that waits, each when it is time for it."""
+    found = []
+    while True:
+        clock.time += PACE
+        command = inbox.take(0.0)
+        if command is None:
+            return found
+        found.append(command)
+
+
+def test_a_newer_command_for_the_same_joints_takes_the_place_of_one_that_waits() -> None:
+    clock = Clock()
+    inbox = Inbox(clock.now)
+    old, other, new = command("a"), command("b"), command("a", "c")
+    for each in (old, other, new):
+        assert inbox.put(each) == []
+    assert taken(inbox, clock) == [other, new]
+    assert inbox.dropped() == (1, old.head)
+
+
+def test_what_begins_later_or_is_waited_for_or_is_no_command_is_kept() -> None:
+    clock = Clock()
+    inbox = Inbox(clock.now)
+    later, followed, malformed, now = (
+        command("a", stamp=7),
+        command("a"),
+        Command(b"x", None, 0.0, 0),
+        command("a"),
+    )
+    followed.told = lambda result: None
+    for each in (later, followed, malformed, now):
+        inbox.put(each)
+    assert taken(inbox, clock) == [later, followed, malformed, now]
+    assert inbox.dropped() is None
+
+
+@given(st.lists(st.tuples(NAMES, st.integers(0, 1)), max_size=60))
+def test_whatever_comes_few_wait_the_newest_is_among_them_and_all_are_counted(
+    asked: list[tuple[tuple[str, ...], int]],
+) -> None:
+    clock = Clock()
+    inbox = Inbox(clock.now)
+    commands = [command(*joints, stamp=stamp) for joints, stamp in asked]
+    for each in commands:
+        inbox.put(each)
+    left = taken(inbox, clock)
+    assert len(left) <= ROOM
+    assert left == [each for each in commands if each in left]  # in their order
+    assert not commands or left[-1] is commands[-1]
+    dropped = inbox.dropped()
+    assert (dropped[0] if dropped else 0) == len(commands) - len(left)
+
+
+def test_of_those_that_find_no_room_whoever_waits_to_hear_of_them_is_told() -> None:
+    inbox = Inbox(Clock().now)
+    first = command("a", stamp=1)
+    first.told = lambda result: None
+    gone = [inbox.put(each) for each in [first, *(command("a", stamp=2 + place) for place in range(ROOM))]]
+    assert gone[-1] == [first] and not any(gone[:-1])
+
+
+def test_two_are_taken_no_closer_together_than_the_daemon_wants_them() -> None:
+    clock = Clock()
+    inbox = Inbox(clock.now)
+    inbox.put(command("a"))
+    inbox.put(command("b"))
+    assert inbox.take(0.0) is not None
+    clock.time += PACE / 2.0
+    assert inbox.take(0.0) is None
+    clock.time += PACE / 2.0
+    assert inbox.take(0.0) is not None
+
+
+def test_drops_are_told_once_a_second_at_most() -> None:
+    clock = Clock()
+    inbox = Inbox(clock.now)
+    for place in range(3):
+        inbox.put(command("a", frame=str(place)))
+    assert inbox.dropped() == (2, Heading(0, 0, "1", ("a",)))
+    inbox.put(command("a"))
+    assert inbox.dropped() is None
+    clock.time += 1.0
+    assert inbox.dropped() == (1, Heading(0, 0, "2", ("a",)))
+
+
+def test_whoever_waits_for_a_command_is_woken() -> None:
+    inbox, begun = Inbox(), time.monotonic()
+    inbox.wake()
+    assert inbox.take(20.0) is None
+    assert time.monotonic() - begun < 20.0
