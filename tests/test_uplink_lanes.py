@@ -3,9 +3,12 @@
 import threading
 import time
 
+import pytest
 from processes import until
 
 from twind.bridge.uplink.lanes import Lane
+
+pytestmark = pytest.mark.realtime
 
 
 def test_what_is_put_is_done_in_its_order_and_what_finds_no_room_is_refused_and_counted() -> None:

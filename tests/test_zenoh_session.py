@@ -12,6 +12,8 @@ from zenoh_router import free_port
 from twind.bridge.zenoh import session
 from twind.bridge.zenoh.session import LOCAL, Place, SessionError
 
+pytestmark = pytest.mark.realtime
+
 
 def given(*words: str, **environ: str) -> Place:
     parser = argparse.ArgumentParser()

@@ -64,7 +64,8 @@ class Door:
 
     def _send(self, query: zenoh.Query, send: Callable[[], None]) -> None:
         try:
-            send()
+            with query:  # whoever asked knows that all is said when the question is let go
+                send()
         except Exception as error:  # noqa: BLE001  whoever asked is gone, or asked for another key
             self._tell(f"{query.key_expr}: not answered: {error}")
 

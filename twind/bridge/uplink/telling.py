@@ -41,7 +41,8 @@ class Outlet:
     @property
     def wanted(self) -> bool:
         """Somebody listens."""
-        return self._publisher.matching_status
+        status: Any = self._publisher.matching_status  # declared a bool; in 1.10 an object, always true
+        return bool(getattr(status, "matching", status))
 
     def put(self, data: bytes) -> None:
         """Send it on, within milliseconds. Raises zenoh.ZError: the session is closed."""
