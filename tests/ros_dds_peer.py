@@ -6,7 +6,6 @@ on 127.0.0.1 alone, without multicast.
 
 import json
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -19,25 +18,6 @@ CONFIG = (
     "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>20</MaxAutoParticipantIndex>"
     '<Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>'
 )
-
-
-def free_domain() -> int:
-    """A domain of which nobody on this machine has a port, and no other worker of these tests asks."""
-    place = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    for domain in range(10 + place * 20, 30 + place * 20):
-        ports = [7400 + 250 * domain + offset for offset in (0, 10, 11, 12, 13)]
-        sockets = []
-        try:
-            for port in ports:
-                sockets.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-                sockets[-1].bind(("0.0.0.0", port))
-        except OSError:
-            continue
-        finally:
-            for each in sockets:
-                each.close()
-        return domain
-    raise AssertionError("no domain is free")
 
 
 class Peer:
@@ -62,6 +42,10 @@ class Peer:
         answer = json.loads(line)
         assert "error" not in answer, answer["error"]
         return answer["answer"]
+
+    def signal(self, number: int) -> None:
+        """Stop it, let it go on, kill it."""
+        self.process.send_signal(number)
 
     def __enter__(self) -> "Peer":
         return self
