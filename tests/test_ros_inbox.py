@@ -24,14 +24,16 @@ class Clock:
         return self.time
 
 
-def taken(inbox: Inbox, clock: Clock) -> list[Command]:
-    """All that waits, each when it is time for it."""
+def taken(inbox: Inbox, clock: Clock, *, good: bool = True) -> list[Command]:
+    """All that waits, each when it is time for it. `good`: each is accepted."""
     found = []
     while True:
         clock.time += PACE
         command = inbox.take(0.0)
         if command is None:
             return found
+        if good:
+            inbox.accepted(command)
         found.append(command)
 
 
@@ -41,8 +43,30 @@ def test_a_newer_command_for_the_same_joints_takes_the_place_of_one_that_waits()
     old, other, new = command("a"), command("b"), command("a", "c")
     for each in (old, other, new):
         assert inbox.put(each) == []
-    assert taken(inbox, clock) == [other, new]
+    assert taken(inbox, clock) == [new, other]
     assert inbox.dropped() == (1, old.head)
+
+
+def test_a_newer_command_that_is_refused_loses_none_that_waits() -> None:
+    clock = Clock()
+    inbox = Inbox(clock.now)
+    old, other, new = command("a"), command("b"), command("a", "c")
+    for each in (old, other, new):
+        inbox.put(each)
+    assert taken(inbox, clock, good=False) == [new, old, other]
+    assert inbox.dropped() is None
+
+
+def test_what_came_after_it_is_not_void_by_what_was_accepted() -> None:
+    clock = Clock()
+    inbox = Inbox(clock.now)
+    inbox.put(command("a"))
+    clock.time += PACE
+    first = inbox.take(0.0)
+    assert first is not None
+    inbox.put(command("a", frame="newer"))
+    inbox.accepted(first)
+    assert [each.head and each.head.frame for each in taken(inbox, clock)] == ["newer"]
 
 
 def test_what_begins_later_or_is_waited_for_or_is_no_command_is_kept() -> None:
@@ -72,8 +96,12 @@ def test_whatever_comes_few_wait_the_newest_is_among_them_and_all_are_counted(
         inbox.put(each)
     left = taken(inbox, clock)
     assert len(left) <= ROOM
-    assert left == [each for each in commands if each in left]  # in their order
-    assert not commands or left[-1] is commands[-1]
+    assert not commands or commands[-1] in left
+    for place, first in enumerate(left):  # none is done after a newer one that leaves nothing of it
+        for later in left[place + 1 :]:
+            assert first.head and later.head
+            older = later.number < first.number and later.head.sec == first.head.sec == 0
+            assert not (older and set(first.head.joints) >= set(later.head.joints))
     dropped = inbox.dropped()
     assert (dropped[0] if dropped else 0) == len(commands) - len(left)
 
@@ -101,13 +129,13 @@ def test_two_are_taken_no_closer_together_than_the_daemon_wants_them() -> None:
 def test_drops_are_told_once_a_second_at_most() -> None:
     clock = Clock()
     inbox = Inbox(clock.now)
-    for place in range(3):
-        inbox.put(command("a", frame=str(place)))
-    assert inbox.dropped() == (2, Heading(0, 0, "1", ("a",)))
-    inbox.put(command("a"))
+    for place in range(ROOM + 2):
+        inbox.put(command("a", stamp=7, frame=str(place)))
+    assert inbox.dropped() == (2, Heading(7, 0, "1", ("a",)))
+    inbox.put(command("a", stamp=7))
     assert inbox.dropped() is None
     clock.time += 1.0
-    assert inbox.dropped() == (1, Heading(0, 0, "2", ("a",)))
+    assert inbox.dropped() == (1, Heading(7, 0, "2", ("a",)))
 
 
 def test_whoever_waits_for_a_command_is_woken() -> None:

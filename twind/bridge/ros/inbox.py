@@ -1,13 +1,14 @@
 """Commands from ROS that wait for the daemon: bounded, whatever comes. Standard library, Python 3.10.
 
-Of commands for the same joints that begin at once only the newest waits: the daemon would follow only that.
+Of those for the same joints that begin at once the newest goes first, and where it is accepted the older ones
+go: the daemon would follow it alone. Where it is refused they are as good as before.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,10 +32,11 @@ class Command:
     told: Told | None = None  # who else hears what becomes of it: then it is never dropped for a newer one
     more: Mapping[str, Any] = field(default_factory=dict)  # goal_time, tolerances, as the daemon takes them
     cancelled: bool = False
+    number: int = 0  # in the order in which they came
 
 
 class Inbox:
-    """`put` and `wake` may be called from any thread and return at once; `take` and `dropped` by one."""
+    """`put` and `wake` may be called from any thread and return at once; all else by one."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
@@ -42,19 +44,24 @@ class Inbox:
         self._changed = threading.Condition()
         self._woken = False
         self._next = self._tell_at = float("-inf")  # s: when the next may be taken, and drops be told
-        self._dropped, self._last = 0, Heading()
+        self._count = self._dropped = 0
+        self._last = Heading()
 
     def put(self, command: Command) -> list[Command]:
         """It waits now. Answers whom it leaves no room though somebody waits to hear of them."""
         with self._changed:
-            void = [each for each in self._waiting if _voids(command, each)]
-            self._waiting = [each for each in self._waiting if each not in void] + [command]
+            self._count += 1
+            command.number = self._count
+            self._waiting.append(command)
             over = self._waiting[: max(0, len(self._waiting) - ROOM)]
-            del self._waiting[: len(over)]
-            for gone in void + over:
-                self._dropped, self._last = self._dropped + 1, gone.head or Heading()
+            self._drop(over)
             self._changed.notify()
         return [each for each in over if each.told is not None]
+
+    def accepted(self, command: Command) -> None:
+        """What is void by it goes."""
+        with self._changed:
+            self._drop([each for each in self._waiting if _voids(command, each)])
 
     def wake(self) -> None:
         """`take` returns."""
@@ -63,7 +70,7 @@ class Inbox:
             self._changed.notify()
 
     def take(self, patience: float) -> Command | None:
-        """The oldest, when it is time for another; None after `patience` s, or woken."""
+        """The oldest, or what would make that void, when it is time; None after `patience` s, or woken."""
         early = self._next - self._now()
         if early > 0.0:  # no use in being woken by each of a flood
             time.sleep(min(early, patience))
@@ -72,7 +79,11 @@ class Inbox:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._woken, patience)
             self._woken = False
-            command = self._waiting.pop(0) if self._waiting else None
+            command = self._waiting[0] if self._waiting else None
+            for newer in self._waiting:
+                command = newer if command is not None and _voids(newer, command) else command
+            if command is not None:
+                self._waiting.remove(command)
         if command is not None:
             self._next = self._now() + PACE
         return command
@@ -86,10 +97,16 @@ class Inbox:
             count, self._dropped, self._tell_at = self._dropped, 0, now + TELL
             return count, self._last
 
+    def _drop(self, commands: Sequence[Command]) -> None:
+        """The caller holds the lock."""
+        for gone in commands:
+            self._waiting.remove(gone)
+            self._dropped, self._last = self._dropped + 1, gone.head or Heading()
+
 
 def _voids(newer: Command, older: Command) -> bool:
     """Whoever follows the newer one has nothing left of the older."""
     new, old = newer.head, older.head
-    if new is None or old is None or older.told is not None:
+    if new is None or old is None or older.told is not None or newer.number <= older.number:
         return False
     return new.time_ns == old.time_ns == 0 and set(new.joints) >= set(old.joints)

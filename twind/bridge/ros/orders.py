@@ -133,6 +133,7 @@ class Orders:
 
     def _accepted(self, command: Command, answer: Mapping[str, Any]) -> None:
         self._begun[answer["id"]] = command
+        self._inbox.accepted(command)
         verdict = answer.get("verdict") or {}
         more = {key: verdict[key] for key in ("warnings", "changes") if verdict.get(key)}
         self._tell(command, "accepted", id=answer["id"], **more)
