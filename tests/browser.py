@@ -62,8 +62,15 @@ def browser() -> Iterator[Any]:
             found.close()
 
 
-def opened(found: Any, url: str, size: tuple[int, int] = SIZE, *, looked_at: bool = True) -> Any:
-    """The page, once it shows its panels. `page.asked`: the address of every request it made.
+def opened(
+    found: Any,
+    url: str,
+    size: tuple[int, int] = SIZE,
+    *,
+    looked_at: bool = True,
+    shows: str = "last 10 s",
+) -> Any:
+    """The page, once it shows its panels, or these words. `page.asked`: the address of every request.
 
     Where it is not `looked_at` it draws small and thrice a second: a robot beside it needs the processor.
     """
@@ -75,7 +82,7 @@ def opened(found: Any, url: str, size: tuple[int, int] = SIZE, *, looked_at: boo
     page.on("request", lambda request: page.asked.append(request.url))
     page.on("websocket", lambda socket: page.asked.append(socket.url))
     page.goto(url)
-    page.get_by_text("last 10 s").wait_for(timeout=60_000)
+    page.get_by_text(shows).wait_for(timeout=60_000)
     return page
 
 

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -217,6 +218,24 @@ class Daemon:
     def _children(self) -> list[int]:
         pid = self.process.pid
         return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+class Moving(threading.Thread):
+    """A client that plays a motion; `last` is what it heard of it last, in the end how it ended."""
+
+    def __init__(self, running: Daemon, trajectory: dict[str, Any]) -> None:
+        super().__init__(daemon=True)
+        self._running, self._trajectory, self.last = running, trajectory, ""
+        self.start()
+
+    def run(self) -> None:
+        with self._running.client() as client:
+            client.call("AcquireLease")
+            try:
+                for report in client.stream("SubmitTrajectory", trajectory=self._trajectory):
+                    self.last = report["phase"]
+            except Refused as refusal:  # a busy machine
+                self.last = str(refusal)
 
 
 @contextmanager

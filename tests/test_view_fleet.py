@@ -99,6 +99,14 @@ def test_the_words_of_a_robot_name_its_faults_and_the_joints_that_are_not_heard(
     assert words.row("fault", "FOLLOW_ERR: l_knee: too far off", words.RED) in said
 
 
+def test_of_a_robot_that_is_lost_only_its_last_words_are_told_as_such() -> None:
+    robot = known(status(faults=[FAULT]), state(h24(), l_knee=SILENT), Lost("the link is cut"))
+    said = page(robot.now(), standing(robot.now()), "")
+    assert words.row("now", "the link is cut", words.RED) in said
+    assert words.row("said last", "live, armed, holding", words.GREY) in said
+    assert "heard" not in said and "FOLLOW_ERR" in said
+
+
 def test_the_sum_counts_each_kind_the_most_urgent_first() -> None:
     robots = [known(status(), state(h24())), known(), known(status(state="estop"), state(h24())), known()]
     said = summary(standing(each.now()) for each in robots)

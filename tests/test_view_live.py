@@ -4,7 +4,6 @@ import contextlib
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,9 +11,8 @@ from typing import Any
 
 import pytest
 from browser import browser, missing, opened
-from processes import Daemon, arm, daemon, go, robot, until
+from processes import Daemon, Moving, arm, daemon, go, robot, until
 
-from twind.client import Refused
 from twind.observe.viewing.operate import ANSWER
 
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
@@ -75,24 +73,6 @@ def press(page: Any, name: str) -> None:
     page.get_by_role("button", name=name, exact=True).dispatch_event("click", timeout=WAIT)
 
 
-class Moving(threading.Thread):
-    """A client that plays a long motion; `last` is how it ended."""
-
-    def __init__(self, running: Daemon) -> None:
-        super().__init__(daemon=True)
-        self._running, self.last = running, ""
-        self.start()
-
-    def run(self) -> None:
-        with self._running.client() as client:
-            client.call("AcquireLease")
-            try:
-                for report in client.stream("SubmitTrajectory", trajectory=LONG):
-                    self.last = report["phase"]
-            except Refused as refusal:  # a busy machine
-                self.last = str(refusal)
-
-
 def stopped(running: Daemon, page: Any) -> str:
     """How a motion ends when Stop is pressed while it runs; anew where a busy machine ended it before."""
     moving = None
@@ -101,7 +81,7 @@ def stopped(running: Daemon, page: Any) -> str:
         if moving is not None:
             with running.client() as client:
                 go(client, HOME)
-        moving = Moving(running)
+        moving = Moving(running, LONG)
         until(lambda moving=moving: running.status()["motion"] == "active" or moving.last, 10.0, "it moves")
         press(page, "Stop")
         moving.join(10.0)

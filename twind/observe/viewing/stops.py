@@ -74,10 +74,10 @@ class Errand(threading.Thread):
 
 
 class Stops:
-    """The two errands of one robot."""
+    """The two errands of one robot. `by`: what the daemon is told of who asked."""
 
-    def __init__(self, ways: Ways, bound: float = BOUND) -> None:
-        self._ways, self._bound = ways, bound
+    def __init__(self, ways: Ways, bound: float = BOUND, by: str = "twindctl view") -> None:
+        self._ways, self._bound, self._by = ways, bound, by
         self.estop = Errand("e-stop", self._estop)
         self.stop = Errand("stop", self._stop)
 
@@ -94,7 +94,7 @@ class Stops:
 
     def _estop_by(self, way: Way) -> Outcome:
         with closing(way(self._bound)) as client:
-            answer = client.call("EStop", level="settle", reason="twindctl view")
+            answer = client.call("EStop", level="settle", reason=self._by)
         off = {True: "torque is off", False: "torque is on", None: "torque unknown"}
         return Outcome(True, "e-stop", f"state {answer['state']}, {off[answer.get('torque_off')]}")
 

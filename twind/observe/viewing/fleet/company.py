@@ -14,6 +14,7 @@ from twind.observe.viewing.ways import Ways
 
 RATE = 10.0  # Hz of states: pictures a second, for each robot
 TOPICS = ("state", "status", "events")
+BY = "twindctl fleet --view"
 LOOKED = 1.0  # s between two looks who is there
 
 Whose = tuple[str, str]  # a robot's name, and where it is: together nobody else's
@@ -24,7 +25,7 @@ class Member:
     """One robot, for as long as the page is there, whether or not anything comes from it."""
 
     def __init__(self, name: str, ways: Ways, ended: threading.Event) -> None:
-        self.name, self.known, self.stops = name, Known(), Stops(ways)
+        self.name, self.known, self.stops = name, Known(), Stops(ways, by=BY)
         _started(f"news of {name}", take, self.known, _news(ways, ended))
 
 

@@ -100,8 +100,10 @@ def page(now: Now, how: Standing, problem: str) -> str:
         rows.append(words.row("now", now.lost, words.RED))
     if problem:
         rows.append(words.row("picture", problem, words.RED))
+    if now.status is not None and how.kind in GREY:
+        rows.append(words.row("said last", _said(now.status), words.GREY))
     rows += _status(now.status) if now.status is not None else []
-    if now.joints is not None and now.told is not None:
+    if now.joints is not None and now.told is not None and how.kind not in GREY:
         names = [str(joint["name"]) for joint in now.told["robot"]["joints"]]
         if len(names) == len(now.joints.heard):
             rows.append(words.row("joints", f"{int(now.joints.heard.sum())} of {len(names)} heard"))
