@@ -19,10 +19,10 @@ ARRIVE = 1.0  # s for the last messages
 
 
 class Part:
-    """One process of `bench.ros_zenoh_parts`."""
+    """One process of `module`, which says `up` and then answers lines."""
 
-    def __init__(self, *words: str) -> None:
-        command = [sys.executable, "-m", "bench.ros_zenoh_parts", *words]
+    def __init__(self, *words: str, module: str = "bench.ros_zenoh_parts") -> None:
+        command = [sys.executable, "-m", module, *words]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         if self._line() != "up\n":
             raise CannotTake(f"{words[0]} did not start")

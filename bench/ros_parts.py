@@ -1,0 +1,91 @@
+"""The publishers of the figures of ROS over DDS: `ours | idl DOMAIN RATE`.
+
+Each says `up`, then publishes for as many seconds as each line of standard input says, and tells the cost.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from bench.ros_zenoh_parts import JOINTS, NAMES, SETTLE, publish
+from twind.bridge.ros.dds import Dds
+from twind.bridge.ros.dds.config import configuration
+from twind.bridge.ros.discovery import Discovery
+from twind.bridge.ros.endpoints import HW_JOINTS, SERVICES, TOPICS
+from twind.ros import JointStateBuffer
+
+
+def row(number: int) -> list[float]:
+    """One column of a message."""
+    return [number * 1e-3 + place for place in range(JOINTS)]
+
+
+def ours(domain: int) -> Callable[[int], None]:
+    """One message by our back end."""
+    node = Dds(Discovery(domain=domain), lambda line: None)
+    node.open(TOPICS, SERVICES, lambda topic, data: None, lambda service, data: (True, ""))
+    buffer = JointStateBuffer(NAMES, velocity=True, effort=True)
+
+    def send(number: int) -> None:
+        column = row(number)
+        node.publish(HW_JOINTS, buffer.fill(time.time_ns(), column, column, column))
+
+    return send
+
+
+def idl(domain: int) -> Callable[[int], None]:
+    """One message by the typed writer of cyclonedds, as its examples have it."""
+    os.environ["CYCLONEDDS_URI"] = str(configuration(Discovery(domain=domain)))
+    from cyclonedds.core import Policy, Qos
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.idl import IdlStruct
+    from cyclonedds.idl.types import float64, int32, sequence, uint32
+    from cyclonedds.pub import DataWriter
+    from cyclonedds.topic import Topic
+    from cyclonedds.util import duration
+
+    @dataclass
+    class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
+        sec: int32
+        nanosec: uint32
+
+    @dataclass
+    class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
+        stamp: Time
+        frame_id: str
+
+    @dataclass
+    class JointState(IdlStruct, typename="sensor_msgs.msg.dds_.JointState_"):
+        header: Header
+        name: sequence[str]
+        position: sequence[float64]
+        velocity: sequence[float64]
+        effort: sequence[float64]
+
+    participant: Any = DomainParticipant(domain)
+    qos = Qos(Policy.Reliability.Reliable(duration(milliseconds=5)), Policy.History.KeepLast(10))
+    writer = DataWriter(participant, Topic(participant, "rt/hw/joint_states", JointState), qos=qos)
+
+    def send(number: int) -> None:
+        column = row(number)
+        header = Header(Time(*divmod(time.time_ns(), 10**9)), "")
+        writer.write(JointState(header, NAMES, column, column, column))
+
+    return send
+
+
+def main(what: str, domain: str, rate: str) -> None:
+    """Publish until standard input ends."""
+    send = {"ours": ours, "idl": idl}[what](int(domain))
+    time.sleep(SETTLE)
+    print("up", flush=True)
+    for line in sys.stdin:
+        print(json.dumps(publish(send, float(rate), float(line))), flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
