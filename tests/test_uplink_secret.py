@@ -1,0 +1,153 @@
+"""The example files of a router that asks who comes, and of who comes: real certificates, a real router."""
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from certificates import Authority
+from processes import Daemon, until
+from uplinked import PATIENCE, Far, Uplink, phases, up
+from zenoh_router import Router
+
+from twind.bridge.zenoh.session import Place, SessionError, open_now
+
+pytestmark = pytest.mark.realtime
+EXAMPLES = Path(__file__).parent.parent / "systemd" / "examples"
+ROBOT, OTHER = "h24-007", "h24-008"  # as the example of the router has them
+CREDENTIALS = "/run/credentials/twind-uplink.service"
+
+
+class Ground:
+    """An authority, a router by the example, and a robot that may be called ROBOT."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.authority = folder, Authority(folder / "authority")
+        certificate, key = self.authority.sign("router")
+        said = (EXAMPLES / "zenoh-router.json5").read_text()
+        for name, path in {"ca": self.authority.certificate, "cert": certificate, "key": key}.items():
+            said = said.replace(f"/etc/zenoh/{name}.pem", str(path))
+        assert "/etc/" not in said.partition("{")[2], "every path of the example is replaced"
+        (folder / "router.json5").write_text(said)
+        self.router = Router(scheme="tls", file=folder / "router.json5")
+        self.endpoint = self.router.endpoint.replace("127.0.0.1", "localhost")
+
+    def file(self, name: str, authority: Authority | None = None) -> Path:
+        """What whoever is called `name` puts into the example."""
+        certificate, key = (authority or self.authority).sign(name)
+        said = (EXAMPLES / "uplink.json5").read_text()
+        for part, path in {"ca": self.authority.certificate, "cert": certificate, "key": key}.items():
+            said = said.replace(f"{CREDENTIALS}/{part}.pem", str(path))
+        made = self.folder / f"{name}.json5"
+        made.write_text(said)
+        return made
+
+    def place(self, name: str) -> Place:
+        return Place(connect=(self.endpoint,), file=self.file(name))
+
+    def uplink(self, sockets: Path, certificate: str, name: str) -> Uplink:
+        words = ("--connect", self.endpoint, "--zenoh-config", str(self.file(certificate)), "--name", name)
+        return Uplink(sockets, *words)
+
+
+@pytest.fixture(scope="module")
+def ground(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ground]:
+    made = Ground(tmp_path_factory.mktemp("ground"))
+    yield made
+    made.router.kill()
+
+
+@pytest.fixture(scope="module")
+def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+    running = Daemon(tmp_path_factory.mktemp("run") / "run", "--mode", "sim")
+    running.reach(mode="sim")
+    yield running
+    running.kill()
+
+
+@pytest.fixture(scope="module")
+def robot(ground: Ground, daemon: Daemon) -> Iterator[Uplink]:
+    uplink = ground.uplink(daemon.sockets, ROBOT, ROBOT)
+    with closing(Far(ground.place("operator"), ROBOT)) as far:
+        up(far, uplink)
+    yield uplink
+    uplink.gone()
+
+
+def silent(far: Far, *parts: str, **asked: Any) -> bool:
+    """Nobody answers: the router let no such question through."""
+    answer = far.ask(*parts, **asked)
+    assert answer in ({}, {"error": "Timeout"}), answer
+    return True
+
+
+def test_who_is_listed_as_an_observer_sees_everything_and_commands_nothing(
+    ground: Ground, robot: Uplink
+) -> None:
+    with closing(Far(ground.place("observer"), ROBOT)) as far:
+        assert far.there()
+        state, status = far.listen("state", "10"), far.listen("news", "status")
+        assert far.ask("ask", "GetStatus")["status"]["mode"] == "sim"
+        until(lambda: len(state) > 2 and status, PATIENCE, "what is told")
+        assert silent(far, "lease", op="acquire", holder="observer")
+        assert silent(far, "goal", goal="g", lease="l", deadline=time.monotonic(), trajectory={})
+        assert silent(far, "stop", "Cancel")
+        assert far.ask("stop", "EStop", level=3)["parameters"]["parameter"] == "level", "it gets there"
+
+
+def test_who_is_listed_as_an_operator_moves_the_robot(ground: Ground, robot: Uplink) -> None:
+    with closing(Far(ground.place("operator"), ROBOT)) as far:
+        told = far.listen("goals", "*")
+        with far.holding() as lease:
+            assert far.goal("bend", lease, 0.2, 1.0)["phase"] == "accepted"
+            until(lambda: phases(told)[-1:] == ["succeeded"], PATIENCE, f"it moves: {told}")
+        assert far.ask("stop", "Cancel")["state"] == "disconnected"
+
+
+def test_a_robot_speaks_for_no_other(ground: Ground, daemon: Daemon, robot: Uplink) -> None:
+    false = ground.uplink(daemon.sockets, OTHER, ROBOT)
+    until(lambda: "is up" in false.said or false.process.poll() is not None, PATIENCE, "it tries")
+    with closing(Far(ground.place("operator"), ROBOT)) as far:
+        heard = far.listen("news", "*")
+        for who in (OTHER, ROBOT):
+            with open_now(ground.place(who), PATIENCE) as session:
+                session.put(f"twind/{ROBOT}/news/status", f"said as {who}".encode())
+        until(lambda: f"said as {ROBOT}".encode() in heard, PATIENCE, "the true one is heard")
+        assert not any(f"said as {OTHER}".encode() in each for each in heard)
+        for _ in range(5):
+            assert far.ask("ask", "GetStatus")["status"]["robot"] == "h24"
+    false.process.terminate()
+    out, _ = false.process.communicate(timeout=PATIENCE)
+    lanes = json.loads(out).get("lanes", {"asking": {"answered": 0}})
+    assert lanes["asking"]["answered"] == 0, "what was asked went to the true one"
+    false.gone()
+
+
+def test_nobody_comes_in_with_a_strangers_certificate_or_with_none(ground: Ground, tmp_path: Path) -> None:
+    stranger = ground.file("operator", Authority(tmp_path / "strangers"))
+    plain = tmp_path / "plain.json5"
+    plain.write_text(
+        f'{{transport: {{link: {{tls: {{root_ca_certificate: "{ground.authority.certificate}"}}}}}}}}'
+    )
+    for file in (stranger, plain):
+        with pytest.raises(SessionError, match="localhost"):
+            open_now(Place(connect=(ground.endpoint,), file=file), 2.0)
+    with pytest.raises(SessionError):
+        open_now(Place(connect=(ground.endpoint.replace("tls/", "tcp/"),)), 2.0)
+
+
+def test_a_router_with_a_strangers_certificate_is_not_talked_to(ground: Ground, tmp_path: Path) -> None:
+    strangers = Authority(tmp_path / "strangers")
+    certificate, key = strangers.sign("router")
+    said = (ground.folder / "router.json5").read_text()
+    own = (ground.folder / "authority" / "router.pem", ground.folder / "authority" / "router.key")
+    for mine, theirs in zip(own, (certificate, key), strict=True):
+        said = said.replace(str(mine), str(theirs))
+    (tmp_path / "router.json5").write_text(said)
+    with Router(scheme="tls", file=tmp_path / "router.json5") as false:
+        endpoint = false.endpoint.replace("127.0.0.1", "localhost")
+        with pytest.raises(SessionError):
+            open_now(Place(connect=(endpoint,), file=ground.file("operator")), 2.0)
