@@ -1,0 +1,199 @@
+"""One run of a bridge: a graph that is lost and joined again, a back end that fails, rights that it has not.
+
+The daemon's front is a real process; the graph is the test's.
+"""
+
+import json
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from processes import until
+from stand_in import StandIn
+
+from twind.bridge.ros.course import Course
+from twind.bridge.ros.endpoints import (
+    DIAGNOSTICS,
+    E_STOP,
+    HW_JOINTS,
+    LATENCY,
+    RESULTS,
+    SERVICES,
+    STATUS,
+    TO_E_STOP,
+    TOPICS,
+    TRAJECTORY,
+    Service,
+    Topic,
+)
+from twind.bridge.ros.transport import Asked, Heard, TransportError
+from twind.ros import JOINT_STATE, STRING, decode
+
+pytestmark = pytest.mark.realtime
+
+
+class Paper:
+    """A graph that writes down what is published. `broken`: why it cannot be joined, or was lost."""
+
+    serves = True
+
+    def __init__(self) -> None:
+        self.said: dict[str, list[bytes]] = {}
+        self.broken, self.opened, self.closed = "", 0, 0
+        self.topics: Sequence[Topic] = ()
+        self.services: Sequence[Service] = ()
+        self.hang = threading.Event()
+        self.hang.set()
+
+    def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
+        if self.broken:
+            raise TransportError(self.broken)
+        self.topics, self.services, self.heard, self.asked = topics, services, heard, asked
+        self.opened += 1
+
+    def publish(self, topic: Topic, data: bytes) -> None:
+        if self.broken:
+            raise TransportError(self.broken)
+        self.said.setdefault(topic.name, []).append(data)
+
+    def close(self) -> None:
+        self.hang.wait(20.0)
+        self.closed += 1
+
+    def last(self, topic: Topic) -> Any:
+        """The newest message of a topic, once there is one."""
+        until(lambda: self.said.get(topic.name), 20.0, f"something on {topic.name}")
+        return decode(topic.kind, self.said[topic.name][-1])
+
+    def words(self, topic: Topic) -> Any:
+        return json.loads(self.last(topic)["data"])
+
+
+class Run:
+    """A course in a thread."""
+
+    def __init__(self, sockets: Path, **options: Any) -> None:
+        self.graph, self.lines, self.stop = Paper(), list[str](), threading.Event()
+        self.course = Course(self.graph, str(sockets), tell=self.lines.append, stop=self.stop, **options)
+        self.code: int | None = None
+        self._thread = threading.Thread(target=self._run)
+
+    def _run(self) -> None:
+        self.code = self.course.run()
+
+    def __enter__(self) -> "Run":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop.set()
+        self._thread.join(20.0)
+        assert self.code == 0
+
+
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StandIn]:
+    stand_in = StandIn(tmp_path_factory.mktemp("run"))
+    yield stand_in
+    stand_in.close()
+
+
+def test_what_the_daemon_says_goes_out_by_its_topics(loop: StandIn) -> None:
+    with Run(loop.directory) as run:
+        measured = run.graph.last(HW_JOINTS)
+        assert len(measured["name"]) == 23  # of 24, whose last was not heard
+        assert run.graph.last(LATENCY)["layout"]["dim"][0]["label"] == "hop: bus"
+        status = run.graph.words(STATUS)
+        until(lambda: run.graph.words(STATUS)["bridge"]["daemon"], 10.0, "the daemon is there")
+        until(lambda: "mode" in run.graph.words(STATUS), 10.0, "its status")
+        names = [row["name"] for row in run.graph.last(DIAGNOSTICS)["status"]]
+        assert names[0] == "twind: bridge" and status["bridge"]["commands"]
+        assert [each.name for each in run.graph.topics] == [each.name for each in TOPICS]
+        assert list(run.graph.services) == list(SERVICES)
+
+
+def test_a_rate_is_that_of_the_readings(loop: StandIn) -> None:
+    with Run(loop.directory, rate=10.0) as run:
+        run.graph.last(HW_JOINTS)
+        time.sleep(1.0)
+        stamps = [decode(JOINT_STATE, data)["header"]["stamp"] for data in run.graph.said[HW_JOINTS.name]]
+        times = [each["sec"] + each["nanosec"] / 1e9 for each in stamps]
+        assert (times[-1] - times[0]) / (len(times) - 1) > 0.05
+
+
+def test_a_graph_that_is_lost_is_joined_again_and_has_the_status(loop: StandIn) -> None:
+    with Run(loop.directory) as run:
+        run.graph.last(HW_JOINTS)
+        run.graph.broken = "dds: the cable"
+        until(lambda: run.lines, 10.0, "it is told")
+        time.sleep(0.3)
+        assert run.lines == ["dds: the cable; tried again"]  # once, however many messages there are
+        run.graph.said.clear()
+        run.graph.broken = ""
+        run.graph.last(STATUS)
+        until(lambda: len(run.lines) == 2, 10.0, "it is told")
+        assert run.lines[1] == "the graph is joined again" and run.graph.opened == 2
+
+
+def test_a_graph_that_cannot_be_joined_at_first_is_tried_again(loop: StandIn) -> None:
+    run = Run(loop.directory)
+    run.graph.broken = "dds: domain 7: no participant"
+    with run:
+        until(lambda: run.lines, 10.0, "it is told")
+        run.graph.broken = ""
+        run.graph.last(HW_JOINTS)
+
+
+def test_a_bridge_that_only_looks_takes_the_e_stop_and_nothing_else(loop: StandIn) -> None:
+    with Run(loop.directory, commands=False) as run:
+        run.graph.last(HW_JOINTS)
+        assert [each for each in run.graph.topics if not each.out] == [E_STOP]
+        assert TO_E_STOP in run.graph.services and len(run.graph.services) == 2
+        assert run.graph.words(STATUS)["bridge"]["commands"] is False
+
+
+def test_without_the_right_to_command_it_says_so_and_refuses(loop: StandIn, tmp_path: Path) -> None:
+    (tmp_path / "observe.sock").symlink_to(loop.directory / "observe.sock")
+    (tmp_path / "control.sock").symlink_to(loop.directory / "observe.sock")  # whose role is an observer's
+    with Run(tmp_path) as run:
+        run.graph.last(HW_JOINTS)
+        run.graph.heard(TRAJECTORY, b"\0\1\0\0" + bytes(16))
+        until(lambda: run.graph.said.get(RESULTS.name), 10.0, "an outcome")
+        assert run.graph.words(RESULTS)["phase"] == "refused"
+
+
+def test_no_daemon_is_told_and_the_status_says_so(tmp_path: Path) -> None:
+    with Run(tmp_path) as run:
+        bridge = run.graph.words(STATUS)["bridge"]
+        assert not bridge["daemon"] and "no daemon" in bridge["error"]
+        assert "waiting for the daemon" in run.lines[0]
+        assert run.graph.asked(TO_E_STOP, None)[0] is False
+
+
+def test_a_back_end_that_hangs_at_the_end_is_left_behind(loop: StandIn) -> None:
+    run = Run(loop.directory)
+    with run:
+        run.graph.last(HW_JOINTS)
+        run.graph.hang.clear()
+    assert run.graph.closed == 1  # at the start, before it was joined
+    run.graph.hang.set()
+
+
+def test_whatever_a_command_breaks_the_next_one_is_taken(loop: StandIn) -> None:
+    with Run(loop.directory) as run:
+        run.graph.last(HW_JOINTS)
+
+        def broken(patience: float) -> None:
+            run.course.orders.step = step  # type: ignore[method-assign]
+            raise ZeroDivisionError
+
+        step = run.course.orders.step
+        run.course.orders.step = broken  # type: ignore[method-assign]
+        until(lambda: run.lines, 10.0, "it is told")
+        assert "a command was lost: ZeroDivisionError" in run.lines[0]
+        run.graph.heard(TRAJECTORY, b"\0\1\0\0" + bytes(7))
+        until(lambda: run.graph.said.get(RESULTS.name), 10.0, "an outcome")
+        assert decode(STRING, run.graph.said[RESULTS.name][0])

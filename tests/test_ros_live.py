@@ -1,0 +1,298 @@
+"""`twindctl ros` with a real daemon in sim and real peers over DDS, each in a process of its own."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dds_domain import free_domain
+from processes import Daemon, until
+from ros_dds_peer import Peer
+
+pytestmark = [
+    pytest.mark.realtime,
+    pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds has no wheel for this machine"),
+]
+COMMAND, RESULTS, STATUS = "/cmd/joint_trajectory", "/bridge/results", "/bridge/status"
+
+
+class Graph:
+    """A daemon, a bridge and a peer in one domain."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        self.folder, self.domain = folder, domain
+        self.daemon = Daemon(folder / "run", "--mode", "sim", "--robot", "h24")
+        self.bridge = self.begin()
+        self.peer = self.heard_by()
+        self._said: list[dict[str, Any]] = []
+
+    def begin(self, *options: str) -> "subprocess.Popen[bytes]":
+        """`twindctl ros`."""
+        words = [
+            "--socket",
+            str(self.daemon.sockets),
+            "ros",
+            "--backend",
+            "dds",
+            "--domain",
+            str(self.domain),
+        ]
+        plain = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_"))}
+        with (self.folder / "bridge").open("ab") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", "twind.ctl.main", *words, *options], stderr=log, env=plain
+            )
+
+    def heard_by(self) -> Peer:
+        """A peer that listens and may command."""
+        peer = Peer(self.domain)
+        for topic in ("/joint_states", "/sim/joint_states", "/hw/joint_states"):
+            peer.ask("listen", topic=topic, kind="JointState")
+        peer.ask("listen", topic=RESULTS, kind="String")
+        peer.ask("listen", topic=STATUS, kind="String", latched=True)
+        for topic in ("/bridge/estop_cmd", "/bridge/stop_cmd", "/bridge/set_mode_cmd"):
+            assert peer.ask("speak", topic=topic, kind="String", seconds=30.0)
+        assert peer.ask("speak", topic=COMMAND, kind="JointTrajectory", seconds=30.0)
+
+        def both() -> bool:
+            """One that is refused comes back: each side has found the other."""
+            peer.ask("send", topic=COMMAND, message={"header": {"frame_id": "hello"}})
+            time.sleep(0.1)
+            return bool(peer.ask("heard", topic=RESULTS))
+
+        until(both, 30.0, f"an answer: {self.log()}")
+        return peer
+
+    def log(self) -> str:
+        return (self.folder / "bridge").read_text()
+
+    def command(self, position: float, seconds: int, frame: str, **header: Any) -> None:
+        """Move a knee."""
+        point = {"positions": [position], "velocities": [0.0], "time_from_start": {"sec": seconds}}
+        message = {"header": {"frame_id": frame, **header}, "joint_names": ["l_knee"], "points": [point]}
+        self.peer.ask("send", topic=COMMAND, message=message)
+
+    def results(self, **wanted: Any) -> list[dict[str, Any]]:
+        """Those that have all that is wanted, of all that came."""
+        self._said += [json.loads(each["data"]) for each in self.peer.ask("heard", topic=RESULTS)]
+        return [each for each in self._said if wanted.items() <= each.items()]
+
+    def told(self, **wanted: Any) -> dict[str, Any]:
+        """The first result that has all that is wanted."""
+        until(lambda: self.results(**wanted), 30.0, f"{wanted}: {self._said[-5:]} {self.log()}")
+        return self.results(**wanted)[0]
+
+    def states(self, topic: str = "/joint_states") -> list[dict[str, Any]]:
+        """All since this was last asked, some at least."""
+        found: list[dict[str, Any]] = []
+
+        def look() -> bool:
+            found.extend(self.peer.ask("heard", topic=topic))
+            return bool(found)
+
+        until(look, 30.0, f"{topic}: {self.log()}")
+        return found
+
+    def knee(self) -> float:
+        state = self.states()[-1]
+        return float(state["position"][state["name"].index("l_knee")])
+
+    def motion(self) -> str:
+        return str(self.daemon.status()["motion"])
+
+    def loop(self, when: str) -> dict[str, Any]:
+        """How the loop is, printed: this machine is busy, so nothing is claimed of it."""
+        loop: dict[str, Any] = self.daemon.status()["loop"]
+        print(f"{when}: {loop['missed']} of {loop['ticks']} ticks missed, p99 {loop['late_p99_us']} us")
+        return loop
+
+
+@contextmanager
+def made(folder: Path) -> Iterator[Graph]:
+    with free_domain() as domain:
+        graph = Graph(folder, domain)
+        try:
+            graph.daemon.reach(mode="sim")
+            graph.states()
+            yield graph
+        finally:
+            graph.peer.__exit__(None, None, None)
+            graph.bridge.kill()
+            graph.bridge.wait(10)
+            graph.daemon.kill()
+
+
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
+    with made(tmp_path_factory.mktemp("ros")) as graph:
+        yield graph
+
+
+def test_who_listens_has_every_joint_of_now_and_in_sim_nothing_is_measured(graph: Graph) -> None:
+    time.sleep(0.5)
+    states, wall = graph.states(), time.time()
+    latest = states[-1]["header"]["stamp"]
+    assert abs(wall - latest["sec"] - latest["nanosec"] / 1e9) < 5.0
+    assert len(states[-1]["name"]) == 24 == len(states[-1]["position"])
+    stamps = [(each["header"]["stamp"]["sec"], each["header"]["stamp"]["nanosec"]) for each in states]
+    assert stamps == sorted(stamps) and len(set(stamps)) == len(stamps)
+    assert graph.states("/sim/joint_states")
+    assert graph.peer.ask("heard", topic="/hw/joint_states") == []
+    assert "may move the robot" in graph.log()
+
+
+def test_a_trajectory_moves_the_robot_and_its_sender_is_told(graph: Graph) -> None:
+    graph.peer.ask("listen", topic="/hw/joint_trajectory", kind="JointTrajectory")
+    time.sleep(0.3)  # matched
+    graph.command(0.3, 1, "first")
+    accepted = graph.told(frame_id="first", phase="accepted")
+    assert graph.told(frame_id="first", phase="succeeded")["id"] == accepted["id"]
+    until(lambda: abs(graph.knee() - 0.3) < 0.05, 10.0, "the knee there")
+    (passed,) = graph.peer.ask("heard", topic="/hw/joint_trajectory")
+    assert passed["header"]["frame_id"] == accepted["id"] and passed["joint_names"] == ["l_knee"]
+    until(lambda: graph.daemon.status()["lease"] is None, 10.0, "the lease given back")
+
+
+def test_nothing_that_is_refused_disturbs_what_runs(graph: Graph) -> None:
+    graph.command(0.0, 1, "back")
+    graph.told(frame_id="back", phase="succeeded")
+    before = graph.loop("before")
+    graph.command(0.4, 4, "long")
+    graph.told(frame_id="long", phase="accepted")
+    now = int(time.time())
+    graph.command(9.0, 2, "far")
+    graph.command(0.1, 1, "tomorrow", stamp={"sec": now + 86_400, "nanosec": 0})
+    graph.command(0.1, 1, "yesterday", stamp={"sec": now - 86_400, "nanosec": 5})
+    graph.command(float("nan"), 1, "none")
+    with Peer(graph.domain) as other:
+        assert other.ask("speak", topic=COMMAND, kind="Garbage", seconds=30.0)
+        other.ask("send", topic=COMMAND, message={"data": [255] * 40})
+        assert "malformed" in graph.told(phase="refused", frame_id="")["message"]
+    assert graph.told(frame_id="far", phase="refused")["findings"][0]["code"] == "POS_LIMIT"
+    assert graph.told(frame_id="yesterday")["stamp"] == {"sec": now - 86_400, "nanosec": 5}
+    codes = {"tomorrow": "TOO_DISTANT", "yesterday": "CMD_EXPIRED", "none": "NONFINITE"}
+    for frame, code in codes.items():
+        assert graph.told(frame_id=frame)["phase"] == "refused"
+        assert graph.told(frame_id=frame)["findings"][0]["code"] == code
+    graph.told(frame_id="long", phase="succeeded")
+    until(lambda: abs(graph.knee() - 0.4) < 0.05, 10.0, "the knee there")
+    assert graph.loop("after")["ticks"] > before["ticks"]
+
+
+def test_a_flood_of_a_peer_that_dies_and_one_that_hangs_cost_nobody_else_a_command(graph: Graph) -> None:
+    before = graph.loop("before")
+    with Peer(graph.domain) as mad, Peer(graph.domain) as hung:
+        hung.ask("listen", topic="/joint_states", kind="JointState")
+        assert mad.ask("speak", topic=COMMAND, kind="JointTrajectory", seconds=30.0)
+        hung.signal(signal.SIGSTOP)
+        point = {"positions": [0.2], "velocities": [0.0], "time_from_start": {"sec": 1}}
+        message = {"header": {"frame_id": "mad"}, "joint_names": ["l_knee"], "points": [point]}
+        mad.ask("send", topic=COMMAND, message=message)
+        graph.told(frame_id="mad", phase="accepted")  # both sides know of each other
+        for _ in range(20):
+            mad.ask("send", topic=COMMAND, message=message, times=100)
+        mad.signal(signal.SIGKILL)
+        asked = graph.told(phase="dropped")
+        assert asked["count"] > 0
+        graph.loop("flooded")
+        graph.states()
+    accepted = [each["id"] for each in graph.results(frame_id="mad", phase="accepted")]
+    until(lambda: graph.motion() == "holding", 30.0, "the last of them at its end")
+    assert len(accepted) < 200  # of 2000: the daemon was not asked more often than it wants
+    graph.command(0.1, 1, "sane")
+    graph.told(frame_id="sane", phase="succeeded")
+    assert graph.loop("after")["ticks"] > before["ticks"]
+    assert graph.bridge.poll() is None
+
+
+def test_who_finds_the_lease_with_another_is_told_whose_it_is(graph: Graph) -> None:
+    until(lambda: graph.daemon.status()["lease"] is None, 10.0, "the lease given back")
+    with graph.daemon.client() as holder:
+        holder.call("AcquireLease")
+        graph.command(0.3, 1, "late")
+
+        def told() -> list[dict[str, Any]]:
+            holder.call("RenewLease")
+            return graph.results(frame_id="late")
+
+        refused = until(told, 30.0, "an outcome")[0]
+        holder.call("ReleaseLease")
+    assert refused["phase"] == "refused" and f"pid {os.getpid()}" in refused["message"]
+
+
+def test_a_stop_and_an_e_stop_come_through_and_who_comes_later_is_told_the_state(graph: Graph) -> None:
+    graph.command(1.2, 8, "slow")
+    graph.told(frame_id="slow", phase="accepted")
+    graph.peer.ask("send", topic="/bridge/stop_cmd", message={"data": ""})
+    assert graph.told(topic="/bridge/stop_cmd")["phase"] == "done"
+    assert graph.told(frame_id="slow", phase="cancelled")
+    graph.peer.ask("send", topic="/bridge/estop_cmd", message={"data": "cut"})
+    assert graph.told(topic="/bridge/estop_cmd")["phase"] == "done"
+    with Peer(graph.domain) as late:
+        late.ask("listen", topic=STATUS, kind="String", latched=True)
+
+        def latest() -> dict[str, Any]:
+            found = late.ask("heard", topic=STATUS)
+            return json.loads(found[-1]["data"]) if found else {}
+
+        status = until(latest, 30.0, "a status")
+    assert [each["code"] for each in status["faults"]] == ["ESTOP"] and status["mode"] == "sim"
+    graph.command(0.1, 1, "latched")
+    assert graph.told(frame_id="latched")["phase"] == "refused"
+    with graph.daemon.client() as client:
+        client.call("Reset")
+
+
+def test_the_mode_is_changed_by_a_topic_and_what_is_simulated_is_called_otherwise(graph: Graph) -> None:
+    graph.peer.ask("listen", topic="/sim/joint_states_mirrored", kind="JointState")
+    graph.peer.ask("send", topic="/bridge/set_mode_cmd", message={"data": "mirror"})
+    assert graph.told(topic="/bridge/set_mode_cmd", asked="mirror")["phase"] == "done"
+    graph.states("/sim/joint_states_mirrored")
+    graph.peer.ask("heard", topic="/sim/joint_states")
+    graph.states("/sim/joint_states_mirrored")
+    assert graph.peer.ask("heard", topic="/sim/joint_states") == []
+    graph.peer.ask("send", topic="/bridge/set_mode_cmd", message={"data": "sim"})
+    assert graph.told(topic="/bridge/set_mode_cmd", asked="sim")["phase"] == "done"
+    graph.states("/sim/joint_states")
+
+
+def test_a_bridge_that_ends_or_dies_lets_go_of_the_motion(graph: Graph) -> None:
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        graph.command(0.1, 1, f"there {number}")
+        graph.told(frame_id=f"there {number}", phase="succeeded")
+        graph.command(1.4, 20, f"way {number}")
+        graph.told(frame_id=f"way {number}", phase="accepted")
+        until(lambda: graph.motion() == "active", 10.0, "on its way")
+        graph.bridge.send_signal(number)
+        assert graph.bridge.wait(10) == (0 if number == signal.SIGTERM else -number)
+        until(lambda: graph.motion() == "holding", 10.0, "the robot holds")
+        assert graph.daemon.status()["lease"] is None
+        graph.bridge = graph.begin()
+        graph.peer.__exit__(None, None, None)
+        graph.peer = graph.heard_by()
+    assert "Traceback" not in graph.log()
+
+
+def test_a_daemon_that_dies_is_said_to_be_away_and_the_next_one_is_found(graph: Graph) -> None:
+    graph.daemon.kill()
+
+    def said() -> dict[str, Any]:
+        found = graph.peer.ask("heard", topic=STATUS)
+        return json.loads(found[-1]["data"]) if found else {}
+
+    until(lambda: said().get("bridge", {}).get("daemon") is False, 30.0, "it is told")
+    graph.command(0.1, 1, "nobody")
+    assert "no daemon" in graph.told(frame_id="nobody", phase="refused")["message"]
+    graph.daemon = Daemon(graph.folder / "run", "--mode", "sim", "--robot", "h24")
+    graph.peer.ask("heard", topic="/joint_states")
+    graph.states()
+    graph.command(0.2, 1, "again")
+    graph.told(frame_id="again", phase="succeeded")

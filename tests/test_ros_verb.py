@@ -1,0 +1,96 @@
+"""`twindctl ros` as a verb: which back end, whose graph, and words for what is missing."""
+
+import argparse
+import sys
+from typing import Any
+
+import pytest
+
+from twind.bridge.ros import verb
+from twind.bridge.ros.discovery import Discovery, Range
+from twind.ctl.main import main
+from twind.ctl.verb import UsageError
+
+
+@pytest.fixture(autouse=True)
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No ROS is sourced."""
+    for name in ("ROS_DISTRO", "AMENT_PREFIX_PATH", "RMW_IMPLEMENTATION", "ROS_DOMAIN_ID"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def options(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    verb.add_arguments(parser)
+    return parser.parse_args(words)
+
+
+@pytest.mark.parametrize(
+    ("environment", "chosen"),
+    [
+        ({}, "dds"),
+        ({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, "dds"),
+        ({"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"}, "zenoh"),
+        ({"ROS_DISTRO": "jazzy"}, "dds"),  # named, as for the hashes, but not sourced
+        ({"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/opt/ros/jazzy"}, "rclpy"),
+        (
+            {
+                "ROS_DISTRO": "jazzy",
+                "AMENT_PREFIX_PATH": "/opt/ros/jazzy",
+                "RMW_IMPLEMENTATION": "rmw_zenoh_cpp",
+            },
+            "rclpy",
+        ),
+    ],
+)
+def test_whoever_has_sourced_ros_gets_its_own_and_others_what_needs_none(
+    environment: dict[str, str], chosen: str
+) -> None:
+    assert verb.usual(environment) == chosen
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--domain", "233"], "domain 233: must be 0 to 232"),
+        (["--distro", "../x"], "ROS_DISTRO"),
+        (["--rate", "0"], "--rate 0: must be above 0 Hz"),
+        (["--rate", "nan"], "--rate nan: must be above 0 Hz"),
+    ],
+)
+def test_what_makes_no_sense_is_usage(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["ros", "--backend", "dds", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_variable_that_makes_no_sense_is_usage(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "EVERYWHERE")
+    assert main(["ros", "--backend", "dds"]) == 2
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE='EVERYWHERE'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", verb.BACK_ENDS)
+def test_a_package_that_is_missing_is_named_with_its_remedy(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = verb.BACK_ENDS[name][0].partition(":")[0]
+    monkeypatch.setitem(sys.modules, module, None)  # as if an import in it failed
+    with pytest.raises(UsageError, match=r"from a clone: pip install '\.\[ros\]'.*EXTRAS=ros"):
+        verb.made(options("--backend", name), Discovery())
+
+
+@pytest.mark.parametrize(
+    ("graph", "words", "said"),
+    [
+        (Discovery(), [], "domain 0: this machine; this machine may move the robot"),
+        (Discovery(5), ["--no-commands"], "domain 5: this machine; look only"),
+        (Discovery(0, Range.SUBNET, ("10.0.0.1",)), [], "SUBNET, 10.0.0.1 may move the robot"),
+    ],
+)
+def test_it_says_first_who_may_do_what(graph: Discovery, words: list[str], said: str) -> None:
+    given: Any = options("--backend", "dds", *words)
+    assert said in verb._headline(given, graph)
