@@ -35,7 +35,7 @@ LONGEST = "test_five_minutes_of_robot"  # begun first: two workers then end toge
 
 # Real processes whose claim is no time, or one of seconds: these run two at once, beside computing.
 SIDE_BY_SIDE = """
-    activation adopt_verb calibrate_import_verb calibrate_scan calibrate_verbs can_socketcan check_offline
+    activation adopt_verb bridges calibrate_import_verb calibrate_scan calibrate_verbs can_socketcan check_offline
     cli client codes_reached ctl_main docs doctor doctor_can_line doctor_can_links doctor_daemon doctor_files
     doctor_fix_live doctor_machine doctor_mend doctor_ports edited failsafe_live flight_live flight_ring
     front_find_stop front_limits front_log front_process front_reload front_server front_streams

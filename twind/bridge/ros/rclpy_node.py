@@ -144,7 +144,11 @@ class _Graph:
         """Answer a service. Each has a group: none waits for another, none takes more than one thread."""
 
         def answer(request: Any, response: Any) -> Any:
-            response.success, response.message = asked(service, getattr(request, "data", None))
+            try:
+                response.success, response.message = asked(service, getattr(request, "data", None))
+            except Exception as error:  # noqa: BLE001  whoever asked is answered all the same
+                response.success, response.message = False, f"{type(error).__name__}: {error}"
+                self._complain(f"rclpy: {service.name}: {response.message}")
             return response
 
         group = MutuallyExclusiveCallbackGroup()
@@ -229,4 +233,6 @@ class ModeParameter:
         if TO_MODE[mode] not in self._offered:
             return "no commands are taken from ROS here"
         done, words = self._asked(TO_MODE[mode], None)
+        if done:
+            self._mode = mode  # what is told may differ at once: somebody else has set another
         return "" if done else words

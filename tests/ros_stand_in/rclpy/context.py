@@ -1,0 +1,25 @@
+"""From `init` to `shutdown`, once."""
+
+import os
+
+
+class Context:
+    def __init__(self):
+        self.domain, self._ok = None, False
+
+    def init(self, args=None, *, initialize_logging=True, domain_id=None):
+        if self.domain is not None:
+            raise RuntimeError("Context.init() must only be called once")
+        self.domain = int(os.environ.get("ROS_DOMAIN_ID") or 0) if domain_id is None else domain_id
+        self._ok = True
+
+    def ok(self):
+        return self._ok
+
+    def shutdown(self):
+        if self.domain is None:
+            raise RuntimeError("Context must be initialized before it can be shutdown")
+        self._ok = False
+
+    def try_shutdown(self):
+        self._ok = False

@@ -1,0 +1,15 @@
+"""What will be known later."""
+
+
+class Future:
+    def __init__(self):
+        self._done, self._result = False, None
+
+    def done(self):
+        return self._done
+
+    def result(self):
+        return self._result
+
+    def set_result(self, result):
+        self._done, self._result = True, result
