@@ -104,10 +104,11 @@ model: $(VENV)/.ready
 cast: $(VENV)/.ready
 	$(BIN)/python tests/calibration_cast.py
 
-# docs/pictures: browser, terminal and page of a virtual robot that waves; a learner's robot, and how it learns. Needs
-# Chromium, and a machine that is calm.
+# docs/pictures: browser, terminal and page of a virtual robot that waves; several on one page; a learner's robot, and
+# how it learns. Needs Chromium, and a machine that is calm.
 pictures: $(VENV)/.learn
 	$(BIN)/python tests/pictures.py
+	$(BIN)/python tests/pictures_fleet.py
 	$(BIN)/python tests/pictures_learn.py
 
 # What a machine gets, and where; DESTDIR, WHEELS, PURGE and the rest stand in packaging/install.sh. An interpreter is

@@ -120,6 +120,7 @@ def test_pictures_are_shown_and_small() -> None:
     shown = " ".join(page.read_text() for page in PAGES)
     assert [each.name for each in pictures] == [
         "curve.png",
+        "fleet.png",
         "monitor.svg",
         "plot.png",
         "stand.png",

@@ -108,7 +108,8 @@ def page(now: Now, how: Standing, problem: str) -> str:
         if len(names) == len(now.joints.heard):
             rows.append(words.row("joints", f"{int(now.joints.heard.sum())} of {len(names)} heard"))
             rows += words.joints(now, names)
-    return words.block([*rows, *words.events(now)[:1]])
+        rows += words.events(now)[:1]
+    return words.block(rows)
 
 
 def _status(status: Message) -> list[str]:
