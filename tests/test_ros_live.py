@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,34 +20,50 @@ pytestmark = [
     pytest.mark.realtime,
     pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds has no wheel for this machine"),
 ]
+DAY = 86_400  # s
+# A bridge on whose machine somebody set the clock: the rest of the process is as it is.
+SHIFTED = f"""
+import sys, time
+right = time.time_ns
+time.time_ns = lambda: right() - {DAY} * 10**9
+from twind.ctl.main import main
+sys.exit(main())
+"""
 COMMAND, RESULTS, STATUS = "/cmd/joint_trajectory", "/bridge/results", "/bridge/status"
 
 
 class Graph:
     """A daemon, a bridge and a peer in one domain."""
 
-    def __init__(self, folder: Path, domain: int) -> None:
-        self.folder, self.domain = folder, domain
-        self.daemon = Daemon(folder / "run", "--mode", "sim", "--robot", "h24")
-        self.bridge = self.begin()
-        self.peer = self.heard_by()
+    def __init__(self, folder: Path, domain: int, daemon: Daemon, *program: str) -> None:
+        self.folder, self.domain, self.daemon = folder, domain, daemon
+        self._program = program or ("-m", "twind.ctl.main")
         self._said: list[dict[str, Any]] = []
+        self.bridge = self.begin()
+        try:
+            self.peer = self.heard_by()
+        except BaseException:
+            self.bridge.kill()
+            self.bridge.wait(10)
+            raise
 
-    def begin(self, *options: str) -> "subprocess.Popen[bytes]":
+    def __enter__(self) -> "Graph":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.peer.__exit__(None, None, None)
+        self.bridge.kill()
+        self.bridge.wait(10)
+
+    def begin(self) -> "subprocess.Popen[bytes]":
         """`twindctl ros`."""
-        words = [
-            "--socket",
-            str(self.daemon.sockets),
-            "ros",
-            "--backend",
-            "dds",
-            "--domain",
-            str(self.domain),
-        ]
+        words = ["--socket", str(self.daemon.sockets), "ros", "--backend", "dds"]
         plain = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_"))}
         with (self.folder / "bridge").open("ab") as log:
             return subprocess.Popen(
-                [sys.executable, "-m", "twind.ctl.main", *words, *options], stderr=log, env=plain
+                [sys.executable, *self._program, *words],
+                stderr=log,
+                env=plain | {"ROS_DOMAIN_ID": str(self.domain)},
             )
 
     def heard_by(self) -> Peer:
@@ -68,7 +83,7 @@ class Graph:
             time.sleep(0.1)
             return bool(peer.ask("heard", topic=RESULTS))
 
-        until(both, 30.0, f"an answer: {self.log()}")
+        until(both, 60.0, f"an answer: {self.log()}")
         return peer
 
     def log(self) -> str:
@@ -115,25 +130,16 @@ class Graph:
         return loop
 
 
-@contextmanager
-def made(folder: Path) -> Iterator[Graph]:
-    with free_domain() as domain:
-        graph = Graph(folder, domain)
-        try:
-            graph.daemon.reach(mode="sim")
-            graph.states()
-            yield graph
-        finally:
-            graph.peer.__exit__(None, None, None)
-            graph.bridge.kill()
-            graph.bridge.wait(10)
-            graph.daemon.kill()
-
-
 @pytest.fixture(scope="module")
 def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
-    with made(tmp_path_factory.mktemp("ros")) as graph:
-        yield graph
+    folder = tmp_path_factory.mktemp("ros")
+    daemon = Daemon(folder / "run", "--mode", "sim", "--robot", "h24")
+    try:
+        with free_domain() as domain, Graph(folder, domain, daemon) as graph:
+            yield graph
+            daemon = graph.daemon  # the last of them
+    finally:
+        daemon.kill()
 
 
 def test_who_listens_has_every_joint_of_now_and_in_sim_nothing_is_measured(graph: Graph) -> None:
@@ -279,6 +285,18 @@ def test_a_bridge_that_ends_or_dies_lets_go_of_the_motion(graph: Graph) -> None:
         graph.peer.__exit__(None, None, None)
         graph.peer = graph.heard_by()
     assert "Traceback" not in graph.log()
+
+
+def test_a_clock_a_day_off_shows_in_stamps_and_in_refusals_and_in_nothing_else(
+    graph: Graph, tmp_path: Path
+) -> None:
+    with free_domain() as domain, Graph(tmp_path, domain, graph.daemon, "-c", SHIFTED) as other:
+        stamp = other.states()[-1]["header"]["stamp"]
+        assert abs(time.time() - DAY - stamp["sec"]) < 10.0
+        other.command(0.2, 1, "ours", stamp={"sec": int(time.time()), "nanosec": 0})
+        assert "ahead of the robot's clock" in other.told(frame_id="ours")["message"]
+        other.command(0.2, 1, "now")
+        assert other.told(frame_id="now", phase="succeeded")
 
 
 def test_a_daemon_that_dies_is_said_to_be_away_and_the_next_one_is_found(graph: Graph) -> None:
