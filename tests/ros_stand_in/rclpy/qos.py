@@ -19,18 +19,17 @@ class HistoryPolicy(IntEnum):
 
 
 class QoSProfile:
-    def __init__(self, **kwargs):
-        if (
-            kwargs.get("history", HistoryPolicy.KEEP_LAST) == HistoryPolicy.KEEP_LAST
-            and "depth" not in kwargs
-        ):
+    def __init__(
+        self,
+        history=HistoryPolicy.KEEP_LAST,
+        depth=None,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+    ):
+        if history == HistoryPolicy.KEEP_LAST and depth is None:
             raise ValueError("History set to KEEP_LAST without a depth setting.")
-        self.depth = kwargs.pop("depth", 0)
-        self.history = kwargs.pop("history", HistoryPolicy.KEEP_LAST)
-        self.reliability = kwargs.pop("reliability", ReliabilityPolicy.RELIABLE)
-        self.durability = kwargs.pop("durability", DurabilityPolicy.VOLATILE)
-        if kwargs:
-            raise TypeError(f"no such policies: {sorted(kwargs)}")
+        self.history, self.depth = history, depth or 0
+        self.reliability, self.durability = reliability, durability
 
 
 def profile(given):

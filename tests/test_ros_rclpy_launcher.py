@@ -1,0 +1,146 @@
+"""Which interpreter the rclpy back end gets, and which environment."""
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import interpreters
+import pytest
+
+from twind.bridge.ros import launcher
+from twind.bridge.ros.launcher import available, command, distribution, graph
+from twind.bridge.ros.transport import TransportError
+
+OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
+PATH = {"PATH": "/usr/bin:/bin"}
+
+
+def prefix(folder: Path, version: str = "3.10", *, interpreter: bool = True) -> Path:
+    """Where a distribution keeps its packages."""
+    packages = folder / "lib" / f"python{version}" / "site-packages" / "rclpy"
+    packages.mkdir(parents=True)
+    (packages / "__init__.py").write_text("")
+    if interpreter:
+        (folder / "bin").mkdir()
+        (folder / "bin" / f"python{version}").symlink_to(sys.executable)
+    return folder
+
+
+def installed(root: Path, name: str, version: str = "3.10") -> Path:
+    """A distribution below `root` that has a set-up to source."""
+    place = prefix(root / name, version)
+    lines = [
+        f"export AMENT_PREFIX_PATH={place}",
+        f"export PYTHONPATH={place}/lib/python{version}/site-packages",
+        f"export ROS_DISTRO={name}",
+        "echo sourced",
+    ]
+    (place / "setup.bash").write_text("\n".join(lines))
+    return place
+
+
+def test_what_is_sourced_counts_and_names_its_python(tmp_path: Path) -> None:
+    place = prefix(tmp_path)
+    packages = place / "lib" / "python3.10" / "site-packages"
+    sourced = PATH | {"AMENT_PREFIX_PATH": str(place), "PYTHONPATH": f"/nothing:{packages}"}
+    assert distribution(sourced, None).python == str(place / "bin" / "python3.10")
+
+
+def test_a_prefix_alone_is_enough_where_packages_lie_in_it(tmp_path: Path) -> None:
+    found = distribution(PATH | {"AMENT_PREFIX_PATH": str(prefix(tmp_path, "3.12"))}, None)
+    assert found.python == str(tmp_path / "bin" / "python3.12")
+
+
+def test_the_only_distribution_is_sourced(tmp_path: Path) -> None:
+    place = installed(tmp_path, "humble")
+    found = distribution(PATH | {"KEPT": "yes"}, None, tmp_path)
+    assert found.python == str(place / "bin" / "python3.10")
+    assert found.environment["ROS_DISTRO"] == "humble"
+    assert found.environment["KEPT"] == "yes"
+
+
+def test_of_several_one_has_to_be_named(tmp_path: Path) -> None:
+    for name, version in (("humble", "3.10"), ("jazzy", "3.12")):
+        installed(tmp_path, name, version)
+    with pytest.raises(TransportError, match=r"humble, jazzy: say which one with --distro"):
+        distribution(PATH, None, tmp_path)
+    assert distribution(PATH, "jazzy", tmp_path).python.endswith("python3.12")
+    assert distribution(PATH | {"ROS_DISTRO": "humble"}, None, tmp_path).python.endswith("python3.10")
+    with pytest.raises(TransportError, match=r"no ROS 2 'iron'.*humble, jazzy"):
+        distribution(PATH, "iron", tmp_path)
+
+
+def test_a_distribution_that_is_named_comes_before_the_one_that_is_sourced(tmp_path: Path) -> None:
+    place = installed(tmp_path, "jazzy", "3.12")
+    other = installed(tmp_path, "humble")
+    sourced = PATH | {"AMENT_PREFIX_PATH": str(other), "ROS_DISTRO": "humble"}
+    assert distribution(sourced, "humble", tmp_path).python == str(other / "bin" / "python3.10")
+    assert distribution(sourced, "jazzy", tmp_path).python == str(place / "bin" / "python3.12")
+
+
+def test_what_is_missing_is_said_with_its_remedy(tmp_path: Path) -> None:
+    with pytest.raises(TransportError, match="--backend dds or zenoh"):
+        distribution(PATH, None, tmp_path)
+    (tmp_path / "bare").mkdir()
+    (tmp_path / "bare" / "setup.bash").write_text("")
+    with pytest.raises(TransportError, match="no rclpy is on its paths"):
+        distribution(PATH, None, tmp_path)
+    (tmp_path / "bare" / "setup.bash").write_text("exit 3")
+    with pytest.raises(TransportError, match=r"source .*bare/setup\.bash. failed"):
+        distribution(PATH, None, tmp_path)
+    place = prefix(tmp_path / "other", "3.99", interpreter=False)
+    with pytest.raises(TransportError, match=r"python3\.99, which is not on the PATH"):
+        distribution(PATH | {"AMENT_PREFIX_PATH": str(place)}, None)
+
+
+def test_whether_there_is_one_can_be_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert available(PATH | {"AMENT_PREFIX_PATH": str(prefix(tmp_path))})
+    monkeypatch.setattr(launcher.distribution, "__defaults__", (tmp_path / "nowhere",))
+    assert not available(PATH)
+
+
+def test_our_own_environment_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    for each in (ours, theirs):
+        (each / "bin").mkdir(parents=True)
+        (each / "bin" / "python3.10").symlink_to(sys.executable)
+    place = prefix(tmp_path / "ros", interpreter=False)
+    monkeypatch.setattr(launcher.sys, "prefix", str(ours))
+    sourced = {"PATH": f"{ours}/bin:{theirs}/bin", "AMENT_PREFIX_PATH": str(place)}
+    assert distribution(sourced, None).python == str(theirs / "bin" / "python3.10")
+
+
+def test_unset_means_this_machine_alone() -> None:
+    assert graph({}, None) == {"ROS_DOMAIN_ID": "0", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    assert graph({"ROS_DISTRO": "humble"}, 7)["ROS_LOCALHOST_ONLY"] == "1"
+    asked = {"ROS_DOMAIN_ID": "3", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    assert graph(asked, None) == asked
+    assert "ROS_LOCALHOST_ONLY" not in graph({"ROS_STATIC_PEERS": "10.0.0.7"}, None)
+
+
+def test_options_are_handed_on() -> None:
+    assert command("/python3.10", OPTIONS)[:2] == ["/python3.10", "-c"]
+    options = argparse.Namespace(socket="/run/twind", rate=50.0, domain=7, commands=False, distro=None)
+    words = command("/python3.10", options)[4:]
+    assert words == ["--socket", "/run/twind", "--rate", "50.0", "--domain", "7", "--no-commands"]
+
+
+@pytest.mark.parametrize("version", ["3.10", "3.12", "3.13"])
+def test_an_interpreter_without_rclpy_says_so(version: str, tmp_path: Path) -> None:
+    words = command(interpreters.python(version), OPTIONS)
+    done = subprocess.run(words, cwd=tmp_path, env=PATH, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "rclpy does not load under" in done.stderr
+    assert "rcl" in done.stderr.splitlines()[0]
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_of_our_installation_it_sees_twind_alone(tmp_path: Path) -> None:
+    """Neither our packages nor a twind of somebody else that lies where it is begun."""
+    (tmp_path / "twind").mkdir()
+    (tmp_path / "twind" / "__init__.py").write_text("raise SystemExit('the wrong twind')")
+    words = command(interpreters.python("3.12"), OPTIONS)
+    begin = words[2].partition("try:")[0] + "\nimport twind, numpy"
+    done = subprocess.run([words[0], "-c", begin, words[3]], cwd=tmp_path, capture_output=True, text=True)
+    assert "No module named 'numpy'" in done.stderr
