@@ -38,7 +38,6 @@ from twind.ros import FLOATS, JOINT_TRAJECTORY, SET_BOOL, STRING, TRIGGER, Joint
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")
 pytestmark = pytest.mark.realtime
 JOINTS = [f"joint_{place}" for place in range(24)]
-LAST = Topic("/last", STRING, out=True, depth=1, latched=True)  # the peer's own way knows only short names
 
 
 class Us:
@@ -53,7 +52,7 @@ class Us:
         self.node = Zenoh(Discovery(), self.told.append, endpoint)
 
     def join(self) -> None:
-        self.node.open((*TOPICS, LAST), SERVICES, self._hear, self._answer)
+        self.node.open(TOPICS, SERVICES, self._hear, self._answer)
 
     def say(self, topic: Topic, text: str) -> None:
         self.node.publish(topic, encode(STRING, {"data": text}))
@@ -121,13 +120,13 @@ def hears(us: Us, peer: Peer, topic: Topic) -> None:
 
 
 def test_a_peer_finds_every_endpoint_with_its_name_type_and_quality(us: Us, peer: Peer) -> None:
-    expected = {each.name: [each.kind] for each in (*TOPICS, LAST)}
+    expected = {each.name: [each.kind] for each in TOPICS}
     until(lambda: dict(peer.ask("topics")) == expected, PATIENCE, "every topic is listed")
     count = len(expected) + len(SERVICES)
     found = until(lambda: every if len(every := endpoints(peer)) == count else None, PATIENCE, "all are seen")
     assert {(each["node_name"], each["namespace"]) for each in found.values()} == {("twind", "/")}
     assert len({each["entity_id"] for each in found.values()}) == len(found)
-    for each in (*TOPICS, LAST):
+    for each in TOPICS:
         told = found[each.name]
         assert told["kind"] == ("MP" if each.out else "MS")
         assert "RELIABLE: 1" in told["qos"] and f"history_depth={each.depth}," in told["qos"]
@@ -166,12 +165,9 @@ def test_what_is_published_comes_as_it_was(us: Us, peer: Peer) -> None:
 def test_who_comes_later_has_the_last_of_a_latched_topic(us: Us, peer: Peer) -> None:
     for text in ("first", "last"):
         us.say(STATUS, text)
-        us.say(LAST, text)
     peer.ask("hear_latched", topic=STATUS.name, kind=STRING)
-    peer.ask("hear", topic=LAST.name, kind=STRING, qos="1:1:1,1:,:,:,,")
-    for topic in (STATUS, LAST):
-        until(lambda topic=topic: heard(peer, topic), PATIENCE, f"the last of {topic.name} comes")
-        assert heard(peer, topic) == ["last"]
+    until(lambda: heard(peer, STATUS), PATIENCE, "the last comes")
+    assert heard(peer, STATUS) == ["last"]
     us.say(STATUS, "new")
     until(lambda: heard(peer, STATUS) == ["last", "new"], PATIENCE, "what is said then comes too, once")
 
