@@ -7,7 +7,7 @@ from typing import Any
 from twind.client.errors import finding_lines
 from twind.ctl.motions import load_motion
 from twind.ctl.progress import Progress
-from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, operator, show
+from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, elsewhere, operator, show
 
 from_afar = True
 
@@ -28,9 +28,13 @@ def run(options: argparse.Namespace) -> int:
     if alone and options.robot is None:
         raise UsageError(f"--{alone[0]} goes with --robot: a daemon knows its robot itself")
     if options.what == "robot":
+        if elsewhere(options) is not None:
+            raise UsageError("check robot reads a file and asks no robot: leave out --remote")
         if options.robot is not None:
             raise UsageError("check robot takes the robot's name or file itself: leave out --robot")
         return _robot(options)
+    if options.robot is not None and elsewhere(options) is not None:
+        raise UsageError("--robot and --remote: one robot at a time")
     return _trajectory(options)
 
 

@@ -46,12 +46,12 @@ class Rejected(Exception):
 
 def operator(options: argparse.Namespace) -> Client:
     """A connection that may command."""
-    return Client(options.socket) if _remote(options) is None else from_afar(options)
+    return Client(options.socket) if elsewhere(options) is None else from_afar(options)
 
 
 def connected(options: argparse.Namespace, *names: str) -> Client:
     """A connection to the first of the sockets `names` that lets us in. Raises the NoDaemon of the last."""
-    if _remote(options) is not None:
+    if elsewhere(options) is not None:
         client = from_afar(options)
         client.connect()
         return client
@@ -78,13 +78,13 @@ def from_afar(options: argparse.Namespace) -> Client:
     from importlib.metadata import entry_points  # 20 ms that nobody else need pay
 
     for point in entry_points(group=REMOTES):
-        client: Client = point.load()(_remote(options))
+        client: Client = point.load()(elsewhere(options))
         return client
     raise UsageError("--remote: nothing that is installed here reaches robots elsewhere")
 
 
-def _remote(options: argparse.Namespace) -> str | None:
-    """Which robot elsewhere is meant; None: a daemon of this machine."""
+def elsewhere(options: argparse.Namespace) -> str | None:
+    """The robot of `--remote`; None: a daemon of this machine is meant."""
     return getattr(options, "remote", None)
 
 

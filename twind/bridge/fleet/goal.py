@@ -108,7 +108,8 @@ class Goal:
 def _parameters(message: bytes) -> dict[str, Any] | None:
     """What is told of a goal; None: an error, or no message."""
     try:
-        told = json.loads(message)["parameters"]
-        return {"progress": 0.0, **told} if told["phase"] else None
-    except (ValueError, KeyError, TypeError):
+        told: dict[str, Any] = json.loads(message)["parameters"]
+        told.setdefault("progress", 0.0)
+        return told if told["phase"] else None
+    except (ValueError, KeyError, TypeError, AttributeError):
         return None

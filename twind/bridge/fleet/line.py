@@ -22,7 +22,8 @@ from twind.bridge.fleet.reach import Reach
 from twind.bridge.zenoh.keys import ASKED, STOPS, robot_key
 from twind.client import NoDaemon, NotCarried
 
-LATEST = 5.0  # s that finding the robot may take
+FOUND = 2.0  # s within which a robot that is there is found
+IDLE = 5.0  # s between two looks at a line on which nothing runs
 PARTING = 0.5  # s that giving a lease back may take when the line is closed
 Parameters = Mapping[str, Any]
 
@@ -66,9 +67,9 @@ class FarLine:
         reach = Reach(self._way.enter(patience), self._robot)
         inbox = self._inbox = Inbox()
         try:
-            gone = reach.watch(lambda: inbox.end(f"{self.where}: it went away, or the way to it is lost"))
-            self._subscribers = [gone]
-            if not reach.is_there(min(patience, LATEST)):
+            there, gone = threading.Event(), f"{self.where}: it went away, or the way to it is lost"
+            self._subscribers = [reach.watch(there.set, lambda: inbox.end(gone))]
+            if not there.wait(min(patience, FOUND)):
                 raise NoDaemon(f"{self.where}: not there; `twindctl fleet` lists who is", absent=True)
         except BaseException:
             self._forget(reach)
@@ -112,7 +113,7 @@ class FarLine:
             _STREAMS[method](self, parameters)
         else:
             raise NotCarried(
-                f"{method}: not from afar; who arms {self.where}, or sets it up, stands beside it"
+                f"{method}: not from afar; whoever arms {self._robot}, or sets it up, stands beside it"
             )
 
     def receive(self, patience: float) -> bytes:
@@ -130,7 +131,7 @@ class FarLine:
 
     def _tend(self) -> float:
         """What runs under a lease lives as long as somebody here takes its reports; s until the next look."""
-        return self._goal.tend(time.monotonic()) if self._goal is not None and not self._goal.over else LATEST
+        return self._goal.tend(time.monotonic()) if self._goal is not None and not self._goal.over else IDLE
 
     def _understood(self, message: bytes) -> bytes:
         if message.startswith(b'{"error"') and b"Uplink.NoDaemon" in message:

@@ -55,19 +55,16 @@ class Reach:
             robot_key(self.robot, *parts), lambda sample: told(bytes(sample.payload))
         )
 
-    def watch(self, gone: Callable[[], None]) -> "zenoh.Subscriber[None]":
-        """`gone`: its uplink ended, or the way there is lost."""
+    def watch(self, there: Callable[[], None], gone: Callable[[], None]) -> "zenoh.Subscriber[None]":
+        """`there`: its uplink is up. `gone`: it ended, or the way there is lost."""
 
         def changed(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.DELETE:
-                gone()
+            (gone if sample.kind == zenoh.SampleKind.DELETE else there)()
 
-        return self.session.liveliness().declare_subscriber(robot_key(self.robot, ALIVE), changed)
-
-    def is_there(self, patience: float) -> bool:
-        """Its uplink is alive. Waits `patience` s at most."""
-        found = self.session.liveliness().get(robot_key(self.robot, ALIVE), timeout=patience)
-        return any(reply.ok is not None for reply in found)
+        # With history: of a token that a session was never told it is not told the end either.
+        return self.session.liveliness().declare_subscriber(
+            robot_key(self.robot, ALIVE), changed, history=True
+        )
 
 
 def as_message(reply: zenoh.Reply) -> bytes | None:
