@@ -200,9 +200,10 @@ def test_a_message_that_does_not_fit_is_refused_by_its_field() -> None:
         encode(JOINT_STATE, {"position": ["x"]})
     with pytest.raises(CdrError, match="little endian"):
         decode(JOINT_STATE, b"\0\0\0\0")
-    with pytest.raises(CdrError, match="ends at byte 76, but there are 80"):
-        decode(JOINT_STATE, GOLDEN + bytes(4))
-    assert decode(JOINT_STATE, GOLDEN + bytes(3))["name"] == ["a", "bcd"]
+    with pytest.raises(CdrError, match="ends at byte 76, but there are 92"):
+        decode(JOINT_STATE, GOLDEN + bytes(16))
+    for behind in (3, 12):  # filled up; as rclpy serializes over Fast DDS
+        assert decode(JOINT_STATE, GOLDEN + b"\xff" * behind)["name"] == ["a", "bcd"]
     with pytest.raises(DefinitionError, match="known: builtin_interfaces/msg/Time"):
         encode("sensor_msgs/msg/Range", {})
 

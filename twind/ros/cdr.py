@@ -12,7 +12,9 @@ from twind.ros.definitions import PRIMITIVES, TEXT, Definitions, Field, definiti
 
 HEAD = b"\x00\x01\x00\x00"  # XCDR1, little endian
 _COUNT = struct.Struct("<I")
-_LOOSE = 3  # bytes that may follow: some senders fill up to a multiple of four
+# Bytes that may follow, as readers of ROS let them: some senders fill up to a multiple of four, and what
+# rclpy serializes over Fast DDS has up to twelve behind it (measured with rclpy 9.1.2).
+_LOOSE = 15
 
 Message = dict[str, Any]
 
