@@ -7,10 +7,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from twind.ros import DIAGNOSTIC_ARRAY, IMU, JOINT_STATE, JOINT_TRAJECTORY, STRING
+from twind.ros import (
+    DIAGNOSTIC_ARRAY,
+    FLOATS,
+    IMU,
+    JOINT_STATE,
+    JOINT_TRAJECTORY,
+    SET_BOOL,
+    STRING,
+    TRIGGER,
+)
 
-FLOATS = "std_msgs/msg/Float64MultiArray"
-TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 NODE = "twind"  # the node's name; no namespace
 MODES = ("sim", "mirror", "live")
 
