@@ -3,6 +3,7 @@
 Of Zenoh itself both use the one engine there is; names, tokens, types and bytes are zenoh-ros2-sdk's own.
 """
 
+import json
 import signal
 import threading
 import time
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+import zenoh
 from processes import PATIENCE, until
 from ros_zenoh_peer import Peer
 from zenoh_router import Router
@@ -33,10 +35,12 @@ from twind.bridge.ros.endpoints import (
 from twind.bridge.ros.transport import TransportError
 from twind.bridge.ros.zenoh import Zenoh
 from twind.bridge.ros.zenoh.attachment import Attachment, attachment
+from twind.bridge.ros.zenoh.names import gid
 from twind.ros import FLOATS, JOINT_TRAJECTORY, SET_BOOL, STRING, TRIGGER, JointStateBuffer, decode, encode
 
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")
 pytestmark = pytest.mark.realtime
+QUIET = {"multicast": {"enabled": False}}
 JOINTS = [f"joint_{place}" for place in range(24)]
 
 
@@ -259,6 +263,38 @@ def test_a_stop_does_not_wait_behind_a_service_that_takes_long(us: Us, router: R
         assert waiting.is_alive()
         us.hold.set()
         waiting.join(PATIENCE)
+
+
+@pytest.mark.parametrize("labelled", [False, True])
+def test_beside_each_message_are_its_number_its_time_and_the_id_of_its_publishers_token(
+    router: Router, labelled: bool
+) -> None:
+    """Read by a bare session of Zenoh, as a subscription of rmw_zenoh would."""
+    config = zenoh.Config.from_json5(
+        json.dumps({"mode": "client", "connect": {"endpoints": [router.endpoint]}, "scouting": QUIET})
+    )
+    domain = 100 + labelled  # nobody else's
+    node = Zenoh(Discovery(domain), lambda line: None, router.endpoint, labelled=labelled)
+    with zenoh.open(config) as session:
+        samples = session.declare_subscriber(f"{domain}/bridge/results/**")
+        node.open([RESULTS], [], lambda topic, data: None, lambda service, data: (True, ""))
+        try:
+            begun, seen = time.time_ns(), []
+            for _ in range(round(PATIENCE / 0.05)):
+                node.publish(RESULTS, encode(STRING, {"data": "x"}))
+                time.sleep(0.05)
+                while (sample := samples.try_recv()) is not None:
+                    seen.append(attachment(sample.attachment.to_bytes()))
+                if len(seen) >= 3:
+                    break
+            replies = session.liveliness().get(f"@ros2_lv/{domain}/**/MP/**", timeout=PATIENCE)
+            tokens = [str(reply.ok.key_expr) for reply in replies]
+        finally:
+            node.close()
+    assert len(tokens) == 1 and {each.gid for each in seen} == {gid(tokens[0])}
+    numbers = [each.number for each in seen]
+    assert numbers == list(range(numbers[0], numbers[0] + len(seen)))
+    assert all(each.labelled == labelled and begun < each.time_ns <= time.time_ns() for each in seen)
 
 
 @pytest.mark.parametrize("rate", [100, 500])
