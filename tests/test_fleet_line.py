@@ -101,6 +101,18 @@ def test_an_uplink_without_a_daemon_a_question_without_an_answer_and_a_robot_tha
             list(events)
 
 
+def test_a_stop_is_sent_to_a_robot_that_nobody_sees_and_again_until_somebody_answers(robot: FarRobot) -> None:
+    robot.alive.undeclare()
+    unheard = [None, None]
+    robot.answers["stop/EStop"] = lambda asked: unheard.pop() if unheard else {"state": "estop", **asked}
+    with robot.client() as client:
+        assert client.call("EStop", level="settle") == {"state": "estop", "level": "settle"}
+        robot.answers["stop/Cancel"] = lambda _: None
+        with pytest.raises(Disconnected, match="nobody answers stop/Cancel"):
+            client.call("Cancel")
+    assert len(robot.times("stop/EStop")) == 3 and len(robot.times("stop/Cancel")) > 3
+
+
 def test_news_are_the_bytes_that_the_robot_sent_and_only_of_what_was_asked(robot: FarRobot) -> None:
     with robot.client() as client:
         stream = client.stream("Monitor", topics=["state", "events"], rate=30.0)

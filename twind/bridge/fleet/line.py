@@ -10,6 +10,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Protocol
 
 import zenoh
@@ -19,6 +20,7 @@ from twind.bridge.fleet.hold import Hold
 from twind.bridge.fleet.inbox import Inbox
 from twind.bridge.fleet.news import Thinned, keys
 from twind.bridge.fleet.reach import Reach
+from twind.bridge.fleet.stop import Stop
 from twind.bridge.zenoh.keys import ASKED, STOPS, robot_key
 from twind.client import NoDaemon, NotCarried
 
@@ -52,25 +54,24 @@ class FarLine:
         self._reach: Reach | None = None
         self._inbox = Inbox()
         self._hold: Hold | None = None
-        self._goal: Goal | None = None
+        self._there = threading.Event()
+        self._errand: Goal | Stop | None = None  # what is looked after until it is over
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     @property
     def is_open(self) -> bool:
-        """The robot was found, and nobody has hung up since."""
+        """The network is joined, and nobody has hung up since."""
         return self._reach is not None
 
     def open(self, patience: float) -> None:
-        """Join the network, find the robot. Raises NoDaemon."""
+        """Join the network. Raises NoDaemon. Whether the robot is there the first question tells."""
         if self._reach is not None:
             return
         reach = Reach(self._way.enter(patience), self._robot)
         inbox = self._inbox = Inbox()
         try:
-            there, gone = threading.Event(), f"{self.where}: it went away, or the way to it is lost"
-            self._subscribers = [reach.watch(there.set, lambda: inbox.end(gone))]
-            if not there.wait(min(patience, FOUND)):
-                raise NoDaemon(f"{self.where}: not there; `twindctl fleet` lists who is", absent=True)
+            self._there, gone = threading.Event(), f"{self.where}: it went away, or the way to it is lost"
+            self._subscribers = [reach.watch(self._there.set, lambda: inbox.end(gone))]
         except BaseException:
             self._forget(reach)
             raise
@@ -88,33 +89,29 @@ class FarLine:
         self._forget(reach)
 
     def _forget(self, reach: Reach) -> None:
-        if self._goal is not None:
-            self._goal.close()
+        if self._errand is not None:
+            self._errand.close()
         for each in self._subscribers:
             each.undeclare()
-        self._goal, self._hold, self._subscribers = None, None, []
+        self._errand, self._hold, self._subscribers = None, None, []
         self._way.leave(reach.session)
 
     # ------------------------------------------------------------------------------------------ messages
 
     def send(self, message: bytes, patience: float) -> None:
-        """Ask. Raises NotCarried."""
+        """Ask. Raises NotCarried; NoDaemon: the robot is not there. A stop waits for no robot to be seen."""
         assert self._reach is not None
         call = json.loads(message)
         method, more = call["method"].rpartition(".")[2], bool(call.get("more"))
         parameters: Parameters = call["parameters"]
-        if method in ASKED:
-            self._ask(("ask", method), parameters, patience)
-        elif method in STOPS:
-            self._ask(("stop", method), parameters, patience)
-        elif method in _LEASE:
-            _LEASE[method](self, parameters, patience)
-        elif method in _STREAMS and more:
-            _STREAMS[method](self, parameters)
-        else:
-            raise NotCarried(
-                f"{method}: not from afar; whoever arms {self._robot}, or sets it up, stands beside it"
-            )
+        if method in STOPS:
+            self._errand = Stop(self._reach, method, parameters, self._inbox, time.monotonic())
+            return
+        carry = self._carrier(method, more)
+        if not self._there.wait(min(patience, FOUND)):
+            self.close()
+            raise NoDaemon(f"{self.where}: not there; `twindctl fleet` lists who is", absent=True)
+        carry(parameters, patience)
 
     def receive(self, patience: float) -> bytes:
         """The next message. Raises TimeoutError, Disconnected, NoDaemon."""
@@ -130,8 +127,9 @@ class FarLine:
         return self._inbox.rest()
 
     def _tend(self) -> float:
-        """What runs under a lease lives as long as somebody here takes its reports; s until the next look."""
-        return self._goal.tend(time.monotonic()) if self._goal is not None and not self._goal.over else IDLE
+        """What is under way lives as long as somebody here waits for its answers; s until the next look."""
+        errand = self._errand
+        return IDLE if errand is None or errand.over else errand.tend(time.monotonic())
 
     def _understood(self, message: bytes) -> bytes:
         if message.startswith(b'{"error"') and b"Uplink.NoDaemon" in message:
@@ -140,6 +138,18 @@ class FarLine:
         return message
 
     # ------------------------------------------------------------------------------------------ calls
+
+    def _carrier(self, method: str, more: bool) -> Callable[[Parameters, float], None]:
+        """How a call is made. Raises NotCarried."""
+        if method in ASKED:
+            return partial(self._ask, ("ask", method))
+        if method in _LEASE:
+            return partial(_LEASE[method], self)
+        if method in _STREAMS and more:
+            return partial(_STREAMS[method], self)
+        raise NotCarried(
+            f"{method}: not from afar; whoever arms {self._robot}, or sets it up, stands beside it"
+        )
 
     def _ask(
         self,
@@ -183,14 +193,14 @@ class FarLine:
             raise NotCarried("RenewLease: AcquireLease comes first")
         self._ask(("lease",), {"op": "renew", "lease": self._hold.id}, patience)
 
-    def _submit(self, parameters: Parameters) -> None:
+    def _submit(self, parameters: Parameters, _patience: float) -> None:
         if self._hold is None:
             raise NotCarried("SubmitTrajectory: from afar only under a lease; AcquireLease comes first")
         assert self._reach is not None
         now = time.monotonic()
-        self._goal = Goal(self._reach, self._hold, parameters["trajectory"], self._inbox, now)
+        self._errand = Goal(self._reach, self._hold, parameters["trajectory"], self._inbox, now)
 
-    def _monitor(self, parameters: Parameters) -> None:
+    def _monitor(self, parameters: Parameters, _patience: float) -> None:
         assert self._reach is not None
         rate = parameters.get("rate")
         for topic, parts in keys(parameters["topics"], rate).items():
