@@ -27,10 +27,6 @@ SHORTEST = 2.0  # s, of that way
 Work = Callable[[Client], Outcome]
 
 
-class NotYours(Exception):
-    """Another tab holds the lease, or none does."""
-
-
 class Operator(threading.Thread):
     """At most one tab commands. Tabs are the numbers that viser gives them."""
 
