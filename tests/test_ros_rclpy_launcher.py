@@ -10,7 +10,7 @@ import pytest
 
 from twind.bridge.ros import launcher
 from twind.bridge.ros.launcher import available, command, distribution, graph
-from twind.bridge.ros.transport import TransportError
+from twind.ctl.verb import UsageError
 
 OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
 PATH = {"PATH": "/usr/bin:/bin"}
@@ -63,11 +63,11 @@ def test_the_only_distribution_is_sourced(tmp_path: Path) -> None:
 def test_of_several_one_has_to_be_named(tmp_path: Path) -> None:
     for name, version in (("humble", "3.10"), ("jazzy", "3.12")):
         installed(tmp_path, name, version)
-    with pytest.raises(TransportError, match=r"humble, jazzy: say which one with --distro"):
+    with pytest.raises(UsageError, match=r"humble, jazzy: say which one with --distro"):
         distribution(PATH, None, tmp_path)
     assert distribution(PATH, "jazzy", tmp_path).python.endswith("python3.12")
     assert distribution(PATH | {"ROS_DISTRO": "humble"}, None, tmp_path).python.endswith("python3.10")
-    with pytest.raises(TransportError, match=r"no ROS 2 'iron'.*humble, jazzy"):
+    with pytest.raises(UsageError, match=r"no ROS 2 'iron'.*humble, jazzy"):
         distribution(PATH, "iron", tmp_path)
 
 
@@ -80,17 +80,17 @@ def test_a_distribution_that_is_named_comes_before_the_one_that_is_sourced(tmp_p
 
 
 def test_what_is_missing_is_said_with_its_remedy(tmp_path: Path) -> None:
-    with pytest.raises(TransportError, match="--backend dds or zenoh"):
+    with pytest.raises(UsageError, match="--backend dds or zenoh"):
         distribution(PATH, None, tmp_path)
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare" / "setup.bash").write_text("")
-    with pytest.raises(TransportError, match="no rclpy is on its paths"):
+    with pytest.raises(UsageError, match="no rclpy is on its paths"):
         distribution(PATH, None, tmp_path)
     (tmp_path / "bare" / "setup.bash").write_text("exit 3")
-    with pytest.raises(TransportError, match=r"source .*bare/setup\.bash. failed"):
+    with pytest.raises(UsageError, match=r"source .*bare/setup\.bash. failed"):
         distribution(PATH, None, tmp_path)
     place = prefix(tmp_path / "other", "3.99", interpreter=False)
-    with pytest.raises(TransportError, match=r"python3\.99, which is not on the PATH"):
+    with pytest.raises(UsageError, match=r"python3\.99, which is not on the PATH"):
         distribution(PATH | {"AMENT_PREFIX_PATH": str(place)}, None)
 
 

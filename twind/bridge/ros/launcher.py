@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twind.bridge.ros.discovery import Range, discovery
-from twind.bridge.ros.transport import TransportError
+from twind.ctl.verb import UsageError
 
 ROOT = Path("/opt/ros")  # where distributions are installed
 SOURCED = 20.0  # s that the set-up of a distribution may take
@@ -57,7 +57,7 @@ class Distribution:
 
 
 def launch(options: argparse.Namespace, tell: Callable[[str], None], stop: object) -> int:
-    """`twindctl ros --backend rclpy`: does not return. Raises TransportError: no rclpy, and what helps.
+    """`twindctl ros --backend rclpy`: does not return. Raises UsageError: no rclpy, and what helps.
 
     Of `options`: socket, rate, commands, domain, distro. Signals are the successor's from then on.
     """
@@ -84,7 +84,7 @@ def available(environment: Mapping[str, str]) -> bool:
     """An rclpy is to be had: sourced, in this interpreter, or of a distribution that is installed."""
     try:
         distribution(environment, None)
-    except TransportError:
+    except UsageError:
         return False
     return True
 
@@ -92,7 +92,7 @@ def available(environment: Mapping[str, str]) -> bool:
 def distribution(environment: Mapping[str, str], wanted: str | None, root: Path = ROOT) -> Distribution:
     """What is sourced, else what this interpreter has, else the only or the `wanted` one in `root`.
 
-    Raises TransportError.
+    Raises UsageError.
     """
     other = wanted is not None and environment.get("ROS_DISTRO", wanted) != wanted
     sourced = None if other else _sourced(environment)
@@ -103,7 +103,7 @@ def distribution(environment: Mapping[str, str], wanted: str | None, root: Path 
     setup = _setup(wanted or environment.get("ROS_DISTRO"), root)
     found = _sourced(_source(setup, environment))
     if found is None:
-        raise TransportError(f"rclpy: {setup} was sourced, and no rclpy is on its paths; install ros-base")
+        raise UsageError(f"rclpy: {setup} was sourced, and no rclpy is on its paths; install ros-base")
     return found
 
 
@@ -125,12 +125,12 @@ def _setup(distro: str | None, root: Path) -> Path:
     known = sorted(each.parent.name for each in root.glob("*/setup.bash"))
     if not known:
         remedy = "install one, or take --backend dds or zenoh, which need none"
-        raise TransportError(f"rclpy: no ROS 2 in {root}, none sourced, none in this interpreter; {remedy}")
+        raise UsageError(f"rclpy: no ROS 2 in {root}, none sourced, none in this interpreter; {remedy}")
     if distro is None and len(known) > 1:
-        raise TransportError(f"rclpy: {root} has {', '.join(known)}: say which one with --distro")
+        raise UsageError(f"rclpy: {root} has {', '.join(known)}: say which one with --distro")
     name = known[0] if distro is None else distro
     if name not in known:
-        raise TransportError(f"rclpy: no ROS 2 {name!r} in {root}; there are {', '.join(known)}")
+        raise UsageError(f"rclpy: no ROS 2 {name!r} in {root}; there are {', '.join(known)}")
     return root / name / "setup.bash"
 
 
@@ -147,7 +147,7 @@ def _source(setup: Path, environment: Mapping[str, str]) -> dict[str, str]:
             check=True,
         )
     except (OSError, subprocess.SubprocessError) as error:
-        raise TransportError(f"rclpy: `source {setup}` failed: {error}") from None
+        raise UsageError(f"rclpy: `source {setup}` failed: {error}") from None
     pairs = [each.partition("=") for each in done.stdout.decode(errors="surrogateescape").split("\0") if each]
     return {name: value for name, _, value in pairs}
 
@@ -166,7 +166,7 @@ def _sourced(environment: Mapping[str, str]) -> Distribution | None:
         name = named[-1] if named else "python3"
         python = _interpreter(name, [f"{each}/bin" for each in prefixes], environment)
         if python is None:
-            raise TransportError(f"rclpy: {folder} has it, for {name}, which is not on the PATH; install it")
+            raise UsageError(f"rclpy: {folder} has it, for {name}, which is not on the PATH; install it")
         return Distribution(python, environment)
     return None
 
