@@ -165,6 +165,17 @@ def test_without_the_right_to_command_it_says_so_and_refuses(loop: StandIn, tmp_
         assert run.graph.words(RESULTS)["phase"] == "refused"
 
 
+def test_what_cannot_be_understood_is_told_and_the_rest_goes_on(
+    loop: StandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("twind.bridge.ros.course.latencies", lambda hops: hops["none"])
+    with Run(loop.directory) as run:
+        until(lambda: run.lines, 10.0, "it is told")
+        assert "cannot be understood: TypeError" in run.lines[0]
+        run.graph.said.clear()
+        run.graph.last(HW_JOINTS)
+
+
 def test_no_daemon_is_told_and_the_status_says_so(tmp_path: Path) -> None:
     with Run(tmp_path) as run:
         bridge = run.graph.words(STATUS)["bridge"]

@@ -63,7 +63,8 @@ class Course:
         """`sockets`: folder of the daemon's. `rate`: readings a second, at most the loop's, which None is."""
         self._transport, self._tell, self._stop = transport, tell, stop
         self._commands, self._sockets = commands, sockets
-        self._speech, self._diagnostics, self._graph = Speech(), Diagnostics(), Once()
+        self._speech, self._diagnostics = Speech(), Diagnostics()
+        self._graph, self._deaf = Once(), Once()
         self.orders = Orders(self._operator, self._result)
         self._calls = Calls(self._operator, self._observer, self.orders.stop, self._status_text, self._result)
         self._readings = Listening(self._observer, ("state",), self._reading, tell, stop, rate=rate)
@@ -101,6 +102,9 @@ class Course:
         if not self._news.there:
             self._status = None
             self._publish_status()
+        deaf = "" if self._readings.error else self._news.error  # a daemon that is away is told once
+        if self._deaf.news(deaf, time.monotonic()) and deaf:
+            self._tell(f"{deaf}; status and results are missing")
         now = clocks().wall_ns
         self._publish(DIAGNOSTICS, self._diagnostics.message(now, self._bridge(), self._status, self._joints))
 

@@ -111,7 +111,10 @@ def made(options: argparse.Namespace, graph: Discovery) -> Transport:
         kind: Callable[..., Any] = getattr(import_module(module), name)
     except ImportError as error:
         remedy = "from a clone: pip install '.[ros]'; an installed service: sudo make install EXTRAS=ros"
-        raise UsageError(f"--backend {options.backend} needs {needs} ({error}); {remedy}") from None
+        words = (
+            f"--backend {options.backend} needs {needs} ({error}); {remedy}; where ROS is: --backend rclpy"
+        )
+        raise UsageError(words) from None
     if options.backend == "zenoh":
         made: Transport = kind(graph, tell, connect=options.zenoh_connect, config=options.zenoh_config)
         return made
