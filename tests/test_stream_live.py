@@ -61,6 +61,10 @@ class Process:
         )
         self.pid = self._process.pid
 
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
     def first(self) -> Any:
         assert self._process.stdout is not None
         return json.loads(self._process.stdout.readline())

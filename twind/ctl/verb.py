@@ -95,8 +95,9 @@ def lease(client: Client, *, take: bool = False) -> Iterator[None]:
     try:
         yield
     finally:
-        with contextlib.suppress(ClientError, RuntimeError):
-            client.call("ReleaseLease")
+        if client.connected:
+            with contextlib.suppress(ClientError, RuntimeError):
+                client.call("ReleaseLease")
 
 
 @contextlib.contextmanager

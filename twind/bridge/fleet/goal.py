@@ -12,7 +12,7 @@ from twind.bridge.fleet.reach import Reach
 
 ENDS = ("succeeded", "cancelled", "replaced", "aborted")
 QUIET = 1.0  # s without a word after which it is asked what became of the goal
-GONE = 5.0  # s without any answer after which the robot counts as lost
+GONE = 3.0  # s without any answer after which the robot counts as lost
 
 
 class Goal:
