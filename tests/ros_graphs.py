@@ -4,7 +4,6 @@ A graph has a bridge, `twindctl ros --backend rclpy` on the sockets of a daemon,
 """
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -157,8 +156,3 @@ class Peer:
 def here() -> str:
     """The version of the Python that runs the tests, as a graph is named."""
     return ".".join(map(str, sys.version_info[:2]))
-
-
-def unset() -> dict[str, str]:
-    """This environment without what a ROS that is sourced puts into it."""
-    return {key: each for key, each in os.environ.items() if not key.startswith(("ROS_", "AMENT_", "RMW_"))}

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+# What a ROS that is sourced puts into an environment.
+SOURCED = ("ROS_", "RMW_", "FAST", "AMENT_", "COLCON_", "CYCLONEDDS_", "PYTHONPATH", "LD_LIBRARY_PATH")
 PREFIX = Path(sys.prefix) / "ros"  # what `make ros` makes
 PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com"><profiles>
@@ -42,7 +44,7 @@ def environment(folder: Path, domain: int) -> dict[str, str]:
     """Of a process in that domain; `folder` keeps its profile and logs."""
     profile = folder / "fastdds.xml"
     profile.write_text(PROFILE)
-    ours = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_", "FAST"))}
+    ours = {key: value for key, value in os.environ.items() if not key.startswith(SOURCED)}
     return ours | {
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",  # the profile's word counts, all of it

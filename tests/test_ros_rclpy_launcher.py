@@ -3,6 +3,7 @@
 import argparse
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
 import interpreters
@@ -141,6 +142,9 @@ def test_of_our_installation_it_sees_twind_alone(tmp_path: Path) -> None:
     (tmp_path / "twind").mkdir()
     (tmp_path / "twind" / "__init__.py").write_text("raise SystemExit('the wrong twind')")
     words = command(interpreters.python("3.12"), OPTIONS)
-    begin = words[2].partition("try:")[0] + "\nimport twind, numpy"
+    begin = words[2].partition("try:")[0] + "\nimport twind; print(twind.__file__, *sys.path, sep='\\n')"
     done = subprocess.run([words[0], "-c", begin, words[3]], cwd=tmp_path, capture_output=True, text=True)
-    assert "No module named 'numpy'" in done.stderr
+    package, *path = done.stdout.splitlines()
+    assert package == str(Path(launcher.__file__).parents[2] / "__init__.py")
+    assert sysconfig.get_path("purelib") not in path
+    assert not {"", str(tmp_path)} & set(path)
