@@ -119,7 +119,7 @@ class World:
         return self._once("joints", self._joints)
 
     def state(self) -> bytes:
-        """Of the topic `state`: joints, whose they are, how far apart their buses were read, the IMU; encoded."""
+        """Of the topic `state`: joints, their mode, how far apart their buses were read, the IMU; encoded."""
         assert self.tick is not None
         told = self.joints() + b',"mode":' + encode(self.tick.mode)
         told += b',"skew_ms":' + encode(self.tick.skew * 1e3)
