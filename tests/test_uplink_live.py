@@ -3,7 +3,7 @@
 import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,15 @@ from typing import Any
 import pytest
 from doctor_world import way_to
 from processes import until
-from uplinked import JOINT, PATIENCE, Far, Place, Site, Uplink, phases, site, up
+from uplinked import JOINT, PATIENCE, Far, Place, Site, Uplink, ended, phases, site, up
 
 from twind.bridge.zenoh.keys import ASKED, STOPS
 from twind.client import Client
 from twind.protocol import CONTROL, load
 
 pytestmark = pytest.mark.realtime
+
+Brief = Callable[[Uplink], Uplink]
 
 # Once all is read: nobody may enter the folders of a Python that is root's.
 AS_NOBODY = """
@@ -47,11 +49,11 @@ def far(here: Site) -> Iterator[Far]:
     here.far.deaf()
 
 
-@pytest.fixture(autouse=True)
-def nothing_is_left() -> Iterator[None]:
-    yield
-    while len(Uplink.begun) > 1:
-        Uplink.begun.pop().gone()
+@pytest.fixture
+def brief() -> Iterator[Brief]:
+    """For uplinks that end with the test."""
+    with ended() as one:
+        yield one
 
 
 def watchers(sockets: Path) -> int:
@@ -200,15 +202,15 @@ def test_a_flood_of_questions_holds_up_no_stop_and_is_told_that_it_is_one(here: 
         client.call("Reset")
 
 
-def test_a_name_that_is_taken_is_refused_in_words(here: Site) -> None:
-    other = Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "robot")
+def test_a_name_that_is_taken_is_refused_in_words(here: Site, brief: Brief) -> None:
+    other = brief(Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "robot"))
     assert other.process.wait(PATIENCE) == 1
     out, _ = other.process.communicate()
     assert "'robot' is alive on this network already" in json.loads(out)["parameters"]["message"]
 
 
-def test_without_a_name_it_is_the_robots_own_and_its_end_is_that_of_its_token(here: Site) -> None:
-    other = Uplink(here.daemon.sockets, "--connect", here.router.endpoint)
+def test_without_a_name_it_has_the_robots_own_and_ends_with_its_token(here: Site, brief: Brief) -> None:
+    other = brief(Uplink(here.daemon.sockets, "--connect", here.router.endpoint))
     elsewhere = Far(Place(connect=(here.router.endpoint,)), "h24")
     up(elsewhere, other)
     elsewhere.ask("ask", "GetStatus")
@@ -221,7 +223,7 @@ def test_without_a_name_it_is_the_robots_own_and_its_end_is_that_of_its_token(he
     print(f"ended within {took:.2f} s")
 
 
-def test_who_may_not_command_here_lets_nobody_command_from_afar(here: Site) -> None:
+def test_who_may_not_command_here_lets_nobody_command_from_afar(here: Site, brief: Brief) -> None:
     if os.geteuid() != 0:
         pytest.skip("root alone can be somebody else")
     run = here.daemon.sockets
@@ -229,7 +231,7 @@ def test_who_may_not_command_here_lets_nobody_command_from_afar(here: Site) -> N
         folder.chmod(0o755)
     (run / "observe.sock").chmod(0o666)
     (run / "control.sock").chmod(0o600)
-    other = Uplink(run, "--connect", here.router.endpoint, "--name", "seen", program=("-c", AS_NOBODY))
+    other = brief(Uplink(run, "--connect", here.router.endpoint, "--name", "seen", program=("-c", AS_NOBODY)))
     elsewhere = Far(Place(connect=(here.router.endpoint,)), "seen")
     up(elsewhere, other)
     assert elsewhere.ask("ask", "GetStatus")["status"]["mode"] == "sim"

@@ -8,17 +8,18 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
 import pytest
 from processes import Daemon, until
-from uplinked import JOINT, PATIENCE, Far, Place, Site, Uplink, phases, site, up
+from uplinked import JOINT, PATIENCE, Far, Place, Site, Uplink, ended, phases, site, up
 
 from twind.client import ClientError
 
 pytestmark = pytest.mark.realtime
+Brief = Callable[[Uplink], Uplink]
 LONG = 20.0  # s of a motion that somebody has to let go
 
 
@@ -35,8 +36,13 @@ def at_rest(here: Site) -> Iterator[None]:
     until(lambda: free(here), PATIENCE, "nobody has it")
     yield
     here.far.deaf()
-    while len(Uplink.begun) > 1:
-        Uplink.begun.pop().gone()
+
+
+@pytest.fixture
+def brief() -> Iterator[Brief]:
+    """For uplinks that end with the test."""
+    with ended() as one:
+        yield one
 
 
 def status(here: Site) -> dict[str, Any]:
@@ -165,8 +171,8 @@ def test_a_daemon_that_restarts_is_waited_for_and_what_was_granted_before_is_voi
     assert said.count("waiting for the daemon") == said.count("the daemon is there again") == 1, said
 
 
-def test_an_uplink_ends_when_it_is_told_to_though_router_and_daemon_hang(here: Site) -> None:
-    other = Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "other")
+def test_an_uplink_ends_when_it_is_told_to_though_router_and_daemon_hang(here: Site, brief: Brief) -> None:
+    other = brief(Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "other"))
     elsewhere = Far(Place(connect=(here.router.endpoint,)), "other")
     up(elsewhere, other)
     here.router.signal(signal.SIGSTOP)
@@ -186,9 +192,10 @@ def test_an_uplink_ends_when_it_is_told_to_though_router_and_daemon_hang(here: S
     assert took < 10.0
 
 
-def test_of_two_of_one_name_that_begin_at_once_one_ends_in_words_and_one_stays(here: Site) -> None:
+def test_of_two_of_one_name_that_begin_at_once_one_ends_in_words(here: Site, brief: Brief) -> None:
     twins = [
-        Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "twin") for _ in range(2)
+        brief(Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "twin"))
+        for _ in range(2)
     ]
     over = until(
         lambda: next((twin for twin in twins if twin.process.poll() is not None), None), PATIENCE, "one ends"

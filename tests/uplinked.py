@@ -6,10 +6,10 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import zenoh
 from processes import Daemon, until
@@ -22,15 +22,12 @@ JOINT = "l_knee"
 
 
 class Uplink:
-    """A `twindctl uplink`. `begun` has all of them, until a test is over."""
-
-    begun: ClassVar[list["Uplink"]] = []
+    """A `twindctl uplink` beside the daemon of these sockets. Whoever begins it ends it: `gone`."""
 
     def __init__(self, sockets: Path, *words: str, program: Sequence[str] = ("-m", "twind.ctl.main")) -> None:
         command = [sys.executable, *program, "--json", "--socket", str(sockets), "uplink", *words]
         self._log = tempfile.TemporaryFile("w+")  # noqa: SIM115  as long as the process
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self._log, text=True)
-        self.begun.append(self)
 
     @property
     def said(self) -> str:
@@ -143,6 +140,22 @@ def up(far: Far, uplink: Uplink) -> None:
     until(far.there, PATIENCE, f"the uplink is up: {uplink.said}")
 
 
+@contextmanager
+def ended() -> Iterator[Callable[[Uplink], Uplink]]:
+    """Uplinks that it is given are gone at its end, whatever happens."""
+    begun: list[Uplink] = []
+
+    def one(uplink: Uplink) -> Uplink:
+        begun.append(uplink)
+        return uplink
+
+    try:
+        yield one
+    finally:
+        for each in begun:
+            each.gone()
+
+
 class Site:
     """A daemon in sim, a router, an uplink that calls the robot `name`, and somebody far away."""
 
@@ -171,4 +184,4 @@ def site(folder: Path, name: str = "robot", *words: str) -> Iterator[Site]:
         made.close()
 
 
-__all__ = ["JOINT", "PATIENCE", "Far", "Place", "Site", "Uplink", "phases", "site", "up", "zenoh"]
+__all__ = ["JOINT", "PATIENCE", "Far", "Place", "Site", "Uplink", "ended", "phases", "site", "up", "zenoh"]

@@ -42,7 +42,7 @@ Tell = Callable[[str], None]
 
 
 class Uplink:
-    """Of one robot by one name, which it claims until `close`. `rival`: why the name is another's now."""
+    """Of one robot by one name, which it claims until `close`."""
 
     def __init__(
         self,
@@ -54,11 +54,11 @@ class Uplink:
         """Raises Rejected: the name is taken."""
         self._options, self._session, self.robot = options, session, robot
         self._tell, self._trouble, self._limits = tell, Once(), Once()
-        self.rival, self._renamed = "", False
+        self._renamed = False
         self._plans, self._tenancy = Plans(), Tenancy()
         self._driving = Driving(partial(operator, options))
         self._reins = Reins(self._driving, self._tenancy, self._plans, self._publish, tell, time.monotonic)
-        self._presence = Presence(session, robot, self._lost)
+        self._presence = Presence(session, robot)
         self._taps = self._made_taps()
         self._door = Door(session, robot, tell)
         self._lanes = self._opened_lanes()
@@ -72,8 +72,13 @@ class Uplink:
         self._presence.claim()
 
     @property
-    def over(self) -> bool:
+    def rival(self) -> str:
+        """Why the name is another's now; "": it is ours."""
+        return self._presence.rival
+
+    def over(self, now: float) -> bool:
         """It cannot go on by this name: the daemon has another robot now, or another has the name."""
+        self._presence.look(now)
         return self._renamed or bool(self.rival)
 
     def close(self) -> None:
@@ -139,9 +144,6 @@ class Uplink:
             self._driving.heard(json.loads(data)["parameters"])
         elif topic == "trajectories":
             self._plans.heard(json.loads(data)["parameters"])
-
-    def _lost(self, why: str) -> None:
-        self.rival = why
 
     # ------------------------------------------------------------------------------------------ answering
 

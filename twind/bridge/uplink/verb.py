@@ -12,6 +12,7 @@ import argparse
 import os
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import isfinite
@@ -74,7 +75,7 @@ def _joined(options: argparse.Namespace, place: Place, stop: threading.Event) ->
         try:
             uplink.start()
             _tell(f"{robot} is up at {place}")
-            while not (stop.wait(LOOK) or uplink.over):
+            while not (stop.wait(LOOK) or uplink.over(time.monotonic())):
                 pass
         finally:
             uplink.close()
