@@ -7,12 +7,11 @@ import contextlib
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 from browser import SIZE, browser, missing, opened
 from pictures import FOLDER, MOST, smaller
-from processes import Daemon, Moving, until
+from processes import Daemon, Moving, simulated, twindctl, until
 from zenoh_router import Router
 
 from twind.ctl.motions import load_motion
@@ -33,15 +32,15 @@ def main() -> int:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="twind-pictures-")))
         router = stack.enter_context(Router())
         robots = {name: stack.enter_context(simulated(folder / name)) for name in ROBOTS}
-        for robot in robots.values():
-            robot.reach(mode="sim")
         uplinks = {
             name: stack.enter_context(
-                ctl("--socket", str(folder / name), "uplink", "--name", name, "--connect", router.endpoint)
+                twindctl(
+                    "--socket", str(folder / name), "uplink", "--name", name, "--connect", router.endpoint
+                )
             )
             for name in ROBOTS
         }
-        view = stack.enter_context(ctl("fleet", *ROBOTS, "--view", "--connect", router.endpoint))
+        view = stack.enter_context(twindctl("fleet", *ROBOTS, "--view", "--connect", router.endpoint))
         assert view.stdout is not None
         pictured(view.stdout.readline().split()[1], robots, uplinks[LOST], out)
     smaller(out)
@@ -67,31 +66,6 @@ def pictured(url: str, robots: dict[str, Daemon], lost: "subprocess.Popen[str]",
                 return
             waving.join()
     raise RuntimeError("it did not wave: the machine is too busy")
-
-
-@contextlib.contextmanager
-def simulated(folder: Path) -> Iterator[Daemon]:
-    """A daemon without a robot."""
-    running = Daemon(folder, "--mode", "sim")
-    try:
-        yield running
-    finally:
-        running.kill()
-
-
-@contextlib.contextmanager
-def ctl(*words: str) -> Iterator["subprocess.Popen[str]"]:
-    """A verb that goes on until it is ended."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "twind.ctl.main", *words], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait(20.0)
-        assert process.stdout is not None
-        process.stdout.close()
 
 
 if __name__ == "__main__":

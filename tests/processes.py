@@ -239,6 +239,36 @@ class Moving(threading.Thread):
 
 
 @contextmanager
+def simulated(folder: Path, robot: str = "h24") -> Iterator[Daemon]:
+    """A daemon in mode sim; killed at the end if the test did not end it."""
+    running = Daemon(folder, "--mode", "sim", "--robot", robot)
+    try:
+        running.reach(mode="sim")
+        yield running
+    finally:
+        running.kill()
+
+
+@contextmanager
+def twindctl(*words: str, **environment: str) -> Iterator["subprocess.Popen[str]"]:
+    """A verb that goes on until it is told to end; killed at the end if nobody told it."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "twind.ctl.main", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env=os.environ | environment,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait(10)
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+@contextmanager
 def robot(name: str = "h24", *options: str) -> Iterator[tuple[Virtual, Path]]:
     """A virtual robot and a folder that goes with it."""
     with tempfile.TemporaryDirectory(prefix="twind-test-") as folder:

@@ -2,23 +2,20 @@
 is lost, who comes back."""
 
 import contextlib
-import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
 from browser import browser, missing, opened
-from processes import Daemon, Moving, go, until
+from processes import Daemon, Moving, go, simulated, twindctl, until
 from zenoh_router import Router
 
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
 HERE = "h24-split"
 WAIT = 60_000  # ms that a busy machine may be behind
-SLOWLY = {"joint_names": ["l_shoulder_roll"], "points": [{"positions": [1.0], "time_from_start": 15.0}]}
+SLOWLY = {"joint_names": ["l_shoulder_roll"], "points": [{"positions": [1.0], "time_from_start": 40.0}]}
 BACK = {"joint_names": ["l_shoulder_roll"], "points": [{"positions": [0.0], "time_from_start": 1.0}]}
 TRIES = 5  # of motions that a busy machine ends
 
@@ -30,8 +27,8 @@ class World:
     here: Daemon
     far: Daemon
     router: Router
-    uplink: subprocess.Popen[bytes]
-    viewer: subprocess.Popen[bytes]
+    uplink: subprocess.Popen[str]
+    viewer: subprocess.Popen[str]
     page: Any
 
     def press(self, name: str) -> None:
@@ -43,33 +40,6 @@ class World:
         self.page.get_by_text(said).first.wait_for(timeout=WAIT)
 
 
-@contextlib.contextmanager
-def twindctl(*words: str, **environment: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A verb that goes on until it is ended."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "twind.ctl.main", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=os.environ | environment,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait(10.0)
-        assert process.stdout is not None
-        process.stdout.close()
-
-
-@contextlib.contextmanager
-def simulated(folder: Path, robot: str) -> Iterator[Daemon]:
-    running = Daemon(folder, "--mode", "sim", "--robot", robot)
-    try:
-        yield running
-    finally:
-        running.kill()
-
-
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     folder = tmp_path_factory.mktemp("fleet")
@@ -78,8 +48,6 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
         router = stack.enter_context(Router())
         here = stack.enter_context(simulated(folder / "twind" / "here", HERE))
         far = stack.enter_context(simulated(folder / "far", "h24"))
-        for daemon in (here, far):
-            daemon.reach(mode="sim")
         joined = ("--connect", router.endpoint)
         socket = ("--socket", str(far.sockets))
         uplink = stack.enter_context(twindctl(*socket, "uplink", "--name", "elsewhere", *joined))
@@ -87,7 +55,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
         view = twindctl("fleet", *shown, "--view", *joined, XDG_RUNTIME_DIR=str(folder))
         viewer = stack.enter_context(view)
         assert viewer.stdout is not None
-        url = viewer.stdout.readline().decode().split()[1]
+        url = viewer.stdout.readline().split()[1]
         found = stack.enter_context(browser())
         page = opened(found, url, looked_at=False, shows="E-STOP elsewhere")
         yield World(here, far, router, uplink, viewer, page)
@@ -102,7 +70,6 @@ def test_one_press_stops_whoever_moves_here_and_elsewhere(world: World) -> None:
             until(lambda daemon=daemon: daemon.status()["lease"] is None, 5.0, "who moved it is done")
             both.append(Moving(daemon, SLOWLY))
         until(lambda both=both: all(each.last for each in both), 10.0, "both move")
-        world.reads("2 moving")
         world.press("Stop all robots")
         for each in both:
             each.join(20.0)
@@ -116,37 +83,26 @@ def test_one_press_stops_whoever_moves_here_and_elsewhere(world: World) -> None:
 
 def test_an_estop_stops_the_robot_that_it_names_and_no_other(world: World) -> None:
     world.press("E-STOP elsewhere")
-    world.reads("elsewhere: e-stop")
+    world.reads("1 e-stop, 1 well")
     assert world.far.status()["state"] == "estop"
     assert world.here.status()["state"] != "estop"
-    world.reads("1 e-stop, 1 well")
     with world.far.client() as client:
         client.call("Reset")
-    world.reads("2 well")
-    world.press("E-STOP all robots")
-    world.reads("e-stop: 2 of 2 robots")
-    assert [each.status()["state"] for each in (world.here, world.far)] == ["estop", "estop"]
-    for daemon in (world.here, world.far):
-        with daemon.client() as client:
-            client.call("Reset")
-    world.reads("2 well")
 
 
-def test_who_cannot_be_reached_is_lost_until_it_can_and_troubles_nobody(world: World) -> None:
-    missed = world.here.status()["loop"]["ticks"]
+def test_who_cannot_be_reached_is_lost_until_it_can_and_holds_up_nobodys_estop(world: World) -> None:
     world.router.kill()
     world.reads("1 lost, 1 well")
-    world.press("E-STOP elsewhere")
+    world.press("E-STOP all robots")
+    world.reads("e-stop: 1 of 2 robots")
     world.reads("use its own switch")
+    assert world.here.status()["state"] == "estop"
     world.router.start()
-    world.reads("2 well")
+    world.reads("1 e-stop, 1 well")
     assert world.far.status()["state"] != "estop"  # what failed is not done later
-    assert world.here.status()["loop"]["ticks"] > missed
-
     world.uplink.terminate()
-    world.reads("1 lost, 1 well")
-    world.here.end()
-    world.reads("2 lost")
+    world.reads("1 e-stop, 1 lost")
+    assert world.far.status()["motion"] == "holding"
 
 
 def test_the_page_asks_nothing_of_any_other_host_and_its_server_ends_when_told(world: World) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from browser import browser, missing, opened
-from processes import Daemon, Moving, arm, daemon, go, robot, until
+from processes import Daemon, Moving, arm, daemon, go, robot, simulated, until
 
 from twind.observe.viewing.operate import ANSWER
 
@@ -56,16 +56,6 @@ def viewing(folder: Path, *options: str) -> Iterator[Viewing]:
 def chromium() -> Iterator[Any]:
     with browser() as found:
         yield found
-
-
-@contextlib.contextmanager
-def simulated(folder: Path, robot: str = "h24") -> Iterator[Daemon]:
-    running = Daemon(folder, "--mode", "sim", "--robot", robot)
-    try:
-        running.reach(mode="sim")
-        yield running
-    finally:
-        running.end()
 
 
 def press(page: Any, name: str) -> None:
