@@ -129,17 +129,30 @@ class Peer:
         answer = self.answer(self.begin("/twind/get_parameters", GetParameters, names=["mode"]))
         return answer.values[0].string_value
 
-    def follow(self, cancel_after=None, path=None, **fields):
-        """A goal of the action to its end: [status, code, words, feedback messages, last difference]."""
+    def goal(self, **fields):
         from control_msgs.action import FollowJointTrajectory
-        from control_msgs.msg import JointTolerance
         from rclpy.action import ActionClient
 
         if self.actions is None:
             self.actions = ActionClient(self.node, FollowJointTrajectory, "/cmd/follow_joint_trajectory")
         assert self.until(lambda: self.actions.wait_for_server(timeout_sec=0.02)), "no action"
-        goal = FollowJointTrajectory.Goal(trajectory=trajectory(**fields))
+        return FollowJointTrajectory.Goal(trajectory=trajectory(**fields))
+
+    def follow_many(self, count, **fields):
+        """So many goals at once, then a stop: which were accepted, was it answered, how did they end."""
+        goal = self.goal(**fields)
+        handles = [self.answer(self.actions.send_goal_async(goal)) for _ in range(count)]
+        stopped = self.ask("/bridge/stop", "Trigger")[0]
+        results = [each.get_result_async() for each in handles if each.accepted]
+        ends = [self.answer(each) for each in results]
+        return [[each.accepted for each in handles], stopped, [end.result.error_code for end in ends]]
+
+    def follow(self, cancel_after=None, path=None, **fields):
+        """A goal of the action to its end: [status, code, words, feedback messages, last difference]."""
+        goal = self.goal(**fields)
         if path is not None:
+            from control_msgs.msg import JointTolerance
+
             goal.path_tolerance = [JointTolerance(name=fields["joints"][0], position=path)]
         told = []
         sent = self.actions.send_goal_async(goal, feedback_callback=lambda each: told.append(each.feedback))

@@ -188,6 +188,18 @@ def test_a_goal_that_comes_to_nothing_says_why(
     assert words in told[2]
 
 
+def test_a_flood_of_goals_holds_up_no_stop(peer: Peer, graph: Graph) -> None:
+    if graph.whose == REAL:
+        pytest.skip("control_msgs is not among the wheels: the action is met by the stand-in alone")
+    place = at(peer, "head_pitch") + 0.1
+    accepted, stopped, codes = peer.follow_many(
+        count=7, joints=["head_pitch"], positions=[place], seconds=20.0
+    )
+    assert accepted[:4] == [True] * 4
+    assert stopped
+    assert codes == [-1] * sum(accepted)  # replaced, or stopped by somebody else
+
+
 def test_who_only_looks_takes_no_command_but_an_e_stop(daemon: Daemon, tmp_path: Path) -> None:
     graph = Graph(here(), tmp_path)
     try:
