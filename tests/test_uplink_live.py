@@ -202,6 +202,24 @@ def test_a_flood_of_questions_holds_up_no_stop_and_is_told_that_it_is_one(here: 
         client.call("Reset")
 
 
+def test_who_only_looks_on_uses_up_no_goals_turn_by_asking_for_checks(far: Far) -> None:
+    """The daemon takes twenty trajectories a second of one peer, checks and goals alike: 20 checks flat out
+    would have had the goals behind them refused."""
+    answers: list[bool] = []
+    point = {"positions": [0.1], "time_from_start": 1.0}
+    payload = json.dumps({"trajectory": {"joint_names": [JOINT], "points": [point]}}).encode()
+    get, key = far._session.get, far.key("ask", "Check")
+    with far.holding() as lease:
+        for number in range(20):
+            for _ in range(5):
+                get(key, lambda reply: answers.append(bool(reply.ok)), payload=payload, timeout=PATIENCE)
+            answer = far.goal(f"beside{number}", lease, 0.1, 1.0)
+            assert answer.get("phase") == "accepted", answer
+            time.sleep(0.08)
+    until(lambda: len(answers) == 100, PATIENCE, "every question gets an answer")
+    assert answers.count(True) >= 8 and answers.count(False) > 50
+
+
 def test_a_name_that_is_taken_is_refused_in_words(here: Site, brief: Brief) -> None:
     other = brief(Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "robot"))
     assert other.process.wait(PATIENCE) == 1

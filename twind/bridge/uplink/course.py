@@ -34,6 +34,7 @@ from twind.ctl.verb import connected, observer, operator
 
 FULL = 1000.0  # Hz: the daemon gives at most the loop's rate
 OFTEN = "latency"  # told where somebody listens; all other topics are followed all the time
+THOUGHT = 0.2  # s between two checks: the daemon counts them and goals together, and all as ours
 FEW = 8  # questions with a trajectory that may wait: they are large
 PATIENCE, SLOW = 5.0, 35.0  # s for an answer of the daemon; for a stop, or a check while the model loads
 AGAIN = 0.5  # s between two attempts to reach it
@@ -149,7 +150,8 @@ class Uplink:
 
     def _opened_lanes(self) -> list[Lane]:
         door = self._door
-        asking, checking, cancelling = Lane("asking"), Lane("checking", length=FEW), Lane("cancelling")
+        asking, cancelling = Lane("asking"), Lane("cancelling")
+        checking = Lane("checking", length=FEW, pace=THOUGHT)
         settling, cutting, leases = Lane("settling"), Lane("cutting"), Lane("leases")
         goals = Lane("goals", length=FEW, tend=self._reins.tend, period=PERIOD)
         for method in ASKED:

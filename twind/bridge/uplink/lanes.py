@@ -10,8 +10,8 @@ import queue
 import threading
 from collections.abc import Callable
 
-PACE = 0.01  # s between two jobs of a lane at least: who asks flat out costs the robot no more
-LONG = 64  # jobs that may wait
+PACE = 0.01  # s: who asks flat out costs the robot no more
+LONG = 64
 
 Job = Callable[[], None]
 
@@ -20,10 +20,17 @@ class Lane:
     """Jobs must not raise. `tend` is called after each, and each `period` s at least."""
 
     def __init__(
-        self, name: str, *, length: int = LONG, tend: Job | None = None, period: float | None = None
+        self,
+        name: str,
+        *,
+        length: int = LONG,
+        pace: float = PACE,
+        tend: Job | None = None,
+        period: float | None = None,
     ) -> None:
+        """`length`: jobs that may wait. `pace`: s between two at least."""
         self._jobs: queue.Queue[Job | None] = queue.Queue(length)
-        self._tend, self._period = tend, period
+        self._pace, self._tend, self._period = pace, tend, period
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self.name, self.done, self.full = name, 0, 0
@@ -61,4 +68,4 @@ class Lane:
             if self._tend is not None:
                 self._tend()
             if job is not None:
-                self._stop.wait(PACE)
+                self._stop.wait(self._pace)
