@@ -323,20 +323,21 @@ def test_the_alert_of_a_servo_reaches_the_news(live: Rig) -> None:
 
 
 @pytest.mark.slow
-def test_five_minutes_of_robot_without_a_refusal_a_fault_or_a_missed_reading() -> None:
+def test_a_minute_of_robot_without_a_refusal_a_fault_or_a_missed_reading() -> None:
     """`make faults HOURS=1` makes it an hour."""
     rig = Rig()
     rig.arm()
     path = rig.path("head_yaw", [0.5, -0.5, 0.0], [2.0, 5.0, 7.0])
     ends = 0
-    while rig.clock.now() < 400.0:
+    until = rig.clock.now() + 72.0
+    while rig.clock.now() < until:
         rig.news.clear()
         rig.lease()
         ticket = rig.submit(path, more=True)
         rig.seconds(8.0)
         assert last(rig, ticket).parameters["phase"] == "succeeded"
         ends += 1
-    assert ends > 33
+    assert ends > 8
     assert rig.loop.state is State.ARMED
     assert rig.loop.hardware.ports[0].counts.errors == 0
     assert rig.loop.figures.missed == 0

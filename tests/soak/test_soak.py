@@ -9,17 +9,11 @@ from twind.robot.modes import State
 
 
 @pytest.mark.slow
-def test_minutes_of_a_random_life_break_no_rule() -> None:
-    found = Life(1).live(0.01)
-    assert not found["wrong"], found
-    assert found["packets"] > 5_000
-
-
-@pytest.mark.slow
 def test_six_minutes_of_a_random_life_breaks_no_rule_and_grows_nothing() -> None:
     found = Life(2).live(0.1)
     assert not found["wrong"], found
     assert sum(found["faults"].values()) > 4
+    assert found["packets"] > 50_000
 
 
 def test_a_joint_that_a_hand_took_out_of_its_travel_is_put_back_by_one() -> None:
