@@ -1,7 +1,6 @@
 """`twindctl ros` as a verb: which back end, whose graph, and words for what is missing."""
 
 import argparse
-import sys
 from typing import Any
 
 import pytest
@@ -77,10 +76,18 @@ def test_a_variable_that_makes_no_sense_is_usage(
 def test_a_package_that_is_missing_is_named_with_its_remedy(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = verb.BACK_ENDS[name][0].partition(":")[0]
-    monkeypatch.setitem(sys.modules, module, None)  # as if an import in it failed
-    with pytest.raises(UsageError, match=r"from a clone: pip install '\.\[ros\]'.*EXTRAS=ros"):
+    monkeypatch.setattr(verb, "find_spec", lambda name: None)
+    module = verb.BACK_ENDS[name][1][0]
+    with pytest.raises(
+        UsageError, match=rf"needs {module}.*from a clone: pip install '\.\[ros\]'.*EXTRAS=ros"
+    ):
         verb.made(options("--backend", name), Discovery())
+
+
+@pytest.mark.parametrize("name", verb.BACK_ENDS)
+def test_the_extra_of_this_environment_has_every_module_that_is_needed(name: str) -> None:
+    pytest.importorskip(verb.BACK_ENDS[name][1][0], reason="no wheel for this machine")
+    assert verb.made(options("--backend", name), Discovery()).serves == (name == "zenoh")
 
 
 @pytest.mark.parametrize(

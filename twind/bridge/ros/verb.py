@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Callable
 from importlib import import_module
+from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,10 +25,10 @@ if TYPE_CHECKING:
     from twind.bridge.ros.discovery import Discovery
     from twind.bridge.ros.transport import Transport
 
-# name -> (what joins the graph, the packages that it needs)
+# name -> (what joins the graph, the modules that it needs)
 BACK_ENDS = {
-    "dds": ("twind.bridge.ros.dds:Dds", "cyclonedds"),
-    "zenoh": ("twind.bridge.ros.zenoh:Zenoh", "eclipse-zenoh and xxhash"),
+    "dds": ("twind.bridge.ros.dds:Dds", ("cyclonedds",)),
+    "zenoh": ("twind.bridge.ros.zenoh:Zenoh", ("zenoh", "xxhash")),
 }
 RCLPY = "rclpy"  # joins it in another interpreter: twind.bridge.ros.launcher
 
@@ -106,15 +107,13 @@ def _bridge(options: argparse.Namespace, graph: Discovery, stop: threading.Event
 def made(options: argparse.Namespace, graph: Discovery) -> Transport:
     """The back end. Raises UsageError: a package that it needs is missing."""
     where, needs = BACK_ENDS[options.backend]
-    module, _, name = where.partition(":")
-    try:
-        kind: Callable[..., Any] = getattr(import_module(module), name)
-    except ImportError as error:
+    missing = [each for each in needs if find_spec(each) is None]
+    if missing:
         remedy = "from a clone: pip install '.[ros]'; an installed service: sudo make install EXTRAS=ros"
-        words = (
-            f"--backend {options.backend} needs {needs} ({error}); {remedy}; where ROS is: --backend rclpy"
-        )
-        raise UsageError(words) from None
+        words = f"--backend {options.backend} needs {' and '.join(missing)}; {remedy}"
+        raise UsageError(f"{words}; where ROS is: --backend rclpy")
+    module, _, name = where.partition(":")
+    kind: Callable[..., Any] = getattr(import_module(module), name)
     if options.backend == "zenoh":
         made: Transport = kind(graph, tell, connect=options.zenoh_connect, config=options.zenoh_config)
         return made
