@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from certificates import Authority
 from processes import Daemon, until
-from uplinked import PATIENCE, Far, Uplink, phases, up
+from uplinked import PATIENCE, Far, Uplink, ended, phases, up
 from zenoh_router import Router
 
 from twind.bridge.zenoh.session import Place, SessionError, open_now
@@ -108,23 +108,20 @@ def test_who_is_listed_as_an_operator_moves_the_robot(ground: Ground, robot: Upl
 
 
 def test_a_robot_speaks_for_no_other(ground: Ground, daemon: Daemon, robot: Uplink) -> None:
-    false = ground.uplink(daemon.sockets, OTHER, ROBOT)
-    until(lambda: "is up" in false.said or false.process.poll() is not None, PATIENCE, "it tries")
-    with closing(Far(ground.place("operator"), ROBOT)) as far:
+    with closing(Far(ground.place("operator"), ROBOT)) as far, ended() as brief:
+        false = brief(ground.uplink(daemon.sockets, OTHER, ROBOT))
+        until(lambda: "is up" in false.said, PATIENCE, "for itself it is up")
         heard = far.listen("news", "*")
         with open_now(ground.place(OTHER), PATIENCE) as other, open_now(ground.place(ROBOT), PATIENCE) as own:
             other.put(f"twind/{ROBOT}/news/status", f"said as {OTHER}".encode())
             own.put(f"twind/{ROBOT}/news/status", f"said as {ROBOT}".encode())
             until(lambda: f"said as {ROBOT}".encode() in heard, PATIENCE, "the true one is heard")
             time.sleep(0.5)
-        assert not any(f"said as {OTHER}".encode() in each for each in heard)
+        assert f"said as {OTHER}".encode() not in heard
         for _ in range(5):
             assert far.ask("ask", "GetStatus")["status"]["robot"] == "h24"
-    false.process.terminate()
-    out, _ = false.process.communicate(timeout=PATIENCE)
-    lanes = json.loads(out).get("lanes", {"asking": {"answered": 0}})
-    assert lanes["asking"]["answered"] == 0, "what was asked went to the true one"
-    false.gone()
+        _, out = false.end()
+        assert json.loads(out)["lanes"]["asking"]["answered"] == 0, "what was asked went to the true one"
 
 
 def test_nobody_comes_in_with_a_strangers_certificate_or_with_none(ground: Ground, tmp_path: Path) -> None:
