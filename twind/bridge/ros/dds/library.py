@@ -20,7 +20,7 @@ from twind.bridge.ros.transport import TransportError
 
 KNOWN = "11."  # versions whose layouts these are
 TIMEOUT = -10  # DDS_RETCODE_TIMEOUT
-_REMEDY = "pip install '.[dds]' from a clone of twind, or --backend zenoh, rclpy"
+_REMEDY = "from a clone: pip install '.[dds]'; or --backend zenoh, rclpy"
 
 
 class _Bytes(ct.Structure):  # struct dds_type_meta_ser
