@@ -210,7 +210,7 @@ class FarLine:
         inbox = self._inbox
 
         def heard(message: bytes) -> None:
-            if thinned.takes(time.monotonic()):
+            if thinned.takes(message):
                 inbox.news(message)
 
         return heard

@@ -1,10 +1,13 @@
 """Which news of a robot are heard from afar, and how many of them. Pure."""
 
+import re
+
 from twind.bridge.zenoh.keys import RATES, TOPICS
 from twind.client import NotCarried
 
 USUAL = {"state": 10.0, "latency": 10.0, "status": 2.0}  # Hz where nobody says, as Monitor has them
-SLACK = 0.5  # of the time between two that are sent: by how much one may come too early
+SLACK = 0.25  # of the time between two that are wanted: by how much one may be too early
+_TIME = re.compile(rb'"time":(\d+(?:\.\d+)?)')
 
 
 def keys(topics: list[str], rate: float | None) -> dict[str, tuple[str, ...]]:
@@ -23,21 +26,29 @@ def offered(rate: float | None) -> str:
 
 
 class Thinned:
-    """Lets through as many a second as were asked for, of a topic that has a rate; of others all."""
+    """Lets through as many a second as were asked for, of a topic that has a rate; of others all.
+
+    By the time at which the robot said it: on the way some come late, and others close behind.
+    """
 
     def __init__(self, topic: str, rate: float | None) -> None:
-        self._period = self._slack = 0.0  # s
-        self._due: float | None = None
         asked, sent = rate or USUAL.get(topic, 0.0), _sent(topic, rate)
-        if sent is None or asked < sent:
-            self._period = 1.0 / asked
-            self._slack = SLACK / sent if sent else 0.0
+        self._period = 1.0 / asked if sent is None or asked < sent else 0.0  # s; 0: all
+        self._last, self._due = 0.0, float("-inf")  # s, the robot's clock
 
-    def takes(self, now: float) -> bool:
-        """It is time for one. `now`: s, monotonic."""
-        if self._due is not None and now + self._slack < self._due:
+    def takes(self, message: bytes) -> bool:
+        """It is time for one. What tells no time is let through."""
+        said = _TIME.search(message, 0, 200) if self._period else None
+        if said is None:
+            return True
+        now = float(said[1])
+        if now < self._last:  # it was started anew
+            self._due = float("-inf")
+        self._last = now
+        if now + SLACK * self._period < self._due:
             return False
-        self._due = max(now if self._due is None else self._due, now - self._slack) + self._period
+        behind = now - self._due > self._period  # a gap, for which nothing is made up
+        self._due = (now if behind else self._due) + self._period
         return True
 
 

@@ -16,7 +16,7 @@ class Robot:
     """One robot as it is known. What was never told is None."""
 
     name: str
-    where: str  # UPLINK, or the folder of its sockets
+    where: str = ""  # UPLINK, or the folder of its sockets; empty: nowhere yet
     status: Mapping[str, Any] | None = None  # of GetStatus
     heard: int | None = None  # joints that answer
     joints: int | None = None
@@ -60,7 +60,7 @@ class Roll:
         with self._lock:
             found = [each for each in self._robots.values() if not self._wanted or each.name in self._wanted]
         missing = set(self._wanted) - {each.name for each in found}
-        found += [Robot(name, UPLINK, lost="nobody of this name is there") for name in missing]
+        found += [Robot(name, lost="nobody of this name is there") for name in missing]
         return sorted(found, key=lambda each: (each.name, each.where == UPLINK, each.where))
 
     def waiting(self) -> bool:

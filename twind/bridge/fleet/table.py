@@ -27,7 +27,7 @@ def told(robot: Robot, now: float) -> dict[str, Any]:
     age = robot.age(now)
     return {
         "name": robot.name,
-        "where": robot.where,
+        "where": robot.where or None,
         "lost": robot.lost or None,
         "age_s": None if age is None else round(age, 3),
         "mode": status.get("mode"),
@@ -44,10 +44,11 @@ def told(robot: Robot, now: float) -> dict[str, Any]:
 
 def _cells(robot: Robot, now: float) -> list[Span]:
     age = robot.age(now)
-    where = robot.where if robot.where == UPLINK else "here"
+    where = robot.where if robot.where in ("", UPLINK) else "here"
     silent = ("lost", "alarm") if robot.lost else ("no answer", "warn")
     if robot.status is None:
-        return [(robot.name, ""), (where, ""), ("-", ""), silent, *[("-", "dim")] * 4, _age(age, robot)]
+        unknown = [("-", "dim")] * 4
+        return [(robot.name, ""), (where or "-", ""), ("-", ""), silent, *unknown, _age(age, robot)]
     status = robot.status
     old = bool(robot.lost) or age is None or age > OLD
     cells: list[Span] = [
