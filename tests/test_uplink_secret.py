@@ -70,11 +70,11 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
 
 @pytest.fixture(scope="module")
 def robot(ground: Ground, daemon: Daemon) -> Iterator[Uplink]:
-    uplink = ground.uplink(daemon.sockets, ROBOT, ROBOT)
-    with closing(Far(ground.place("operator"), ROBOT)) as far:
-        up(far, uplink)
-    yield uplink
-    uplink.gone()
+    with ended() as brief:
+        uplink = brief(ground.uplink(daemon.sockets, ROBOT, ROBOT))
+        with closing(Far(ground.place("operator"), ROBOT)) as far:
+            up(far, uplink)
+        yield uplink
 
 
 def silent(far: Far, *parts: str, **asked: Any) -> bool:

@@ -7,7 +7,8 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -156,32 +157,29 @@ def ended() -> Iterator[Callable[[Uplink], Uplink]]:
             each.gone()
 
 
+@dataclass
 class Site:
-    """A daemon in sim, a router, an uplink that calls the robot `name`, and somebody far away."""
+    """A daemon in sim, a router, an uplink, and somebody far away."""
 
-    def __init__(self, folder: Path, name: str, *words: str) -> None:
-        self.router = Router()
-        self.daemon = Daemon(folder / "run", "--mode", "sim")
-        self.daemon.reach(mode="sim")
-        self.uplink = Uplink(self.daemon.sockets, "--connect", self.router.endpoint, "--name", name, *words)
-        self.far = Far(Place(connect=(self.router.endpoint,)), name)
-        up(self.far, self.uplink)
-
-    def close(self) -> None:
-        self.far.close()
-        self.uplink.gone()
-        self.daemon.kill()
-        self.router.kill()
+    router: Router
+    daemon: Daemon
+    uplink: Uplink
+    far: Far
 
 
 @contextmanager
-def site(folder: Path, name: str = "robot", *words: str) -> Iterator[Site]:
-    """As long as the context."""
-    made = Site(folder, name, *words)
-    try:
+def site(folder: Path, name: str = "robot") -> Iterator[Site]:
+    """As long as the context; the robot is called `name`."""
+    with ExitStack() as stack:
+        router = stack.enter_context(Router())
+        made = Site(router, Daemon(folder / "run", "--mode", "sim"), None, None)  # type: ignore[arg-type]
+        stack.callback(lambda: made.daemon.kill())  # a test may have begun another
+        made.daemon.reach(mode="sim")
+        words = ("--connect", router.endpoint, "--name", name)
+        made.uplink = stack.enter_context(ended())(Uplink(made.daemon.sockets, *words))
+        made.far = stack.enter_context(closing(Far(Place(connect=(router.endpoint,)), name)))
+        up(made.far, made.uplink)
         yield made
-    finally:
-        made.close()
 
 
 __all__ = ["JOINT", "PATIENCE", "Far", "Place", "Site", "Uplink", "ended", "phases", "site", "up", "zenoh"]
