@@ -235,8 +235,20 @@ def usable() -> str:
     return done.stdout.strip()
 
 
+HOLDS = """
+import mmap, sys
+file = open(sys.argv[1], "rb")
+held = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
+print(flush=True)
+input()
+"""
+
+
 @pytest.mark.slow
-def test_an_environment_is_switched_when_it_is_whole(tmp_path: Path, usable: str) -> None:
+def test_an_environment_is_switched_when_it_is_whole_and_what_still_runs_keeps_its_files(
+    tmp_path: Path, usable: str
+) -> None:
+    """A daemon that was not restarted starts its fronts from where it came from."""
     tree, one, two = tmp_path / "tree", wheel(tmp_path / "one", "1.0.0"), wheel(tmp_path / "two", "2.0.0")
     bin_, versions = tree / "opt/twind/bin", tree / "opt/twind/versions"
     install(tree, "install", WHEELS=str(one))
@@ -253,43 +265,23 @@ def test_an_environment_is_switched_when_it_is_whole(tmp_path: Path, usable: str
     install(tree, "install", fails=True, WHEELS=str(broken))
     assert bin_.readlink() == first
     assert [path.name for path in versions.iterdir()] == [first.parent.name]
-    extra = f"lib/python{usable}/site-packages/twind_more.py"
-    assert not (tree / "opt/twind" / first.parent / extra).exists()
-    install(tree, "install", WHEELS=str(two), EXTRAS="more")
-    second = bin_.readlink()
-    assert str(second).startswith("versions/2.0.0-")
-    assert [path.name for path in versions.iterdir()] == [second.parent.name]
-    assert (tree / "opt/twind" / second.parent / extra).exists()
-    install(tree, "install", WHEELS=str(two))
-    assert bin_.readlink() == second, "what is installed anew has the extras that it had"
-    install(tree, "uninstall")
-    assert not (tree / "opt/twind").exists()
-
-
-HOLDS = """
-import mmap, sys
-file = open(sys.argv[1], "rb")
-held = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
-print(flush=True)
-input()
-"""
-
-
-@pytest.mark.slow
-def test_what_still_runs_keeps_its_files(tmp_path: Path, usable: str) -> None:
-    """A daemon that was not restarted starts its fronts from where it came from."""
-    tree = tmp_path / "tree"
-    install(tree, "install", WHEELS=str(wheel(tmp_path / "one", "1.0.0")))
-    old = tree / "opt/twind" / tree.joinpath("opt/twind/bin").readlink().parent
+    old, extra = tree / "opt/twind" / first.parent, f"lib/python{usable}/site-packages/twind_more.py"
+    assert not (old / extra).exists()
     mapped = old / "lib" / f"python{usable}" / "mapped"
     mapped.write_bytes(bytes(4096))
     command = [sys.executable, "-c", HOLDS, str(mapped)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"\n"
-        said = install(tree, "install", WHEELS=str(wheel(tmp_path / "two", "2.0.0"))).stdout
+        said = install(tree, "install", WHEELS=str(two), EXTRAS="more").stdout
         assert f"{old.name} still runs" in said
         assert old.is_dir()
         process.communicate(b"\n")
-    install(tree, "install", WHEELS=str(tmp_path / "two"))
-    assert not old.exists()
+    second = bin_.readlink()
+    assert str(second).startswith("versions/2.0.0-")
+    assert (tree / "opt/twind" / second.parent / extra).exists()
+    install(tree, "install", WHEELS=str(two))
+    assert bin_.readlink() == second, "what is installed anew has the extras that it had"
+    assert [path.name for path in versions.iterdir()] == [second.parent.name]
+    install(tree, "uninstall")
+    assert not (tree / "opt/twind").exists()
