@@ -1,13 +1,14 @@
 """The key space of robots over Zenoh, in one place. JSON everywhere, the objects of `io.twind.Control`.
 
-twind/ROBOT/alive                liveliness token: its uplink is up
-twind/ROBOT/state/RATE           Monitor's messages of the topic state, so many a second (full: all)
-twind/ROBOT/news/TOPIC           Monitor's messages of the other topics
-twind/ROBOT/ask/METHOD           query -> answer; reading methods, for every observer
-twind/ROBOT/stop/METHOD          query -> answer; Cancel and EStop: no lease, never refused by us
-twind/ROBOT/lease                query {"op": acquire|renew|release, "holder", "take"?} -> Grant
-twind/ROBOT/goal                 query {"goal", "lease", "deadline", "trajectory"} -> {"phase", "verdict"?}
-twind/ROBOT/goals/GOAL           what became of it: answers of SubmitTrajectory, {"phase", "progress", …}
+twind/ROBOT/alive          liveliness token: its uplink is up
+twind/ROBOT/alive/SESSION  the same, of each session: by it two of one name know of each other
+twind/ROBOT/state/RATE     Monitor's messages of the topic state, so many a second (full: all)
+twind/ROBOT/news/TOPIC     Monitor's messages of the other topics
+twind/ROBOT/ask/METHOD     query -> answer; reading methods, for every observer
+twind/ROBOT/stop/METHOD    query -> answer; Cancel and EStop: no lease, never refused by us
+twind/ROBOT/lease          query {"op": acquire, "holder", "take"?} or {"op": renew|release, "lease"} -> Grant
+twind/ROBOT/goal           query {"goal", "lease", "deadline", "trajectory"} -> {"id", "phase", "progress", …}
+twind/ROBOT/goals/GOAL     what became of it: answers of SubmitTrajectory, {"phase", "progress", …}
 
 Parameters and answers are JSON objects in the payload; an error is an error reply {"error", "parameters"}.
 `deadline` is in the robot's own clock, which each Grant tells (`now`): clocks of two machines need not agree.
