@@ -3,6 +3,7 @@
 import json
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -152,6 +153,16 @@ def test_somebody_who_is_not_there_and_a_network_that_is_not_are_no_daemon() -> 
             ctl("--remote", robot, "status"), capture_output=True, text=True, timeout=PATIENCE
         )
         assert (done.returncode, said in done.stderr) == (3 if "@" in robot else 2, True), done.stderr
+
+
+@pytest.mark.parametrize("words", [("--remote", "afar", "status"), ("--remote", "afar@", "status")])
+def test_without_zenoh_and_without_a_place_it_says_what_to_do(words: tuple[str, ...]) -> None:
+    code = (
+        f"import sys; sys.modules['zenoh'] = None; from twind.ctl.main import main; sys.exit(main({words!r}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE)
+    said = "ROBOT@tcp/HOST:PORT" if words[1].endswith("@") else "pip install '.[zenoh]'"
+    assert done.returncode == 2 and said in done.stderr, done.stderr
 
 
 def moving(world: World, *words: str) -> Process:
