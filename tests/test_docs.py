@@ -15,8 +15,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from dds_domain import free_domain
 from pages import FENCE, PAGES, README, ROOT, fenced, name
 from processes import BUSY, until
+from zenoh_router import free_port
 
 from twind import cli
 from twind.client import Client, ClientError
@@ -139,6 +141,7 @@ NEEDS = {
     "make": "runs the tests themselves; checked to be a target",
     "sudo": "root",
     "pip": "would replace what is being tested",
+    "export": "goes with the lines behind it",
     "twind": "a real robot; its options are checked",
 }
 
@@ -214,6 +217,12 @@ def learning() -> list[str]:
     return [line for block in fenced(section, "sh") for line in block.splitlines()]
 
 
+def beyond() -> list[str]:
+    """The commands that lead into a ROS graph and to other machines."""
+    section = README.partition("## In ROS 2")[2].partition("\n## As a service")[0]
+    return [line for block in fenced(section, "sh") for line in block.splitlines()]
+
+
 @pytest.mark.realtime
 def test_who_looks_on_sees_what_the_readme_says(tmp_path: Path) -> None:
     lines = {line.split()[1]: line for line in looking_on()}
@@ -260,11 +269,30 @@ def ended(process: "subprocess.Popen[str]") -> str:
 
 
 @pytest.mark.realtime
+def test_a_robot_is_in_a_graph_and_reached_from_elsewhere_as_the_readme_says(tmp_path: Path) -> None:
+    ros, uplink, fleet, move = [line for line in beyond() if line.startswith("twindctl ")]
+    assert {line.split()[0] for line in beyond()} == {"pip", "export", "twindctl"}
+    pytest.importorskip("zenoh", reason="the extra `ros` is not installed")
+    port = free_port()
+    assert "tcp/0.0.0.0:7448" in uplink and "export TWIND_ZENOH=tcp/ROBOT:7448" in "\n".join(beyond())
+    uplink = uplink.replace("0.0.0.0:7448", f"127.0.0.1:{port}")
+    with free_domain() as domain, daemon(tmp_path, "--mode", "sim") as environment:
+        wait_for(tmp_path, mode="sim")
+        graph = environment | {"ROS_DOMAIN_ID": str(domain)}
+        going = [begin(ros, tmp_path, graph), begin(uplink, tmp_path, environment)]
+        desk = environment | {"TWIND_ZENOH": f"tcp/127.0.0.1:{port}"}
+        until(lambda: run(fleet, tmp_path, desk).count("h24") == 2, 30.0, "not both here and elsewhere")
+        run(move, tmp_path, desk)
+        said = [ended(process) for process in going]
+    assert "domain" in said[0] and "h24 is up" in said[1], said
+
+
+@pytest.mark.realtime
 def test_the_commands_of_the_readme_do_what_they_say_on_a_virtual_robot(tmp_path: Path) -> None:
     left = [line for line in readme_lines() if line.split()[0] not in NEEDS]
     apart = ("check", "scan", "doctor", "wiggle")  # those that need no daemon, and the one that asks a person
     verbs = [line for line in left if line.startswith("twindctl ") and line.split()[1] not in apart]
-    verbs = [line for line in verbs if line not in (*looking_on(), *learning())]
+    verbs = [line for line in verbs if line not in (*looking_on(), *learning(), *beyond())]
     assert [line.split()[1] for line in verbs] == [
         "status",
         "arm",

@@ -141,7 +141,7 @@ def test_a_policy_runs_where_no_library_of_onnx_is(tmp_path: Path) -> None:
 
 
 def test_a_network_that_makes_nan_gives_nan_and_not_its_bound(tmp_path: Path) -> None:
-    # Infinite twice, then their difference: a sum of one layer is infinite or NaN as the processor adds it up.
+    # Infinite twice, then their difference: one sum is infinite or NaN as the processor adds it up.
     infinite = Layer(np.full((2, TWO.observations), 3e38, np.float32), np.zeros(2, np.float32))
     layers = [infinite, Layer(np.array([[1, -1], [-1, 1]], np.float32), np.zeros(2, np.float32))]
     observation = np.full(TWO.observations, 3.0, np.float32)
