@@ -142,3 +142,9 @@ class DriverRig:
     def wait(self) -> None:
         while not self.reader.feed(self.clock.now()) and self.clock.now() < self.reader.deadline:
             self.clock.wait([self.reader.transport], self.reader.deadline)
+
+
+def both(rig: DriverRig, here: np.ndarray) -> Script[None]:
+    """All that comes before torque."""
+    yield from rig.writer.prepare(here)
+    yield from rig.writer.aim(here)

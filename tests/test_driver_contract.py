@@ -60,8 +60,13 @@ RIGS: dict[str, Callable[[], DriverRig]] = {
 @pytest.fixture(
     params=[pytest.param(name, marks=pytest.mark.slow if name == "mixed" else ()) for name in RIGS]
 )
-def rig(request: pytest.FixtureRequest) -> DriverRig:
-    return RIGS[request.param]()
+def fresh(request: pytest.FixtureRequest) -> Callable[[], DriverRig]:
+    return RIGS[request.param]
+
+
+@pytest.fixture
+def rig(fresh: Callable[[], DriverRig]) -> DriverRig:
+    return fresh()
 
 
 class TestContract(DriverContract):
