@@ -155,16 +155,17 @@ def test_an_end_that_nobody_heard_is_asked_after_with_the_same_goal(robot: FarRo
 
     def answer(question: dict[str, Any]) -> dict[str, Any]:
         asked.append(question)
-        first = len(asked) == 1
-        return (
-            accepted(question) if first else {"id": "7", "phase": "aborted", "progress": 0.4, "findings": []}
-        )
+        if len(asked) == 1:
+            return accepted(question)
+        if len(asked) == 2:
+            raise as_error(f"{CONTROL}.Busy", {"what": "too much is asked"})
+        return {"id": "7", "phase": "aborted", "progress": 0.4, "findings": []}
 
     robot.answers["goal"] = answer
     with robot.client() as client, lease(client):
         *_, last = client.stream("SubmitTrajectory", trajectory=PATH)
     assert last["phase"] == "aborted"
-    assert len(asked) == 2 and asked[0] == asked[1]
+    assert len(asked) == 3 and asked[0] == asked[1] == asked[2]
 
 
 def test_a_refusal_ends_it(robot: FarRobot) -> None:
@@ -251,6 +252,8 @@ def test_clients_of_one_session_do_not_wait_for_each_other(robot: FarRobot) -> N
             assert answers == []
         asking.join(20.0)
         assert answers == [{"slow": True}]
+    with pytest.raises(Disconnected, match="the network was left"):
+        client("r1", way).call("GetStatus")
 
 
 def test_rubbish_from_the_network_ends_a_connection_and_no_process(robot: FarRobot) -> None:

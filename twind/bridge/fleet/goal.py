@@ -66,6 +66,8 @@ class Goal:
         """Of the gate, or of the uplink that was asked again."""
         told = _parameters(message)
         with self._lock:
+            if told is None and self._answered and b"Control.Refused" not in message:
+                return  # asked after, and too busy to say: that is no end
             self._heard = True
             if told is None:
                 self._end(message)

@@ -10,6 +10,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol
 
@@ -22,7 +23,7 @@ from twind.bridge.fleet.news import Thinned, keys
 from twind.bridge.fleet.reach import Reach
 from twind.bridge.fleet.stop import Stop
 from twind.bridge.zenoh.keys import ASKED, STOPS, robot_key
-from twind.client import NoDaemon, NotCarried
+from twind.client import Disconnected, NoDaemon, NotCarried
 
 FOUND = 2.0  # s within which a robot that is there is found
 IDLE = 5.0  # s between two looks at a line on which nothing runs
@@ -84,8 +85,9 @@ class FarLine:
         reach, self._reach = self._reach, None
         if self._hold is not None and not self._hold.lost:
             released = threading.Event()
-            reach.ask(*_release(self._hold), PARTING, lambda _: released.set(), released.set)
-            released.wait(PARTING)
+            with suppress(Disconnected):
+                reach.ask(*_release(self._hold), PARTING, lambda _: released.set(), released.set)
+                released.wait(PARTING)
         self._forget(reach)
 
     def _forget(self, reach: Reach) -> None:

@@ -1,13 +1,15 @@
 """One robot as one session of Zenoh reaches it: questions, news, and whether it is there."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import zenoh
 
 from twind.bridge.zenoh.keys import robot_key
+from twind.client import Disconnected
 
 Told = Callable[[bytes], None]  # one message of the interface, in a thread of Zenoh's; returns at once
 ALIVE = "alive"
@@ -42,18 +44,20 @@ class Reach:
             if not answers:
                 silent()
 
-        self.session.get(
-            robot_key(self.robot, *parts),
-            zenoh.handlers.Callback(answered, over),
-            payload=json.dumps(what, allow_nan=False, separators=(",", ":")),
-            timeout=patience,
-        )
+        with self._joined():
+            self.session.get(
+                robot_key(self.robot, *parts),
+                zenoh.handlers.Callback(answered, over),
+                payload=json.dumps(what, allow_nan=False, separators=(",", ":")),
+                timeout=patience,
+            )
 
     def hear(self, parts: tuple[str, ...], told: Callable[[bytes], None]) -> "zenoh.Subscriber[None]":
         """News, as their bytes, until the subscriber is undeclared."""
-        return self.session.declare_subscriber(
-            robot_key(self.robot, *parts), lambda sample: told(bytes(sample.payload))
-        )
+        with self._joined():
+            return self.session.declare_subscriber(
+                robot_key(self.robot, *parts), lambda sample: told(bytes(sample.payload))
+            )
 
     def watch(self, there: Callable[[], None], gone: Callable[[], None]) -> "zenoh.Subscriber[None]":
         """`there`: its uplink is up. `gone`: it ended, or the way there is lost."""
@@ -61,10 +65,19 @@ class Reach:
         def changed(sample: zenoh.Sample) -> None:
             (gone if sample.kind == zenoh.SampleKind.DELETE else there)()
 
-        # With history: of a token that a session was never told it is not told the end either.
-        return self.session.liveliness().declare_subscriber(
-            robot_key(self.robot, ALIVE), changed, history=True
-        )
+        with self._joined():
+            # With history: of a token that a session was never told it is not told the end either.
+            return self.session.liveliness().declare_subscriber(
+                robot_key(self.robot, ALIVE), changed, history=True
+            )
+
+    @contextmanager
+    def _joined(self) -> Iterator[None]:
+        """Raises Disconnected: the session was closed, as by whoever shares it."""
+        try:
+            yield
+        except zenoh.ZError as error:
+            raise Disconnected(f"{self.robot}: the network was left: {error}") from None
 
 
 def as_message(reply: zenoh.Reply) -> bytes | None:
