@@ -221,6 +221,11 @@ def test_a_turn_lost_at_a_restart_is_what_the_register_says_and_is_told(
     for _ in range(205):
         shaft[8] += 20.0  # a hand turns it once around
         rig.ticks(1)
+    obey(rig, [{"fault": "unplug"}])
+    rig.ticks(20)
+    obey(rig, [{"fault": "replug"}])
+    assert heard_again(rig)
+    rig.ticks(20)
     before = rig.loop.hardware.readings.position[8]
     assert np.isnan(rig.loop.measured.position[8]), "position mode, a turn off: nobody knows where it is"
     obey(rig, [{"fault": "brown_out", "id": 9}])
