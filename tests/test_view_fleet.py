@@ -224,14 +224,13 @@ def test_an_estop_of_all_waits_for_no_robot_that_hangs(folders: Folders) -> None
 def test_who_is_gone_stays_and_who_comes_later_is_added(folders: Folders) -> None:
     folders.robot("first", speaking().get)
     found: list[Mapping[Whose, Ways]] = [{("first", "here"): folders.ways["first"]}]
-    ended = threading.Event()
 
     def look() -> Mapping[Whose, Ways]:
         if not found:
             raise ClientError("no way there")
         return found[-1]
 
-    company = Company(look, ended)
+    company = Company(look)
     until(lambda: [each.name for each in company.members] == ["first"], 5.0, "the first")
     folders.robot("second", speaking("mirror").get)
     found.append({("second", "here"): folders.ways["second"]})
@@ -240,19 +239,20 @@ def test_who_is_gone_stays_and_who_comes_later_is_added(folders: Folders) -> Non
     found.clear()
     until(lambda: company.problem == "no way there", 5.0, "why nobody is found")
     assert len(company.members) == 2
-    ended.set()
+    company.close()
+    assert not [each.name for each in threading.enumerate() if each.name.startswith("news of")]
 
 
 @pytest.mark.realtime
 def test_who_is_called_as_another_takes_nobodys_place() -> None:
     """A stop that goes to somebody else than its name says would be worse than none."""
-    unused, ended = local("nowhere"), threading.Event()
+    unused = local("nowhere")
     found = {("h24", "/run/b"): unused, ("h24-mixed", "uplink"): unused}
-    company = Company(lambda: dict(sorted(found.items())), ended)
+    company = Company(lambda: dict(sorted(found.items())))
     until(lambda: len(company.members) == 2, 5.0, "both")
     found[("h24", "/run/a")] = unused  # would come before it
     until(lambda: len(company.members) == 3, 5.0, "all")
-    ended.set()
+    company.close()
     assert [each.name for each in company.members] == ["h24", "h24-mixed", "h24 (/run/a)"]
 
 

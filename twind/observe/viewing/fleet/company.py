@@ -1,6 +1,7 @@
 """The robots of one page: found again and again, each listened to in a thread of its own."""
 
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -16,6 +17,7 @@ RATE = 10.0  # Hz of states: pictures a second, for each robot
 TOPICS = ("state", "status", "events")
 BY = "twindctl fleet --view"
 LOOKED = 1.0  # s between two looks who is there
+PARTING = 1.0  # s that threads may take to end
 
 Whose = tuple[str, str]  # a robot's name, and where it is: together nobody else's
 Found = Callable[[], Mapping[Whose, Ways]]  # who is there; may take seconds, may raise ClientError
@@ -26,7 +28,7 @@ class Member:
 
     def __init__(self, name: str, ways: Ways, ended: threading.Event) -> None:
         self.name, self.known, self.stops = name, Known(), Stops(ways, by=BY)
-        _started(f"news of {name}", take, self.known, _news(ways, ended))
+        self.listening = _started(f"news of {name}", take, self.known, _news(ways, ended))
 
 
 def _news(ways: Ways, ended: threading.Event) -> Iterable[News]:
@@ -37,17 +39,27 @@ class Company:
     """All who were ever found, in that order. Each keeps the ways and the name that it was given first: who
     comes later and is called the same has where it is behind its name."""
 
-    def __init__(self, found: Found, ended: threading.Event) -> None:
-        self._found, self._ended = found, ended
+    def __init__(self, found: Found) -> None:
+        self._found, self._ended = found, threading.Event()
         self._names: dict[Whose, str] = {}
         self._members: tuple[Member, ...] = ()
         self.problem = ""  # why nobody else can be found
-        _started("who is there", self._look)
+        self._looking = _started("who is there", self._look)
 
     @property
     def members(self) -> tuple[Member, ...]:
         """Of this moment; more come, none goes."""
         return self._members
+
+    def close(self) -> None:
+        """Listen no more. Returns when the threads have ended, after `PARTING` s at the latest.
+
+        A thread that is in compiled code while the interpreter ends takes the process down with it (SIGABRT).
+        """
+        self._ended.set()
+        deadline = time.monotonic() + PARTING
+        for thread in (self._looking, *(each.listening for each in self._members)):
+            thread.join(max(0.0, deadline - time.monotonic()))
 
     def _look(self) -> None:
         while not self._ended.is_set():
@@ -69,5 +81,7 @@ class Company:
                 self._members = (*self._members, Member(self._names[whose], ways, self._ended))
 
 
-def _started(name: str, do: Callable[..., None], *arguments: Any) -> None:
-    threading.Thread(target=do, args=arguments, name=name, daemon=True).start()
+def _started(name: str, do: Callable[..., None], *arguments: Any) -> threading.Thread:
+    thread = threading.Thread(target=do, args=arguments, name=name, daemon=True)
+    thread.start()
+    return thread

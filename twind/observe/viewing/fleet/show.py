@@ -33,8 +33,7 @@ class Fleet:
     """One page of a server, and the robots on it."""
 
     def __init__(self, server: Any, found: Found) -> None:
-        self._server, self._ended = server, threading.Event()
-        self._company = Company(found, self._ended)
+        self._server, self._company = server, Company(found)
         self._page = Page(server, self._company)
         self._stands: dict[str, Stand] = {}
         self._laid: tuple[int, float] = (0, 0.0)  # how many stand how far apart
@@ -50,7 +49,7 @@ class Fleet:
                 self.draw()
             except Exception:  # noqa: BLE001  the stop buttons end with this process
                 traceback.print_exc()
-        self._ended.set()
+        self._company.close()
 
     def draw(self) -> None:
         """One picture, if anybody looks."""
