@@ -1,25 +1,32 @@
 """`Dds` by itself: what it asks its library for, what it carries, what it says where it cannot."""
 
+import dataclasses
 import importlib.metadata
 import importlib.util
+import os
 import shutil
+import socket
 import subprocess
 import sys
+import threading
 import time
 import xml.etree.ElementTree as xml
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 
 import pytest
 from dds_domain import free_domain
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import until
 
 from twind.bridge.ros.dds import Dds
 from twind.bridge.ros.dds.config import configuration, participants
 from twind.bridge.ros.dds.ends import BLOCKING
+from twind.bridge.ros.dds.loopback import keep_here, sockets
 from twind.bridge.ros.dds.names import GRAPH, dds_name, user_data
 from twind.bridge.ros.discovery import Discovery, Range
 from twind.bridge.ros.endpoints import SERVICES, Topic
+from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
 from twind.ros import JOINT_STATE, STRING
 
@@ -121,6 +128,126 @@ def test_what_is_no_message_at_all_is_refused(echo: tuple[Dds, list[bytes]], dat
 def test_a_topic_that_is_not_open_is_refused(echo: tuple[Dds, list[bytes]]) -> None:
     with pytest.raises(TransportError, match="/other: no such topic is open"):
         echo[0].publish(Topic("/other", STRING, out=True), b"\x00\x01\x00\x00abcd")
+
+
+def test_what_is_too_long_comes_as_far_as_that_shows(echo: tuple[Dds, list[bytes]]) -> None:
+    node, heard = echo
+    for length in (LONGEST, LONGEST + 3, LONGEST + 4000):
+        heard.clear()
+        node.publish(OUT, (b"\x00\x01\x00\x00" + b"x" * length)[:length])
+        until(lambda: heard, 10.0, "it comes")
+        assert len(heard[0]) == min(length, LONGEST + 1)
+
+
+# ------------------------------------------------------------------------------------- hearing
+
+SLOW, STOP = Topic("/slow", STRING, out=True), Topic("/stop", STRING, out=True)
+WORD = b"\x00\x01\x00\x00word"
+
+
+def heard_by(heard: Callable[[Topic, bytes], None], told: list[str], domain: int) -> Dds:
+    """A node that hears what it says on two topics."""
+    node = Dds(Discovery(domain=domain), told.append)
+    into = [dataclasses.replace(each, out=False) for each in (SLOW, STOP)]
+    node.open((SLOW, STOP, *into), (), heard, nothing)
+    return node
+
+
+def test_a_stop_is_heard_while_another_message_is_still_looked_at() -> None:
+    looking, looked, stopped = threading.Event(), threading.Event(), threading.Event()
+
+    def heard(topic: Topic, data: bytes) -> None:
+        if topic.name == STOP.name:
+            stopped.set()
+        else:
+            looking.set()
+            looked.wait(30.0)
+
+    with free_domain() as domain:
+        node = heard_by(heard, [], domain)
+        node.publish(SLOW, WORD)
+        assert looking.wait(10.0)
+        node.publish(STOP, WORD)
+        try:
+            assert stopped.wait(10.0) and not looked.is_set()
+        finally:
+            looked.set()
+            node.close()
+
+
+def test_who_fails_at_one_message_hears_the_next_and_it_is_told() -> None:
+    told: list[str] = []
+    came: list[bytes] = []
+
+    def heard(topic: Topic, data: bytes) -> None:
+        came.append(data)
+        if len(came) == 1:
+            raise OSError("a fault of ours")
+
+    with free_domain() as domain:
+        node = heard_by(heard, told, domain)
+        for count in (1, 2):
+            node.publish(STOP, WORD)
+            until(lambda count=count: len(came) == count, 10.0, "it comes")
+        node.publish(STOP, WORD)
+        node.close()
+    assert told == ["dds: /stop: a message was lost: OSError: a fault of ours"]
+
+
+def test_a_reader_that_can_read_no_more_is_a_graph_that_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> list[bytes]:
+        raise MemoryError("no room")
+
+    with free_domain() as domain:
+        node = heard_by(lambda *_: None, [], domain)
+        monkeypatch.setattr("twind.bridge.ros.dds.ends.Reader.take", full)
+        node.publish(STOP, WORD)
+
+        def lost() -> str:
+            try:
+                node.publish(SLOW, WORD)
+            except TransportError as error:
+                return str(error)
+            return ""
+
+        assert until(lost, 10.0, "it is told").startswith("dds: /s")
+        node.close()
+
+
+# ------------------------------------------------------------------------------------- who gets in
+
+
+def bound(opened: Collection[int]) -> dict[int, bytes]:
+    """Port -> device, of those sockets that speak UDP."""
+    found = {}
+    for descriptor in opened:
+        with socket.socket(fileno=os.dup(descriptor)) as each:
+            if each.type == socket.SOCK_DGRAM:
+                device = each.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16)
+                found[each.getsockname()[1]] = device.rstrip(b"\0")
+    return found
+
+
+@pytest.mark.parametrize("reach", [Range.OFF, Range.LOCALHOST])
+def test_on_this_machine_alone_no_socket_hears_a_network(reach: Range) -> None:
+    told: list[str] = []
+    with free_domain() as domain:
+        before, node = sockets(), Dds(Discovery(domain=domain, range=reach), told.append)
+        node.open((OUT, INTO), (), nothing, nothing)
+        devices = bound(sockets() - before)
+        node.close()
+    assert len(devices) >= 2 and set(devices.values()) == {b"lo"}
+    if reach is Range.LOCALHOST:
+        assert {7410 + 250 * domain, 7411 + 250 * domain} <= set(devices)
+    assert told == []
+
+
+def test_a_socket_that_cannot_be_closed_to_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    monkeypatch.setattr("twind.bridge.ros.dds.loopback._LOOPBACK", b"no-such\0")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one, socket.socket(socket.AF_UNIX) as other:
+        keep_here([one.fileno(), other.fileno()], told.append)
+    assert len(told) == 1 and "a firewall closes it" in told[0]
 
 
 # ------------------------------------------------------------------------------------- coming, going

@@ -20,6 +20,7 @@ from twind.bridge.ros.dds import Dds
 from twind.bridge.ros.dds.names import GRAPH, dds_name
 from twind.bridge.ros.discovery import Discovery
 from twind.bridge.ros.endpoints import E_STOP, HW_JOINTS, STATUS, STOP, TOPICS, TRAJECTORY, Topic
+from twind.bridge.ros.goal import LONGEST
 from twind.ros import (
     JOINT_STATE,
     PARTICIPANT_ENTITIES,
@@ -230,6 +231,17 @@ def test_malformed_bytes_come_as_they_are_and_what_follows_comes_too(
         dds_peers.fast_dds_sends(fast_dds, domain, "rt/bridge/estop_cmd", kind, data, 30)
         until(lambda before=before: len(node.came) > before, PATIENCE, f"{data!r}")
         assert node.bytes_of(E_STOP)[-1][: len(data)] == data
+
+
+def test_what_is_far_too_long_does_not_get_in_and_a_stop_after_it_does(
+    node: Node, cyclone: ros_dds_peer.Peer
+) -> None:
+    cyclone.ask("speak", topic=STOP.name, kind="String")
+    for length in (2 * LONGEST, 20 * LONGEST):
+        cyclone.ask("send", topic=STOP.name, message={"data": "x" * length})
+    cyclone.ask("send", topic=STOP.name, message={"data": "now"})
+    until(lambda: node.came, PATIENCE, "the stop")
+    assert [(topic, decode(STRING, data)["data"]) for topic, data in node.came] == [(STOP, "now")]
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])

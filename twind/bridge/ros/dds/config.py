@@ -6,11 +6,16 @@ import socket
 from collections.abc import Sequence
 
 from twind.bridge.ros.discovery import Discovery, Range
+from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
 
 HERE = "127.0.0.1"
-# Each writer in turn waits so long for readers that do not answer when it is closed; by default 1 s.
-_LINGER = "<Internal><WriterLingerDuration>20 ms</WriterLingerDuration></Internal>"
+# What is longer than any message of ours the library drops, in words, before all of it has come. Each writer
+# in turn waits so long for readers that do not answer when it is closed; by default 1 s.
+_LIMITS = (
+    f"<Internal><MaxSampleSize>{LONGEST + 4096} B</MaxSampleSize>"
+    "<WriterLingerDuration>20 ms</WriterLingerDuration></Internal>"
+)
 _LOOPBACK = f'<NetworkInterface address="{HERE}" multicast="false"/>'
 # Ports of a domain by RTPS 9.6.1: 250 for each, of which each participant has two, from the eleventh on.
 _FIRST_PORT, _PORTS, _FIRST, _EACH, _LAST_PORT = 7400, 250, 10, 2, 65535
@@ -38,7 +43,7 @@ def configuration(discovery: Discovery, own: str = "") -> str | None:
         looking += f"<MaxAutoParticipantIndex>{last}</MaxAutoParticipantIndex>{_peers(discovery)}"
     ours = (
         '<CycloneDDS><Domain id="any">'
-        f"<General>{general}</General><Discovery>{looking}</Discovery>{_LINGER}"
+        f"<General>{general}</General><Discovery>{looking}</Discovery>{_LIMITS}"
         "</Domain></CycloneDDS>"
     )
     return ours if discovery.local or not own else f"{ours},{own}"

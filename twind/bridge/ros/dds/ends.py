@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from twind.bridge.ros.dds.library import TIMEOUT, Descriptor, Piece, SampleInfo, checked
 from twind.bridge.ros.dds.names import dds_name, user_data
 from twind.bridge.ros.endpoints import Topic
+from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
 from twind.ros import dds_type
 
@@ -84,7 +85,10 @@ class Reader(Endpoint):
         self._samples, self._told = (ct.c_void_p * TAKEN)(), (SampleInfo * TAKEN)()
 
     def take(self) -> list[bytes]:
-        """The oldest of what has come and was not taken, at most `TAKEN`. Raises TransportError."""
+        """The oldest of what has come and was not taken, at most `TAKEN`. Raises TransportError.
+
+        Of one that is too long only so much that it shows: a stop is a stop all the same.
+        """
         library = self._library
         count = library.dds_takecdr(self.entity, self._samples, TAKEN, self._told, _EVERY)
         checked(library, count, f"read {self.topic.name}")
@@ -92,7 +96,8 @@ class Reader(Endpoint):
         for place in range(count):
             sample = self._samples[place]
             if self._told[place].valid:
-                data = ct.create_string_buffer(library.ddsi_serdata_size(sample))
+                size = min(library.ddsi_serdata_size(sample), LONGEST + 1)
+                data = ct.create_string_buffer(size)
                 library.ddsi_serdata_to_ser(sample, 0, len(data), data)
                 taken.append(data.raw)
             library.ddsi_serdata_unref(sample)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import ctypes as ct
 import os
+import threading
 from collections.abc import Callable, Sequence
 
 from twind.bridge.ros.dds.config import configuration, participants
 from twind.bridge.ros.dds.ends import Reader, Writer, guid
 from twind.bridge.ros.dds.library import checked, load
+from twind.bridge.ros.dds.loopback import keep_here, sockets
 from twind.bridge.ros.dds.names import ENCLAVE, GID, GID_HUMBLE, GRAPH, graph_message
 from twind.bridge.ros.dds.reading import Reading
 from twind.bridge.ros.discovery import Discovery
@@ -31,7 +33,8 @@ class Dds:
         self._library: ct.CDLL | None = None
         self._domain = 0
         self._writers: dict[str, Writer] = {}
-        self._reading: Reading | None = None
+        self._readings: list[Reading] = []
+        self._counting = threading.Lock()
         self.dropped = 0  # messages that found no room within `ends.BLOCKING`
 
     def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
@@ -49,20 +52,22 @@ class Dds:
         writer = self._writers.get(topic.name)
         if writer is None:
             raise TransportError(f"dds: {topic.name}: no such topic is open")
-        if self._reading is not None and self._reading.lost is not None:
-            raise self._reading.lost
+        for reading in self._readings:
+            if reading.lost is not None:
+                raise reading.lost
         if not writer.write(data):
-            self.dropped += 1
-            if str(self.dropped).strip("0") == "1":  # at 1, 10, 100 …: who is slow stays slow
-                self._tell(f"dds: {topic.name}: a reader does not keep up; {self.dropped} messages dropped")
+            with self._counting:
+                self.dropped = dropped = self.dropped + 1
+            if str(dropped).strip("0") == "1":  # at 1, 10, 100 …: who is slow stays slow
+                self._tell(f"dds: {topic.name}: a reader does not keep up; {dropped} messages dropped")
 
     def close(self) -> None:
         """Leave the graph. May be called twice."""
         for writer in self._writers.values():
             writer.close()
         self._writers = {}
-        reading, self._reading = self._reading, None
-        if reading is not None:
+        readings, self._readings = self._readings, []
+        for reading in readings:
             reading.end()
         domain, self._domain = self._domain, 0
         if domain and self._library is not None:
@@ -74,7 +79,8 @@ class Dds:
         into = [Reader(library, participant, topic) for topic in topics if not topic.out]
         graph = Writer(library, participant, GRAPH)
         self._writers = {writer.topic.name: writer for writer in (*out, graph)}
-        self._reading = Reading(library, participant, into, heard)
+        for reader in into:
+            self._readings.append(Reading(library, participant, reader, heard, self._tell))
         # Gids of all endpoints but the graph's own, as rmw_dds_common has it: that one is no node's.
         readers, writers = [each.guid() for each in into], [each.guid() for each in out]
         width = GID_HUMBLE if self._discovery.humble else GID
@@ -83,6 +89,7 @@ class Dds:
     def _participant(self, library: ct.CDLL) -> int:
         number = self._discovery.domain
         settings = configuration(self._discovery, os.environ.get("CYCLONEDDS_URI", ""))
+        before = sockets()
         made = library.dds_create_domain(number, settings.encode() if settings else None)
         doing = (
             f"ROS_DOMAIN_ID={number}: another of this process is in it, or CYCLONEDDS_URI is not well formed"
@@ -94,4 +101,7 @@ class Dds:
         library.dds_delete_qos(qos)
         most = participants(number)
         doing = f"ROS_DOMAIN_ID={number}: no participant; at most {most} of a domain fit on a machine"
-        return checked(library, participant, doing)
+        checked(library, participant, doing)
+        if self._discovery.local:
+            keep_here(sockets() - before, self._tell)
+        return int(participant)
