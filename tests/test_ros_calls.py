@@ -1,13 +1,15 @@
 """Stops, modes and questions from ROS: a stop waits for nobody, and no word of it is needed."""
 
 import threading
+import time
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
 from processes import until
 from told_line import ToldDaemon
 
-from twind.bridge.ros.calls import Calls
+from twind.bridge.ros.calls import MODE_PACE, STOP_PACE, Calls, denied
 from twind.bridge.ros.endpoints import (
     E_STOP,
     GET_STATUS,
@@ -33,14 +35,23 @@ class Desk:
     def __init__(self) -> None:
         self.daemon, self.stops = ToldDaemon(), 0
         self.results: list[dict[str, Any]] = []
+        self.lines: list[str] = []
+        self.broken = False  # nothing can be said
         client = self.daemon.client
-        self.calls = Calls(client, client, self.stopping, lambda: '{"mode": "sim"}', self.results.append)
+        self.calls = Calls(
+            client, client, self.stopping, lambda: '{"mode": "sim"}', self.say, self.lines.append
+        )
         self.calls.start()
 
     def stopping(self) -> None:
         """It is told before the daemon is asked."""
         assert len(self.daemon.named("Cancel") + self.daemon.named("EStop")) == self.stops
         self.stops += 1
+
+    def say(self, result: Mapping[str, Any]) -> None:
+        if self.broken:
+            raise BrokenPipeError("nobody reads it")
+        self.results.append(dict(result))
 
     def heard(self, topic: Topic, data: bytes) -> dict[str, Any]:
         """What became of it."""
@@ -113,9 +124,77 @@ def test_a_flood_of_modes_ends_with_the_last_that_was_asked_for(desk: Desk) -> N
     for number in range(300):
         desk.calls.heard(SET_MODE, text(("sim", "mirror", "live")[number % 3]))
     desk.calls.heard(SET_MODE, text("mirror"))
-    until(lambda: not any(errand._what for errand in desk.calls._errands.values()), 10.0, "all done")
+    until(lambda: {"mode": "mirror"} in desk.daemon.named("SetMode")[1:], 10.0, "the last")
     until(lambda: len(desk.results) == len(desk.daemon.named("SetMode")), 10.0, "all told")
-    assert desk.daemon.named("SetMode")[-1] == {"mode": "mirror"}
+    assert desk.daemon.named("SetMode")[-1] == {"mode": "mirror"} and not desk.calls._mode._what
+
+
+@pytest.mark.parametrize(
+    ("topic", "texts", "pace"),
+    [
+        (SET_MODE, (text("sim"), text("mirror")), MODE_PACE),
+        (SET_MODE, (text("sim"), b"\0"), MODE_PACE),
+        (STOP, (b"",), STOP_PACE),
+    ],
+)
+def test_a_flood_has_a_call_and_a_result_now_and_then(
+    desk: Desk, topic: Topic, texts: tuple[bytes, ...], pace: float
+) -> None:
+    begun = time.monotonic()
+    while time.monotonic() < begun + 1.0:
+        for each in texts:
+            desk.calls.heard(topic, each)
+        time.sleep(0.001)
+    most = 1 + (time.monotonic() - begun) / pace
+    assert 0 < len(desk.results) <= most and len(desk.daemon.calls) <= most
+
+
+def test_a_cut_does_not_wait_for_a_robot_that_does_not_settle(desk: Desk) -> None:
+    hung, go_on = threading.Event(), threading.Event()
+
+    def hanging(method: str) -> None:
+        if desk.daemon.named(method)[-1].get("level") == "settle":
+            hung.set()
+            go_on.wait(20.0)
+
+    desk.daemon.meanwhile = hanging
+    desk.calls.heard(E_STOP, text("settle"))
+    assert hung.wait(10.0)
+    try:
+        desk.calls.heard(E_STOP, text("cut"))
+        until(lambda: desk.results, 10.0, "an outcome")
+    finally:
+        go_on.set()
+    assert desk.results[0]["asked"] == "cut"
+
+
+def test_a_stop_whose_outcome_cannot_be_told_is_not_the_last_one(desk: Desk) -> None:
+    desk.broken = True
+    for count in (1, 2):
+        desk.calls.heard(E_STOP, text("cut"))
+        until(lambda: len(desk.daemon.named("EStop")) == count, 10.0, f"e-stop {count}")  # noqa: B023
+        until(lambda: len(desk.lines) == count, 10.0, "a line")  # noqa: B023
+    assert "BrokenPipeError" in desk.lines[0]
+
+
+def test_an_e_stop_takes_the_other_way_where_the_one_fails(desk: Desk) -> None:
+    full = ToldDaemon()
+    full.refuse["EStop"] = ("Busy", {"what": "all places are taken"})
+    calls = Calls(
+        desk.daemon.client, full.client, desk.stopping, lambda: "", desk.results.append, desk.lines.append
+    )
+    assert calls.e_stop("cut") == (True, "estop")
+    assert [each["level"] for each in desk.daemon.named("EStop")] == ["cut"]
+
+
+def test_who_may_not_command_is_known_by_a_call_that_does_nothing(desk: Desk) -> None:
+    assert denied(desk.daemon.client) == ""
+    desk.daemon.refuse["ReleaseLease"] = ("NotAllowed", {"method": "ReleaseLease", "role": "observer"})
+    assert "not for the role observer" in str(denied(desk.daemon.client))
+    desk.daemon.refuse["ReleaseLease"] = ("Busy", {"what": "all places"})
+    assert denied(desk.daemon.client) is None
+    desk.daemon.absent = True
+    assert denied(desk.daemon.client) is None
 
 
 def test_every_service_is_answered(desk: Desk) -> None:

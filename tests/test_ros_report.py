@@ -11,7 +11,7 @@ from twind.bridge.ros.report import ERROR, FIELDS, OK, WARN, Diagnostics, latenc
 from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, STRING, decode
 
 HAND = {"code": "ESTOP", "message": "by hand"}
-BRIDGE = {"daemon": True, "error": None, "commands": True, "dropped": 0, "driving": 0}
+BRIDGE = {"daemon": True, "error": None, "commands": True, "dropped": 0, "undelivered": 0, "driving": 0}
 
 
 def rows(told: Diagnostics, bridge: Any = BRIDGE, known: Any = None, seen: Any = ()) -> dict[str, Any]:
@@ -87,6 +87,8 @@ def test_counts_that_grew_warn_once_and_a_new_daemon_is_no_growth() -> None:
     assert grown["bridge"]["level"] == WARN and "2 messages" in grown["bridge"]["message"]
     again = rows(told, BRIDGE | {"dropped": 2}, status(loop=loop(missed=0), buses=[bus("upper")]))
     assert {row["level"] for row in again.values()} == {OK}
+    slow = rows(told, BRIDGE | {"dropped": 2, "undelivered": 4})["bridge"]
+    assert slow["level"] == WARN and "4 messages were dropped: a reader" in slow["message"]
 
 
 def test_what_is_unknown_is_said_so() -> None:

@@ -1,6 +1,10 @@
 """`twindctl ros` as a verb: which back end, whose graph, and words for what is missing."""
 
 import argparse
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -94,10 +98,24 @@ def test_the_extra_of_this_environment_has_every_module_that_is_needed(name: str
     ("graph", "words", "said"),
     [
         (Discovery(), [], "domain 0: this machine; this machine may move the robot"),
-        (Discovery(5), ["--no-commands"], "domain 5: this machine; look only"),
-        (Discovery(0, Range.SUBNET, ("10.0.0.1",)), [], "SUBNET, 10.0.0.1 may move the robot"),
+        (Discovery(5), ["--no-commands"], "domain 5: this machine; look only: --no-commands"),
+        (Discovery(0, Range.SUBNET, ("10.0.0.1",)), [], "this network (SUBNET, 10.0.0.1) may move the robot"),
+        (Discovery(0, Range.LOCALHOST, ("10.0.0.1",)), [], "this network (LOCALHOST, 10.0.0.1) may move"),
     ],
 )
-def test_it_says_first_who_may_do_what(graph: Discovery, words: list[str], said: str) -> None:
+def test_it_says_first_who_may_do_what(graph: Discovery, words: list[str], said: str, tmp_path: Path) -> None:
     given: Any = options("--backend", "dds", *words)
+    given.socket = str(tmp_path)
     assert said in verb._headline(given, graph)
+
+
+def test_a_reader_of_standard_error_that_is_gone_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with monkeypatch.context() as patched, os.fdopen(writing, "w", closefd=False) as gone:
+        patched.setattr(sys, "stderr", gone)
+        verb.tell("one")
+        verb.tell("another")
+        with suppress(BrokenPipeError):
+            gone.close()
+    os.close(writing)

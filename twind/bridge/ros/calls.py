@@ -7,7 +7,9 @@ Arming is not among them. Whoever arms stands beside the robot.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from twind.bridge.ros.endpoints import (
@@ -23,14 +25,16 @@ from twind.bridge.ros.endpoints import (
     Topic,
 )
 from twind.bridge.ros.inbox import Told
-from twind.client import Client, ClientError
+from twind.client import CallError, Client, ClientError, NoDaemon
 from twind.ros import STRING, CdrError, decode
 
 PATIENCE = 35.0  # s for an answer; an e-stop answers when its first effect is confirmed, within 30
+SOON = 2.0  # s for an answer that waits for nothing
 LEVELS = ("settle", "cut")
 REASON = "asked for over ROS"
 
-KEPT = 2  # different things asked of one errand that wait: both levels of an e-stop, the last two modes
+KEPT = 2  # different things asked of one errand that wait
+MODE_PACE, STOP_PACE = 1.0, 0.1  # s from one to the next; an e-stop has none
 
 Ask = Callable[[], Client]
 
@@ -38,9 +42,13 @@ Ask = Callable[[], Client]
 class Errand:
     """Does what was asked for, the newest last, in a thread of its own. The same twice is once."""
 
-    def __init__(self, name: str, do: Callable[[str], None]) -> None:
-        self._do, self._asked = do, threading.Condition()
+    def __init__(
+        self, name: str, do: Callable[[str], None], tell: Callable[[str], None], pace: float = 0.0
+    ) -> None:
+        """`tell` gets a line when `do` raised. `pace`: s between two."""
+        self._do, self._tell, self._pace = do, tell, pace
         self._what: list[str] = []
+        self._asked = threading.Condition()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> None:
@@ -58,44 +66,57 @@ class Errand:
             with self._asked:
                 self._asked.wait_for(lambda: self._what)
                 what = self._what.pop(0)
-            self._do(what)
+            try:
+                self._do(what)
+            except Exception as error:  # noqa: BLE001  the next stop is done all the same
+                with suppress(Exception):
+                    self._tell(f"{self._thread.name}: {type(error).__name__}: {error}")
+            time.sleep(self._pace)
 
 
 class Calls:
     """`heard` and `asked` may be called from any thread; `heard` returns at once."""
 
     def __init__(
-        self, operator: Ask, observer: Ask, stopping: Callable[[], None], status: Callable[[], str], say: Told
+        self,
+        operator: Ask,
+        observer: Ask,
+        stopping: Callable[[], None],
+        status: Callable[[], str],
+        say: Told,
+        tell: Callable[[str], None],
     ) -> None:
         """`operator`, `observer` make connections; `stopping` is told of a stop before it is asked for.
 
-        `status`: the text of the topic /bridge/status. `say` gets what became of what came by topic.
+        `status`: the text of the topic /bridge/status. `say` gets what became of what came by topic, `tell` a
+        line where even that fails.
         """
         self._operator, self._observer, self._stopping = operator, observer, stopping
         self._status, self._say = status, say
-        self._errands = {
-            STOP.name: Errand("stop", lambda _: self._tell(STOP, "", self.stop())),
-            E_STOP.name: Errand("e-stop", lambda level: self._tell(E_STOP, level, self.e_stop(level))),
-            SET_MODE.name: Errand("mode", lambda mode: self._tell(SET_MODE, mode, self.set_mode(mode))),
-        }
+        self._stop = Errand("stop", lambda _: self._tell(STOP, "", self.stop()), tell, STOP_PACE)
+        self._mode = Errand(
+            "mode", lambda mode: self._tell(SET_MODE, mode, self._named(mode)), tell, MODE_PACE
+        )
+        # One each: who asks for a cut does so because the robot does not settle.
+        self._e_stops = {level: self._e_stop_errand(level, tell) for level in LEVELS}
 
     def start(self) -> None:
         """Begin to do what topics ask for."""
-        for errand in self._errands.values():
+        for errand in (*self._e_stops.values(), self._stop, self._mode):
             errand.start()
 
     def heard(self, topic: Topic, data: bytes) -> None:
         """A message of one of our topics. One that makes no sense changes no mode, but a stop is a stop."""
         try:
             text = str(decode(STRING, data)["data"]).strip()
-        except CdrError as error:
-            if topic is SET_MODE:
-                self._tell(topic, "", (False, f"malformed: {error}"))
-                return
+        except CdrError:
             text = ""
-        if topic is E_STOP and text not in LEVELS:
-            text = LEVELS[0]
-        self._errands[topic.name].ask("" if topic is STOP else text[:80])
+        if topic is E_STOP:
+            self._e_stops[text if text in LEVELS else LEVELS[0]].ask("")
+        elif topic is STOP:
+            self._stop.ask("")
+        else:
+            self._mode.ask(text[:80])
 
     def asked(self, service: Service, data: bool | None) -> tuple[bool, str]:
         """A request of one of our services: success, and words. Waits for the daemon."""
@@ -117,11 +138,22 @@ class Calls:
     def e_stop(self, level: str) -> tuple[bool, str]:
         """Stop now. It latches: who acknowledges it (`twindctl reset`) stands beside the robot."""
         self._stopping()
-        return self._call(self._observer, "EStop", level=level, reason=REASON)
+        outcome = False, ""
+        for connect in (self._observer, self._operator):  # the one may have no place left, or not answer
+            outcome = self._call(connect, "EStop", level=level, reason=REASON)
+            if outcome[0]:
+                break
+        return outcome
 
     def set_mode(self, mode: str) -> tuple[bool, str]:
         """Where commands go: sim, mirror, live. It does not arm."""
         return self._call(self._operator, "SetMode", mode=mode)
+
+    def _named(self, mode: str) -> tuple[bool, str]:
+        return self.set_mode(mode) if mode else (False, "malformed: a String that names a mode is expected")
+
+    def _e_stop_errand(self, level: str, tell: Callable[[str], None]) -> Errand:
+        return Errand(f"e-stop {level}", lambda _: self._tell(E_STOP, level, self.e_stop(level)), tell)
 
     def _call(self, connect: Ask, method: str, **parameters: Any) -> tuple[bool, str]:
         """On a connection of its own, so that nothing is before it."""
@@ -139,3 +171,18 @@ class Calls:
         done, message = outcome
         phase = "done" if done else "refused"
         self._say({"topic": topic.name, "asked": what, "phase": phase, "message": message})
+
+
+def denied(operator: Ask) -> str | None:
+    """Why nobody can be moved by such a connection; "": somebody can. None: no daemon says."""
+    try:
+        with operator() as client:
+            client.timeout = SOON
+            client.call("ReleaseLease")  # it has none: nothing happens, but for the role to be looked at
+    except NoDaemon as error:
+        return None if error.absent else str(error)
+    except CallError as error:
+        return str(error) if error.name == "NotAllowed" else None
+    except ClientError:
+        return None
+    return ""

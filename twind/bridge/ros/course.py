@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from twind.bridge.ros.calls import Calls
+from twind.bridge.ros.calls import Calls, denied
 from twind.bridge.ros.endpoints import (
     DIAGNOSTICS,
     E_STOP,
@@ -44,6 +44,7 @@ AGAIN = 1.0  # s between two attempts to join the graph, and two diagnostics
 STEP = 0.1  # s that a command may wait to be seen, where nothing wakes who takes it
 STATUS_PERIOD = 0.5  # s between two statuses that differ in numbers alone
 URGENT = ("mode", "state", "motion", "armed", "hw_connected", "faults")
+REACH = 0.5  # s to be let in at observe.sock: a full queue must not hold up an e-stop
 GRACE = 1.0  # s at the end: to give the lease back, and to leave the graph
 
 
@@ -64,13 +65,18 @@ class Course:
         self._transport, self._tell, self._stop = transport, tell, stop
         self._commands, self._sockets = commands, sockets
         self._speech, self._diagnostics = Speech(), Diagnostics()
-        self._graph, self._deaf = Once(), Once()
+        self._graph, self._deaf, self._odd = Once(), Once(), Once()
         self.orders = Orders(self._operator, self._result)
-        self._calls = Calls(self._operator, self._observer, self.orders.stop, self._status_text, self._result)
+        self._calls = Calls(
+            self._operator, self._observer, self.orders.stop, self._status_text, self._result, tell
+        )
         self._readings = Listening(self._observer, ("state",), self._reading, tell, stop, rate=rate)
         self._news = Listening(self._observer, OTHERS, self._take, lambda _: None, stop, rate=OFTEN)
         self._joined = False
         self._wrong = ""  # with the graph
+        self._denied = ""  # why this user may not command
+        self._asked_of = -1  # lives of the daemon when that was asked
+        self._over = ""  # why we say no more
         self._status: Mapping[str, Any] | None = None
         self._joints: Sequence[Mapping[str, Any]] = ()
         self._told_at = float("-inf")
@@ -78,14 +84,13 @@ class Course:
     def run(self) -> int:
         """Until told to stop; 0."""
         taking = threading.Thread(target=self._take_orders, name="orders", daemon=True)
-        self._say_rights()
         try:
             self._calls.start()
             self._readings.start()
             self._news.start()
             taking.start()
             while not self._stop.is_set():
-                self._tend()
+                self._tended()
                 self._stop.wait(AGAIN)
         finally:
             self._stop.set()
@@ -95,14 +100,29 @@ class Course:
 
     # ------------------------------------------------------------------------------------------ the graph
 
+    def _tended(self) -> None:
+        """`_tend`, whatever another daemon says that we do not understand."""
+        wrong = ""
+        try:
+            self._tend()
+        except Exception as error:  # noqa: BLE001  whoever ends here lets go of every motion
+            wrong = f"{type(error).__name__}: {error}; tried again"
+        if self._odd.news(wrong, time.monotonic()) and wrong:
+            self._tell(wrong)
+
     def _tend(self) -> None:
         """Join the graph where that is to be done; say how everything is."""
+        if self._news.lives != self._asked_of:
+            self._asked_of = self._news.lives
+            self._ask_rights()
         if not self._joined:
             self._join()
-        if not self._news.there:
+        if self._readings.wrong:
+            self._joints = ()
+        if self._news.wrong or not self._news.there:
             self._status = None
             self._publish_status()
-        deaf = "" if self._readings.error else self._news.error  # a daemon that is away is told once
+        deaf = self._news.error if self._readings.there else ""  # a daemon that is away is told once
         if self._deaf.news(deaf, time.monotonic()) and deaf:
             self._tell(f"{deaf}; status and results are missing")
         now = clocks().wall_ns
@@ -110,8 +130,9 @@ class Course:
 
     def _join(self) -> None:
         self._transport.close()
-        topics = [each for each in TOPICS if each.out or each is E_STOP or self._commands]
-        services = [each for each in SERVICES if self._commands or each in (GET_STATUS, TO_E_STOP)]
+        commands = self._commands and not self._denied
+        topics = [each for each in TOPICS if each.out or each is E_STOP or commands]
+        services = [each for each in SERVICES if commands or each in (GET_STATUS, TO_E_STOP)]
         try:
             self._transport.open(topics, services if self._transport.serves else [], self._heard, self._asked)
         except TransportError as error:
@@ -123,7 +144,7 @@ class Course:
             self._tell(f"{self._wrong}; tried again" if self._wrong else "the graph is joined again")
 
     def _publish(self, topic: Topic, data: bytes) -> None:
-        if not self._joined or self._stop.is_set():
+        if not self._joined:
             return
         try:
             self._transport.publish(topic, data)
@@ -151,7 +172,7 @@ class Course:
 
     def _observer(self) -> Client:
         """A connection that only reads, and stops: it leaves the operators their places."""
-        client = Client(self._sockets, name="observe")
+        client = Client(self._sockets, name="observe", timeout=REACH)
         try:
             client.connect()
         except NoDaemon:
@@ -198,31 +219,31 @@ class Course:
                 self._tell(f"a command was lost: {type(error).__name__}: {error}")
         self.orders.close()
 
-    def _say_rights(self) -> None:
-        """Once, before the first command: nobody can be moved from here."""
-        if not self._commands:
+    def _ask_rights(self) -> None:
+        """Once for each daemon: who may not command offers nothing that does."""
+        found = denied(self._operator) if self._commands else ""
+        if found is None or bool(found) == bool(self._denied):
             return
-        try:
-            with self._operator() as client:
-                client.connect()
-        except NoDaemon as error:
-            if not error.absent:
-                self._tell(f"commands will be refused: {error}")
+        self._denied, self._joined = found, False
+        self._tell(f"no command is taken from ROS: {found}" if found else "commands are taken from ROS")
 
     # ------------------------------------------------------------------------------------------ what is said
 
     def _bridge(self) -> dict[str, Any]:
         """How we are: what a reader of a latched status must know before it believes the rest."""
+        daemon = self._over or self._news.wrong
         return {
-            "daemon": self._news.there,
-            "error": self._readings.error or self._news.error or self._wrong or None,
-            "commands": self._commands,
+            "daemon": self._news.there and not daemon,
+            "error": daemon or self._readings.wrong or self._wrong or None,
+            "commands": self._commands and not self._denied and not self._over,
             "dropped": self._readings.dropped + self._news.dropped,
+            "undelivered": getattr(self._transport, "dropped", 0),
             "driving": len(self.orders.driving),
         }
 
     def _said(self) -> dict[str, Any]:
-        return {**(self._status or {}), "bridge": self._bridge()}
+        status = None if self._over or self._news.wrong else self._status
+        return {**(status or {}), "bridge": self._bridge()}
 
     def _publish_status(self) -> None:
         self._publish(STATUS, words(self._said()))
@@ -233,6 +254,13 @@ class Course:
     def _end(self, taking: threading.Thread) -> None:
         """The lease first: what is under way is let go. Whoever hangs is left behind after GRACE."""
         taking.join(GRACE)
-        leaving = threading.Thread(target=self._transport.close, name="leaving", daemon=True)
+        leaving = threading.Thread(target=self._leave, name="leaving", daemon=True)
         leaving.start()
         leaving.join(GRACE)
+
+    def _leave(self) -> None:
+        """The last word stays with who heard it: that nobody is here any more."""
+        self._over = "the bridge has ended"
+        self._publish_status()
+        self._joined = False
+        self._transport.close()

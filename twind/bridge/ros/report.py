@@ -56,11 +56,14 @@ class Diagnostics:
 
     def _bridge(self, bridge: Said) -> Said:
         grew = self._grew("dropped", bridge["dropped"])
+        unheard = self._grew("undelivered", bridge["undelivered"])
         level, message = OK, "the daemon is there"
         if bridge["error"]:
             level, message = ERROR, str(bridge["error"])
         elif grew:
             level, message = WARN, f"{grew} messages of the daemon were lost on the way here"
+        elif unheard:
+            level, message = WARN, f"{unheard} messages were dropped: a reader does not keep up"
         return _row("bridge", "", level, message, bridge)
 
     def _loop(self, status: Said) -> Said:

@@ -12,6 +12,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from math import isfinite
@@ -123,13 +124,20 @@ def made(options: argparse.Namespace, graph: Discovery) -> Transport:
 
 def _headline(options: argparse.Namespace, graph: Discovery) -> str:
     """What is begun, and who may do what by it."""
-    reach = "this machine" if graph.local else ", ".join([graph.range.value, *graph.peers])
+    from twind.bridge.ros.calls import denied
+    from twind.client import Client
+
+    # Who is named is only asked first: whoever knows a port comes in.
+    network = f"this network ({', '.join([graph.range.value, *graph.peers])})"
+    reach = "this machine" if graph.local else network
     if options.backend == "zenoh":
         reach = f"whoever reaches the router {options.zenoh_connect or ''}".rstrip()
-    who = f"{reach} may move the robot" if options.commands else "look only"
+    why = denied(lambda: Client(options.socket)) if options.commands else "--no-commands"
+    who = f"look only: {why}" if why else f"{reach} may move the robot"
     return f"ROS 2 by {options.backend}, domain {graph.domain}: {reach}; {who}"
 
 
 def tell(line: str) -> None:
     """One line for whoever reads standard error."""
-    print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True)
+    with suppress(OSError):  # nobody reads it any more: what it tells of goes on
+        print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True)
