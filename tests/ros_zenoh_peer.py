@@ -173,14 +173,15 @@ class Node:
         from zenoh_ros2_sdk.session import ZenohSession
         from zenoh_ros2_sdk.utils import ros2_to_dds_type
 
-        beside = None if attachment is None else bytes.fromhex(attachment)
+        given = None if attachment is None else bytes.fromhex(attachment)
         session = ZenohSession.get_instance("127.0.0.1", self._port).session
         key = topic_keyexpr(0, service, ros2_to_dds_type(kind), HASHES[kind])
-        for reply in session.get(key, payload=bytes.fromhex(data), attachment=beside, timeout=5.0):
+        for reply in session.get(key, payload=bytes.fromhex(data), attachment=given, timeout=5.0):
             if reply.err is not None:
                 return {"error": reply.err.payload.to_string()}
             told = reply.ok
-            return {"data": told.payload.to_bytes().hex(), "attachment": told.attachment.to_bytes().hex()}
+            beside = None if told.attachment is None else told.attachment.to_bytes().hex()
+            return {"data": told.payload.to_bytes().hex(), "attachment": beside}
         return None
 
     def topics(self) -> Any:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 import zenoh
@@ -26,16 +27,20 @@ from twind.bridge.ros.endpoints import (
     SERVICES,
     SET_LIVE,
     STATUS,
+    STOP,
     TO_E_STOP,
+    TO_STOP,
     TOPICS,
     TRAJECTORY,
     Service,
     Topic,
 )
+from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
 from twind.bridge.ros.zenoh import Zenoh
 from twind.bridge.ros.zenoh.attachment import Attachment, attachment
 from twind.bridge.ros.zenoh.names import gid
+from twind.bridge.ros.zenoh.node import Writer
 from twind.ros import FLOATS, JOINT_TRAJECTORY, SET_BOOL, STRING, TRIGGER, JointStateBuffer, decode, encode
 
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")
@@ -53,6 +58,8 @@ class Us:
         self.told: list[str] = []
         self.hold = threading.Event()  # set: requests are answered
         self.hold.set()
+        self.held = SET_LIVE  # whose requests wait for that
+        self.fails = False  # what comes and is asked for
         self.node = Zenoh(Discovery(), self.told.append, endpoint)
 
     def join(self) -> None:
@@ -63,10 +70,14 @@ class Us:
 
     def _hear(self, topic: Topic, data: bytes) -> None:
         self.heard.append((topic, data))
+        if self.fails:
+            raise OSError("a fault of ours")
 
     def _answer(self, service: Service, data: bool | None) -> tuple[bool, str]:
         self.asked.append((service, data))
-        if service == SET_LIVE:
+        if self.fails:
+            raise OSError("a fault of ours")
+        if service == self.held:
             self.hold.wait(PATIENCE)
         return data is not False, f"{service.name}: {data}"
 
@@ -246,6 +257,88 @@ def test_a_request_that_cannot_be_read_asks_for_nothing_and_is_refused_in_words(
         told = peer.ask("query", service=SET_LIVE.name, kind=SET_BOOL, data="0001000001", attachment=wrong)
         assert "no attachment" in told["error"]
     assert us.asked == []
+
+
+@pytest.mark.parametrize("service", [TO_STOP, TO_E_STOP])
+@pytest.mark.parametrize("beside", [None, "00" * 33, Attachment(1, 1, bytes(16)).pack().hex()])
+@pytest.mark.parametrize("data", ["", "00010000", "0007000000", "ff" * 40])
+def test_a_stop_is_a_stop_whatever_its_bytes(
+    us: Us, peer: Peer, service: Service, beside: str | None, data: str
+) -> None:
+    us.asked.clear()
+    told = peer.ask("query", service=service.name, kind=TRIGGER, data=data, attachment=beside)
+    assert us.asked == [(service, None)]
+    assert decode(f"{TRIGGER}_Response", bytes.fromhex(told["data"]))["success"]
+
+
+def test_a_second_e_stop_does_not_wait_behind_one_that_hangs(us: Us, router: Router) -> None:
+    us.hold.clear()
+    us.asked.clear()
+    us.held = TO_E_STOP
+    query = {"service": TO_E_STOP.name, "kind": TRIGGER, "data": "", "attachment": None}
+    with Peer(router.endpoint) as first, Peer(router.endpoint) as second:
+        asking = [
+            threading.Thread(target=lambda peer=peer: peer.ask("query", **query)) for peer in (first, second)
+        ]
+        for number, thread in enumerate(asking, 1):
+            thread.start()
+            try:
+                until(
+                    lambda number=number: len(us.asked) == number, PATIENCE, f"e-stop {number} is asked for"
+                )
+            except AssertionError:
+                us.hold.set()
+                raise
+        us.hold.set()
+        for thread in asking:
+            thread.join(PATIENCE)
+    us.held = SET_LIVE
+
+
+def test_a_fault_at_one_message_or_request_is_told_and_the_next_is_heard(us: Us, peer: Peer) -> None:
+    stop = {"service": TO_STOP.name, "kind": TRIGGER, "data": "", "attachment": None}
+    message = {"topic": TRAJECTORY.name, "kind": JOINT_TRAJECTORY, "data": "00010000", "attachment": None}
+    for fails in (True, False):
+        us.fails = fails
+        us.heard.clear()
+        peer.ask("raw", **message)
+        until(lambda: us.heard, PATIENCE, "the message comes")
+        for _ in range(5):  # whichever thread of those that answer stops
+            answer = decode(f"{TRIGGER}_Response", bytes.fromhex(peer.ask("query", **stop)["data"]))
+            assert answer["success"] is not fails and ("a fault of ours" in answer["message"]) is fails
+    assert f"zenoh: {TRAJECTORY.name}: a message was lost: OSError: a fault of ours" in us.told
+    assert f"zenoh: {TO_STOP.name}: OSError: a fault of ours" in us.told
+
+
+def test_what_is_too_long_gets_no_farther_and_what_follows_comes(us: Us, peer: Peer) -> None:
+    us.heard.clear()
+    for length in (LONGEST + 1, 20 * LONGEST, 4):
+        peer.ask("raw", topic=STOP.name, kind=STRING, data="00" * length, attachment=None)
+    until(lambda: any(len(data) == 4 for _, data in us.heard), PATIENCE, "the last comes")
+    assert max(len(data) for _, data in us.heard) == LONGEST + 1
+
+
+def test_messages_of_several_threads_go_out_in_the_order_of_their_numbers() -> None:
+    class Slow:
+        """Where sending takes a moment, and the first longest."""
+
+        def __init__(self) -> None:
+            self.sent: list[int] = []
+
+        def put(self, data: bytes, **beside: bytes) -> None:
+            number = attachment(beside["attachment"]).number
+            time.sleep(0.3 / number)
+            self.sent.append(number)
+
+    channel: Any = Slow()
+    writer = Writer(channel, bytes(16), labelled=False)
+    threads = [threading.Thread(target=writer.put, args=(b"x",)) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+        time.sleep(0.02)
+    for thread in threads:
+        thread.join()
+    assert channel.sent == [1, 2, 3]
 
 
 def test_a_stop_does_not_wait_behind_a_service_that_takes_long(us: Us, router: Router) -> None:

@@ -6,7 +6,10 @@ from typing import Any
 
 import pytest
 
+from twind.bridge.ros.discovery import Discovery
+from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
+from twind.bridge.ros.zenoh import Zenoh
 from twind.bridge.ros.zenoh.config import CONFIG, OVERRIDE, session_config
 
 
@@ -47,3 +50,25 @@ def test_what_cannot_be_read_is_named(tmp_path: Path) -> None:
         session_config({OVERRIDE: "no/such/key=1"}, None, None)
     with pytest.raises(TransportError, match="nonsense"):
         session_config({}, "nonsense", None)
+
+
+def test_of_what_is_far_too_long_nothing_is_kept() -> None:
+    (most,) = said("transport/link/rx/max_message_size")
+    assert LONGEST < most <= 2 * LONGEST
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"), ("ROS_STATIC_PEERS", "10.0.0.7")],
+)
+def test_a_variable_that_does_not_count_over_zenoh_is_told(
+    name: str, value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    for each in ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS"):
+        monkeypatch.delenv(each, raising=False)
+    Zenoh(Discovery(), told.append)
+    assert told == []
+    monkeypatch.setenv(name, value)
+    Zenoh(Discovery(), told.append)
+    assert told == [f"zenoh: {name}: not heeded here; who reaches the router is in the graph"]

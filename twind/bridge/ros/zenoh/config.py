@@ -12,6 +12,7 @@ from pathlib import Path
 
 import zenoh
 
+from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
 
 ROUTER = "tcp/localhost:7447"  # rmw_zenohd of this machine
@@ -56,5 +57,8 @@ def _ours(connect: str | None) -> Mapping[str, object]:
             "gossip": {"enabled": True, "target": {"router": ["router", "peer"], "peer": ["router"]}},
         },
         "timestamping": {"enabled": True},  # what is latched is kept by its time
-        "transport": {"shared_memory": {"enabled": False}},  # nothing of ours is big enough for it
+        "transport": {
+            "shared_memory": {"enabled": False},  # nothing of ours is big enough for it
+            "link": {"rx": {"max_message_size": LONGEST + 65536}},  # of far longer ones nothing is kept
+        },
     }

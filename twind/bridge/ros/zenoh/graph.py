@@ -15,6 +15,9 @@ from twind.bridge.ros.zenoh.config import session_config
 from twind.bridge.ros.zenoh.names import Names
 from twind.bridge.ros.zenoh.node import Node
 
+# How far a graph of DDS reaches; rmw_zenoh does not look at them either.
+_REACH = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
+
 
 class Zenoh:
     """A Transport. `connect`: the router, several by commas; `config`: a Zenoh configuration file.
@@ -38,6 +41,9 @@ class Zenoh:
         self._discovery, self._tell, self._labelled = discovery, tell, labelled
         self._connect, self._config = connect, config
         self._node: Node | None = None
+        unheeded = [name for name in _REACH if os.environ.get(name)]
+        if unheeded:
+            tell(f"zenoh: {', '.join(unheeded)}: not heeded here; who reaches the router is in the graph")
 
     def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
         """Join the graph. A router that is not there is looked for from then on. Raises TransportError."""
@@ -49,7 +55,7 @@ class Zenoh:
         try:
             self._watch(session)
             names = Names(self._discovery.domain, str(session.zid()), hashed=not self._discovery.humble)
-            self._node = Node(session, names, labelled=self._labelled)
+            self._node = Node(session, names, self._tell, labelled=self._labelled)
             self._node.offer(topics, heard)
             self._node.serve(services, asked)
         except zenoh.ZError as error:

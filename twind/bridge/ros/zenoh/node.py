@@ -12,6 +12,7 @@ import zenoh
 import zenoh.ext
 
 from twind.bridge.ros.endpoints import Service, Topic
+from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import Asked, Heard
 from twind.bridge.ros.zenoh.attachment import Attachment
 from twind.bridge.ros.zenoh.names import Names, gid
@@ -24,8 +25,11 @@ _END_S = 0.5  # for what is being answered or handed over when the graph is left
 class Node:
     """Its endpoints live as long as it is open. Raises zenoh.ZError where the session cannot."""
 
-    def __init__(self, session: zenoh.Session, names: Names, *, labelled: bool) -> None:
-        self._session, self._names, self._labelled = session, names, labelled
+    def __init__(
+        self, session: zenoh.Session, names: Names, tell: Callable[[str], None], *, labelled: bool
+    ) -> None:
+        """`tell`: a line where what was heard or asked for fails."""
+        self._session, self._names, self._labelled, self._tell = session, names, labelled, tell
         self._numbers = itertools.count(1)
         self._tokens = [session.liveliness().declare_token(names.node_token())]
         self._writers: dict[Topic, Writer] = {}
@@ -46,7 +50,7 @@ class Node:
     def serve(self, services: Sequence[Service], asked: Asked) -> None:
         """Answer requests."""
         for service in services:
-            self._served.append(Served(self._session, service, self._names.key(service), asked))
+            self._served.append(Served(self._session, service, self._names.key(service), asked, self._tell))
             self._tokens.append(self._session.liveliness().declare_token(self._token(service)))
 
     def put(self, topic: Topic, data: bytes) -> None:
@@ -72,7 +76,10 @@ class Node:
 
         def hear() -> None:
             for sample in samples:
-                heard(topic, sample.payload.to_bytes())
+                try:
+                    heard(topic, _bytes(sample.payload))
+                except Exception as error:  # noqa: BLE001  the next message may be a stop
+                    self._tell(f"zenoh: {topic.name}: a message was lost: {type(error).__name__}: {error}")
 
         thread = threading.Thread(target=hear, name=f"ros{topic.name}", daemon=True)
         thread.start()
@@ -80,19 +87,25 @@ class Node:
 
 
 class Writer:
-    """One publisher. Several threads may send: each message has a number of its own."""
+    """One publisher. Several threads may send: messages go out in the order of their numbers."""
 
     def __init__(
         self, channel: zenoh.Publisher | zenoh.ext.AdvancedPublisher, gid: bytes, *, labelled: bool
     ) -> None:
         self._put: Callable[..., None] = channel.put
         self._gid, self._labelled = gid, labelled
-        self._numbers = itertools.count(1)
+        self._numbers, self._lock = itertools.count(1), threading.Lock()
 
     def put(self, data: bytes) -> None:
         """Send; what the way to a reader has no room for within a millisecond is dropped there."""
-        beside = Attachment(next(self._numbers), time.time_ns(), self._gid, self._labelled)
-        self._put(data, attachment=beside.pack())
+        with self._lock:
+            beside = Attachment(next(self._numbers), time.time_ns(), self._gid, self._labelled)
+            self._put(data, attachment=beside.pack())
+
+
+def _bytes(payload: zenoh.ZBytes) -> bytes:
+    """Of what is too long only that it is: nothing of it is copied, and a stop is a stop all the same."""
+    return payload.to_bytes() if len(payload) <= LONGEST else bytes(LONGEST + 1)
 
 
 def _channel(session: zenoh.Session, key: str, topic: Topic) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
