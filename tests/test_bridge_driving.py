@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from told_line import ToldDaemon, ended, moving
 
-from twind.bridge.driving import LATE, LINGER, LOST, RENEW, Driving, Ended
+from twind.bridge.driving import BROKEN, LATE, LINGER, LOST, RENEW, Driving, Ended
 from twind.client import CallError, Disconnected, NoDaemon, Refused
 from twind.safety.lease import TRAJECTORY
 
@@ -93,6 +93,24 @@ def test_a_refusal_leaves_what_runs_as_it_is(hand: Hand) -> None:
     assert hand.after(2.0) == [] and hand.driving.driving == ("m1",)
 
 
+def test_who_is_refused_keeps_nobody_else_from_driving(hand: Hand) -> None:
+    far: Any = ("Refused", {"findings": [{"code": "POS_LIMIT", "message": "far"}]})
+    hand.daemon.refuse["SubmitTrajectory"] = far
+    for _ in range(3):
+        with pytest.raises(Refused):
+            hand.driving.submit(PATH)
+        assert hand.daemon.calls[-1][0] == "ReleaseLease" and hand.daemon.open == 0
+        hand.after(0.3)
+
+
+def test_a_lease_that_is_kept_for_somebody_outlives_a_refusal(hand: Hand) -> None:
+    hand.driving.hold()
+    hand.daemon.refuse["SubmitTrajectory"] = ("Refused", {"findings": []})
+    with pytest.raises(Refused):
+        hand.driving.submit(PATH)
+    assert hand.driving.held and not hand.daemon.named("ReleaseLease")
+
+
 def test_a_motion_whose_end_nobody_heard_is_lost_when_nothing_moves_any_more(hand: Hand) -> None:
     hand.driving.submit(PATH)
     hand.driving.heard(moving("holding"))  # as it was when it was accepted
@@ -124,7 +142,9 @@ def test_with_its_connection_a_motion_is_lost_unless_its_end_is_heard_soon(hand:
     hand.daemon.dead = True
     hand.after(RENEW + 0.2)
     hand.driving.heard(ended("m1", "aborted", {"code": "LEASE_LOST", "message": "gone"}))
-    assert [(each.id, each.phase) for each in hand.after(LATE + 0.2)] == [("m1", "aborted"), ("m2", LOST)]
+    first, second = hand.after(LATE + 0.2)
+    assert (first.id, first.phase) == ("m1", "aborted")
+    assert second == Ended("m2", LOST, BROKEN)  # and it is said why nobody knows
 
 
 def test_without_a_daemon_nothing_is_under_way(hand: Hand) -> None:

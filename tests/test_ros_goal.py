@@ -1,14 +1,29 @@
 """A JointTrajectory of ROS becomes a trajectory of the daemon, or is refused with the reason."""
 
 import contextlib
+import json
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.goal import AHEAD, LONGEST, Heading, Unfit, heading, trajectory
+from twind.bridge.ros.goal import (
+    AHEAD,
+    FRAME,
+    FRONT,
+    LONGEST,
+    NUMBERS,
+    POINTS,
+    Heading,
+    Unfit,
+    heading,
+    trajectory,
+)
+from twind.bridge.ros.orders import MORE
+from twind.front.server import LIMITS
 from twind.ros import JOINT_TRAJECTORY, encode, stamp
+from twind.ros.cdr import Source
 from twind.ros.joint_state import SECOND
 
 NOW = 1_795_000_000_000_000_000  # ns since 1970
@@ -115,3 +130,38 @@ def test_the_heading_is_read_without_the_rest() -> None:
     head = heading(data)
     assert head == Heading(*divmod(NOW, SECOND), "mine", ("a", "b")) and head.time_ns == NOW
     assert heading(data[:20]) is None
+    assert heading(data[:30]) == Heading(*divmod(NOW, SECOND), "mine")
+
+
+def test_whose_a_command_is_is_told_without_reading_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = list[str]()
+    text = Source.text
+    monkeypatch.setattr(Source, "text", lambda source: (read.append(""), text(source))[1])
+    many = command(point(1.0), joints=[""] * 500_000, frame="mine", when=NOW)
+    assert heading(many) == Heading(*divmod(NOW, SECOND), "mine")
+    assert len(read) <= FRONT // 4
+    read.clear()
+    assert code_of(many[:LONGEST]) == "FRAME_TOO_LARGE" and len(read) <= FRONT // 4
+    assert heading(command(joints=["a" * 1_000_000], frame="mine")) == Heading(frame="mine")
+    assert heading(command(frame="x" * 5000)) == Heading(0, 0, "x" * FRAME, ("l_knee",))
+    assert heading(command(frame="x" * 1_000_000)) is None
+
+
+def test_points_that_say_nothing_are_not_read_beyond_those_that_the_gate_takes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    many = command(*[point(place / 1000.0, []) for place in range(POINTS + 1)])
+    monkeypatch.setattr("twind.bridge.ros.goal.decode", None)
+    assert code_of(many) == "FRAME_TOO_LARGE"
+
+
+def test_names_that_grow_as_json_are_refused_before_the_socket_would_hang_up() -> None:
+    assert code_of(command(point(1.0), joints=["\x01" * 1_000_000])) == "FRAME_TOO_LARGE"
+
+
+def test_the_longest_that_passes_is_one_that_the_socket_takes() -> None:
+    row = [-2.2250738585072014e-308] * (NUMBERS // POINTS)
+    names = ["\x01" * 100] * 150
+    points = [point(1e6 + place + 0.123456789, row) for place in range(POINTS)]
+    asked = trajectory(command(*points, joints=names), NOW)
+    assert len(json.dumps(asked)) + MORE < LIMITS["operator"]

@@ -1,5 +1,6 @@
 """Commands that wait: few, the newest of each kind, and never in a hurry."""
 
+import threading
 import time
 
 from hypothesis import given
@@ -12,7 +13,7 @@ NAMES = st.sets(st.sampled_from("abcd"), min_size=1).map(lambda joints: tuple(so
 
 
 def command(*joints: str, stamp: int = 0, frame: str = "", came: float = 0.0) -> Command:
-    return Command(b"", Heading(stamp, 0, frame, joints), came, 0)
+    return Command(b"", Heading(stamp, 0, frame, joints), came)
 
 
 class Clock:
@@ -75,7 +76,7 @@ def test_what_begins_later_or_is_waited_for_or_is_no_command_is_kept() -> None:
     later, followed, malformed, now = (
         command("a", stamp=7),
         command("a"),
-        Command(b"x", None, 0.0, 0),
+        Command(b"x", None, 0.0),
         command("a"),
     )
     followed.told = lambda result: None
@@ -143,3 +144,21 @@ def test_whoever_waits_for_a_command_is_woken() -> None:
     inbox.wake()
     assert inbox.take(20.0) is None
     assert time.monotonic() - begun < 20.0
+
+
+def test_whoever_waits_for_the_time_of_the_next_is_woken_too_but_not_by_those_that_come() -> None:
+    clock = Clock()  # which stands still: the time never comes
+    inbox = Inbox(clock.now)
+    inbox.put(command("a"))
+    assert inbox.take(0.0) is not None
+    clock.time -= 30.0
+    begun, found = time.monotonic(), list[Command | None]()
+    waiting = threading.Thread(target=lambda: found.append(inbox.take(20.0)))
+    waiting.start()
+    for place in range(3):
+        inbox.put(command("a", stamp=place))
+        time.sleep(0.05)
+    assert waiting.is_alive()
+    inbox.wake()
+    waiting.join(20.0)
+    assert found == [None] and time.monotonic() - begun < 15.0

@@ -5,10 +5,12 @@ from typing import Any
 
 import pytest
 from test_ros_goal import NOW, command, point
-from told_line import ToldDaemon, ended
+from told_line import ToldDaemon, ended, moving
 
+from twind.bridge.ros import orders
+from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.inbox import PACE, ROOM
-from twind.bridge.ros.orders import PATIENT, Orders
+from twind.bridge.ros.orders import MORE, PATIENT, Orders
 
 FAR: Any = ("Refused", {"findings": [{"code": "POS_LIMIT", "joint": "l_knee", "message": "l_knee: 9 rad"}]})
 HELD: Any = ("LeaseHeld", {"lease": {"holder": "uid 7, pid 8", "uid": 7, "expires_in": 0.5}})
@@ -178,3 +180,148 @@ def test_a_goal_that_finds_no_room_is_refused_and_not_forgotten(desk: Desk) -> N
     for _ in range(ROOM):
         followed(desk)
     assert first == ["refused"]
+
+
+def for_joints(desk: Desk, *joints: str) -> None:
+    for joint in joints:
+        desk.orders.put(command(point(1.0), joints=(joint,), frame=joint))
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        lambda desk: desk.orders.heard(ended("m1", "cancelled", time=desk.time)),
+        lambda desk: desk.orders.heard(ended("of_another", "aborted", time=desk.time)),
+        lambda desk: desk.orders.heard(
+            {"topic": "events", "time": desk.time, "event": {"code": "LEASE_LOST", "message": "lease taken"}}
+        ),
+    ],
+)
+def test_a_stop_of_anybody_else_comes_before_what_was_asked_for_before_it(
+    desk: Desk, stop: Callable[[Desk], None]
+) -> None:
+    for_joints(desk, "a", "b", "c")
+    assert desk.after() == ["accepted"]
+    stop(desk)
+    assert [each for each in desk.after(1.0) if each != "cancelled"][:2] == ["refused", "refused"]
+    assert len(desk.daemon.named("SubmitTrajectory")) == 1
+    for_joints(desk, "d")
+    assert desk.after() == ["accepted"]
+
+
+def test_what_began_between_a_stop_and_its_being_heard_of_is_cancelled(desk: Desk) -> None:
+    for_joints(desk, "a", "b")
+    desk.after()
+    stopped = desk.time
+    assert desk.after() == ["accepted"] and not desk.daemon.named("Cancel")
+    desk.orders.heard(ended("m1", "cancelled", time=stopped))
+    desk.after()
+    assert len(desk.daemon.named("Cancel")) == 1
+    desk.orders.heard(ended("m2", "cancelled", time=desk.time))
+    for_joints(desk, "c")
+    desk.time += 0.01
+    for_joints(desk, "d")
+    desk.after(1.0)
+    assert desk.results[-1]["frame_id"] == "d" and desk.results[-1]["phase"] == "accepted"
+    assert len(desk.daemon.named("Cancel")) == 1
+
+
+def test_a_motion_that_is_replaced_or_arrives_stops_nobody(desk: Desk) -> None:
+    for phase in ("replaced", "succeeded"):
+        for_joints(desk, "a")
+        desk.orders.heard(ended("x1", phase, time=desk.time))
+        assert desk.after() == ["accepted"]
+
+
+def test_a_command_for_one_mode_does_not_begin_in_another(desk: Desk) -> None:
+    desk.orders.heard(moving("holding", "sim", desk.time))
+    desk.time += 0.1
+    desk.orders.heard(moving("holding", "sim", desk.time))
+    for_joints(desk, "a")
+    desk.time += 0.1
+    desk.orders.heard(moving("holding", "sim", desk.time))
+    desk.orders.heard(moving("holding", "live", desk.time + 0.1))
+    assert desk.after() == ["refused"]
+    desk.time += 0.05
+    for_joints(desk, "a")
+    assert desk.after() == ["accepted"]
+
+
+def test_after_the_cancel_of_a_goal_the_next_one_begins(desk: Desk) -> None:
+    _, cancel = followed(desk)
+    desk.after()
+    cancel()
+    phases, _ = followed(desk)
+    desk.time += 0.01
+    desk.orders.heard(ended("m1", "cancelled", time=desk.time))
+    desk.after()
+    assert phases == ["accepted"]
+
+
+def test_a_goal_is_cancelled_while_another_path_is_judged(desk: Desk) -> None:
+    _, cancel = followed(desk)
+    desk.after()
+    open_then = list[int]()
+
+    def judging(method: str) -> None:
+        if method == "SubmitTrajectory":
+            desk.daemon.meanwhile = lambda method: open_then.append(desk.daemon.open)
+            cancel()
+            desk.daemon.meanwhile = lambda method: None
+
+    desk.daemon.meanwhile = judging
+    desk.orders.put(GOOD)
+    desk.after()
+    assert open_then == [2]  # a connection of its own, and it was asked while the other was not answered
+
+
+def test_a_goal_that_has_ended_is_not_cancelled_in_the_place_of_another(desk: Desk) -> None:
+    _, cancel = followed(desk)
+    desk.after()
+    desk.orders.put(GOOD)
+    desk.orders.heard(ended("m1", "replaced"))
+    desk.after()
+    cancel()
+    desk.after()
+    assert not desk.daemon.named("Cancel")
+
+
+def test_whatever_breaks_on_a_command_its_sender_hears_of_it(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk.orders.put(GOOD)
+    desk.after()
+    monkeypatch.setattr(orders, "trajectory", lambda data, now: [][1])
+    phases, _ = followed(desk)
+    assert desk.after() == ["refused"] and phases == ["refused"]
+    assert "IndexError" in desk.results[-1]["message"]
+    assert desk.orders.driving == ("m1",)  # and what ran goes on
+    monkeypatch.undo()
+    monkeypatch.setattr(ToldDaemon, "_submitted", lambda daemon: {"phase": "accepted"})
+    desk.orders.put(GOOD)
+    desk.after()
+    assert "KeyError" in desk.results[-1]["message"] and desk.daemon.open == 0  # it might run: it is let go
+
+
+def test_long_tolerances_are_refused_before_the_socket_would_hang_up(desk: Desk) -> None:
+    phases, _ = followed(desk, tolerances=[{"joint": "x" * MORE}])
+    desk.after()
+    assert phases == ["refused"] and "tolerances" in desk.results[0]["message"]
+
+
+def test_long_bytes_are_neither_kept_nor_told_again(desk: Desk) -> None:
+    desk.orders.put(command(point(1.0), frame="x" * 10_000) + bytes(5 * LONGEST))
+    assert len(desk.orders._inbox._waiting[0].data) == LONGEST + 1
+    assert desk.after() == ["refused"]
+    assert len(str(desk.results[0])) < 1000 and "2097152 bytes" in desk.results[0]["message"]
+    desk.orders.put(GOOD)
+    desk.after()
+    assert [each.data for each in desk.orders._begun.values()] == [b""]
+
+
+def test_a_bridge_that_ends_tells_what_it_lets_go_of(desk: Desk) -> None:
+    phases, _ = followed(desk)
+    desk.after()
+    desk.orders.close()
+    assert phases[-1] == "cancelled" and desk.results[-1]["id"] == "m1"
+    assert desk.daemon.open == 0

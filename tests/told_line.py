@@ -91,12 +91,12 @@ class ToldLine:
         return []
 
 
-def ended(name: str, phase: str, *findings: Answer) -> Answer:
-    """An answer of `Monitor`: how a motion ended."""
+def ended(name: str, phase: str, *findings: Answer, time: float = 0.0) -> Answer:
+    """An answer of `Monitor`: how a motion ended, and when: s, monotonic."""
     event = {"code": "MOTION", "message": f"{name} {phase}", "findings": list(findings)}
-    return {"topic": "events", "event": event}
+    return {"topic": "events", "time": time, "event": event}
 
 
-def moving(motion: str) -> Answer:
+def moving(motion: str, mode: str = "sim", time: float = 0.0) -> Answer:
     """An answer of `Monitor`: whether anything moves."""
-    return {"topic": "status", "status": {"motion": motion}}
+    return {"topic": "status", "time": time, "status": {"motion": motion, "mode": mode}}

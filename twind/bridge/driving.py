@@ -28,6 +28,10 @@ MOVING = ("active", "streaming")  # of `Status.motion`
 ENDS = ("succeeded", "cancelled", "replaced", "aborted")
 LOST = "lost"  # our word for an end that nobody heard
 
+BROKEN = (
+    {"code": "LEASE_LOST", "message": "the connection to the daemon broke: it lets go of such motions"},
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Ended:
@@ -89,14 +93,21 @@ class Driving:
         try:
             client.call("AcquireLease")
             answer = client.call("SubmitTrajectory", trajectory=trajectory)
+            name = str(answer["id"])
         except ClientError:
             if not client.connected:
                 self._lose()
+            elif not self.driving and not self.held:  # who is refused keeps nobody else from driving
+                self.close()
+            raise
+        except Exception:  # whether it runs is not known: with the lease it is let go
+            self._lose()
             raise
         finally:
-            now = self._quiet = self._renewed = self._now()
+            self._renewed = self._now()
+        self._quiet = self._renewed
         with self._lock:
-            self._under[answer["id"]] = _Motion(now + (trajectory.get("start_in") or 0.0))
+            self._under[name] = _Motion(self._renewed + (trajectory.get("start_in") or 0.0))
         return answer
 
     def keep(self) -> list[Ended]:
@@ -110,12 +121,6 @@ class Driving:
         elif now - self._quiet >= LINGER:
             self.close()
         return over
-
-    def cancel(self) -> None:
-        """Decelerate and hold, on our own connection. Raises ClientError."""
-        if self._client is not None:
-            self._client.timeout = SOON
-            self._client.call("Cancel")
 
     def heard(self, answer: Mapping[str, Any]) -> None:
         """An answer of `Monitor`: topic events tells ends, topic status that nothing moves any more."""
@@ -168,7 +173,7 @@ class Driving:
         with self._lock:
             for name, motion in self._under.items():
                 if motion.orphaned < late:
-                    self._over.setdefault(name, Ended(name, LOST))
+                    self._over.setdefault(name, Ended(name, LOST, BROKEN))
             names = [name for name in self._under if name in self._over]
             for name in names:
                 del self._under[name]

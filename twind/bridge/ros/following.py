@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from twind.bridge.ros.goal import COLUMNS as TAKEN
 from twind.ros import JOINT_TRAJECTORY, encode
 
 SUCCESSFUL, INVALID_GOAL, INVALID_JOINTS, OLD_STAMP, PATH_TOLERANCE, GOAL_TOLERANCE = 0, -1, -2, -3, -4, -5
@@ -20,7 +21,7 @@ CODES = {
     "GOAL_TOLERANCE": GOAL_TOLERANCE,
 }
 
-COLUMNS = ("positions", "velocities", "accelerations", "effort")
+COLUMNS = (*TAKEN, "effort")
 
 Said = Mapping[str, Any]  # of `Orders.goal`: phase, findings, message
 State = Mapping[str, Any]  # an answer of Monitor, topic `state`

@@ -9,19 +9,23 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite
 from typing import Any
 
-from twind.ros import JOINT_TRAJECTORY, CdrError, decode
+from twind.ros import JOINT_TRAJECTORY, CdrError, Definitions, decode, definition_text
 from twind.ros.cdr import Source
 from twind.ros.joint_state import SECOND
 
 AHEAD = 60.0  # s that a start may lie in the future: the daemon's own bound
 LONGEST = 2 << 20  # bytes of a message; 2,000 points of 40 joints with velocities
+FRONT = 16 << 10  # bytes within which frame and joint names have to end
+FRAME = 256  # characters of a frame that are told again
+POINTS = 2000  # of the gate; a point that says nothing costs as much to read as one that does
 NUMBERS = 150_000  # of all columns: as JSON they have to stay below the socket's 4 MiB
 COLUMNS = ("positions", "velocities", "accelerations")
+MESSAGE = Definitions(JOINT_TRAJECTORY, definition_text(JOINT_TRAJECTORY))
 
 Finding = Mapping[str, Any]  # as the interface has it
 
@@ -46,25 +50,34 @@ class Heading:
     @property
     def time_ns(self) -> int:
         """Its stamp, ns since 1970; 0: now."""
-        return self.sec * SECOND + self.nanosec
+        return nanoseconds({"sec": self.sec, "nanosec": self.nanosec})
 
 
 def heading(data: bytes) -> Heading | None:
-    """The head of a command's bytes, without what follows; None: they are no command. Some 10 µs."""
-    source = Source(data)
+    """The head of a command's bytes; None: they are no command. Of however many, FRONT are read.
+
+    It is without joints where their names do not end there.
+    """
+    return _front(data)[0]
+
+
+def _front(data: bytes) -> tuple[Heading | None, int]:
+    """The head, and the byte at which the points begin; 0: not within FRONT."""
+    source, (header, names, _) = Source(data[:FRONT]), MESSAGE.fields(JOINT_TRAJECTORY)
     try:
-        (sec,), (nanosec,) = source.numbers("i", 4, 1), source.numbers("I", 4, 1)
-        frame, (count,) = source.text(), source.numbers("I", 4, 1)
-        joints = tuple(source.text() for _ in range(min(count, len(data))))
+        said = source.field(MESSAGE, header)
     except (struct.error, UnicodeDecodeError):
-        return None
-    return Heading(sec, nanosec, frame, joints)
+        return None, 0
+    head = Heading(said["stamp"]["sec"], said["stamp"]["nanosec"], said["frame_id"][:FRAME])
+    try:
+        return replace(head, joints=tuple(source.field(MESSAGE, names))), source.place
+    except (struct.error, UnicodeDecodeError):
+        return head, 0
 
 
 def trajectory(data: bytes, now_ns: int) -> dict[str, Any]:
     """`Trajectory` of the interface, of CDR bytes that are submitted at `now_ns` since 1970. Raises Unfit."""
-    if len(data) > LONGEST:
-        raise Unfit("FRAME_TOO_LARGE", f"{len(data)} bytes: must be at most {LONGEST}; send fewer points")
+    _bounded(data)
     try:
         message = decode(JOINT_TRAJECTORY, data)
     except (CdrError, RecursionError) as error:
@@ -74,9 +87,38 @@ def trajectory(data: bytes, now_ns: int) -> dict[str, Any]:
     count = sum(len(point.get(key) or ()) for point in points for key in COLUMNS)
     if count > NUMBERS:
         raise Unfit("FRAME_TOO_LARGE", f"{count} numbers: must be at most {NUMBERS}; send fewer points")
-    stamp = message["header"]["stamp"]
-    start_in, points = _when(stamp["sec"] * SECOND + stamp["nanosec"], now_ns, points)
+    start_in, points = _when(nanoseconds(message["header"]["stamp"]), now_ns, points)
     return {"joint_names": joints, "points": points, "start_in": start_in}
+
+
+def nanoseconds(time: Mapping[str, int]) -> int:
+    """Of a Time or Duration as `decode` has it."""
+    return time["sec"] * SECOND + time["nanosec"]
+
+
+def _bounded(data: bytes) -> None:
+    """It costs little to read. Raises Unfit, by what the counts in it say."""
+    if len(data) > LONGEST:
+        raise Unfit("FRAME_TOO_LARGE", f"more than {LONGEST} bytes: send fewer points")
+    place = _front(data)[1]
+    if not place and len(data) > FRONT:
+        why = f"frame and joint names take more than {FRONT} bytes, or are none: shorten them"
+        raise Unfit("FRAME_TOO_LARGE", why)
+    if place:
+        source = Source(data)
+        source.place = place
+        count = _count(source)
+        if count > POINTS:
+            raise Unfit("FRAME_TOO_LARGE", f"{count} points: must be at most {POINTS}")
+
+
+def _count(source: Source) -> int:
+    """How many values a row says it has; 0 where it says nothing, which `decode` names."""
+    try:
+        (count,) = source.numbers("I", 4, 1)
+    except struct.error:
+        return 0
+    return int(count)
 
 
 def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[str, Any]:
@@ -93,8 +135,7 @@ def _point(place: int, point: Mapping[str, Any], joints: Sequence[str]) -> dict[
                 raise Unfit("NONFINITE", text, joint=joint, point=place)
         if row:
             said[key] = row
-    time = point["time_from_start"]
-    return said | {"time_from_start": (time["sec"] * SECOND + time["nanosec"]) / SECOND}
+    return said | {"time_from_start": nanoseconds(point["time_from_start"]) / SECOND}
 
 
 def _when(stamp_ns: int, now_ns: int, points: list[dict[str, Any]]) -> tuple[float, list[dict[str, Any]]]:

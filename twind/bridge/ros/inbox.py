@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any
 
 from twind.bridge.ros.goal import Heading
@@ -25,13 +26,13 @@ Told = Callable[[Mapping[str, Any]], None]
 class Command:
     """One trajectory that was asked for."""
 
-    data: bytes  # CDR of a JointTrajectory
+    data: bytes  # CDR of a JointTrajectory; none once it was read
     head: Heading | None  # None: malformed
     came: float  # s, monotonic
-    epoch: int  # stops that had been asked for when it came
     told: Told | None = None  # who else hears what becomes of it: then it is never dropped for a newer one
     more: Mapping[str, Any] = field(default_factory=dict)  # goal_time, tolerances, as the daemon takes them
     cancelled: bool = False
+    began: float = inf  # s, monotonic, when it was accepted; inf: it is not under way
     number: int = 0  # in the order in which they came
 
 
@@ -43,7 +44,7 @@ class Inbox:
         self._waiting: list[Command] = []
         self._changed = threading.Condition()
         self._woken = False
-        self._next = self._tell_at = float("-inf")  # s: when the next may be taken, and drops be told
+        self._next = self._tell_at = -inf  # s: when the next may be taken, and drops be told
         self._count = self._dropped = 0
         self._last = Heading()
 
@@ -55,7 +56,8 @@ class Inbox:
             self._waiting.append(command)
             over = self._waiting[: max(0, len(self._waiting) - ROOM)]
             self._drop(over)
-            self._changed.notify()
+            if len(self._waiting) == 1:  # no use in being woken by each of a flood
+                self._changed.notify()
         return [each for each in over if each.told is not None]
 
     def accepted(self, command: Command) -> None:
@@ -71,12 +73,13 @@ class Inbox:
 
     def take(self, patience: float) -> Command | None:
         """The oldest, or what would make that void, when it is time; None after `patience` s, or woken."""
-        early = self._next - self._now()
-        if early > 0.0:  # no use in being woken by each of a flood
-            time.sleep(min(early, patience))
-            if early > patience:
-                return None
         with self._changed:
+            early = self._next - self._now()
+            if early > 0.0:
+                self._changed.wait_for(lambda: self._woken, min(early, patience))
+                if self._woken or early > patience:
+                    self._woken = False
+                    return None
             self._changed.wait_for(lambda: self._waiting or self._woken, patience)
             self._woken = False
             command = self._waiting[0] if self._waiting else None

@@ -5,18 +5,23 @@ Whoever hears a command puts it down and goes on (`put`, `goal`); one thread tak
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from math import inf
 from typing import Any
 
 from twind.bridge.driving import Driving
 from twind.bridge.ros.endpoints import TRAJECTORY
-from twind.bridge.ros.goal import Heading, Unfit, heading, trajectory
+from twind.bridge.ros.goal import LONGEST, Heading, Unfit, heading, trajectory
 from twind.bridge.ros.inbox import PACE, ROOM, Command, Inbox, Told
 from twind.client import CallError, Client, ClientError, Refused
 
 PATIENT = 1.0  # s that a command may wait: what was meant for then is not done later
 RUNNING = 1.0  # s between two words to whoever follows a motion
+SOON = 2.0  # s for the answer to a cancel
+MORE = 64 << 10  # bytes of JSON that tolerances may take beside a path
+STOPPED = ("cancelled", "aborted")  # ends after which nobody's robot is where he thought
 
 Result = dict[str, Any]
 
@@ -32,15 +37,17 @@ class Orders:
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         """`say` gets every outcome. `wall_ns`: the clock that stamps are read by, ns since 1970."""
-        self._driving, self._inbox = Driving(operator, now), Inbox(now)
+        self._driving, self._inbox, self._operator = Driving(operator, now), Inbox(now), operator
         self._say, self._wall_ns, self._now = say, wall_ns, now
-        self._epoch = 0
+        self._stopped = -inf  # s, monotonic: what came before is void
+        self._mode, self._mode_at = "", -inf  # of the daemon, and when it was heard of
+        self._let_go: set[str] = set()  # motions whose cancel is ours, for one that follows them
         self._begun: dict[str, Command] = {}
         self._said = 0.0  # s, monotonic, when motions were last said to run
 
     def put(self, data: bytes) -> None:
         """A command came: CDR bytes of a JointTrajectory. Returns at once."""
-        self._put(Command(data, heading(data), self._now(), self._epoch))
+        self._put(Command(data[: LONGEST + 1], heading(data), self._now()))
 
     def goal(
         self,
@@ -53,23 +60,34 @@ class Orders:
         """A command whose sender follows it: `told` hears each `phase`. The answer cancels it: all holds."""
         given = {"goal_time": goal_time, "tolerances": tolerances}
         more = {key: value for key, value in given.items() if value is not None}
-        command = Command(data, heading(data), self._now(), self._epoch, told, more)
+        command = Command(data[: LONGEST + 1], heading(data), self._now(), told, more)
         self._put(command)
 
         def cancel() -> None:
-            command.cancelled = True
-            self._inbox.wake()
+            if command.began == inf or not self._cancelled():
+                command.cancelled = True
+                self._inbox.wake()
 
         return cancel
 
     def stop(self) -> None:
         """Somebody stops the robot: nothing that was asked for before begins after it."""
-        self._epoch += 1
-        self._inbox.wake()
+        self._void(self._now())
 
     def heard(self, answer: Mapping[str, Any]) -> None:
-        """An answer of `Monitor`, topics events and status."""
+        """An answer of `Monitor`, topics events and status. A stop of anybody else is one too."""
         self._driving.heard(answer)
+        if answer["topic"] == "events":
+            event = answer["event"]
+            name, _, phase = event["message"].partition(" ")
+            ended = event["code"] == "MOTION" and phase in STOPPED and name not in self._let_go
+            if ended or event["code"] == "LEASE_LOST":
+                self._void(answer["time"])
+        elif answer["topic"] == "status":
+            mode = answer["status"]["mode"]
+            if self._mode and mode != self._mode:
+                self._void(self._mode_at)  # it was another one after that
+            self._mode, self._mode_at = mode, answer["time"]
 
     @property
     def driving(self) -> tuple[str, ...]:
@@ -81,13 +99,12 @@ class Orders:
         command = self._inbox.take(patience)
         if command is not None:
             self._take(command)
-        for command in self._begun.values():
-            if command.cancelled:
-                command.cancelled = False
-                self._cancel()
+        self._withdraw()
         for ended in self._driving.keep():
             known = self._begun.pop(ended.id, None)
+            self._let_go.discard(ended.id)
             if known is not None:
+                known.began = inf
                 message = "; ".join(str(each.get("message", "")) for each in ended.findings)
                 self._tell(known, ended.phase, id=ended.id, message=message, findings=ended.findings)
         self._tell_running()
@@ -96,6 +113,11 @@ class Orders:
     def close(self) -> None:
         """Give the lease back: what is under way is let go, and the daemon holds."""
         self._driving.close()
+        for name, command in self._begun.items():
+            self._tell(
+                command, "cancelled", id=name, message="the bridge ended: the robot decelerates and holds"
+            )
+        self._begun.clear()
 
     # ------------------------------------------------------------------------------------------ one command
 
@@ -108,9 +130,7 @@ class Orders:
             self._tell(command, "cancelled")
             return
         try:
-            self._admit(command)
-            asked = {**trajectory(command.data, self._wall_ns()), **command.more}
-            answer = self._driving.submit(asked)
+            answer = self._driving.submit(self._asked(command))
         except Unfit as unfit:
             self._tell(command, "refused", message=str(unfit), findings=unfit.findings)
         except Refused as refusal:
@@ -119,32 +139,59 @@ class Orders:
             self._tell(command, "refused", message=str(error), error=error.name)
         except ClientError as error:
             self._tell(command, "refused", message=str(error), error=type(error).__name__)
+        except Exception as error:  # noqa: BLE001  whatever breaks us, its sender hears of it
+            self._tell(command, "refused", message=f"{type(error).__name__}: {error}", error="internal")
         else:
             self._accepted(command, answer)
 
-    def _admit(self, command: Command) -> None:
-        """It is still wanted. Raises Unfit."""
+    def _asked(self, command: Command) -> dict[str, Any]:
+        """What the daemon is asked, if it is still wanted. Raises Unfit."""
+        data, command.data = command.data, b""  # it may be long, and a motion too
         waited = self._now() - command.came
-        if command.epoch != self._epoch:
+        if command.came <= self._stopped:
             raise Unfit("BUSY", "the robot was stopped after this was sent: send it again")
         if waited > PATIENT:
             why = f"waited {waited:.1f} s here, at most {PATIENT:g}: send it again"
             raise Unfit("CMD_EXPIRED", why, value=waited, bound=PATIENT)
+        size = len(json.dumps(command.more))
+        if size > MORE:
+            raise Unfit("FRAME_TOO_LARGE", f"tolerances of {size} bytes: must be at most {MORE}")
+        return {**trajectory(data, self._wall_ns()), **command.more}
 
     def _accepted(self, command: Command, answer: Mapping[str, Any]) -> None:
+        command.began = self._now()
         self._begun[answer["id"]] = command
         self._inbox.accepted(command)
         verdict = answer.get("verdict") or {}
         more = {key: verdict[key] for key in ("warnings", "changes") if verdict.get(key)}
         self._tell(command, "accepted", id=answer["id"], **more)
-        if command.epoch != self._epoch:  # stopped while it was judged: the stop wins
-            self._cancel()
 
-    def _cancel(self) -> None:
-        try:
-            self._driving.cancel()
-        except ClientError:
+    # ------------------------------------------------------------------------------------------ stops
+
+    def _void(self, time: float) -> None:
+        """Stopped at `time`, s, monotonic."""
+        self._stopped = max(self._stopped, time)
+        self._inbox.wake()
+
+    def _withdraw(self) -> None:
+        """Cancel what its sender does not want any more, and what began after a stop that it came before."""
+        begun, time = self._begun.values(), self._stopped
+        due = [each for each in begun if each.cancelled or each.came <= time <= each.began]
+        for each in due:
+            each.cancelled, each.began = False, -inf
+        if due and not self._cancelled():
             self._driving.close()  # its lease goes with it, and the daemon holds
+
+    def _cancelled(self) -> bool:
+        """Decelerate and hold, on a connection of its own, so that no path that is judged is before it."""
+        self._let_go.update(self._driving.driving)
+        try:
+            with self._operator() as client:
+                client.timeout = SOON
+                client.call("Cancel")
+        except ClientError:
+            return False
+        return True
 
     # ------------------------------------------------------------------------------------------ what is told
 
