@@ -16,6 +16,8 @@ from dds_domain import free_domain
 from processes import Daemon, until
 from ros_dds_peer import Peer
 
+from twind.bridge.ros.inbox import PACE
+
 pytestmark = [
     pytest.mark.realtime,
     pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds has no wheel for this machine"),
@@ -29,7 +31,8 @@ time.time_ns = lambda: right() - {DAY} * 10**9
 from twind.ctl.main import main
 sys.exit(main())
 """
-COMMAND, RESULTS, STATUS = "/cmd/joint_trajectory", "/bridge/results", "/bridge/status"
+COMMAND, PASSED = "/cmd/joint_trajectory", "/hw/joint_trajectory"
+RESULTS, STATUS = "/bridge/results", "/bridge/status"
 
 
 class Graph:
@@ -124,10 +127,21 @@ class Graph:
         return str(self.daemon.status()["motion"])
 
     def loop(self, when: str) -> dict[str, Any]:
-        """How the loop is, printed: this machine is busy, so nothing is claimed of it."""
+        """How the loop is, printed."""
         loop: dict[str, Any] = self.daemon.status()["loop"]
         print(f"{when}: {loop['missed']} of {loop['ticks']} ticks missed, p99 {loop['late_p99_us']} us")
         return loop
+
+    def undisturbed(self, before: dict[str, Any]) -> None:
+        """The loop ran on since, at its rate but for what other programs of this machine cost it."""
+        after = self.loop("after")
+        ticks, missed = (after[key] - before[key] for key in ("ticks", "missed"))
+        assert ticks > 0 and missed <= 5 + ticks / 50
+
+    def status(self) -> dict[str, Any]:
+        """The newest of /bridge/status since this was last asked; empty: none came."""
+        found = self.peer.ask("heard", topic=STATUS)
+        return json.loads(found[-1]["data"]) if found else {}
 
 
 @pytest.fixture(scope="module")
@@ -156,14 +170,20 @@ def test_who_listens_has_every_joint_of_now_and_in_sim_nothing_is_measured(graph
 
 
 def test_a_trajectory_moves_the_robot_and_its_sender_is_told(graph: Graph) -> None:
-    graph.peer.ask("listen", topic="/hw/joint_trajectory", kind="JointTrajectory")
-    time.sleep(0.3)  # matched
+    graph.peer.ask("listen", topic=PASSED, kind="JointTrajectory")
+
+    def heard() -> Any:
+        graph.command(0.0, 1, "matched")
+        time.sleep(0.2)
+        return graph.peer.ask("heard", topic=PASSED)
+
+    until(heard, 30.0, "both sides know of each other")
     graph.command(0.3, 1, "first")
     accepted = graph.told(frame_id="first", phase="accepted")
     assert graph.told(frame_id="first", phase="succeeded")["id"] == accepted["id"]
     until(lambda: abs(graph.knee() - 0.3) < 0.05, 10.0, "the knee there")
-    (passed,) = graph.peer.ask("heard", topic="/hw/joint_trajectory")
-    assert passed["header"]["frame_id"] == accepted["id"] and passed["joint_names"] == ["l_knee"]
+    heard_of = {each["header"]["frame_id"]: each for each in graph.peer.ask("heard", topic=PASSED)}
+    assert heard_of[accepted["id"]]["joint_names"] == ["l_knee"]
     until(lambda: graph.daemon.status()["lease"] is None, 10.0, "the lease given back")
 
 
@@ -190,11 +210,13 @@ def test_nothing_that_is_refused_disturbs_what_runs(graph: Graph) -> None:
         assert graph.told(frame_id=frame)["findings"][0]["code"] == code
     graph.told(frame_id="long", phase="succeeded")
     until(lambda: abs(graph.knee() - 0.4) < 0.05, 10.0, "the knee there")
-    assert graph.loop("after")["ticks"] > before["ticks"]
+    graph.undisturbed(before)
 
 
-def test_a_flood_of_a_peer_that_dies_and_one_that_hangs_cost_nobody_else_a_command(graph: Graph) -> None:
-    before = graph.loop("before")
+def test_a_flood_of_a_peer_that_dies_and_one_that_hangs_cost_the_loop_nothing_and_end_with_them(
+    graph: Graph,
+) -> None:
+    before, begun = graph.loop("before"), time.monotonic()
     with Peer(graph.domain) as mad, Peer(graph.domain) as hung:
         hung.ask("listen", topic="/joint_states", kind="JointState")
         assert mad.ask("speak", topic=COMMAND, kind="JointTrajectory", seconds=30.0)
@@ -210,12 +232,12 @@ def test_a_flood_of_a_peer_that_dies_and_one_that_hangs_cost_nobody_else_a_comma
         assert asked["count"] > 0
         graph.loop("flooded")
         graph.states()
-    accepted = [each["id"] for each in graph.results(frame_id="mad", phase="accepted")]
     until(lambda: graph.motion() == "holding", 30.0, "the last of them at its end")
-    assert len(accepted) < 200  # of 2000: the daemon was not asked more often than it wants
+    accepted, lasted = graph.results(frame_id="mad", phase="accepted"), time.monotonic() - begun
+    assert len(accepted) <= 1 + lasted / PACE  # of 2000: the daemon was not asked more often than it wants
     graph.command(0.1, 1, "sane")
     graph.told(frame_id="sane", phase="succeeded")
-    assert graph.loop("after")["ticks"] > before["ticks"]
+    graph.undisturbed(before)
     assert graph.bridge.poll() is None
 
 
@@ -279,6 +301,11 @@ def test_a_bridge_that_ends_or_dies_lets_go_of_the_motion(graph: Graph) -> None:
         until(lambda: graph.motion() == "active", 10.0, "on its way")
         graph.bridge.send_signal(number)
         assert graph.bridge.wait(10) == (0 if number == signal.SIGTERM else -number)
+        if number == signal.SIGTERM:
+            graph.told(frame_id=f"way {number}", phase="cancelled")
+            last = graph.status()
+            assert list(last) == ["bridge"] and last["bridge"]["error"] == "the bridge has ended", last
+            assert not (last["bridge"]["daemon"] or last["bridge"]["commands"] or last["bridge"]["driving"])
         until(lambda: graph.motion() == "holding", 10.0, "the robot holds")
         assert graph.daemon.status()["lease"] is None
         graph.bridge = graph.begin()
@@ -301,12 +328,7 @@ def test_a_clock_a_day_off_shows_in_stamps_and_in_refusals_and_in_nothing_else(
 
 def test_a_daemon_that_dies_is_said_to_be_away_and_the_next_one_is_found(graph: Graph) -> None:
     graph.daemon.kill()
-
-    def said() -> dict[str, Any]:
-        found = graph.peer.ask("heard", topic=STATUS)
-        return json.loads(found[-1]["data"]) if found else {}
-
-    until(lambda: said().get("bridge", {}).get("daemon") is False, 30.0, "it is told")
+    until(lambda: graph.status().get("bridge", {}).get("daemon") is False, 30.0, "it is told")
     graph.command(0.1, 1, "nobody")
     assert "no daemon" in graph.told(frame_id="nobody", phase="refused")["message"]
     graph.daemon = Daemon(graph.folder / "run", "--mode", "sim", "--robot", "h24")

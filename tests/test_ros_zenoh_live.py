@@ -150,7 +150,9 @@ def test_a_router_that_dies_costs_the_loop_nothing_and_the_graph_comes_back(grap
         new.ask("hear", topic=SIM_JOINTS.name, kind=JOINT_STATE)
         until(lambda: new.ask("counted", topic=SIM_JOINTS.name)["count"], PATIENCE, "a new peer hears")
     after = graph.daemon.status()["loop"]
-    print(f"ticks {after['ticks'] - before['ticks']}, missed {after['missed'] - before['missed']}")
+    ticks, missed = (after[key] - before[key] for key in ("ticks", "missed"))
+    print(f"ticks {ticks}, missed {missed}")
+    assert ticks > 0 and missed <= 5 + ticks / 50  # what other programs of this machine cost it
     assert graph.bridge.poll() is None
     assert graph.ended(**graph.command(graph.place()))["phase"] == "succeeded"
 

@@ -238,7 +238,7 @@ class Course:
             "commands": self._commands and not self._denied and not self._over,
             "dropped": self._readings.dropped + self._news.dropped,
             "undelivered": getattr(self._transport, "dropped", 0),
-            "driving": len(self.orders.driving),
+            "driving": 0 if self._over else len(self.orders.driving),
         }
 
     def _said(self) -> dict[str, Any]:
