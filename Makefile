@@ -18,7 +18,7 @@ SAMPLE ?=
 CHANGED ?=
 
 .PHONY: demo test test-fast test-slow check computed lived format lint types imports bench coverage oracle fuzz \
-	mutate clean faults soak kills model cast pictures ros \
+	mutate clean faults soak kills model cast pictures ros ros-if-here \
 	install uninstall deb
 
 demo: $(VENV)/.ready
@@ -37,11 +37,11 @@ test-slow: $(VENV)/.ready
 	$(BIN)/pytest -n auto -m 'slow and not realtime'
 	$(BIN)/pytest -m 'slow and realtime'
 
-# All tests, fast and slow together, so that they are collected no more often than they must. What learning needs is
-# installed while what needs none of it looks at the sources. Computing that has only what nobody else wants fills the
+# All tests, fast and slow together, so that they are collected no more often than they must. What learning needs, and
+# the real rclpy where it can be had, is installed while what needs none of it looks at the sources. Computing that has only what nobody else wants fills the
 # time that real processes sleep, first of two at once, then of one; whose claim is timing has the machine to itself.
 check: $(VENV)/.ready
-	$(MAKE) $(TWO) format lint types $(VENV)/.learn
+	$(MAKE) $(TWO) format lint types $(VENV)/.learn ros-if-here
 	$(MAKE) $(TWO) imports computed lived
 	$(BIN)/pytest -m still
 
@@ -140,6 +140,9 @@ $(VENV)/.learn: $(VENV)/.ready constraints.txt
 PYTHON312 ?= $(lastword python3.12 $(wildcard ~/.pyenv/versions/3.12.*/bin/python3.12))
 
 ros: $(VENV)/ros/.ready
+
+ros-if-here:
+	@$(PYTHON312) -c '' 2>/dev/null && $(MAKE) --no-print-directory ros || echo 'no real rclpy: its tests are skipped'
 
 $(VENV)/ros/.ready: constraints-ros.txt | $(VENV)/.ready
 	$(PYTHON312) -m venv $(VENV)/ros
