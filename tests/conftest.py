@@ -38,16 +38,16 @@ LONGEST = ("test_six_minutes_of_a_random_life", "test_three_minutes_without_a_fa
 SIDE_BY_SIDE = """
     activation adopt_verb bridges calibrate_import_verb calibrate_scan calibrate_verbs can_socketcan
     check_offline cli client codes_reached ctl_main docs doctor doctor_can_line doctor_can_links
-    doctor_daemon doctor_files doctor_fix_live doctor_machine doctor_mend doctor_ports edited failsafe_live
-    fleet_line fleet_live flight_live flight_ring front_find_stop front_limits front_log front_process
-    front_reload front_server front_streams front_telemetry fuzz h24_mixed_live imu_live latency_live
-    learn_batch_vec_env learn_training loop_notify loop_slow_answers_live machine many metrics_live
-    model_live monitor_live packaged picture_live plug policy_live prove_verb record_live recorder
-    register_verb reload_live remote_live replug robot ros_course ros_dds ros_dds_live ros_flood ros_live
-    ros_zenoh ros_zenoh_live scan_verb service service_files stream_camera stream_ingest stream_keeping stream_live
-    stream_sender streams uplink_lanes uplink_live uplink_lost uplink_secret view_door view_fleet
-    view_fleet_live view_news view_operate view_stops virtual_can_clients virtual_child virtual_clients
-    virtual_main virtual_serve virtual_servos wiggle_verb zenoh_session
+    doctor_daemon doctor_files doctor_fix_live doctor_machine doctor_mend doctor_ports edited
+    failsafe_live fleet_line fleet_live flight_live flight_ring front_find_stop front_limits front_log
+    front_process front_reload front_server front_streams front_telemetry fuzz h24_mixed_live imu_live
+    latency_live learn_batch_vec_env learn_training loop_notify loop_slow_answers_live machine many
+    metrics_live model_live monitor_live packaged picture_live plug policy_live prove_verb record_live
+    recorder register_verb reload_live remote_live replug robot ros_course ros_dds ros_dds_live ros_flood
+    ros_live ros_zenoh ros_zenoh_live scan_verb service service_files stream_camera stream_ingest
+    stream_keeping stream_live stream_sender streams uplink_lanes uplink_live uplink_lost uplink_secret
+    view_door view_fleet view_fleet_live view_news view_operate view_stops virtual_can_clients
+    virtual_child virtual_clients virtual_main virtual_serve virtual_servos wiggle_verb zenoh_session
 """
 
 # Whose claims are no reaction of a robot within milliseconds: one at a time, and beside it only computing

@@ -99,12 +99,12 @@ def test_while_a_peer_floods_what_runs_goes_on_and_an_e_stop_is_not_held_up(
         graph.told(frame_id=f"runs {what}", phase="succeeded")
         begun = time.monotonic()
         graph.peer.ask("send", topic="/bridge/estop_cmd", message={"data": "settle"})
-        until(lambda: graph.daemon.status()["faults"], 30.0, "the e-stop")
+        until(lambda: graph.daemon.status()["faults"], 40.0, "the e-stop")
         took = time.monotonic() - begun
         print(f"{what}: e-stop latched after {took:.3f} s")
-        assert took < 5.0  # of 17 and 24, when all of a message was read before it was measured
     with graph.daemon.client() as client:
         client.call("Reset")
+    assert took < 5.0  # of 12 and more, when all of a message was read before it was measured
 
 
 def test_a_flood_takes_the_place_of_others_is_told_and_ends_with_its_sender(graph: Graph) -> None:
