@@ -88,8 +88,8 @@ class Peer:
         writer = self.writer(topic, JointTrajectory)
         writer.publish(trajectory(**fields))
 
-    def say_bytes(self, topic, data):
-        self.writer(topic, JointTrajectory).publish(bytes.fromhex(data))
+    def say_bytes(self, topic, data, kind="JointTrajectory"):
+        self.writer(topic, KINDS[kind]).publish(bytes.fromhex(data))
 
     def writer(self, topic, kind):
         if topic not in self.writers:

@@ -117,7 +117,41 @@ def test_unset_means_this_machine_alone() -> None:
     assert graph({"ROS_DISTRO": "humble"}, 7)["ROS_LOCALHOST_ONLY"] == "1"
     asked = {"ROS_DOMAIN_ID": "3", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
     assert graph(asked, None) == asked
-    assert "ROS_LOCALHOST_ONLY" not in graph({"ROS_STATIC_PEERS": "10.0.0.7"}, None)
+
+
+@pytest.mark.parametrize("reach", ["OFF", "LOCALHOST", "SUBNET", "SYSTEM_DEFAULT"])
+@pytest.mark.parametrize("peers", ["", "10.0.0.7"])
+def test_what_rclpy_is_told_is_what_was_found_and_never_its_own_default(reach: str, peers: str) -> None:
+    said = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach, "ROS_STATIC_PEERS": peers}
+    told = graph({"ROS_DISTRO": "jazzy", **said}, None)
+    assert told["ROS_AUTOMATIC_DISCOVERY_RANGE"] == reach
+    assert told.get("ROS_STATIC_PEERS", "") == peers
+    assert graph({"ROS_STATIC_PEERS": "10.0.0.7"}, None)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    alone = graph({**said, "ROS_LOCALHOST_ONLY": "1"}, None)
+    assert alone["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST" and "ROS_STATIC_PEERS" not in alone
+
+
+@pytest.mark.parametrize(
+    ("reach", "peers", "only"),
+    [
+        ("", "", "1"),
+        ("LOCALHOST", "", "1"),
+        ("SUBNET", "", "0"),
+        ("SYSTEM_DEFAULT", "", "0"),
+        ("OFF", "", None),
+        ("LOCALHOST", "10.0.0.7", None),
+        ("SUBNET", "10.0.0.7", None),
+    ],
+)
+def test_humble_is_told_in_the_one_word_that_it_knows_or_refused(
+    reach: str, peers: str, only: str | None
+) -> None:
+    said = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach, "ROS_STATIC_PEERS": peers, "ROS_DISTRO": "humble"}
+    if only is None:
+        with pytest.raises(UsageError, match=r"humble knows none; unset it, or take --backend dds"):
+            graph(said, None)
+    else:
+        assert graph(said, None)["ROS_LOCALHOST_ONLY"] == only
 
 
 def test_options_are_handed_on() -> None:

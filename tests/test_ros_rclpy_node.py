@@ -1,13 +1,17 @@
 """The rclpy back end as a transport: what a node of another process sees of it, whatever stands behind it."""
 
+import json
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from processes import PATIENCE, until
 from ros_graphs import REAL, Graph, Peer, here
 
 pytestmark = pytest.mark.realtime
 
-# Live waits for a daemon that hangs, mirror raises. `again` on stdin: leaves and joins; else: what it heard.
+# Live waits for a daemon that hangs, mirror raises; a trajectory of 5 bytes is looked at for long.
+# `again` on stdin: leaves and joins; else: what it heard.
 HOST = """
 import json, os, sys, time
 from twind.bridge.ros.discovery import discovery
@@ -18,6 +22,12 @@ from twind.ros import JOINT_STATE, STRING, encode
 
 heard, told = [], []
 
+def hear(topic, data):
+    heard.append([topic.name, data.hex()])
+    if topic is TRAJECTORY and data.startswith(bytes.fromhex("0001000005")):
+        time.sleep(5.0)
+        heard.append("looked at")
+
 def asked(service, data):
     if service is TO_MODE["live"]:
         time.sleep(3.0)
@@ -26,7 +36,7 @@ def asked(service, data):
     return True, service.name
 
 def begin(node):
-    node.open(TOPICS, SERVICES, lambda topic, data: heard.append([topic.name, data.hex()]), asked)
+    node.open(TOPICS, SERVICES, hear, asked)
     node.publish(STATUS, encode(STRING, {"data": json.dumps({"mode": "sim"})}))
 
 node = Rclpy(discovery(os.environ), told.append)
@@ -96,6 +106,53 @@ def test_bytes_arrive_as_they_were_sent_malformed_ones_too(host: Host) -> None:
         if "0001000000000000" in heard:
             break
     assert '["/cmd/joint_trajectory", "00010000ffffffff"]' in heard
+
+
+def test_a_stop_is_heard_while_a_trajectory_is_still_looked_at(host: Host) -> None:
+    host.peer.say_bytes(topic="/bridge/stop_cmd", kind="String", data="00010000" + "01000000" + "00")
+    host.peer.say_bytes(topic="/cmd/joint_trajectory", data="0001000005")
+    until(lambda: "0001000005" in host.say("go"), PATIENCE, "the trajectory is looked at")
+    before = host.say("go").count("/bridge/stop_cmd")
+    host.peer.say_bytes(topic="/bridge/stop_cmd", kind="String", data="00010000" + "01000000" + "00")
+    until(lambda: host.say("go").count("/bridge/stop_cmd") > before, PATIENCE, "the stop is heard")
+    assert "looked at" not in host.say("go")
+
+
+FEEDBACK = """
+import json, time
+from types import SimpleNamespace
+import rclpy
+from control_msgs.action import FollowJointTrajectory
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from twind.bridge.ros.rclpy_follow import Follow
+rclpy.init()
+follow = Follow(rclpy.create_node("feedback"), FollowJointTrajectory, None, None)
+told = []
+goal = SimpleNamespace(trajectory=SimpleNamespace(joint_names=["a"]))
+joints = [{"name": "a", "goal": 0.5, "simulated": 0.25}]
+reading = time.monotonic()
+wall = time.time()
+state = {"time": reading - 30.0, "joints": joints, "mode": "sim"}
+follow._publish(SimpleNamespace(request=goal, publish_feedback=told.append), state)
+stamp = told[0].header.stamp
+print(json.dumps({"late": wall - stamp.sec - stamp.nanosec / 1e9, "nanosec": stamp.nanosec,
+                  "alone": type(follow._server._group) is MutuallyExclusiveCallbackGroup}), flush=True)
+__import__("os")._exit(0)
+"""
+
+
+def test_feedback_has_the_time_of_its_reading_and_goals_are_asked_for_one_after_the_other(
+    tmp_path: Path,
+) -> None:
+    graph = Graph(here(), tmp_path)
+    try:
+        process = graph.run(FEEDBACK)
+        assert process.stdout is not None
+        told = json.loads(process.stdout.readline())
+    finally:
+        graph.close()
+    assert abs(told["late"] - 30.0) < 5.0 and 0 <= told["nanosec"] < 10**9
+    assert told["alone"]
 
 
 def test_a_node_that_left_says_so_and_comes_again(host: Host) -> None:

@@ -24,6 +24,7 @@ from twind.ctl.verb import UsageError
 
 ROOT = Path("/opt/ros")  # where distributions are installed
 SOURCED = 20.0  # s that the set-up of a distribution may take
+OLD = ("foxy", "galactic", "humble")  # know ROS_LOCALHOST_ONLY alone, of which later ones warn
 _PYTHON = re.compile(r"python3(?:\.\d+)?")
 
 # What runs under the distribution's interpreter. It ends by `os._exit`: a usual end waits for callbacks that
@@ -108,16 +109,20 @@ def distribution(environment: Mapping[str, str], wanted: str | None, root: Path 
 
 
 def graph(environment: Mapping[str, str], domain: int | None) -> dict[str, str]:
-    """The environment that says what rclpy joins: this machine alone, unless it says otherwise."""
+    """The environment that says what rclpy joins, in full: what is unset is this machine alone here.
+
+    Raises UsageError: what Humble and older cannot do, for whom a variable of later ones says nothing.
+    """
     found = discovery(environment, domain=domain)
     told = dict(environment) | {"ROS_DOMAIN_ID": str(found.domain)}
-    if found.range is Range.LOCALHOST and not found.peers:
-        # Humble and older know this one alone, later ones warn of it.
-        name, value = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
-        if found.distro in ("foxy", "galactic", "humble"):
-            name, value = "ROS_LOCALHOST_ONLY", "1"
-        told[name] = value
-    return told
+    if not found.peers:
+        told.pop("ROS_STATIC_PEERS", None)
+    if found.distro not in OLD:
+        return told | {"ROS_AUTOMATIC_DISCOVERY_RANGE": found.range.value}
+    if found.peers or found.range is Range.OFF:
+        name = "ROS_STATIC_PEERS" if found.peers else "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF"
+        raise UsageError(f"rclpy: {name}: {found.distro} knows none; unset it, or take --backend dds")
+    return told | {"ROS_LOCALHOST_ONLY": str(int(found.local))}
 
 
 def _setup(distro: str | None, root: Path) -> Path:

@@ -30,6 +30,7 @@ from twind.bridge.ros.following import (
     unserved,
 )
 from twind.client import ClientError
+from twind.client.clocks import SECOND, clocks
 from twind.ctl.verb import observer
 
 ACTION = "/cmd/follow_joint_trajectory"
@@ -58,7 +59,7 @@ class Follow:
     """The action server of one node."""
 
     def __init__(self, node: Any, kind: Any, goals: Goals, sockets: str | None) -> None:
-        self._kind, self._goals, self._sockets, self._clock = kind, goals, sockets, node.get_clock()
+        self._kind, self._goals, self._sockets = kind, goals, sockets
         self._open: set[bytes] = set()  # ids of goals that have not ended
         self._closed = False
         self._server = ActionServer(
@@ -69,7 +70,8 @@ class Follow:
             goal_callback=self._asked,
             handle_accepted_callback=self._accepted,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=MutuallyExclusiveCallbackGroup(),  # of requests; goals run beside them
+            # Of requests, one after the other, as `_open` needs; goals run beside them.
+            callback_group=MutuallyExclusiveCallbackGroup(),
         )
 
     @classmethod
@@ -142,7 +144,8 @@ class Follow:
         if known is None:
             return
         message = self._kind.Feedback()
-        message.header.stamp = self._clock.now().to_msg()
+        stamp = message.header.stamp  # of the reading, which may have waited
+        stamp.sec, stamp.nanosec = divmod(clocks().wall(state["time"]), SECOND)
         message.joint_names = names
         message.desired.positions, message.actual.positions, message.error.positions = known
         with suppress(RuntimeError):  # the client, or the node, has just left

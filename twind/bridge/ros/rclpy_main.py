@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Sequence
 
 from twind.bridge.ros.course import Course
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.rclpy_node import Rclpy
+from twind.bridge.ros.verb import tell
 from twind.ctl.stopping import told_to_stop
 
 
@@ -33,8 +33,3 @@ def main(words: Sequence[str]) -> int:
         )
         node.goals = course.orders.goal if options.commands else None
         return course.run()
-
-
-def tell(line: str) -> None:
-    """One line for whoever reads standard error."""
-    print(f"twindctl: {line}", file=sys.stderr, flush=True)

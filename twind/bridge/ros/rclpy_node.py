@@ -31,7 +31,7 @@ from twind.ros import STRING, decode
 WAKE = 0.25  # s after which the node's thread looks whether it is to end
 TOLD = 20  # troubles of one life of the node that are told
 UNKNOWN = "unknown"  # of the parameter, while no daemon says which mode it is in
-SPARE = 8  # threads beside one for each service: subscriptions, parameters, goals
+SPARE = 8  # threads beside one for each service and each topic that is read: parameters, goals
 
 
 def message_type(kind: str) -> Any:
@@ -73,7 +73,8 @@ class Rclpy:
     def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
         """Join the graph with these endpoints. Raises TransportError."""
         kinds = {kind: message_type(kind) for kind in _kinds(topics, services)}
-        graph = _Graph(self._discovery.domain, len(services) + SPARE, self._tell)
+        read = sum(not topic.out for topic in topics)
+        graph = _Graph(self._discovery.domain, len(services) + read + SPARE, self._tell)
         try:
             for topic in topics:
                 graph.add(topic, kinds[topic.kind], heard)
@@ -121,7 +122,6 @@ class _Graph:
         self._executor = MultiThreadedExecutor(num_threads=threads, context=self._context)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._spin, name="rclpy", daemon=True)
-        self._listening = MutuallyExclusiveCallbackGroup()
         self.publishers: dict[str, Any] = {}
         self.mode: ModeParameter | None = None
         self._follow: Follow | None = None
@@ -132,12 +132,16 @@ class _Graph:
         return self._thread.is_alive() and bool(self._context.ok())
 
     def add(self, topic: Topic, kind: Any, heard: Heard) -> None:
-        """Write or read a topic, its bytes as they are on the wire."""
+        """Write or read a topic, its bytes as they are on the wire.
+
+        What is read has a group for each topic, so that a stop waits neither for a trajectory that is looked
+        at nor for the parameters, where a change of mode waits for the daemon.
+        """
         if topic.out:
             self.publishers[topic.name] = self.node.create_publisher(kind, topic.name, quality(topic))
             return
         call = functools.partial(heard, topic)
-        group = self._listening  # not that of the parameters, where a change of mode waits for the daemon
+        group = MutuallyExclusiveCallbackGroup()
         self.node.create_subscription(kind, topic.name, call, quality(topic), callback_group=group, raw=True)
 
     def serve(self, service: Service, kind: Any, asked: Asked) -> None:
