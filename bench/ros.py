@@ -14,12 +14,12 @@ from typing import Any
 from bench.daemon import scratch
 from bench.harness import CannotTake, Figure, Key, Measurement, interleaved, medians, quantile, spread
 from bench.ros_zenoh import Part
+from tests.dds_domain import free_domain
 from twind.ros import JOINT_STATE, dds_type
 
 ROUNDS, SPAN = 5, 4.0  # s of each window
 RATES = {"ours": (100.0, 500.0), "idl": (500.0,)}
 START, ARRIVE = 10.0, 0.5  # s until the reader is there; s for the last messages
-DOMAIN = 173  # of nobody else, one hopes; the ports are said where it is somebody's
 SOURCE = Path(__file__).parents[1] / "tests" / "dds" / "fast_dds.cpp"
 _RECORD, _STAMP = struct.Struct("<QII"), struct.Struct("<iI")
 
@@ -35,9 +35,9 @@ def built(folder: Path) -> Path:
 
 
 @contextmanager
-def reader(program: Path, folder: Path) -> Iterator[Path]:
+def reader(program: Path, folder: Path, domain: int) -> Iterator[Path]:
     """The reader of joint states; the file of what it heard."""
-    words = (str(DOMAIN), "listen", str(folder), "rt/hw/joint_states", dds_type(JOINT_STATE))
+    words = (str(domain), "listen", str(folder), "rt/hw/joint_states", dds_type(JOINT_STATE))
     found = folder / "found"  # a file: what it finds of others is more than a pipe holds
     with found.open("wb") as output:
         process = subprocess.Popen([str(program), *words], stdin=subprocess.PIPE, stdout=output)
@@ -45,7 +45,7 @@ def reader(program: Path, folder: Path) -> Iterator[Path]:
         deadline = time.monotonic() + START
         while b"ready" not in found.read_bytes():
             if process.poll() is not None or time.monotonic() > deadline:
-                raise CannotTake(f"the reader did not start in domain {DOMAIN}")
+                raise CannotTake(f"the reader did not start in domain {domain}")
             time.sleep(0.01)
         yield folder / "samples"
     finally:
@@ -69,10 +69,10 @@ def take() -> Mapping[str, Figure]:
     if find_spec("cyclonedds") is None:
         raise CannotTake("cyclonedds is not installed")
     windows: dict[str, list[dict[str, Any]]] = {}
-    with scratch() as folder, reader(built(folder), folder) as samples:
+    with scratch() as folder, free_domain() as domain, reader(built(folder), folder, domain) as samples:
 
         def window(who: str, rate: float) -> float:
-            part = Part(who, str(DOMAIN), str(rate), module="bench.ros_parts")
+            part = Part(who, str(domain), str(rate), module="bench.ros_parts")
             try:
                 part.ask("1")  # warm: both know each other, the caches are filled
                 time.sleep(ARRIVE)

@@ -10,8 +10,10 @@ import subprocess
 import sys
 import threading
 import time
+import tomllib
 import xml.etree.ElementTree as xml
 from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
 
 import pytest
 from dds_domain import free_domain
@@ -22,6 +24,7 @@ from processes import until
 from twind.bridge.ros.dds import Dds
 from twind.bridge.ros.dds.config import configuration, participants
 from twind.bridge.ros.dds.ends import BLOCKING
+from twind.bridge.ros.dds.library import KNOWN
 from twind.bridge.ros.dds.loopback import keep_here, sockets
 from twind.bridge.ros.dds.names import GRAPH, dds_name, user_data
 from twind.bridge.ros.discovery import Discovery, Range
@@ -295,15 +298,24 @@ def test_messages_that_found_no_room_are_counted_and_told_ever_more_rarely(
     assert BLOCKING == 5_000_000
 
 
-def test_a_missing_or_unknown_library_is_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("version", ["11.0.2", "11.1.0", "12.0.0"])
+def test_a_missing_or_unknown_library_is_told_with_the_remedy(
+    monkeypatch: pytest.MonkeyPatch, version: str
+) -> None:
     node = Dds(Discovery(), print)
     with monkeypatch.context() as patch:
-        patch.setattr(importlib.metadata, "version", lambda _: "12.0.0")
-        with pytest.raises(TransportError, match=r"12\.0\.0 is installed, must be 11\.x: from a clone"):
+        patch.setattr(importlib.metadata, "version", lambda _: version)
+        with pytest.raises(TransportError, match=rf"{version} is installed, must be {KNOWN}: from a clone"):
             node.open((OUT,), (), nothing, nothing)
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(TransportError, match=r"cyclonedds is missing: from a clone: pip install '\.\[dds\]'"):
         node.open((OUT,), (), nothing, nothing)
+
+
+def test_what_is_installed_is_the_version_whose_layouts_are_known() -> None:
+    project = tomllib.loads(Path(__file__).parents[1].joinpath("pyproject.toml").read_text())
+    (wanted,) = project["project"]["optional-dependencies"]["dds"]
+    assert wanted.partition(";")[0] == f"cyclonedds=={KNOWN}"
 
 
 LEAVES = """

@@ -3,7 +3,7 @@
 The Python classes of `cyclonedds` are not used. They send the type's structure along in discovery, and Fast
 DDS 3 (Kilted and later) then matches only a peer with the very same hash of it, without a word: measured,
 0 of 400 messages. Without that information both sides match by the type's name, as ROS itself does.
-Layouts are those of cyclonedds 11: dds.h, dds_public_impl.h, dds_opcodes.h, ddsi_serdata.h.
+Layouts are those of cyclonedds 11.0.1: dds.h, dds_public_impl.h, dds_opcodes.h, ddsi_serdata.h.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 
 from twind.bridge.ros.transport import TransportError
 
-KNOWN = "11."  # versions whose layouts these are
+KNOWN = "11.0.1"  # the version whose layouts these are; they were compared with no other
 TIMEOUT = -10  # DDS_RETCODE_TIMEOUT
 _REMEDY = "from a clone: pip install '.[dds]'; or --backend zenoh, rclpy"
 
@@ -109,8 +109,8 @@ def load() -> ct.CDLL:
     if found is None or not found.submodule_search_locations:
         raise TransportError(f"dds: the package cyclonedds is missing: {_REMEDY}")
     version = importlib.metadata.version("cyclonedds")
-    if not version.startswith(KNOWN):
-        raise TransportError(f"dds: cyclonedds {version} is installed, must be {KNOWN}x: {_REMEDY}")
+    if version != KNOWN:
+        raise TransportError(f"dds: cyclonedds {version} is installed, must be {KNOWN}: {_REMEDY}")
     # Says where the library lies; the package itself takes 0.16 s of CPU to import.
     where = runpy.run_path(str(Path(found.submodule_search_locations[0], "__library__.py")))["library_path"]
     library = ct.CDLL(str(where))  # each call lets go of the interpreter's lock
