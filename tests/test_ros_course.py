@@ -191,6 +191,7 @@ def test_what_cannot_be_understood_is_told_and_the_rest_goes_on(
 def test_no_daemon_is_told_and_the_status_says_so(tmp_path: Path) -> None:
     with Run(tmp_path) as run:
         until(lambda: run.lines, 10.0, "it is told")
+        until(lambda: run.graph.words(STATUS)["bridge"]["error"], 10.0, "so is the graph")
         bridge = run.graph.words(STATUS)["bridge"]
         assert not bridge["daemon"] and "no daemon" in bridge["error"]
         assert "waiting for the daemon" in run.lines[0]

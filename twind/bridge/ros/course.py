@@ -237,7 +237,7 @@ class Course:
             "error": daemon or self._readings.wrong or self._wrong or None,
             "commands": self._commands and not self._denied and not self._over,
             "dropped": self._readings.dropped + self._news.dropped,
-            "undelivered": getattr(self._transport, "dropped", 0),
+            "undelivered": getattr(self._transport, "dropped", 0),  # DDS alone knows
             "driving": 0 if self._over else len(self.orders.driving),
         }
 
