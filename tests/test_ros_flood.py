@@ -133,7 +133,7 @@ def test_after_a_stop_of_somebody_else_nothing_begins_that_was_asked_for_before_
         until(lambda: graph.motion() == "active", 10.0, "the first of them moves")
         client.call("Cancel")
     for name in joints:
-        assert ended(graph, f"q {name}") in ("cancelled", "refused")
+        assert ended(graph, f"q {name}") in ("replaced", "cancelled", "refused")  # none arrives
     assert graph.motion() == "holding"
 
 
