@@ -8,89 +8,40 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import pytest
 import zenoh
 from processes import PATIENCE, until
 from ros_zenoh_peer import Peer
+from ros_zenoh_us import Us, joined
 from zenoh_router import Router
 
 from twind.bridge.ros.discovery import Discovery
 from twind.bridge.ros.endpoints import (
     DIAGNOSTICS,
-    GET_STATUS,
     HW_JOINTS,
     LATENCY,
     RESULTS,
     SERVICES,
-    SET_LIVE,
     STATUS,
     STOP,
-    TO_E_STOP,
-    TO_STOP,
     TOPICS,
     TRAJECTORY,
-    Service,
     Topic,
 )
 from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
 from twind.bridge.ros.zenoh import Zenoh
-from twind.bridge.ros.zenoh.attachment import Attachment, attachment
+from twind.bridge.ros.zenoh.attachment import attachment
 from twind.bridge.ros.zenoh.names import gid
 from twind.bridge.ros.zenoh.node import Writer
-from twind.ros import FLOATS, JOINT_TRAJECTORY, SET_BOOL, STRING, TRIGGER, JointStateBuffer, decode, encode
+from twind.ros import FLOATS, JOINT_TRAJECTORY, STRING, JointStateBuffer, decode, encode
 
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")
 pytestmark = pytest.mark.realtime
 QUIET = {"multicast": {"enabled": False}}
 JOINTS = [f"joint_{place}" for place in range(24)]
-
-
-class Us:
-    """Our node, and what came to it."""
-
-    def __init__(self, endpoint: str) -> None:
-        self.heard: list[tuple[Topic, bytes]] = []
-        self.asked: list[tuple[Service, bool | None]] = []
-        self.told: list[str] = []
-        self.hold = threading.Event()  # set: requests are answered
-        self.hold.set()
-        self.held = SET_LIVE  # whose requests wait for that
-        self.fails = False  # what comes and is asked for
-        self.node = Zenoh(Discovery(), self.told.append, endpoint)
-
-    def join(self) -> None:
-        self.node.open(TOPICS, SERVICES, self._hear, self._answer)
-
-    def say(self, topic: Topic, text: str) -> None:
-        self.node.publish(topic, encode(STRING, {"data": text}))
-
-    def _hear(self, topic: Topic, data: bytes) -> None:
-        self.heard.append((topic, data))
-        if self.fails:
-            raise OSError("a fault of ours")
-
-    def _answer(self, service: Service, data: bool | None) -> tuple[bool, str]:
-        self.asked.append((service, data))
-        if self.fails:
-            raise OSError("a fault of ours")
-        if service == self.held:
-            self.hold.wait(PATIENCE)
-        return data is not False, f"{service.name}: {data}"
-
-
-@contextmanager
-def joined(endpoint: str) -> Iterator[Us]:
-    us = Us(endpoint)
-    us.join()
-    try:
-        yield us
-    finally:
-        us.hold.set()
-        us.node.close()
 
 
 @pytest.fixture(scope="module")
@@ -219,97 +170,6 @@ def test_whatever_bytes_come_are_handed_on(us: Us, peer: Peer, data: str, beside
     assert us.heard == [(TRAJECTORY, bytes.fromhex(data))]
 
 
-def test_services_answer_with_what_is_said(us: Us, peer: Peer) -> None:
-    for data in (True, False):
-        answer = peer.ask("call", service=SET_LIVE.name, kind=SET_BOOL, request={"data": data})
-        assert (answer["success"], answer["message"]) == (data, f"/bridge/set_mode: {data}")
-    empty = {"structure_needs_at_least_one_member": 0}
-    answer = peer.ask("call", service=GET_STATUS.name, kind=TRIGGER, request=empty)
-    assert (answer["success"], answer["message"]) == (True, "/bridge/get_status: None")
-
-
-@pytest.mark.parametrize("labelled", [False, True])
-def test_a_reply_says_whose_request_it_answers_in_the_form_of_the_request(
-    us: Us, peer: Peer, labelled: bool
-) -> None:
-    asked = Attachment(77, 5, bytes(range(16)), labelled)
-    request = encode(f"{SET_BOOL}_Request", {"data": True}).hex()
-    told = peer.ask(
-        "query", service=SET_LIVE.name, kind=SET_BOOL, data=request, attachment=asked.pack().hex()
-    )
-    reply = attachment(bytes.fromhex(told["attachment"]))
-    assert (reply.number, reply.gid, reply.labelled) == (
-        77,
-        asked.gid,
-        labelled,
-    ) and reply.time_ns > asked.time_ns
-    assert decode(f"{SET_BOOL}_Response", bytes.fromhex(told["data"]))["success"]
-
-
-def test_a_request_that_cannot_be_read_asks_for_nothing_and_is_refused_in_words(us: Us, peer: Peer) -> None:
-    us.asked.clear()
-    beside = Attachment(1, 1, bytes(16)).pack().hex()
-    for data in ("", "00010000", "ffff000001", "00010000" + "01" * 20):
-        told = peer.ask("query", service=SET_LIVE.name, kind=SET_BOOL, data=data, attachment=beside)
-        answer = decode(f"{SET_BOOL}_Response", bytes.fromhex(told["data"]))
-        assert answer["success"] is False and answer["message"]
-    for wrong in (None, "00" * 33):
-        told = peer.ask("query", service=SET_LIVE.name, kind=SET_BOOL, data="0001000001", attachment=wrong)
-        assert "no attachment" in told["error"]
-    assert us.asked == []
-
-
-@pytest.mark.parametrize("service", [TO_STOP, TO_E_STOP])
-@pytest.mark.parametrize("beside", [None, "00" * 33, Attachment(1, 1, bytes(16)).pack().hex()])
-@pytest.mark.parametrize("data", ["", "00010000", "0007000000", "ff" * 40])
-def test_a_stop_is_a_stop_whatever_its_bytes(
-    us: Us, peer: Peer, service: Service, beside: str | None, data: str
-) -> None:
-    us.asked.clear()
-    told = peer.ask("query", service=service.name, kind=TRIGGER, data=data, attachment=beside)
-    assert us.asked == [(service, None)]
-    assert decode(f"{TRIGGER}_Response", bytes.fromhex(told["data"]))["success"]
-
-
-def test_a_second_e_stop_does_not_wait_behind_one_that_hangs(us: Us, router: Router) -> None:
-    us.hold.clear()
-    us.asked.clear()
-    us.held = TO_E_STOP
-    query = {"service": TO_E_STOP.name, "kind": TRIGGER, "data": "", "attachment": None}
-    with Peer(router.endpoint) as first, Peer(router.endpoint) as second:
-        asking = [
-            threading.Thread(target=lambda peer=peer: peer.ask("query", **query)) for peer in (first, second)
-        ]
-        for number, thread in enumerate(asking, 1):
-            thread.start()
-            try:
-                until(
-                    lambda number=number: len(us.asked) == number, PATIENCE, f"e-stop {number} is asked for"
-                )
-            except AssertionError:
-                us.hold.set()
-                raise
-        us.hold.set()
-        for thread in asking:
-            thread.join(PATIENCE)
-    us.held = SET_LIVE
-
-
-def test_a_fault_at_one_message_or_request_is_told_and_the_next_is_heard(us: Us, peer: Peer) -> None:
-    stop = {"service": TO_STOP.name, "kind": TRIGGER, "data": "", "attachment": None}
-    message = {"topic": TRAJECTORY.name, "kind": JOINT_TRAJECTORY, "data": "00010000", "attachment": None}
-    for fails in (True, False):
-        us.fails = fails
-        us.heard.clear()
-        peer.ask("raw", **message)
-        until(lambda: us.heard, PATIENCE, "the message comes")
-        for _ in range(5):  # whichever thread of those that answer stops
-            answer = decode(f"{TRIGGER}_Response", bytes.fromhex(peer.ask("query", **stop)["data"]))
-            assert answer["success"] is not fails and ("a fault of ours" in answer["message"]) is fails
-    assert f"zenoh: {TRAJECTORY.name}: a message was lost: OSError: a fault of ours" in us.told
-    assert f"zenoh: {TO_STOP.name}: OSError: a fault of ours" in us.told
-
-
 def test_what_is_too_long_gets_no_farther_and_what_follows_comes(us: Us, peer: Peer) -> None:
     us.heard.clear()
     for length in (LONGEST + 1, 20 * LONGEST, 4):
@@ -339,23 +199,6 @@ def test_messages_of_several_threads_go_out_in_the_order_of_their_numbers() -> N
     for thread in threads:
         thread.join()
     assert channel.sent == [1, 2, 3]
-
-
-def test_a_stop_does_not_wait_behind_a_service_that_takes_long(us: Us, router: Router) -> None:
-    us.hold.clear()
-    us.asked.clear()
-    with Peer(router.endpoint) as slow, Peer(router.endpoint) as quick:
-        until(lambda: quick.ask("endpoints", kind="SS"), PATIENCE, "services are seen")
-        waiting = threading.Thread(
-            target=lambda: slow.ask("call", service=SET_LIVE.name, kind=SET_BOOL, request={"data": True})
-        )
-        waiting.start()
-        until(lambda: us.asked, PATIENCE, "the slow one is asked")
-        empty = {"structure_needs_at_least_one_member": 0}
-        assert quick.ask("call", service=TO_E_STOP.name, kind=TRIGGER, request=empty)["success"]
-        assert waiting.is_alive()
-        us.hold.set()
-        waiting.join(PATIENCE)
 
 
 @pytest.mark.parametrize("labelled", [False, True])
