@@ -16,6 +16,7 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 import pytest
+import ros_peer
 from dds_domain import free_domain
 from hypothesis import given
 from hypothesis import strategies as st
@@ -68,6 +69,13 @@ def test_named_peers_are_asked_by_unicast() -> None:
     assert found.findtext(".//AllowMulticast") == "false"
     assert [each.get("address") for each in found.iter("Peer")] == ["127.0.0.1", "127.0.0.2", "127.0.0.3"]
     assert not list(found.iter("NetworkInterface"))
+
+
+def test_peers_are_never_given_up_and_this_machine_hears_of_us_each_second() -> None:
+    far = settings(Discovery(peers=("127.0.0.2",)))
+    for found, interval in ((settings(Discovery()), "1 s"), (far, None)):
+        assert found.findtext(".//InitialLocatorPruneDelay") == "inf"
+        assert found.findtext(".//SPDPInterval") == interval  # a network is not filled with questions
 
 
 def test_a_subnet_is_searched_by_multicast_and_a_users_own_configuration_counts() -> None:
@@ -357,3 +365,65 @@ def test_no_packet_leaves_this_machine_until_that_is_asked_for(reach: str, leave
         pytest.skip(f"this machine gives no network of its own: {done.stderr.strip()}")
     assert done.returncode == 0, done.stderr
     assert (int(done.stdout) > 0) is leaves
+
+
+SPEAKS = """
+import sys
+import time
+from twind.bridge.ros.dds import Dds
+from twind.bridge.ros.discovery import discovery
+from twind.bridge.ros.endpoints import STATUS, TOPICS
+from twind.ros import STRING, encode
+
+node = Dds(discovery({}), print)
+node.open(TOPICS, (), lambda topic, _: print(topic.name, flush=True), lambda *_: (False, ""))
+print("open", flush=True)
+for _ in range(400):
+    node.publish(STATUS, encode(STRING, {"data": "x"}))
+    time.sleep(0.05)
+node.close()
+"""
+USUAL = """
+import time
+import rclpy
+from std_msgs.msg import String
+
+rclpy.init()
+node, heard, end = rclpy.create_node("usual"), [], time.monotonic() + 15.0
+node.create_subscription(String, "/bridge/status", heard.append, 10)
+orders = node.create_publisher(String, "/bridge/set_mode_cmd", 10)
+while not (heard and orders.get_subscription_count()) and time.monotonic() < end:
+    rclpy.spin_once(node, timeout_sec=0.1)
+orders.publish(String(data="sim"))
+time.sleep(1.0)
+print(bool(heard), ("twind", "/") in node.get_node_names_and_namespaces(), flush=True)
+"""
+BOTH = """
+ip route add default dev d0 || exit 77
+"$1" -c "$2" >heard & speaks=$!
+until grep -q open heard; do kill -0 $speaks || exit 1; sleep 0.1; done
+sleep 1
+ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET "$3" -c "$4"
+kill $speaks; cat heard
+"""
+
+
+@pytest.mark.realtime  # two processes that have to find each other
+def test_a_ros_terminal_with_the_range_that_ros_has_by_itself_is_met(tmp_path: Path) -> None:
+    if shutil.which("unshare") is None or shutil.which("ip") is None:
+        pytest.skip("needs unshare and ip: a network of its own, with multicast")
+    both = ["sh", "-c", BOTH, "sh", sys.executable, SPEAKS, ros_peer.python(), USUAL]
+    environment = ros_peer.environment(tmp_path, 0)
+    del environment["FASTDDS_DEFAULT_PROFILES_FILE"], environment["ROS_AUTOMATIC_DISCOVERY_RANGE"]
+    done = subprocess.run(
+        ["unshare", "-rn", "sh", "-c", NETWORK, "sh", *both],
+        capture_output=True,
+        text=True,
+        timeout=90.0,
+        env=environment,
+        cwd=tmp_path,
+    )
+    if done.returncode and ("unshare" in done.stderr or done.returncode == 77):
+        pytest.skip(f"this machine gives no network of its own: {done.stderr.strip()}")
+    words = done.stdout.split()
+    assert words[:2] == ["True", "True"] and "/bridge/set_mode_cmd" in words, done.stdout + done.stderr

@@ -16,6 +16,10 @@ _LIMITS = (
     f"<Internal><MaxSampleSize>{LONGEST + 4096} B</MaxSampleSize>"
     "<WriterLingerDuration>20 ms</WriterLingerDuration></Internal>"
 )
+# ROS elsewhere on this machine, with its own range SUBNET, listens here but looks for others by multicast
+# alone: it is met when it hears of us. By default that is each 30 s, and in the end never again.
+_OFTEN = "<SPDPInterval>1 s</SPDPInterval>"
+_FOR_EVER = "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
 _LOOPBACK = f'<NetworkInterface address="{HERE}" multicast="false"/>'
 # Ports of a domain by RTPS 9.6.1: 250 for each, of which each participant has two, from the eleventh on.
 _FIRST_PORT, _PORTS, _FIRST, _EACH, _LAST_PORT = 7400, 250, 10, 2, 65535
@@ -41,6 +45,7 @@ def configuration(discovery: Discovery, own: str = "") -> str | None:
         last = participants(discovery.domain) - 1
         looking = "<ParticipantIndex>auto</ParticipantIndex>"
         looking += f"<MaxAutoParticipantIndex>{last}</MaxAutoParticipantIndex>{_peers(discovery)}"
+        looking += _FOR_EVER + (_OFTEN if discovery.local else "")
     ours = (
         '<CycloneDDS><Domain id="any">'
         f"<General>{general}</General><Discovery>{looking}</Discovery>{_LIMITS}"
