@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.bridge.uplink import contract
-from twind.bridge.uplink.contract import MOST, SMALL, question
+from twind.bridge.uplink.contract import HOLDER, MOST, SMALL, question
 from twind.bridge.zenoh.keys import ASKED, STOPS
 from twind.client import CallError
 
-METHODS = (*ASKED, *STOPS, "Lease", "Goal")
+METHODS = (*ASKED, *STOPS, "Check", "Lease", "Goal")
 GOAL = {"goal": "g", "lease": "l", "deadline": 1.5, "trajectory": {"joint_names": [], "points": []}}
 
 
@@ -42,6 +42,7 @@ def test_nothing_at_all_asks_what_needs_no_parameters() -> None:
         ("Goal", {key: value for key, value in GOAL.items() if key != "goal"}, "goal"),
         ("GetStatus", {"method": "Arm"}, "method"),
         ("EStop", {"level": 3}, "level"),
+        ("EStop", {"level": "nonsense"}, "level"),
     ],
 )
 def test_a_wrong_parameter_is_named(method: str, asked: dict[str, object], where: str) -> None:
@@ -62,6 +63,11 @@ def test_only_what_carries_a_trajectory_may_be_large() -> None:
     for method, most in (("Lease", SMALL), ("GetStatus", SMALL), ("Goal", MOST), ("Check", MOST)):
         with pytest.raises(CallError, match=f"{most + 1} bytes, bound {most}"):
             question(method, b" " * (most + 1))
+
+
+def test_a_holders_name_is_cut_before_anybody_keeps_or_tells_it() -> None:
+    said = json.dumps({"op": "acquire", "holder": "h" * 60_000}).encode()
+    assert question("Lease", said)["holder"] == "h" * HOLDER
 
 
 def test_a_finding_of_ours_has_the_fields_of_the_daemons() -> None:

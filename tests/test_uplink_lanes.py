@@ -36,10 +36,13 @@ def test_it_tends_to_its_things_after_each_job_and_without_any() -> None:
 
 
 def test_a_lane_that_hangs_does_not_keep_the_end_of_the_process() -> None:
-    lane, gate = Lane("settling"), threading.Event()
+    gate, last = threading.Event(), list[str]()
+    lane = Lane("settling", last=lambda: last.append(threading.current_thread().name))
     lane.put(gate.wait)
     lane.start()
     begun = time.monotonic()
     lane.stop(0.1)
     assert time.monotonic() - begun < 5.0
+    assert not last, "what ends it is for its own thread: another may be in the midst of it"
     gate.set()
+    until(lambda: last == ["settling"], 10.0, "it ends what it did")

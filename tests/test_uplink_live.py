@@ -2,8 +2,10 @@
 
 import json
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from doctor_world import way_to
 from processes import until
 from uplinked import JOINT, PATIENCE, Far, Place, Site, Uplink, ended, phases, site, up
 
+from twind.bridge.uplink.contract import MOST
 from twind.bridge.zenoh.keys import ASKED, STOPS
 from twind.client import Client
 from twind.protocol import CONTROL, load
@@ -100,10 +103,10 @@ def test_what_may_be_asked_is_answered_by_the_daemon_and_nothing_else_is(far: Fa
     assert far.ask("ask", "GetStatus")["status"]["mode"] == "sim"
     assert far.ask("ask", "GetRobot")["robot"]["name"] == "h24"
     point = {"positions": [30.0], "time_from_start": 1.0}
-    checked = far.ask("ask", "Check", trajectory={"joint_names": [JOINT], "points": [point]})
+    checked = far.ask("check", trajectory={"joint_names": [JOINT], "points": [point]})
     assert "POS_LIMIT" in {each["code"] for each in checked["verdict"]["refusals"]}
     others = set(load(CONTROL).methods) - set(ASKED) - set(STOPS)
-    assert {"Arm", "SetMode", "WriteRegister", "Setpoint", "SubmitTrajectory"} <= others
+    assert {"Check", "Arm", "SetMode", "WriteRegister", "Setpoint", "SubmitTrajectory"} <= others
     for method in others:
         assert far.ask("ask", method) == far.ask("stop", method) == {}, method
 
@@ -123,14 +126,16 @@ def test_one_at_a_time_has_the_lease_here_or_there(here: Site, far: Far) -> None
     assert first["holder"] == "first" and abs(first["now"] - time.monotonic()) < PATIENCE
     refused = far.lease("second")
     assert refused["error"].endswith("LeaseHeld") and refused["parameters"]["lease"]["holder"] == "first"
-    second = far.lease("second", take=True)
+    assert far.lease("second", take=True)["parameters"]["parameter"] == "deadline"
+    second = far.lease("second", take=True, deadline=refused["parameters"]["now"] + 1.0)
     assert findings(far.ask("lease", op="renew", lease=first["lease"])) == {"LEASE_MISSING"}
     assert findings(far.goal("late", first["lease"], 0.1, 1.0)) == {"LEASE_MISSING"}
     assert far.ask("lease", op="release", lease=second["lease"])["expires_in"] == 0.0
     with here.daemon.client() as client:
         client.call("AcquireLease")
         assert far.lease()["error"].endswith("LeaseHeld"), "somebody beside the robot has it"
-        assert far.lease(take=True)["holder"] == "test"
+        taken = far.lease(take=True, deadline=second["now"] + PATIENCE)
+        assert taken["error"].endswith("LeaseHeld"), "and nobody wrests it from him out of sight"
 
 
 def test_a_goal_runs_once_however_often_it_is_asked_and_says_what_became_of_it(far: Far) -> None:
@@ -189,26 +194,106 @@ def test_who_has_no_lease_stops_it_all_the_same(far: Far) -> None:
         until(lambda: phases(told)[-1:] == ["cancelled"], PATIENCE, f"stopped: {told}")
 
 
-def test_a_flood_of_questions_holds_up_no_stop_and_is_told_that_it_is_one(here: Site, far: Far) -> None:
+@contextmanager
+def flood(here: Site, data: bytes, *key: str) -> Iterator[list[int]]:
+    """Somebody asks that flat out until the end; how many were sent, and how many answered, errors too."""
+    count, stop = [0, 0], threading.Event()
+    peer = Far(Place(connect=(here.router.endpoint,)), here.far.robot)
+
+    def answered(reply: Any) -> None:
+        count[1] += 1
+
+    def ask() -> None:
+        while not stop.is_set():
+            for _ in range(40):
+                peer._session.get(peer.key(*key), answered, payload=data, timeout=PATIENCE)
+                count[0] += 1
+            stop.wait(0.02)
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    try:
+        until(lambda: count[1] > 200, PATIENCE, "it is a flood")
+        yield count
+    finally:
+        stop.set()
+        thread.join()
+        peer.close()
+
+
+GARBAGE = b'{"level":"nonsense","op":"steal"}'
+
+
+@pytest.mark.parametrize(
+    ("data", "key"),
+    [
+        (GARBAGE, "stop/EStop"),
+        (b"{}", "stop/EStop"),
+        (GARBAGE, "stop/Cancel"),
+        (b"{}", "stop/Cancel"),
+        (GARBAGE, "lease"),
+        (b"{}", "ask/GetStatus"),
+    ],
+)
+def test_no_flood_keeps_a_stop_from_the_robot_and_no_stop_is_told_to_come_later(
+    here: Site, far: Far, data: bytes, key: str
+) -> None:
+    try:
+        with flood(here, data, *key.split("/")):
+            for level in ("settle", "cut") * 3:
+                assert far.ask("stop", "EStop", reason="too much", level=level).get("state") == "estop"
+                assert far.ask("stop", "Cancel").get("state") == "estop"
+    finally:
+        with here.daemon.client() as client:
+            client.call("Reset")
+
+
+def test_no_flood_of_garbage_keeps_anybody_from_renewing_his_lease(here: Site, far: Far) -> None:
+    told = far.listen("goals", "unhurried")
+    with flood(here, GARBAGE, "lease"), far.holding() as lease:
+        assert far.goal("unhurried", lease, 0.25, 4.0).get("phase") == "accepted"
+        until(lambda: phases(told)[-1:] not in ([], ["running"]), PATIENCE, "it ends")
+    assert phases(told)[-1] == "succeeded"
+
+
+def test_a_flood_of_questions_is_told_that_it_is_one(far: Far) -> None:
     answers: list[Any] = []
     get, key = far._session.get, far.key("ask", "GetStatus")
     for _ in range(400):
         get(key, lambda reply: answers.append(bool(reply.ok)), payload=b"{}", timeout=PATIENCE)
-    assert far.ask("stop", "EStop", reason="too much")["state"] == "estop"
-    stopped_after = len(answers)
     until(lambda: len(answers) == 400, PATIENCE, "every question gets an answer")
-    assert stopped_after < 400 and answers.count(False) > 100 and answers.count(True) >= 64
-    with here.daemon.client() as client:
-        client.call("Reset")
+    assert answers.count(False) > 100 and answers.count(True) >= 64
 
 
-def test_who_only_looks_on_uses_up_no_goals_turn_by_asking_for_checks(far: Far) -> None:
+def test_what_is_too_large_is_refused_before_it_takes_our_memory(here: Site, far: Far) -> None:
+    before = memory(here.uplink)
+    for key, size in (("check", MOST + 1), ("ask/GetStatus", MOST), ("stop/EStop", MOST)):
+        for _ in range(20):
+            refused = far.ask(*key.split("/"), data=b" " * size)
+            assert f"{size} bytes, bound" in refused["parameters"]["message"], key
+    answers: list[Any] = []
+    for _ in range(40):
+        far._session.get(far.key("check"), answers.append, payload=b" " * MOST, timeout=PATIENCE)
+    until(lambda: len(answers) == 40, PATIENCE, "every question gets an answer")
+    assert far.ask("ask", "GetStatus")["status"]["mode"] == "sim"
+    grown = memory(here.uplink) - before
+    print(f"{grown >> 20} MB more, at most")
+    assert grown < 150 << 20, "the unit has 256 MB, and 64 are taken"
+
+
+def memory(uplink: Uplink) -> int:
+    """The most that it ever had, bytes."""
+    said = Path(f"/proc/{uplink.process.pid}/status").read_text()
+    return 1024 * int(said.partition("VmHWM:")[2].split()[0])
+
+
+def test_who_asks_for_checks_flat_out_uses_up_no_goals_turn(far: Far) -> None:
     """The daemon takes twenty trajectories a second of one peer, checks and goals alike: 20 checks flat out
     would have had the goals behind them refused."""
     answers: list[bool] = []
     point = {"positions": [0.1], "time_from_start": 1.0}
     payload = json.dumps({"trajectory": {"joint_names": [JOINT], "points": [point]}}).encode()
-    get, key = far._session.get, far.key("ask", "Check")
+    get, key = far._session.get, far.key("check")
     with far.holding() as lease:
         for number in range(20):
             for _ in range(5):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 from certificates import Authority
 from processes import Daemon, until
 from uplinked import PATIENCE, Far, Uplink, ended, phases, up
@@ -95,6 +96,7 @@ def test_who_is_listed_as_an_observer_sees_everything_and_commands_nothing(
         assert silent(far, "lease", op="acquire", holder="observer")
         assert silent(far, "goal", goal="g", lease="l", deadline=time.monotonic(), trajectory={})
         assert silent(far, "stop", "Cancel")
+        assert silent(far, "check", trajectory={})
         assert far.ask("stop", "EStop", level=3)["parameters"]["parameter"] == "level", "it gets there"
 
 
@@ -122,6 +124,58 @@ def test_a_robot_speaks_for_no_other(ground: Ground, daemon: Daemon, robot: Upli
             assert far.ask("ask", "GetStatus")["status"]["robot"] == "h24"
         _, out = false.end()
         assert json.loads(out)["lanes"]["asking"]["answered"] == 0, "what was asked went to the true one"
+
+
+# What a robot alone may say: where it is asked, and what it tells.
+ASKED_AT = ("lease", "goal", "check", "stop/Cancel", "stop/EStop", "ask/GetStatus")
+TOLD_AT = ("state/10", "news/events", "goals/mine")
+
+
+@pytest.mark.parametrize("subject", ["operator", "observer", OTHER])
+def test_nobody_but_the_robot_answers_or_tells_for_it(ground: Ground, robot: Uplink, subject: str) -> None:
+    """The liar says that it has all the answers, which a router prefers to who does not say so."""
+    seen: list[str] = []
+
+    def lie(query: zenoh.Query) -> None:
+        with query:
+            seen.append(str(query.key_expr))
+            query.reply(query.key_expr, b'{"state":"LIE","lease":"LIE","phase":"succeeded"}')
+
+    with (
+        open_now(ground.place(subject), PATIENCE) as liar,
+        closing(Far(ground.place("operator"), ROBOT)) as far,
+    ):
+        told = [far.listen(*each.split("/")) for each in TOLD_AT]
+        for each in (*ASKED_AT, "**"):
+            liar.declare_queryable(f"twind/{ROBOT}/{each}", lie, complete=True)
+        liar.liveliness().declare_token(f"twind/{ROBOT}/alive/0")  # whose number is the smallest has the name
+        liar.liveliness().declare_token("twind/nobody/alive")
+        until(lambda: told[0], PATIENCE, "what is told gets through")
+        for each in TOLD_AT:
+            liar.put(f"twind/{ROBOT}/{each}", b"LIE")
+        time.sleep(1.0)
+        for each in ASKED_AT:  # what is none is refused by the robot, and known by that
+            answer = far.ask(*each.split("/"), nonsense=True)
+            assert answer.get("error", "").endswith("InvalidParameter"), (each, answer)
+        assert far.ask("stop", "Cancel")["state"] == "disconnected"
+        assert seen == [] and not any(b"LIE" in heard for heard in told)
+        living = far._session.liveliness().get("twind/nobody/alive", timeout=2.0)
+        assert not any(reply.ok for reply in living)
+        assert robot.process.poll() is None, "nor is its name taken from it"
+
+
+def test_an_observer_asks_for_nothing_that_he_may_not_by_whatever_key(ground: Ground, robot: Uplink) -> None:
+    with open_now(ground.place("observer"), PATIENCE) as session:
+        for key in (
+            "twind/**",
+            "twind/*/stop/*",
+            "twind/*/lease",
+            f"twind/{ROBOT}/*",
+            f"twind/{ROBOT}/check",
+        ):
+            replies = session.get(key, payload=b"{}", timeout=1.5, target=zenoh.QueryTarget.ALL)
+            answered = {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+            assert answered == set(), key
 
 
 def test_nobody_comes_in_with_a_strangers_certificate_or_with_none(ground: Ground, tmp_path: Path) -> None:

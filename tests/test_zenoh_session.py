@@ -40,6 +40,19 @@ def test_what_others_on_the_way_can_read_is_named() -> None:
     assert session.readable(place) == ["tcp/far:1", "udp/0.0.0.0:2", "tcp/[::]:2"]
 
 
+def test_what_others_can_read_is_named_though_a_file_says_it(tmp_path: Path) -> None:
+    said = tmp_path / "z.json5"
+    said.write_text(
+        '{mode: "peer", connect: {endpoints: ["tcp/203.0.113.5:1", "tls/far:1"]},'
+        ' listen: {endpoints: {router: ["tcp/[::]:2"], peer: ["tcp/0.0.0.0:2", "tcp/[::1]:2"]}}}'
+    )
+    assert session.readable(Place(file=said)) == ["tcp/203.0.113.5:1", "tcp/[::]:2", "tcp/0.0.0.0:2"]
+    assert session.readable(Place(connect=("tls/near:1",), file=said)) == ["tcp/[::]:2", "tcp/0.0.0.0:2"]
+    said.write_text("{")
+    with pytest.raises(SessionError, match=r"z\.json5"):
+        session.readable(Place(file=said))
+
+
 def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_path: Path) -> None:
     said = tmp_path / "z.json5"
     said.write_text('{mode: "peer", connect: {endpoints: ["tcp/a:1"]}}')

@@ -76,6 +76,9 @@ class ToldLine:
         self.is_open = False
         self._answers.clear()
 
+    def cut(self) -> None:
+        self._daemon.dead = True
+
     def send(self, message: bytes, patience: float) -> None:
         del patience
         if not self._daemon.dead:

@@ -93,9 +93,9 @@ class Far:
         while self._open:
             self._open.pop().undeclare()
 
-    def lease(self, holder: str = "test", *, take: bool | None = None) -> dict[str, Any]:
-        """A grant, or the error."""
-        return self.ask("lease", op="acquire", holder=holder, take=take)
+    def lease(self, holder: str = "test", **more: Any) -> dict[str, Any]:
+        """A grant, or the error. `more`: take, deadline."""
+        return self.ask("lease", op="acquire", holder=holder, **more)
 
     @contextmanager
     def holding(self) -> Iterator[str]:
@@ -119,10 +119,10 @@ class Far:
     def goal(
         self, name: str, lease: str, to: float, seconds: float, *, ahead: float = 10.0, **more: Any
     ) -> dict[str, Any]:
-        """Send the knee somewhere within so long. The daemon's clock is this machine's."""
+        """Send the knee somewhere within so long. The robot's clock is this machine's."""
         point = {"positions": [to], "velocities": [0.0], "time_from_start": seconds}
         path = {"joint_names": [JOINT], "points": [point], **more}
-        deadline = time.monotonic() + ahead
+        deadline = time.clock_gettime(time.CLOCK_BOOTTIME) + ahead
         return self.ask("goal", goal=name, lease=lease, deadline=deadline, trajectory=path)
 
     def knee(self) -> float:

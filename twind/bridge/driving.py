@@ -25,7 +25,8 @@ LINGER = 0.5  # s after the last motion until the lease is given back
 LATE = 1.0  # s after which a motion is over that nobody performs any more, though its end was not heard
 EARLY = 64  # ends kept of motions that are not known yet: an end may be heard before the answer
 MOVING = ("active", "streaming")  # of `Status.motion`
-ENDS = ("succeeded", "cancelled", "replaced", "aborted")
+STOPPED = ("cancelled", "aborted")  # ends after which nobody's robot is where he thought
+ENDS = ("succeeded", "replaced", *STOPPED)
 LOST = "lost"  # our word for an end that nobody heard
 
 BROKEN = (
@@ -49,7 +50,7 @@ class _Motion:
 
 
 class Driving:
-    """`heard` and `driving` belong to any thread, all else to one.
+    """`heard`, `driving` and `cut` belong to any thread, all else to one.
 
     `held`: the lease was asked for by `hold`, and is still ours as far as we know.
     """
@@ -71,14 +72,14 @@ class Driving:
         with self._lock:
             return tuple(self._under)
 
-    def hold(self, *, take: bool = False) -> None:
-        """Have the lease, and keep it until `close`, whether anything moves or not. `take`: from anybody.
+    def hold(self) -> None:
+        """Have the lease, and keep it until `close`, whether anything moves or not.
 
         Raises ClientError: LeaseHeld by somebody else, NoDaemon.
         """
         client = self._connected(SOON)
         try:
-            client.call("AcquireLease", take=take or None)
+            client.call("AcquireLease")
         except ClientError:
             self.close()
             raise
@@ -138,6 +139,12 @@ class Driving:
             with contextlib.suppress(ClientError, RuntimeError):
                 self._client.call("ReleaseLease")
         self._lose()
+
+    def cut(self) -> None:
+        """Hang up though another thread waits for an answer: the lease ends, the daemon holds what moves."""
+        client = self._client
+        if client is not None:
+            client.cut()
 
     # ------------------------------------------------------------------------------------------ inside
 

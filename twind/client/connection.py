@@ -21,7 +21,7 @@ class Client:
 
     `path` is the folder of the sockets or a socket; `name` which of the two: `control` or `observe`. `line`,
     instead of both: what carries the messages. `timeout` is the longest wait for one answer, s. Not for
-    several threads at once.
+    several threads at once, but for `cut`.
     """
 
     def __init__(
@@ -63,6 +63,10 @@ class Client:
         """Hang up; a lease held by this connection lapses. The next call connects anew."""
         self._line.close()
         self._streaming, self._begun = False, ""
+
+    def cut(self) -> None:
+        """Break the connection, from any thread: a call that waits raises Disconnected, a lease lapses."""
+        self._line.cut()
 
     # ------------------------------------------------------------------------------------------ calls
 

@@ -1,5 +1,6 @@
 """What carries a client's messages: the daemon's socket, or what else leads to one. Standard library only."""
 
+import contextlib
 import socket
 import struct
 import time
@@ -14,7 +15,7 @@ LONGEST = 64 << 20  # bytes of one message
 class Line(Protocol):
     """Whole messages of the interface, to one daemon and back, as bytes without the NUL at their end.
 
-    Opened and closed any number of times. Not for several threads at once.
+    Opened and closed any number of times. Not for several threads at once, but for `cut`.
     """
 
     where: str  # which daemon, for people
@@ -28,6 +29,9 @@ class Line(Protocol):
 
     def close(self) -> None:
         """Hang up; what has come and was not taken is forgotten. May be called twice."""
+
+    def cut(self) -> None:
+        """Break it, from any thread: who waits hears that the other side hung up, and then closes it."""
 
     def send(self, message: bytes, patience: float) -> None:
         """Hand a message over. Raises TimeoutError: nobody takes it. That it arrives nobody promises."""
@@ -75,6 +79,13 @@ class SocketLine:
             self._socket.close()
         self._socket = None
         self._buffer.clear()
+
+    def cut(self) -> None:
+        """Break it, from any thread."""
+        sock = self._socket
+        if sock is not None:
+            with contextlib.suppress(OSError):  # it ended by itself
+                sock.shutdown(socket.SHUT_RDWR)
 
     def send(self, message: bytes, patience: float) -> None:
         """Raises TimeoutError. One that hung up is no error yet: what it said before that explains why."""

@@ -22,7 +22,7 @@ from twind.bridge.fleet.inbox import Inbox
 from twind.bridge.fleet.news import Thinned, keys
 from twind.bridge.fleet.reach import Reach
 from twind.bridge.fleet.stop import Stop
-from twind.bridge.zenoh.keys import ASKED, STOPS, robot_key
+from twind.bridge.zenoh.keys import ASKED, LEASE_S, STOPS, robot_key
 from twind.client import Disconnected, NoDaemon, NotCarried
 
 FOUND = 2.0  # s within which a robot that is there is found
@@ -90,6 +90,10 @@ class FarLine:
                 released.wait(PARTING)
         self._forget(reach)
 
+    def cut(self) -> None:
+        """Nothing comes any more, for whoever waits in another thread."""
+        self._inbox.end(f"{self.where}: hung up")
+
     def _forget(self, reach: Reach) -> None:
         if self._errand is not None:
             self._errand.close()
@@ -145,6 +149,8 @@ class FarLine:
         """How a call is made. Raises NotCarried."""
         if method in ASKED:
             return partial(self._ask, ("ask", method))
+        if method == "Check":
+            return partial(self._ask, ("check",))
         if method in _LEASE:
             return partial(_LEASE[method], self)
         if method in _STREAMS and more:
@@ -168,20 +174,34 @@ class FarLine:
     def _acquire(self, parameters: Parameters, patience: float) -> None:
         assert self._reach is not None
         inbox, reach = self._inbox, self._reach
-        what = {"op": "acquire", "holder": holder(), **parameters}
+        what = {"op": "acquire", "holder": holder()}
+
+        def answered(message: bytes) -> None:
+            """Held by another, who tells the robot's clock: only by that is it taken, and never later."""
+            now = _held_at(message) if parameters.get("take") else None
+            if now is None:
+                granted(message)
+                return
+            taking = what | {"take": True, "deadline": now + LEASE_S}
+            with suppress(Disconnected):  # closed meanwhile
+                reach.ask(("lease",), taking, patience, granted, lambda: inbox.answer(message))
 
         def granted(message: bytes) -> None:
             came = time.monotonic()
             try:
-                grant = json.loads(message)["parameters"]
+                said = json.loads(message)
+                if "error" in said:  # LeaseHeld has a lease and a clock as well
+                    inbox.answer(message)
+                    return
+                grant = said["parameters"]
                 self._hold = Hold(reach, grant, came)
             except (ValueError, KeyError, TypeError):
-                inbox.answer(message)  # the refusal
+                inbox.answer(message)  # whoever asked says that it is none
             else:
                 told = {"holder": grant.get("holder"), "expires_in": grant.get("expires_in")}
                 inbox.answer(json.dumps({"parameters": {"lease": told}}).encode())
 
-        self._ask(("lease",), what, patience, granted)
+        self._ask(("lease",), what, patience, answered)
 
     def _release(self, _parameters: Parameters, patience: float) -> None:
         hold, self._hold = self._hold, None
@@ -224,6 +244,16 @@ def holder() -> str:
         return f"{getpass.getuser()}@{socket.gethostname()}"
     except (KeyError, OSError):  # a user without a name
         return socket.gethostname()
+
+
+def _held_at(message: bytes) -> float | None:
+    """When another had the lease, s of the robot's clock; None: this says no such thing."""
+    try:
+        told = json.loads(message)
+        held = str(told.get("error")).endswith(".LeaseHeld")
+        return float(told["parameters"]["now"]) if held else None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
 
 
 def _release(hold: Hold) -> tuple[tuple[str, ...], Parameters]:

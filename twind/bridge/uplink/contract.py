@@ -12,14 +12,22 @@ from twind.protocol.strict import BadJson, loads
 UPLINK = "io.twind.Uplink"
 MOST = 4 << 20  # bytes of a trajectory's question, as the daemon's
 SMALL = 64 << 10  # of any other
+HOLDER = 80  # characters of a holder's name that are kept
 CARRIERS = frozenset({"Check", "Goal"})  # of trajectories
 
 INTERFACE = parse("""
 interface io.twind.Uplink
 
-# op: acquire (holder: who, for people; take: from whoever has it), renew and release (lease: as granted).
+# op: acquire (holder: who, for people), renew and release (lease: as granted).
+# take: from who has it from afar, until deadline (as a goal's), for nobody is to wrest it out of a queue.
 # now: the robot's clock, s. Without a renewal it lapses after expires_in s, and the motion is let go.
-method Lease(op: (acquire, renew, release), holder: ?string, take: ?bool, lease: ?string) -> (
+method Lease(
+  op: (acquire, renew, release),
+  holder: ?string,
+  take: ?bool,
+  deadline: ?float,
+  lease: ?string
+) -> (
   lease: string,
   holder: string,
   expires_in: float,
@@ -27,14 +35,18 @@ method Lease(op: (acquire, renew, release), holder: ?string, take: ?bool, lease:
 )
 
 # goal: a name, used once. deadline: until when it may be accepted, s of the robot's clock, <= 60 s ahead.
-# Asked again with the same goal and lease it answers what is known by now, and moves nothing.
-method Goal(goal: string, lease: string, deadline: float, trajectory: object) -> (
+# Asked again with the same goal and lease it answers what is known by now, and moves nothing: so does
+# who asks without deadline and trajectory.
+method Goal(goal: string, lease: string, deadline: ?float, trajectory: ?object) -> (
   id: string,
   phase: string,
   progress: float,
   verdict: ?object,
   findings: ?[]object
 )
+
+# As the daemon's; what is neither level is refused here already.
+method EStop(level: ?(settle, cut), reason: ?string) -> (state: string, torque_off: ?bool, done: bool)
 
 # The uplink has no daemon to ask, or may not.
 error NoDaemon (message: string)
@@ -44,9 +56,7 @@ _METHODS = load(CONTROL).methods | INTERFACE.methods
 
 def question(method: str, data: bytes) -> dict[str, Any]:
     """Parameters of `method`, one of CONTROL's or ours. Raises CallError: they are none."""
-    bound = MOST if method in CARRIERS else SMALL
-    if len(data) > bound:
-        raise invalid("parameters", f"{len(data)} bytes, bound {bound}")
+    fits(method, len(data))
     try:
         asked: dict[str, Any] = loads(data) if data else {}
         _METHODS[method].parameters.check(asked, "")
@@ -54,7 +64,17 @@ def question(method: str, data: bytes) -> dict[str, Any]:
         raise invalid("parameters", str(error)) from None
     except WrongParameter as error:
         raise invalid(error.where or "parameters", error.reason) from None
-    return {key: value for key, value in asked.items() if value is not None}
+    asked = {key: value for key, value in asked.items() if value is not None}
+    if "holder" in asked:
+        asked["holder"] = asked["holder"][:HOLDER]
+    return asked
+
+
+def fits(method: str, size: int) -> None:
+    """Nothing, if a question of `method` may have `size` bytes. Raises CallError."""
+    bound = MOST if method in CARRIERS else SMALL
+    if size > bound:
+        raise invalid("parameters", f"{size} bytes, bound {bound}")
 
 
 def invalid(parameter: str, message: str) -> CallError:

@@ -1,8 +1,8 @@
 """One robot's uplink while it runs: what is told, what is asked, who commands.
 
 Threads: a tap for each connection of the daemon that tells (`telling.py`), a lane for each kind of question
-(`lanes.py`), so that a stop waits for nothing but its like; and those of the engine, in which nothing of ours
-waits for anything.
+(`lanes.py`), one for each kind of stop, which waits for nothing but the stop before it (`together.py`); and
+those of the engine, in which nothing of ours waits for anything.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from typing import Any
 import zenoh
 
 from twind.bridge.driving import Driving
-from twind.bridge.uplink.contract import question
-from twind.bridge.uplink.door import JSON, Door, encoded
+from twind.bridge.uplink.door import JSON, Door, Question, Serve, Take, encoded
 from twind.bridge.uplink.lanes import Lane
 from twind.bridge.uplink.name import robot_name
 from twind.bridge.uplink.plans import Plans
@@ -27,15 +26,16 @@ from twind.bridge.uplink.presence import Presence
 from twind.bridge.uplink.reins import PERIOD, Reins
 from twind.bridge.uplink.telling import Tap
 from twind.bridge.uplink.tenancy import Tenancy
+from twind.bridge.uplink.together import Together
 from twind.bridge.zenoh.keys import ASKED, RATES, TOPICS, robot_key
-from twind.client import CallError, Client, ClientError, NoDaemon
+from twind.client import Client, ClientError, NoDaemon
 from twind.client.once import Once
 from twind.ctl.verb import connected, observer, operator
 
-FULL = 1000.0  # Hz: the daemon gives at most the loop's rate
-OFTEN = "latency"  # told where somebody listens; all other topics are followed all the time
-THOUGHT = 0.2  # s between two checks: the daemon counts them and goals together, and all as ours
-FEW = 8  # questions with a trajectory that may wait: they are large
+FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate
+ON_DEMAND = "latency"  # told where somebody listens; all other topics are followed all the time
+CHECK_PERIOD = 0.2  # s between two checks: the daemon counts them and goals together, and all as ours
+LARGE_WAITING = 8  # questions with a trajectory that may wait: up to 4 MB each
 PATIENCE, SLOW = 5.0, 35.0  # s for an answer of the daemon; for a stop, or a check while the model loads
 AGAIN = 0.5  # s between two attempts to reach it
 END = 1.0  # s at the end for what is under way
@@ -58,7 +58,7 @@ class Uplink:
         self._renamed = False
         self._plans, self._tenancy = Plans(), Tenancy()
         self._driving = Driving(partial(operator, options))
-        self._reins = Reins(self._driving, self._tenancy, self._plans, self._publish, tell, time.monotonic)
+        self._reins = Reins(self._driving, self._tenancy, self._plans, self._publish, tell)
         self._presence = Presence(session, robot)
         self._taps = self._made_taps()
         self._door = Door(session, robot, tell)
@@ -90,7 +90,6 @@ class Uplink:
         deadline = time.monotonic() + END
         for lane in self._lanes:
             lane.stop(max(0.0, deadline - time.monotonic()))
-        self._reins.close()
         for tap in self._taps:
             tap.join(max(0.0, deadline - time.monotonic()))
         self._presence.close()
@@ -103,14 +102,14 @@ class Uplink:
 
     def _made_taps(self) -> list[Tap]:
         connect = partial(observer, self._options)
-        rare = [topic for topic in TOPICS if topic != OFTEN]
+        rare = [topic for topic in TOPICS if topic != ON_DEMAND]
         news = Tap(connect, rare, None, always=True, began=self._began, hear=self._hear, ended=self._ended)
-        often = Tap(connect, [OFTEN], None)
+        often = Tap(connect, [ON_DEMAND], None)
         for topic in TOPICS:
-            (often if topic == OFTEN else news).lead(self._session, self.robot, topic, "news", topic)
+            (often if topic == ON_DEMAND else news).lead(self._session, self.robot, topic, "news", topic)
         states = []
         for rate in RATES:
-            state = Tap(connect, ["state"], FULL if rate == "full" else float(rate))
+            state = Tap(connect, ["state"], FASTEST if rate == "full" else float(rate))
             state.lead(self._session, self.robot, "state", "state", rate)
             states.append(state)
         return [news, often, *states]
@@ -142,43 +141,62 @@ class Uplink:
 
     def _hear(self, topic: str, data: bytes) -> None:
         if topic in ("events", "status"):
-            self._driving.heard(json.loads(data)["parameters"])
+            self._reins.heard(json.loads(data)["parameters"])
         elif topic == "trajectories":
             self._plans.heard(json.loads(data)["parameters"])
 
     # ------------------------------------------------------------------------------------------ answering
 
-    def _opened_lanes(self) -> list[Lane]:
+    def _opened_lanes(self) -> list[Lane | Together]:
         door = self._door
-        asking, cancelling = Lane("asking"), Lane("cancelling")
-        checking = Lane("checking", length=FEW, pace=THOUGHT)
-        settling, cutting, leases = Lane("settling"), Lane("cutting"), Lane("leases")
-        goals = Lane("goals", length=FEW, tend=self._reins.tend, period=PERIOD)
-        for method in ASKED:
-            lane, patience = (checking, SLOW) if method == "Check" else (asking, PATIENCE)
-            door.open(lane, partial(self._relayed, method, patience), "ask", method)
-        door.open(cancelling, partial(self._relayed, "Cancel", PATIENCE), "stop", "Cancel")
-        # A settling may last, and a cut must not wait for it. Either lane does both.
-        estop = partial(self._relayed, "EStop", SLOW)
-        door.open(lambda data: cutting if b'"cut"' in data else settling, estop, "stop", "EStop")
-        # A renewal must not wait while a goal is judged.
-        door.open(lambda data: leases if _renews(data) else goals, self._lease, "lease")
-        door.open(goals, lambda data: self._reins.goal(question("Goal", data)), "goal")
-        return [asking, checking, cancelling, settling, cutting, leases, goals]
+        # A settling may last, and a cut must not wait for it.
+        stops = [Together(name, partial(self._stopped, "EStop", SLOW)) for name in ("settling", "cutting")]
+        cancelling = Together("cancelling", partial(self._stopped, "Cancel", PATIENCE))
+        asking, checking = Lane("asking"), Lane("checking", length=LARGE_WAITING, pace=CHECK_PERIOD)
+        goals = Lane(
+            "goals", length=LARGE_WAITING, tend=self._reins.tend, period=PERIOD, last=self._reins.close
+        )
 
-    def _relayed(self, method: str, patience: float, data: bytes) -> dict[str, Any]:
+        def goal(one: Question) -> bool:
+            came = time.monotonic()
+            return goals.put(lambda: one.answer(lambda asked: self._reins.goal(asked, came)))
+
+        def lease(one: Question) -> bool:
+            if one.asked["op"] == "renew":  # asks nothing of the daemon, and waits for nothing
+                one.answer(self._reins.renew)
+                return True
+            return goals.put(lambda: one.answer(self._reins.lease))
+
+        door.open("EStop", lambda one: stops[one.asked.get("level") == "cut"].put(one), "stop", "EStop")
+        door.open("Cancel", cancelling.put, "stop", "Cancel")
+        door.open("Lease", lease, "lease")
+        door.open("Goal", goal, "goal")
+        door.open("Check", _within(checking, partial(self._relayed, "Check", SLOW)), "check")
+        for method in ASKED:
+            door.open(method, _within(asking, partial(self._relayed, method, PATIENCE)), "ask", method)
+        return [
+            *stops,
+            cancelling,
+            asking,
+            checking,
+            goals,
+            Lane("watching", tend=self._reins.watch, period=PERIOD),
+        ]
+
+    def _relayed(self, method: str, patience: float, asked: dict[str, Any]) -> dict[str, Any]:
         """The daemon's answer. Raises ClientError."""
-        asked = question(method, data)
         names = ("control",) if method in ("Check", "Cancel") else ("observe", "control")
         with connected(self._options, *names) as client:
             client.timeout = patience
             return client.call(method, **asked)
 
-    def _lease(self, data: bytes) -> dict[str, Any]:
-        asked = question("Lease", data)
-        if asked["op"] == "renew":
-            return self._tenancy.renew(asked.get("lease", ""), time.monotonic())
-        return self._reins.lease(asked)
+    def _stopped(self, method: str, patience: float, asked: dict[str, Any]) -> dict[str, Any]:
+        """The same of a stop: no goal that was here before its answer begins after it. Raises ClientError."""
+        self._reins.stopped(time.monotonic())
+        try:
+            return self._relayed(method, patience, asked)
+        finally:
+            self._reins.stopped(time.monotonic())
 
     def _publish(self, goal: str, answer: dict[str, Any]) -> None:
         self._session.put(
@@ -191,12 +209,9 @@ class Uplink:
         )
 
 
-def _renews(data: bytes) -> bool:
-    """A renewal, or nothing that could be asked: neither asks anything of the daemon."""
-    try:
-        return bool(question("Lease", data)["op"] == "renew")
-    except CallError:
-        return True
+def _within(lane: Lane, serve: Serve) -> Take:
+    """Answered in its turn."""
+    return lambda one: lane.put(lambda: one.answer(serve))
 
 
 def asked_name(client: Client) -> str:

@@ -31,6 +31,14 @@ class Goal:
         return self.answer
 
 
+def in_time(deadline: float, now: float) -> None:
+    """Nothing, if it may still begin. Raises CallError: too late, or too far ahead."""
+    if not now <= deadline:
+        raise refused("CMD_EXPIRED", "it came after its deadline", now - deadline, 0.0)
+    if not deadline - now <= AHEAD:
+        raise invalid("deadline", f"{deadline - now:.1f} s ahead; at most {AHEAD:g}")
+
+
 class Goals:
     """All that may still be asked about. What was ended is forgotten once its deadline is past: by then the
     same message can move nothing, however late it comes."""
@@ -50,10 +58,7 @@ class Goals:
 
     def begin(self, name: str, lease: str, deadline: float, now: float) -> Goal:
         """A new one. Raises CallError: too late, too far ahead, or too many."""
-        if not now <= deadline:
-            raise refused("CMD_EXPIRED", "the goal came after its deadline", now - deadline, 0.0)
-        if not deadline - now <= AHEAD:
-            raise invalid("deadline", f"{deadline - now:.1f} s ahead; at most {AHEAD:g}")
+        in_time(deadline, now)
         if len(self._goals) >= MOST:
             self._forget(now)
         if len(self._goals) >= MOST:

@@ -17,7 +17,7 @@ Job = Callable[[], None]
 
 
 class Lane:
-    """Jobs must not raise. `tend` is called after each, and each `period` s at least."""
+    """Jobs must not raise. `tend` is called after each, and each `period` s at least; `last` at its end."""
 
     def __init__(
         self,
@@ -27,10 +27,11 @@ class Lane:
         pace: float = PACE,
         tend: Job | None = None,
         period: float | None = None,
+        last: Job | None = None,
     ) -> None:
         """`length`: jobs that may wait. `pace`: s between two at least."""
         self._jobs: queue.Queue[Job | None] = queue.Queue(length)
-        self._pace, self._tend, self._period = pace, tend, period
+        self._pace, self._tend, self._period, self._last = pace, tend, period, last
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self.name, self.done, self.full = name, 0, 0
@@ -69,3 +70,5 @@ class Lane:
                 self._tend()
             if job is not None:
                 self._stop.wait(self._pace)
+        if self._last is not None:
+            self._last()

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-LONGEST = 64  # characters of a chunk of a key
+from twind.bridge.zenoh.keys import LONGEST
 
 
 def robot_name(status: Mapping[str, Any], parameters: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 from twind.bridge.uplink.contract import held, refused
 from twind.bridge.zenoh.keys import LEASE_S
+from twind.client.errors import CallError
 from twind.safety.lease import Lease
 
 HOLDER = 80  # characters of a holder's name that are kept
@@ -76,7 +77,7 @@ class Tenancy:
             return {"lease": self._token, "holder": holder, "expires_in": left, "now": now}
 
 
-def missing() -> Any:
+def missing() -> CallError:
     """The refusal of whoever does not have the lease."""
     message = f"this lease is not held: it lapses {LEASE_S:g} s after its last renewal, and may be taken"
     return refused("LEASE_MISSING", message)

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import Any
 
+from twind.bridge.uplink.saying import Saying
 from twind.bridge.zenoh import session as zenoh_session
 from twind.bridge.zenoh.keys import chunk
 from twind.bridge.zenoh.session import Place
@@ -25,6 +26,7 @@ from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import DONE, Rejected, UsageError, harmless, show
 
 LOOK = 0.2  # s between two looks whether it can go on
+AGAIN = 1.0  # s until it goes on by another name
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,6 +58,7 @@ def run(options: argparse.Namespace) -> int:
         tally: dict[str, Any] = {}
         while not stop.is_set():
             tally = _joined(options, place, stop) or tally
+            stop.wait(AGAIN)
     show(options, tally, _text(tally))
     return DONE
 
@@ -105,5 +108,4 @@ def _text(tally: dict[str, Any]) -> str:
     return f"answered: {', '.join(said) or 'nothing'}" + (f"; no room for {full}" if full else "")
 
 
-def _tell(line: str) -> None:
-    print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True)
+_tell = Saying(lambda line: print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True), time.monotonic)

@@ -5,8 +5,10 @@ twind/ROBOT/alive/SESSION  the same, of each session: by it two of one name know
 twind/ROBOT/state/RATE     Monitor's messages of the topic state, so many a second (full: all)
 twind/ROBOT/news/TOPIC     Monitor's messages of the other topics
 twind/ROBOT/ask/METHOD     query -> answer; reading methods, for every observer
+twind/ROBOT/check          query -> Check's answer, for operators: it is judged as their goals are
 twind/ROBOT/stop/METHOD    query -> answer; Cancel and EStop: no lease, never refused by us
-twind/ROBOT/lease          query {"op": acquire, "holder", "take"?} or {"op": renew|release, "lease"} -> Grant
+twind/ROBOT/lease          query {"op": acquire, "holder", "take"?, "deadline"?} -> Grant
+                           or {"op": renew|release, "lease"} -> Grant
 twind/ROBOT/goal           query {"goal", "lease", "deadline", "trajectory"} -> {"id", "phase", "progress", …}
 twind/ROBOT/goals/GOAL     what became of it: answers of SubmitTrajectory, {"phase", "progress", …}
 
@@ -21,10 +23,11 @@ import re
 ROOT = "twind"
 RATES = ("1", "10", "30", "full")  # Hz
 TOPICS = ("status", "latency", "events", "verdicts", "trajectories", "stream")
-ASKED = ("GetStatus", "GetRobot", "Check", "GetParameters")
+ASKED = ("GetStatus", "GetRobot", "GetParameters")
 STOPS = ("Cancel", "EStop")
 LEASE_S = 1.0  # s that a lease from afar lives without being renewed
-_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+LONGEST = 64  # characters of a name
+_NAME = re.compile(rf"[A-Za-z0-9_.-]{{1,{LONGEST}}}")
 
 
 def robot_key(robot: str, *parts: str) -> str:
@@ -36,14 +39,14 @@ def chunk(what: str, name: str) -> str:
     """`name`, if it can be one chunk of a key. Raises ValueError."""
     if _NAME.fullmatch(name) is None or name.startswith("."):
         raise ValueError(
-            f"{what} {name[:80]!r}: must be 1 to 64 of A-Z a-z 0-9 _ . -, and not begin with a dot"
+            f"{what} {name[:80]!r}: must be 1 to {LONGEST} of A-Z a-z 0-9 _ . -, and not begin with a dot"
         )
     return name
 
 
 def robot_of(key: str) -> str:
-    """Whose key it is. Raises ValueError: none of ours."""
+    """Whose key it is. Raises ValueError: none of ours, or of a name that no robot may have."""
     parts = key.split("/")
     if len(parts) < 3 or parts[0] != ROOT:
-        raise ValueError(f"key {key!r} is none of twind's")
-    return parts[1]
+        raise ValueError(f"key {key[:80]!r} is none of twind's")
+    return chunk("robot", parts[1])

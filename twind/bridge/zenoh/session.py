@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LOCAL = "tcp/127.0.0.1:7447"  # where a router of this machine listens
 VARIABLE = "TWIND_ZENOH"  # endpoints by commas, or the path of a configuration file
 FILES = (".json5", ".json", ".yaml", ".yml")
-LARGEST = 16 << 20  # bytes of one message; what is larger never fills our memory
+LARGEST = 5 << 20  # bytes of one message, a trajectory's and a little; what is larger never fills our memory
 TRY = 1.0  # s for one attempt to connect, and between two
 SEALED = ("tls", "quic", "unixsock-stream")  # links that nobody on the way can read
 MISSING = (
@@ -86,8 +86,13 @@ def named(text: str) -> Place:
 
 
 def readable(place: Place) -> list[str]:
-    """Endpoints of which others on the way can read, and send, all there is."""
-    return [each for each in (*place.connect, *place.listen) if not (_sealed(each) or _here(each))]
+    """Endpoints, also of its file, of which others on the way can read, and send, all there is.
+
+    Raises SessionError: the place itself is wrong.
+    """
+    made = _configuration(place, TRY)
+    said = [each for key in ("connect", "listen") for each in _endpoints(_get(made, f"{key}/endpoints"))]
+    return [each for each in said if not (_sealed(each) or here(each))]
 
 
 def opened(place: Place, stop: threading.Event, tell: Callable[[str], None]) -> zenoh.Session | None:
@@ -153,6 +158,12 @@ def _get(configuration: zenoh.Config, key: str) -> Any:
     return json.loads(configuration.get_json(key))
 
 
+def _endpoints(said: Any) -> list[str]:
+    """For every mode, or by mode."""
+    listed = said if isinstance(said, list) else [each for some in said.values() for each in some]
+    return [str(each) for each in dict.fromkeys(listed)]
+
+
 def _put(configuration: zenoh.Config, key: str, value: Any) -> None:
     try:
         configuration.insert_json5(key, json.dumps(value))
@@ -178,7 +189,7 @@ def _sealed(endpoint: str) -> bool:
     return endpoint.partition("/")[0] in SEALED
 
 
-def _here(endpoint: str) -> bool:
+def here(endpoint: str) -> bool:
     """A host of this machine alone."""
     host = endpoint.partition("/")[2].partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
     try:
