@@ -46,8 +46,9 @@ SIDE_BY_SIDE = """
     recorder register_verb reload_live remote_live replug robot ros_course ros_dds ros_dds_live ros_flood
     ros_live ros_zenoh ros_zenoh_live ros_zenoh_services scan_verb service service_files stream_camera
     stream_ingest stream_keeping stream_live stream_sender streams uplink_lanes uplink_live uplink_lost
-    uplink_secret view_door view_fleet view_fleet_live view_news view_operate view_stops virtual_can_clients
-    virtual_child virtual_clients virtual_main virtual_serve virtual_servos wiggle_verb zenoh_session
+    uplink_secret uplink_together view_door view_fleet view_fleet_live view_news view_operate view_stops
+    virtual_can_clients virtual_child virtual_clients virtual_main virtual_serve virtual_servos wiggle_verb
+    zenoh_session
 """
 
 # Whose claims are no reaction of a robot within milliseconds: one at a time, and beside it only computing
