@@ -20,7 +20,7 @@ from twind.bridge.zenoh.session import Place, open_now
 from twind.client import CallError, Client
 
 Answer = Callable[[dict[str, Any]], dict[str, Any] | None]
-PARTS = ("ask/*", "stop/*", "lease", "goal")
+PARTS = ("ask/*", "check", "stop/*", "lease", "goal")
 CLOCK = 500.0  # s, the robot's clock is ahead of ours
 
 

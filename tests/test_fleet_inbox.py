@@ -60,3 +60,21 @@ def test_what_came_before_the_end_is_taken_before_the_end_is_told() -> None:
     assert inbox.take(0.0) == b"{}"
     with pytest.raises(Disconnected, match=r"^it went away$"):
         inbox.take(time.monotonic())
+
+
+def test_answers_that_nobody_takes_are_bounded_and_then_it_is_over() -> None:
+    inbox = Inbox(answers=3)
+    for number in range(5):
+        inbox.answer(b"%d" % number)
+    assert inbox.rest() == [b"0", b"1", b"2"]
+    with pytest.raises(Disconnected, match="3 answers wait"):
+        inbox.take(0.0)
+
+
+@pytest.mark.parametrize("odd", [b'{"parameters": {"n": 1}}', b"\xff", b"[]", b"{}", b'{"parameters": null}'])
+def test_news_that_do_not_say_what_was_dropped_are_taken_as_they_are(odd: bytes) -> None:
+    inbox = Inbox(room=100)
+    inbox.news(b"x" * 101)
+    inbox.news(odd)
+    last = inbox.take(0.0)
+    assert last == odd or (last is not None and parameters(last) == {"n": 1, "dropped": 1})

@@ -4,16 +4,21 @@ import json
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from itertools import pairwise
 from typing import Any
 
 import pytest
+import zenoh
 from far_robot import CLOCK, FarRobot
 from processes import until
+from zenoh_router import Router
 
 from twind.bridge.fleet import goal as goal_module
 from twind.bridge.fleet.hold import RENEWED
+from twind.bridge.fleet.remote import Own, Shared, client
 from twind.bridge.zenoh.keys import LEASE_S
+from twind.bridge.zenoh.session import Place, open_now
 from twind.client import CallError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused
 from twind.client.errors import as_error
 from twind.ctl.verb import UsageError, lease
@@ -43,7 +48,7 @@ def test_a_question_is_asked_and_its_answer_and_its_error_come_as_beside_the_rob
     def refuse(_asked: dict[str, Any]) -> None:
         raise as_error(f"{CONTROL}.Refused", {"findings": [{"code": "POS_LIMIT", "message": "knee"}]})
 
-    robot.answers |= {"ask/GetStatus": lambda asked: {"asked": asked}, "ask/Check": refuse}
+    robot.answers |= {"ask/GetStatus": lambda asked: {"asked": asked}, "check": refuse}
     with robot.client() as client:
         assert client.call("GetStatus", joints=True) == {"asked": {"joints": True}}
         with pytest.raises(Refused, match="POS_LIMIT: knee"):
@@ -85,7 +90,7 @@ def test_an_uplink_without_a_daemon_a_question_without_an_answer_and_a_robot_tha
     def no_daemon(_asked: dict[str, Any]) -> None:
         raise CallError("io.twind.Uplink.NoDaemon", {"message": "no such socket"})
 
-    robot.answers |= {"ask/GetStatus": no_daemon, "ask/GetRobot": lambda _: None, "ask/Check": lambda _: None}
+    robot.answers |= {"ask/GetStatus": no_daemon, "ask/GetRobot": lambda _: None, "check": lambda _: None}
     with robot.client() as client:
         with pytest.raises(NoDaemon, match="its uplink is there, its daemon is not: no such socket"):
             client.call("GetStatus")
@@ -111,6 +116,111 @@ def test_a_stop_is_sent_to_a_robot_that_nobody_sees_and_again_until_somebody_ans
         with pytest.raises(Disconnected, match="nobody answers stop/Cancel"):
             client.call("Cancel")
     assert len(robot.times("stop/EStop")) == 3 and len(robot.times("stop/Cancel")) > 3
+
+
+def refuse_with(name: str, **parameters: Any) -> None:
+    raise as_error(name, parameters)
+
+
+def test_a_stop_that_is_answered_by_an_error_is_asked_again_until_it_is_done(robot: FarRobot) -> None:
+    """A flood of others makes a robot too busy for a moment; a stop is not given up for that."""
+    errors = [f"{CONTROL}.Busy", "io.twind.Uplink.Failed", "io.twind.Uplink.NoDaemon"]
+
+    def estop(asked: dict[str, Any]) -> dict[str, Any]:
+        if errors:
+            refuse_with(errors.pop(), what="too much is asked", message="no such socket")
+        return {"state": "estop", **asked}
+
+    robot.answers["stop/EStop"] = estop
+    with robot.client() as client:
+        assert client.call("EStop", level="cut") == {"state": "estop", "level": "cut"}
+        assert len(robot.times("stop/EStop")) == 4
+        robot.answers["stop/EStop"] = lambda _: refuse_with(f"{CONTROL}.Busy", what="always")
+        with pytest.raises(CallError, match="always"):
+            client.call("EStop", level="cut")
+    assert len(robot.times("stop/EStop")) > 10
+
+
+@pytest.mark.parametrize("error", [f"{CONTROL}.NotAllowed", "org.varlink.service.InvalidParameter"])
+def test_a_stop_that_will_never_be_done_is_asked_once(robot: FarRobot, error: str) -> None:
+    robot.answers["stop/Cancel"] = lambda _: refuse_with(error)
+    with robot.client() as client, pytest.raises(CallError):
+        client.call("Cancel")
+    assert len(robot.times("stop/Cancel")) == 1
+
+
+def test_who_answers_in_a_robots_place_keeps_no_stop_from_it() -> None:
+    with Router() as router, ExitStack() as stack:
+        place = Place(connect=(router.endpoint,))
+        true, false = (stack.enter_context(open_now(place, 5.0)) for _ in range(2))
+        heard = threading.Event()
+
+        def stopped(query: zenoh.Query) -> None:
+            heard.set()
+            query.reply("twind/r1/stop/EStop", b'{"state": "estop"}')
+
+        def lied(query: zenoh.Query) -> None:
+            query.reply_err(b'{"error": "io.twind.Control.Busy", "parameters": {}}')
+
+        # Who says that his answer is complete is asked alone, as the one who is nearest.
+        false.declare_queryable("twind/r1/stop/EStop", lied, complete=True)
+        true.declare_queryable("twind/r1/stop/EStop", stopped)
+        time.sleep(0.5)  # both are known everywhere
+        with client("r1", Own(place)) as asking:
+            assert asking.call("EStop", level="cut") == {"state": "estop"}
+        assert heard.is_set()
+
+
+def test_a_lease_that_another_has_is_taken_by_the_robots_clock_and_asked_for_first(robot: FarRobot) -> None:
+    def grant(asked: dict[str, Any]) -> dict[str, Any]:
+        if asked["op"] == "acquire" and not asked.get("take"):
+            lease = {"holder": "bob", "uid": 0, "expires_in": 1.0}
+            refuse_with(f"{CONTROL}.LeaseHeld", lease=lease, now=1000.0)
+        return robot.grant(asked)
+
+    robot.answers["lease"] = grant
+    with robot.client() as client:
+        with pytest.raises(CallError, match="bob"):
+            client.call("AcquireLease")
+        client.call("AcquireLease", take=True)
+    first, second, third, release = robot.times("lease")
+    assert "take" not in first and "take" not in second and release["op"] == "release"
+    assert (third["take"], third["deadline"]) == (True, 1000.0 + LEASE_S)
+
+
+def test_a_renewal_that_is_not_answered_well_is_asked_again_until_the_lease_is_said_to_be_missing(
+    robot: FarRobot,
+) -> None:
+    missing = {"findings": [{"code": "LEASE_MISSING", "message": "not held"}]}
+    answers = [(f"{CONTROL}.Busy", {"what": "much"}), (f"{CONTROL}.Refused", missing)]
+
+    def answer(asked: dict[str, Any]) -> dict[str, Any]:
+        if asked["op"] == "renew" and answers:
+            name, parameters = answers.pop(0)
+            refuse_with(name, **parameters)
+        return robot.grant(asked)
+
+    robot.answers |= {"lease": answer, "goal": accepted}
+    with robot.client() as client:
+        client.call("AcquireLease")
+        reports = client.stream("SubmitTrajectory", trajectory=PATH)
+        threading.Timer(6.0 * RENEWED, lambda: told(robot, phase="aborted", progress=0.5)).start()
+        assert list(reports)[-1]["phase"] == "aborted"
+    assert [each["op"] for each in robot.times("lease")] == ["acquire", "renew", "renew"]
+
+
+def test_while_a_goal_is_judged_it_is_not_sent_again(robot: FarRobot) -> None:
+    def slowly(asked: dict[str, Any]) -> dict[str, Any]:
+        time.sleep(2.5 * goal_module.QUIET)
+        return accepted(asked)
+
+    robot.answers["goal"] = slowly
+    with robot.client() as client, lease(client):
+        reports = client.stream("SubmitTrajectory", trajectory=PATH)
+        next(reports)
+        told(robot, phase="succeeded", progress=1.0)
+        list(reports)
+    assert len(robot.times("goal")) == 1
 
 
 def test_news_are_the_bytes_that_the_robot_sent_and_only_of_what_was_asked(robot: FarRobot) -> None:
@@ -165,7 +275,8 @@ def test_an_end_that_nobody_heard_is_asked_after_with_the_same_goal(robot: FarRo
     with robot.client() as client, lease(client):
         *_, last = client.stream("SubmitTrajectory", trajectory=PATH)
     assert last["phase"] == "aborted"
-    assert len(asked) == 3 and asked[0] == asked[1] == asked[2]
+    assert len(asked) == 3 and asked[0]["trajectory"] == PATH
+    assert asked[1] == asked[2] == {"goal": asked[0]["goal"], "lease": "L1"}
 
 
 def test_a_refusal_ends_it(robot: FarRobot) -> None:
@@ -233,9 +344,6 @@ def test_a_deadline_is_in_the_robots_clock_and_never_later_than_a_lease_from_now
 
 
 def test_clients_of_one_session_do_not_wait_for_each_other(robot: FarRobot) -> None:
-    from twind.bridge.fleet.remote import Shared, client
-    from twind.bridge.zenoh.session import open_now
-
     def slowly(_asked: dict[str, Any]) -> dict[str, Any]:
         time.sleep(2.0)
         return {"slow": True}

@@ -8,18 +8,22 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 from processes import Daemon, simulated, until
 from screen import Run
 from test_stream_live import Process, ctl
 from zenoh_router import Router
 
+from twind.bridge.zenoh.session import Place, open_now
+
 pytestmark = pytest.mark.realtime
 PATIENCE = 30.0  # s that a busy machine may take
-HERE, FAR = "h24-split", "elsewhere"
+HERE, FAR, OTHER = "h24-split", "elsewhere", "another"
 
 
 @dataclass
@@ -123,20 +127,51 @@ def test_who_goes_away_stays_in_the_list_as_lost_and_comes_back(world: World) ->
 
 
 def test_one_that_hangs_holds_up_no_list_and_gets_old_in_it(world: World) -> None:
-    watch = Process(*world.words("--watch"))
+    """Neither the one here nor another that is asked by the same question over the network."""
+    words = ("uplink", "--name", OTHER, "--connect", world.router.endpoint)
+    other = Process("--socket", str(world.here.sockets), *words)
+    watch = Process(*world.words(OTHER, "--watch"))
 
     def ages() -> dict[str, float | None]:
         return {each["name"]: each["age_s"] for each in watch.first()["robots"]}
 
-    until(lambda: all(age is not None for age in ages().values()), PATIENCE, "both are there")
+    until(lambda: all(age is not None for age in ages().values()), PATIENCE, "all are there")
     os.kill(world.uplink.pid, signal.SIGSTOP)
     try:
         until(lambda: (ages()[FAR] or 0.0) > 4.0, PATIENCE, "it says nothing")
-        assert (ages()[HERE] or 99.0) < 4.0
+        young = ages()
+        assert (young[HERE] or 99.0) < 4.0 and (young[OTHER] or 99.0) < 4.0
+        done = world.list(OTHER, "--json")  # one that is begun now
+        now = robots(done.stdout)
+        assert now[OTHER]["mode"] == "sim" and now[FAR]["age_s"] is None
+        assert done.returncode == 3, "a robot that was named and does not answer is not well"
     finally:
         os.kill(world.uplink.pid, signal.SIGCONT)
     until(lambda: (ages()[FAR] or 99.0) < 2.0, PATIENCE, "it answers again")
     assert watch.end(signal.SIGINT)[0] == 0
+    other.end()
+
+
+def test_names_and_answers_that_no_robot_may_have_cost_the_others_nothing(world: World) -> None:
+    with open_now(Place(connect=(world.router.endpoint,)), PATIENCE) as session:
+        for name, said in (("all robots", b"{}"), ("odd", b"[" * 100_000), ("odder", b'{"status": "well"}')):
+            key = f"twind/{name}/ask/GetStatus"
+            session.declare_queryable(key, partial(replied, key, said))
+            session.liveliness().declare_token(f"twind/{name}/alive")
+        done = subprocess.run(
+            ctl("fleet", "--json", "--connect", world.router.endpoint),
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+        )
+        told = robots(done.stdout)
+    assert done.returncode == 0 and "left out" in done.stderr and "all robots" in done.stderr
+    assert "all robots" not in told and told[FAR]["mode"] == "sim"
+    assert "nested" in told["odd"]["odd"] and "status" in told["odder"]["odd"]
+
+
+def replied(key: str, said: bytes, query: zenoh.Query) -> None:
+    query.reply(key, said)
 
 
 def test_on_a_terminal_it_is_drawn_over_and_a_key_ends_it(world: World) -> None:

@@ -1,10 +1,13 @@
 """The list of robots: nobody who was known is forgotten, and nothing old looks like now."""
 
+import json
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twind.bridge.fleet import roll as roll_module
 from twind.bridge.fleet.roll import UPLINK, Roll
 from twind.bridge.fleet.table import OLD, rows, told
 from twind.ctl.picture.paint import plain
@@ -40,6 +43,7 @@ def test_a_robot_is_told_with_its_mode_state_joints_faults_and_how_old_all_that_
         "name": "h1",
         "where": UPLINK,
         "lost": None,
+        "odd": None,
         "age_s": 0.5,
         "mode": "live",
         "state": "armed",
@@ -115,13 +119,51 @@ def test_whatever_happens_everybody_who_was_known_has_a_row_that_fits(
     }
 
 
-def test_an_answer_that_is_none_changes_nothing() -> None:
+GOOD = answer()
+ODD: list[Any] = [
+    None,
+    [],
+    "well",
+    {},
+    {"status": "well", "joints": []},
+    {"status": {key: value for key, value in GOOD["status"].items() if key != "mode"}, "joints": []},
+    answer(latency_ms="2"),
+    answer(latency_ms=float("nan")),
+    answer(faults=["x"]),
+    answer(faults=None),
+    answer(mode="x" * 100_000),
+    GOOD | {"joints": None},
+    GOOD | {"joints": [{}]},
+]
+
+
+@pytest.mark.parametrize("said", ODD)
+def test_one_that_answers_oddly_says_so_in_its_row_and_nobody_else_changes(said: Any) -> None:
     roll = Roll()
-    roll.told("h1", UPLINK, answer(), 1.0, 0.0)
-    for wrong in ({}, {"status": {}}, {"status": None, "joints": [{}]}, {"joints": 3}):
-        try:
-            roll.told("h1", UPLINK, wrong, 2.0, 0.0)
-        except (KeyError, TypeError):
-            continue
-        raise AssertionError(wrong)
-    assert roll.robots()[0].told_at == 1.0
+    for name in ("a", "odd", "z"):
+        roll.told(name, UPLINK, answer(), 10.0, 0.02)
+    roll.told("odd", UPLINK, said, 10.5, 0.02)
+    roll.told("new", UPLINK, said, 10.5, 0.02)
+    _, first, new, row, last, _, *why = shown(roll, 10.5, 200)
+    assert "armed" in first and "armed" in last
+    assert "  odd  " in row and "  odd  " in new and "armed" not in row
+    assert [each.split(":")[0] for each in why] == ["new", "odd"] and "cannot be understood" in why[0]
+    json.dumps([told(each, 10.5) for each in roll.robots()], allow_nan=False)
+    assert not roll.waiting()
+    roll.told("odd", UPLINK, answer(), 11.0, 0.02)
+    assert "armed" in shown(roll, 11.0, 200)[3]
+
+
+def test_what_a_newer_robot_says_besides_is_not_odd() -> None:
+    roll = Roll()
+    newer = answer(mood="good", faults=[{"code": "BUS_LOST", "since": 3.0}]) | {"weather": "fine"}
+    roll.told("newer", UPLINK, newer, 10.0, 0.02)
+    assert "BUS_LOST" in shown(roll, 10.0)[1] and roll.robots()[0].odd == ""
+
+
+def test_no_more_robots_are_kept_than_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(roll_module, "MOST", 2)
+    roll = Roll()
+    assert [roll.there(name, UPLINK) for name in ("a", "b", "c", "a")] == [True, True, False, True]
+    roll.told("d", UPLINK, answer(), 1.0, 0.0)
+    assert [each.name for each in roll.robots()] == ["a", "b"]

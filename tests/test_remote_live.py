@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,12 +16,14 @@ from processes import Daemon, until
 from test_stream_live import Process, ctl
 from zenoh_router import Router
 
+import twind.robots
 from twind.bridge.fleet.remote import remote
 from twind.client import Client, ClientError
 
 pytestmark = pytest.mark.realtime
 PATIENCE = 30.0  # s that a busy machine may take
 NAME = "afar"
+WAVE = Path(twind.robots.__path__[0]) / "motions" / "wave.json"
 
 
 @dataclass
@@ -97,8 +100,17 @@ def test_questions_have_the_answers_that_they_have_beside_the_robot(world: World
     assert world.run("mode").stdout == "sim\n"
     with world.client() as far:
         assert far.call("GetRobot") == robot
-    checked = world.run("check", "trajectory", "wave")
+    checked = world.run("check", "trajectory", str(WAVE))
     assert checked.stdout.splitlines()[-1] in ("accepted", "refused")
+
+
+@pytest.mark.parametrize("words", [("play", "wave"), ("check", "trajectory", "wave")])
+def test_the_name_of_a_motion_of_another_disk_plays_nothing_of_ours(
+    world: World, words: tuple[str, ...]
+) -> None:
+    done = world.run(*words)
+    assert done.returncode == 2 and "with --remote a file, as ./wave.json" in done.stderr
+    assert world.daemon.status()["motion"] == "holding"
 
 
 def test_the_monitor_and_the_watch_show_news_from_afar(world: World) -> None:

@@ -24,6 +24,12 @@ def test_what_would_match_others_is_no_name(name: str) -> None:
         chunk("goal", name)
 
 
+@pytest.mark.parametrize("name", ["all robots", "x" * 65, ".hidden", "a\u202eb", "a\x9b2J"])
+def test_a_key_of_a_name_that_no_robot_may_have_is_nobodys(name: str) -> None:
+    with pytest.raises(ValueError, match="must be 1 to 64"):
+        robot_of(f"twind/{name}/alive")
+
+
 @pytest.mark.parametrize("key", ["", "twind", "twind/a", "other/a/alive"])
 def test_a_key_of_somebody_else_is_nobodys(key: str) -> None:
     with pytest.raises(ValueError, match="none of twind's"):

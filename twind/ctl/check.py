@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.client.errors import finding_lines
+from twind.ctl.motion import asked_motion
 from twind.ctl.motions import load_motion
 from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, elsewhere, operator, show
@@ -52,8 +53,7 @@ def _trajectory(options: argparse.Namespace) -> int:
 
 def _asked(options: argparse.Namespace) -> dict[str, Any]:
     with operator(options) as client:
-        folder = client.call("GetRobot")["robot"].get("motions")
-        trajectory = load_motion(options.file, Path(folder) if isinstance(folder, str) else None)
+        trajectory = asked_motion(client, options.file, options)
         verdict: dict[str, Any] = client.call("Check", trajectory=trajectory)["verdict"]
         return verdict
 

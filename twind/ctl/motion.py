@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import json
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -13,9 +14,9 @@ from typing import Any
 
 from twind.client import Client
 from twind.client.errors import finding_lines
-from twind.ctl.motions import load_motion
+from twind.ctl.motions import load_motion, read_trajectory
 from twind.ctl.progress import Progress
-from twind.ctl.verb import DONE, REFUSED, Plain, UsageError, lease, operator, show
+from twind.ctl.verb import DONE, REFUSED, Plain, UsageError, elsewhere, lease, operator, show
 
 SHORTEST = 1.0  # s, of a move without --time
 PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
@@ -74,9 +75,21 @@ def _play_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _play(options: argparse.Namespace) -> int:
     with operator(options) as client:
-        folder = client.call("GetRobot")["robot"].get("motions")
-        trajectory = load_motion(options.motion, Path(folder) if isinstance(folder, str) else None)
-        return _run(client, trajectory, options)
+        return _run(client, asked_motion(client, options.motion, options), options)
+
+
+def asked_motion(client: Client, name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Of the file or the name that was given. Raises UsageError, Rejected.
+
+    A name is of the folder of the daemon's robot. From afar that folder is on another disk, and what
+    stands under its name on ours would be another motion.
+    """
+    if elsewhere(options) is not None:
+        if not (os.sep in name or name.endswith(".json")):
+            raise UsageError(f"{name}: with --remote a file, as ./{name}.json; names are of the robot's disk")
+        return read_trajectory(Path(name))
+    folder = client.call("GetRobot")["robot"].get("motions")
+    return load_motion(name, Path(folder) if isinstance(folder, str) else None)
 
 
 def _run(client: Client, trajectory: dict[str, Any], options: argparse.Namespace) -> int:

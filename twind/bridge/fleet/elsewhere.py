@@ -1,14 +1,14 @@
 """The robots that one session of Zenoh reaches: found by their tokens, all asked by one question."""
 
-import json
 import time
-from typing import Any
+from collections.abc import Callable
 
 import zenoh
 
 from twind.bridge.fleet.reach import ALIVE
-from twind.bridge.fleet.roll import UPLINK, Roll
+from twind.bridge.fleet.roll import MOST, UPLINK, Roll
 from twind.bridge.zenoh.keys import ROOT, robot_of
+from twind.protocol.strict import loads
 
 PATIENCE = 5.0  # s for an answer
 QUESTION = f"{ROOT}/*/ask/GetStatus"
@@ -18,9 +18,10 @@ GONE = "its uplink ended, or the way to it is lost"
 class Elsewhere:
     """Keeps the roll: who comes and goes by itself, what they say whenever it is told to ask."""
 
-    def __init__(self, roll: Roll, session: zenoh.Session) -> None:
-        """Of the session, which whoever opened it ends."""
-        self._roll, self._session = roll, session
+    def __init__(self, roll: Roll, session: zenoh.Session, tell: Callable[[str], None]) -> None:
+        """Of the session, which whoever opened it ends. `tell`: who is left out, each reason once."""
+        self._roll, self._session, self._tell = roll, session, tell
+        self._left_out: set[str] = set()
         self._tokens = session.liveliness().declare_subscriber(
             f"{ROOT}/*/{ALIVE}", self._changed, history=True
         )
@@ -36,25 +37,41 @@ class Elsewhere:
             QUESTION,
             lambda reply: self._answered(reply, begun),
             target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,  # else all answers wait for the last robot
             payload=b'{"joints":true}',
             timeout=PATIENCE,
         )
 
     def _changed(self, sample: zenoh.Sample) -> None:
-        name = robot_of(str(sample.key_expr))
+        name = self._name(sample.key_expr)
+        if name is None:
+            return
         if sample.kind == zenoh.SampleKind.DELETE:
             self._roll.lost(name, UPLINK, GONE)
-        else:
-            self._roll.there(name, UPLINK)
+        elif not self._roll.there(name, UPLINK):
+            self._leave_out("many", f"more than {MOST} robots: the others are left out")
 
     def _answered(self, reply: zenoh.Reply, begun: float) -> None:
-        """What cannot be understood says nothing: its robot's age tells."""
-        if reply.ok is None:
+        """What cannot be understood is said in its robot's row."""
+        name = None if reply.ok is None else self._name(reply.ok.key_expr)
+        if reply.ok is None or name is None:
             return
         now = time.monotonic()
         try:
-            name = robot_of(str(reply.ok.key_expr))
-            answer: Any = json.loads(bytes(reply.ok.payload))
+            answer = loads(reply.ok.payload.to_bytes())
+        except ValueError as error:
+            self._roll.odd(name, UPLINK, str(error))
+        else:
             self._roll.told(name, UPLINK, answer, now, now - begun)
-        except (ValueError, KeyError, TypeError):
-            return
+
+    def _name(self, key: zenoh.KeyExpr) -> str | None:
+        try:
+            return robot_of(str(key))
+        except ValueError as error:
+            self._leave_out("name", f"left out, as all of such names: {error}")
+            return None
+
+    def _leave_out(self, kind: str, why: str) -> None:
+        if kind not in self._left_out:
+            self._left_out.add(kind)
+            self._tell(why)

@@ -6,13 +6,16 @@ import uuid
 from collections.abc import Mapping
 from typing import Any
 
+from twind.bridge.driving import ENDS
 from twind.bridge.fleet.hold import Hold
 from twind.bridge.fleet.inbox import Inbox
 from twind.bridge.fleet.reach import Reach
 
-ENDS = ("succeeded", "cancelled", "replaced", "aborted")
 QUIET = 1.0  # s without a word after which it is asked what became of the goal
 GONE = 3.0  # s without any answer after which the robot counts as lost
+JUDGED = 20.0  # s that a goal may be judged; meanwhile the answers to renewals tell that the robot is there
+LONGEST = 64 << 10  # bytes of a report; none that is longer comes from an uplink
+EARLY = 32  # reports that may come before the answer to the goal
 
 
 class Goal:
@@ -23,21 +26,18 @@ class Goal:
         self._reach, self._hold, self._inbox = reach, hold, inbox
         self._lock = threading.Lock()
         self.over = self._closed = False
+        self._open = self._again = False  # a question is on its way; it was asked after
         self._answered = False  # by the gate
         self._early: list[dict[str, Any]] = []  # told before the gate's answer was here
         self._last: dict[str, Any] = {}
         self._heard = False  # since the last look
         self._asked, self._alive = now, now
         name = uuid.uuid4().hex
-        # The same question again is never run twice: its answer is what became of the first.
-        self._question = {
-            "goal": name,
-            "lease": hold.id,
-            "deadline": hold.deadline(now),
-            "trajectory": path,
-        }
+        # Asked again by its name and lease it is never run twice: the answer is what became of the first.
+        self._named = {"goal": name, "lease": hold.id}
+        whole = self._named | {"deadline": hold.deadline(now), "trajectory": path}
         self._told = reach.hear(("goals", name), self._progress)
-        self._ask()
+        self._ask(whole, JUDGED)
 
     def close(self) -> None:
         """Hear no more of it. May be called twice."""
@@ -54,19 +54,25 @@ class Goal:
             self._inbox.end(
                 f"{self._reach.robot}: no answer for {GONE:g} s; the lease has lapsed, so its motion is held"
             )
-        elif now - self._asked > QUIET:
-            self._asked = now
-            self._ask()
+        elif now - self._asked > QUIET and not self._open:
+            self._asked, self._again = now, True
+            self._ask(self._named, GONE)
         return min(self._hold.tend(now), QUIET)
 
-    def _ask(self) -> None:
-        self._reach.ask(("goal",), self._question, GONE, self._answer, lambda: None)
+    def _ask(self, what: Mapping[str, Any], patience: float) -> None:
+        """One at a time: while the gate thinks, repeats would fill the robot's queue of goals."""
+        self._open = True
+        self._reach.ask(("goal",), what, patience, self._answer, self._unheard)
+
+    def _unheard(self) -> None:
+        self._open = False
 
     def _answer(self, message: bytes) -> None:
         """Of the gate, or of the uplink that was asked again."""
+        self._open = False
         told = _parameters(message)
         with self._lock:
-            if told is None and self._answered and b"Control.Refused" not in message:
+            if told is None and self._again and not self._ends(message):
                 return  # asked after, and too busy to say: that is no end
             self._heard = True
             if told is None:
@@ -78,7 +84,13 @@ class Goal:
             else:
                 self._tell(told)
 
+    def _ends(self, error: bytes) -> bool:
+        """Of what was accepted only a refusal is the end."""
+        return b"Control.Refused" in error if self._answered else b"Control.Busy" not in error
+
     def _progress(self, payload: bytes) -> None:
+        if len(payload) > LONGEST:
+            return
         told = _parameters(b'{"parameters":%b}' % payload)
         with self._lock:
             self._heard = True
@@ -86,7 +98,7 @@ class Goal:
                 return
             if self._answered:
                 self._tell(told)
-            else:
+            elif len(self._early) < EARLY:
                 self._early.append(told)
 
     def _tell(self, told: dict[str, Any]) -> None:
@@ -113,5 +125,5 @@ def _parameters(message: bytes) -> dict[str, Any] | None:
         told: dict[str, Any] = json.loads(message)["parameters"]
         told.setdefault("progress", 0.0)
         return told if told["phase"] else None
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

@@ -8,6 +8,7 @@ from typing import Any
 from twind.bridge.fleet.reach import Reach
 from twind.bridge.zenoh.keys import LEASE_S
 
+MISSING = "LEASE_MISSING"  # the finding that a lease is not held
 RENEWED = 0.3 * LEASE_S  # s between two; each is sent whether the one before was answered or not
 
 
@@ -36,11 +37,14 @@ class Hold:
         return max(0.0, self._due - now)
 
     def _renewed(self, message: bytes) -> None:
+        """Only that it is held by us no more ends it: who is too busy to renew it now may be asked again."""
         try:
-            error = json.loads(message).get("error")
-        except (ValueError, AttributeError):
-            error = "what it answers is no message"
-        if error:
-            self.lost = str(error)
-        else:
+            told = json.loads(message)
+            error = told.get("error")
+            codes = [each.get("code") for each in told["parameters"].get("findings") or ()]
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            return  # no message: it confirms nothing
+        if not error:
             self.confirmed = time.monotonic()
+        elif MISSING in codes:
+            self.lost = str(error)

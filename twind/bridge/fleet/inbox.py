@@ -8,22 +8,29 @@ from collections import deque
 from twind.client import Disconnected
 
 ROOM = 1 << 20  # bytes of news that may wait
+ANSWERS = 256  # messages that must arrive and may wait
 
 
 class Inbox:
-    """Messages of the interface, as bytes. Answers stay; where news find no room the oldest go, counted."""
+    """Messages of the interface, as bytes. Where news find no room the oldest go, counted; answers stay, and
+    more of them than anybody takes are the end."""
 
-    def __init__(self, room: int = ROOM) -> None:
+    def __init__(self, room: int = ROOM, answers: int = ANSWERS) -> None:
         self._room, self._news = room, 0  # bytes
+        self._most, self._answers = answers, 0
         self._messages: deque[tuple[bytes, bool]] = deque()  # message, whether it is news
         self._lost = 0  # news since the last that was taken
         self._ended: str | None = None
         self._came = threading.Condition()
 
     def answer(self, message: bytes) -> None:
-        """One that must arrive."""
+        """One that must arrive. Where there is no room for it, what came is all."""
         with self._came:
-            self._messages.append((message, False))
+            if self._answers < self._most:
+                self._answers += 1
+                self._messages.append((message, False))
+            else:
+                self._ended = self._ended or f"{self._most} answers wait, and nobody takes them"
             self._came.notify()
 
     def news(self, message: bytes) -> None:
@@ -62,6 +69,7 @@ class Inbox:
     def _next(self) -> bytes:
         message, news = self._messages.popleft()
         if not news:
+            self._answers -= 1
             return message
         self._news -= len(message)
         lost, self._lost = self._lost, 0
@@ -76,7 +84,11 @@ class Inbox:
 
 
 def with_lost(message: bytes, lost: int) -> bytes:
-    """News that say that so many before them were lost, beside what they say of it themselves."""
-    told = json.loads(message)
-    told["parameters"]["dropped"] += lost
+    """News that say that so many before them were lost, beside what they say of it themselves. What is none
+    stays as it is: whoever takes it says so."""
+    try:
+        told = json.loads(message)
+        told["parameters"]["dropped"] = told["parameters"].get("dropped", 0) + lost
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return message
     return json.dumps(told).encode()

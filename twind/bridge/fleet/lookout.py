@@ -39,12 +39,15 @@ class Lookout:
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
 
-    def once(self, patience: float) -> None:
-        """Everybody is asked once; returns when all have answered, after `patience` s at the latest."""
+    def once(self, patience: float, tell: Callable[[str], None]) -> None:
+        """Everybody is asked once; returns when all have answered, after `patience` s at the latest.
+
+        `tell`: of who is left out.
+        """
         deadline = time.monotonic() + patience
         self._here.ask()
         try:
-            self._enter(open_now(self._place, joining(self._place)))
+            self._enter(open_now(self._place, joining(self._place)), tell)
         except (SessionError, UsageError) as error:
             self.trouble = str(error)
         if self._elsewhere is not None:
@@ -55,7 +58,8 @@ class Lookout:
             time.sleep(0.01)
 
     def begin(self, tell: Callable[[str], None]) -> None:
-        """Everybody is asked again and again. `tell`: of a network that is not there yet."""
+        """Everybody is asked again and again. `tell`: of a network that is not there yet, and of
+        who is left out."""
         for what in (lambda: self._join(tell), self._ask):
             thread = threading.Thread(target=what, daemon=True)
             self._threads.append(thread)
@@ -79,7 +83,7 @@ class Lookout:
             tell(self.trouble)
             return
         if session is not None:
-            self._enter(session)
+            self._enter(session, tell)
 
     def _told(self, tell: Callable[[str], None]) -> Callable[[str], None]:
         def told(why: str) -> None:
@@ -88,11 +92,11 @@ class Lookout:
 
         return told
 
-    def _enter(self, session: zenoh.Session) -> None:
+    def _enter(self, session: zenoh.Session, tell: Callable[[str], None]) -> None:
         from twind.bridge.fleet.elsewhere import Elsewhere
 
         self.way, self.trouble = Shared(session, str(self._place)), ""
-        self._elsewhere = Elsewhere(self.roll, session)
+        self._elsewhere = Elsewhere(self.roll, session, tell)
 
     def _ask(self) -> None:
         while not self._stop.is_set():

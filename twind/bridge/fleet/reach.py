@@ -30,18 +30,25 @@ class Reach:
         patience: float,
         told: Told,
         silent: Callable[[], None],
+        *,
+        everybody: bool = False,
     ) -> None:
-        """One question. Then either `told` the answer or the error, or `silent`: nobody answered in time."""
-        answers: list[bytes] = []
+        """One question. Then either `told` the answer or the error, or `silent`: nobody answered in time.
+
+        `everybody` who serves the key is asked, and each answer told, for one that answers must not keep it
+        from the robot; else it is asked of one, and the first answer told.
+        """
+        heard = False
 
         def answered(reply: zenoh.Reply) -> None:
+            nonlocal heard
             message = as_message(reply)
-            if message is not None and not answers:
-                answers.append(message)
+            if message is not None and (everybody or not heard):
+                heard = True
                 told(message)
 
         def over() -> None:
-            if not answers:
+            if not heard:
                 silent()
 
         with self._joined():
@@ -50,6 +57,9 @@ class Reach:
                 zenoh.handlers.Callback(answered, over),
                 payload=json.dumps(what, allow_nan=False, separators=(",", ":")),
                 timeout=patience,
+                target=zenoh.QueryTarget.ALL if everybody else zenoh.QueryTarget.BEST_MATCHING,
+                # By default answers are kept until the last has answered, or hangs.
+                consolidation=zenoh.ConsolidationMode.NONE,
             )
 
     def hear(self, parts: tuple[str, ...], told: Callable[[bytes], None]) -> "zenoh.Subscriber[None]":

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from twind.bridge.zenoh.session import MISSING, VARIABLE, Place, named, open_now
+from twind.bridge.zenoh.session import MISSING, VARIABLE, Place, here, named, open_now
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.connection import TIMEOUT
 from twind.ctl.verb import UsageError
@@ -15,13 +15,12 @@ if TYPE_CHECKING:
     import zenoh
 
 JOINING, BESIDE = 3.0, 0.3  # s that joining a network may take; one of this machine
-OURS = ("tcp/127.", "tcp/localhost:", "tcp/[::1]:")
 NAME_IT = f"the network is named by --remote ROBOT@tcp/HOST:PORT or {VARIABLE}"
 
 
 def joining(place: Place) -> float:
     """s that joining it may take: where nobody answers on this machine, nobody will."""
-    beside = place.connect and all(each.startswith(OURS) for each in place.connect)
+    beside = place.connect and all(here(each) for each in place.connect)
     return BESIDE if beside else JOINING
 
 

@@ -1,13 +1,15 @@
-"""A stop from afar: sent whether the robot was seen or not, and again while nobody answers."""
+"""A stop from afar: sent whether the robot was seen or not, and again until it was done."""
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
 from twind.bridge.fleet.inbox import Inbox
 from twind.bridge.fleet.reach import Reach
 
-AGAIN = 0.1  # s from a question that nobody took to the next
+AGAIN = 0.1  # s from a question that nobody did to the next
 LASTING = 3.0  # s for which it is asked again
+FINAL = ("NotAllowed", "InvalidParameter")  # errors that asking again changes nothing of
 
 
 class Stop:
@@ -19,7 +21,8 @@ class Stop:
         """Sends it. `now`: s, monotonic."""
         self._reach, self._inbox = reach, inbox
         self._parts, self._parameters = ("stop", method), parameters
-        self._begun, self._silent = now, False
+        self._begun, self._open = now, True  # a question is on its way
+        self._refusal = b""  # the last error that asking again may change
         self.over = False
         self._ask()
 
@@ -27,25 +30,46 @@ class Stop:
         """Nothing is to be given back."""
 
     def tend(self, now: float) -> float:
-        """Ask again where nobody answered; s until the next look."""
-        if self._silent:
-            if now - self._begun > LASTING:
-                self.over = True
-                parts = "/".join(self._parts)
-                self._inbox.end(
-                    f"{self._reach.robot}: nobody answers {parts}: it is not there, or this is not for us"
-                )
-            else:
+        """Ask again where it was not done; s until the next look."""
+        if not self._open:
+            if now - self._begun <= LASTING:
                 self._ask()
+            else:
+                self._give_up()
         return AGAIN
 
     def _ask(self) -> None:
-        self._silent = False
-        self._reach.ask(self._parts, self._parameters, LASTING, self._answered, self._unheard)
+        self._open = True
+        self._reach.ask(self._parts, self._parameters, LASTING, self._answered, self._unheard, everybody=True)
+
+    def _give_up(self) -> None:
+        self.over = True
+        if self._refusal:
+            self._inbox.answer(self._refusal)
+        else:
+            parts = "/".join(self._parts)
+            self._inbox.end(
+                f"{self._reach.robot}: nobody answers {parts}: it is not there, or this is not for us"
+            )
 
     def _answered(self, message: bytes) -> None:
-        self.over = True
-        self._inbox.answer(message)
+        """Whoever else answers: the first that did it counts, and no error before it."""
+        if self.over:
+            return
+        if _final(message):
+            self.over = True
+            self._inbox.answer(message)
+        else:
+            self._refusal, self._open = message, False
 
     def _unheard(self) -> None:
-        self._silent = True
+        self._open = False
+
+
+def _final(message: bytes) -> bool:
+    """It was done, or will never be."""
+    try:
+        error = json.loads(message).get("error")
+    except (ValueError, RecursionError, AttributeError):
+        return False
+    return error is None or str(error).rpartition(".")[2] in FINAL

@@ -13,22 +13,27 @@ _RIGHT = ("joints", "latency", "age")
 
 
 def rows(robots: Sequence[Robot], now: float, width: int) -> list[Line]:
-    """A head and a line each, at most `width` wide; below them why the lost ones are."""
+    """A head and a line each, at most `width` wide; below them what is wrong with whom."""
     cells = [[(name, "title") for name in COLUMNS], *(_cells(each, now) for each in robots)]
     widths = [max(wide(row[place][0]) for row in cells) for place in range(len(COLUMNS))]
     table = [cut(_row(row, widths), width) for row in cells]
-    lost = [cut(line((f"{each.name}: ", "bad"), each.lost), width) for each in robots if each.lost]
-    return [*table, *([()] if lost else []), *lost]
+    wrong = [cut(line((f"{each.name}: ", "bad"), why), width) for each in robots if (why := _wrong(each))]
+    return [*table, *([()] if wrong else []), *wrong]
+
+
+def _wrong(robot: Robot) -> str:
+    return robot.lost or (f"what it says cannot be understood: {robot.odd}" if robot.odd else "")
 
 
 def told(robot: Robot, now: float) -> dict[str, Any]:
-    """The same as JSON. `age_s`: since it said this; null: never yet."""
+    """The same as JSON. `age_s`: since it said this; null: never yet. `odd`: why its answer is none."""
     status = robot.status or {}
     age = robot.age(now)
     return {
         "name": robot.name,
         "where": robot.where or None,
         "lost": robot.lost or None,
+        "odd": robot.odd or None,
         "age_s": None if age is None else round(age, 3),
         "mode": status.get("mode"),
         "state": status.get("state"),
@@ -45,12 +50,12 @@ def told(robot: Robot, now: float) -> dict[str, Any]:
 def _cells(robot: Robot, now: float) -> list[Span]:
     age = robot.age(now)
     where = robot.where if robot.where in ("", UPLINK) else "here"
-    silent = ("lost", "alarm") if robot.lost else ("no answer", "warn")
+    silent = ("lost", "alarm") if robot.lost else ("odd", "warn") if robot.odd else ("no answer", "warn")
     if robot.status is None:
         unknown = [("-", "dim")] * 4
         return [(robot.name, ""), (where or "-", ""), ("-", ""), silent, *unknown, _age(age, robot)]
     status = robot.status
-    old = bool(robot.lost) or age is None or age > OLD
+    old = bool(robot.lost or robot.odd) or age is None or age > OLD
     cells: list[Span] = [
         (str(status["mode"]), "title" if status["mode"] == "live" else ""),
         (str(status["state"]), "" if status["mode"] == "sim" else STATES.get(status["state"], "")),

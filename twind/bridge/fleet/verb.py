@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "Robots here are found by their sockets (all instances, or the one of --socket), robots elsewhere by "
         "their uplinks. A robot that goes away stays in the list as lost. Exit code 3: there is nobody, a "
-        "ROBOT that was named is lost, or the network that was named cannot be joined."
+        "ROBOT that was named is lost or does not answer, or the network that was named cannot be joined."
     )
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help="these alone; who is not there is lost")
     way = parser.add_mutually_exclusive_group()
@@ -53,14 +53,15 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _once(lookout: Lookout, options: argparse.Namespace) -> int:
-    lookout.once(PATIENCE)
+    lookout.once(PATIENCE, _say)
     robots = lookout.roll.robots()
     network = options.connect or options.listen or options.zenoh_config or os.environ.get(VARIABLE)
     if lookout.trouble and (network or not robots):
         _say(lookout.trouble)
     _show(robots, options)
-    lost = [each for each in robots if each.lost and each.name in options.robots]
-    return NO_DAEMON if not robots or lost or (network and lookout.trouble) else DONE
+    named = [each for each in robots if each.name in options.robots]
+    silent = [each for each in named if each.lost or each.odd or each.told_at is None]
+    return NO_DAEMON if not robots or silent or (network and lookout.trouble) else DONE
 
 
 def _watch(lookout: Lookout, options: argparse.Namespace) -> int:
@@ -112,7 +113,8 @@ def _view(lookout: Lookout, options: argparse.Namespace) -> int:
 def _show(robots: Sequence[Robot], options: argparse.Namespace) -> None:
     now = time.monotonic()
     if options.json:
-        print(json.dumps({"robots": [told(each, now) for each in robots]}, ensure_ascii=False), flush=True)
+        # ASCII: what robots say goes to a terminal without what would command it.
+        print(json.dumps({"robots": [told(each, now) for each in robots]}, allow_nan=False), flush=True)
         return
     from rich.console import Console
 
