@@ -5,6 +5,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,16 @@ from processes import until
 from viewed import h24, other, state, status
 
 from twind.client import ClientError
+from twind.observe.viewing import news as news_module
 from twind.observe.viewing import words
+from twind.observe.viewing.fleet import company as company_module
+from twind.observe.viewing.fleet import show as show_module
 from twind.observe.viewing.fleet.chorus import Chorus
 from twind.observe.viewing.fleet.company import Company, Whose
+from twind.observe.viewing.fleet.page import Page
+from twind.observe.viewing.fleet.show import Fleet
 from twind.observe.viewing.fleet.stand import FADED, Stand, camera, spots
-from twind.observe.viewing.fleet.standing import GREY, Kind, page, standing, summary
+from twind.observe.viewing.fleet.standing import GREY, Kind, described, page, standing, summary
 from twind.observe.viewing.news import Described, Known, Lost, News
 from twind.observe.viewing.scene import UNHEARD
 from twind.observe.viewing.stops import Outcome, Stops, Tell
@@ -77,6 +83,38 @@ def test_a_robot_that_is_silent_for_a_second_counts_as_old_whatever_it_said_last
     assert standing(robot.now()).kind is Kind.OLD
     robot.take(state(h24(), 1.0))
     assert standing(robot.now()).kind is Kind.FAULT
+
+
+def without_loop() -> Known:
+    """A robot of another version."""
+    told_so = status(state="estop")
+    del told_so["status"]["loop"]
+    return known(told_so, state(h24()), clock=FakeClock())
+
+
+def test_a_robot_that_says_what_nobody_understands_is_grey_and_counted_as_such() -> None:
+    how, said = described(without_loop().now(), "")
+    assert how.kind is Kind.ODD and how.kind in GREY and "'loop'" in how.said and "loop" in said
+    good = standing(known(status(), state(h24())).now())
+    assert "1 odd" in summary([how, good]) and "1 well" in summary([how, good])
+
+
+def test_a_stop_has_a_thread_once_somebody_asks_for_it(tmp_path: Path) -> None:
+    before, outcomes = threading.active_count(), queue.Queue[Outcome]()
+    stops = [Stops(local(str(tmp_path))) for _ in range(50)]
+    assert threading.active_count() == before
+    stops[0].estop.ask(outcomes.put)
+    stops[0].estop.ask(outcomes.put)
+    assert [told(outcomes).done, told(outcomes).done] == [False, False]
+
+
+def test_what_is_kept_of_a_robot_whose_clock_stands_still_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(news_module, "KEPT", 5)
+    robot = known(status())
+    for _ in range(20):
+        robot.take(state(h24()))
+        robot.take({"topic": "latency", "time": 0.0, "latency": []})
+    assert len(robot.path()) == len(robot.hops()) == 5
 
 
 def test_no_word_of_any_robot_becomes_markup() -> None:
@@ -256,6 +294,17 @@ def test_who_is_called_as_another_takes_nobodys_place() -> None:
     assert [each.name for each in company.members] == ["h24", "h24-mixed", "h24 (/run/a)"]
 
 
+@pytest.mark.realtime
+def test_a_page_has_room_for_so_many_robots_and_says_that_there_are_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(company_module, "MOST", 2)
+    company = Company(lambda: {(f"h{number}", "nowhere"): local("nowhere") for number in range(5)})
+    until(lambda: "more than 2" in company.problem, 5.0, "the page says so")
+    company.close()
+    assert [each.name for each in company.members] == ["h0", "h1"]
+
+
 # ---------------------------------------------------------------------------------------- drawn
 
 
@@ -312,3 +361,62 @@ def test_another_model_takes_the_place_of_the_first_and_one_that_is_none_is_said
     assert stand.problem == "" and len(bodies(server, 1, "solid")) == 2 and stand.size != large
     stand.failed(RuntimeError("no such mesh"))
     assert "no such mesh" in stand.problem and bodies(server, 1, "solid") == []
+
+
+@dataclass
+class Robots:
+    """In place of a company: those that a test gives."""
+
+    members: tuple[Any, ...]
+    problem: str = ""
+
+
+class Said(Page):
+    """A page whose words a test reads."""
+
+    words: dict[str | None, str]
+
+    def say(self, words: str, of: str | None = None) -> None:
+        """What the page says now."""
+        super().say(words, of)
+        self.words = {**getattr(self, "words", {}), of: words}
+
+
+@pytest.fixture
+def fleet(server: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[Fleet, Said, Known]:
+    """On a page that somebody looks at: one of another version, behind it one that is well."""
+    well = known(status(), state(h24()), clock=FakeClock())
+    unused, pages = Stops(local(str(tmp_path))), list[Said]()
+    members = [SimpleNamespace(name="odd", known=without_loop(), stops=unused)]
+    members += [SimpleNamespace(name="good", known=well, stops=unused)]
+    monkeypatch.setattr(show_module, "Company", lambda _: Robots(tuple(members)))
+    monkeypatch.setattr(show_module, "Page", lambda *given: pages.append(Said(*given)) or pages[-1])
+    monkeypatch.setattr(server, "get_clients", lambda: {0: SimpleNamespace(camera=SimpleNamespace())})
+    return Fleet(server, dict), pages[0], well
+
+
+@pytest.mark.realtime
+def test_one_odd_robot_changes_no_word_of_the_others(fleet: tuple[Fleet, Said, Known]) -> None:
+    shown, page_of, well = fleet
+    for _ in range(4):
+        shown.draw()
+    assert "1 odd" in page_of.words[None] and "1 well" in page_of.words[None]
+    well.take(status(state="estop"))
+    for _ in range(3):
+        shown.draw()
+    assert "1 e-stop" in page_of.words[None] and "estop" in page_of.words["good"]
+    assert "cannot be understood" in page_of.words["odd"]
+
+
+@pytest.mark.realtime
+def test_a_picture_that_fails_again_and_again_is_traced_once(
+    fleet: tuple[Fleet, Said, Known], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: Any) -> None:
+        raise RuntimeError("no such mesh")
+
+    monkeypatch.setattr(Stand, "draw", broken)
+    for _ in range(8):
+        fleet[0].draw()
+    assert capfd.readouterr().err.count("Traceback") == 2  # of each robot one
+    assert "no such mesh" in fleet[1].words["good"]

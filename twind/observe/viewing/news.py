@@ -17,6 +17,7 @@ from twind.ctl.picture.view import followed
 from twind.robot.arrays import Floats
 
 WINDOW = 10.0  # s of history that is plotted
+KEPT = 3000  # messages of it at most: 300 Hz; also where the time that they tell stands still
 TOLD = 5  # last refusals, and last events, that are shown
 STALE = 3.0  # periods of the loop after which a joint's reading is called old
 LEAST_STALE_MS = 50.0
@@ -129,8 +130,8 @@ class Known:
         self._latency: Sequence[Message] = ()
         self._refusals: deque[Message] = deque(maxlen=TOLD)
         self._events: deque[Message] = deque(maxlen=TOLD)
-        self._path: deque[Joints] = deque()
-        self._hops: deque[tuple[float, Mapping[str, float]]] = deque()
+        self._path: deque[Joints] = deque(maxlen=KEPT)
+        self._hops: deque[tuple[float, Mapping[str, float]]] = deque(maxlen=KEPT)
 
     def take(self, news: News) -> None:
         """The next piece."""

@@ -44,11 +44,14 @@ class Errand(threading.Thread):
         super().__init__(name=name, daemon=True)
         self._do = do
         self._asked: queue.SimpleQueue[Tell] = queue.SimpleQueue()
-        self.start()
+        self._first = threading.Lock()
 
     def ask(self, tell: Tell) -> None:
-        """Returns at once; `tell` has the outcome later, in this thread."""
+        """Returns at once; `tell` has the outcome later, in this thread, which the first who asks begins."""
         self._asked.put(tell)
+        with self._first:
+            if self.ident is None:
+                self.start()
 
     def run(self) -> None:
         """Who asked while it was being done has the outcome of the next time, once for all of them."""

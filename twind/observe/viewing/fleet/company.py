@@ -16,6 +16,7 @@ from twind.observe.viewing.ways import Ways
 RATE = 10.0  # Hz of states: pictures a second, for each robot
 TOPICS = ("state", "status", "events")
 BY = "twindctl fleet --view"
+MOST = 64  # robots on one page
 LOOKED = 1.0  # s between two looks who is there
 PARTING = 1.0  # s that threads may take to end
 
@@ -64,21 +65,26 @@ class Company:
     def _look(self) -> None:
         while not self._ended.is_set():
             try:
-                self._take(self._found())
-                self.problem = ""
+                self.problem = self._take(self._found())
             except ClientError as error:
                 self.problem = str(error)
             except Exception as error:  # noqa: BLE001  those who are known stay, and their buttons
-                traceback.print_exc()
-                self.problem = f"{type(error).__name__}: {error}"
+                problem = f"{type(error).__name__}: {error}"
+                if problem != self.problem:
+                    traceback.print_exc()
+                self.problem = problem
             self._ended.wait(LOOKED)
 
-    def _take(self, found: Mapping[Whose, Ways]) -> None:
+    def _take(self, found: Mapping[Whose, Ways]) -> str:
+        """Who is new. Why some are left out: each has a thread, and the page a folder for it."""
         for whose, ways in found.items():
             if whose not in self._names:
+                if len(self._names) >= MOST:
+                    return f"there are more than {MOST}: the others are not on this page"
                 name, where = whose
                 self._names[whose] = f"{name} ({where})" if name in self._names.values() else name
                 self._members = (*self._members, Member(self._names[whose], ways, self._ended))
+        return ""
 
 
 def _started(name: str, do: Callable[..., None], *arguments: Any) -> threading.Thread:

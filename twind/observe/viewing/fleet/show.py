@@ -1,15 +1,18 @@
 """Several robots side by side, until told to end: this thread draws, the company listens."""
 
 import threading
+import time
 import traceback
+from collections import defaultdict
 from typing import Any
 
+from twind.client.once import Once
 from twind.observe.viewing import words
 from twind.observe.viewing.door import Site
 from twind.observe.viewing.fleet.company import Company, Found, Member
 from twind.observe.viewing.fleet.page import Page
 from twind.observe.viewing.fleet.stand import APART, Stand, camera, spots
-from twind.observe.viewing.fleet.standing import Standing, page, standing, summary
+from twind.observe.viewing.fleet.standing import Standing, described, summary
 from twind.observe.viewing.show import Drawing, served
 
 PERIOD = 0.1  # s between pictures
@@ -36,6 +39,8 @@ class Fleet:
         self._server, self._company = server, Company(found)
         self._page = Page(server, self._company)
         self._stands: dict[str, Stand] = {}
+        self._hows: dict[str, Standing] = {}
+        self._traced: dict[str, Once] = defaultdict(Once)  # by name; "": what is nobody's
         self._laid: tuple[int, float] = (0, 0.0)  # how many stand how far apart
         self._turn = 0
         server.scene.add_grid(
@@ -47,8 +52,8 @@ class Fleet:
         while not ended.wait(PERIOD):
             try:
                 self.draw()
-            except Exception:  # noqa: BLE001  the stop buttons end with this process
-                traceback.print_exc()
+            except Exception as error:  # noqa: BLE001  the stop buttons end with this process
+                self._trace("", error)
         self._company.close()
 
     def draw(self) -> None:
@@ -70,15 +75,21 @@ class Fleet:
             self._stands[member.name] = Stand(self._server.scene, len(self._stands), member.name)
             self._page.add(member)
         stand, now = self._stands[member.name], member.known.now()
-        how = standing(now)
+        if self._turn % WORDS == 1 or member.name not in self._hows:
+            self._hows[member.name], said = described(now, stand.problem)
+            self._page.say(said, member.name)
+        how = self._hows[member.name]
         try:
             stand.draw(now, how)
         except Exception as error:  # noqa: BLE001
-            traceback.print_exc()
+            self._trace(member.name, error)
             stand.failed(error)
-        if self._turn % WORDS == 1:
-            self._page.say(page(now, how, stand.problem), member.name)
         return how
+
+    def _trace(self, name: str, error: Exception) -> None:
+        """Once for each reason: a robot may say the same ten times a second."""
+        if self._traced[name].news(f"{type(error).__name__}: {error}", time.monotonic()):
+            traceback.print_exception(error)
 
     def _lay(self) -> None:
         """Anew where there are more or larger ones; then all are looked at."""

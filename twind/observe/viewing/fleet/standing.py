@@ -15,6 +15,7 @@ class Kind(StrEnum):
     STOPPED = "e-stop"
     FAULT = "fault"
     LOST = "lost"  # nothing comes from it
+    ODD = "odd"  # what it says cannot be understood
     OLD = "old"  # it is there, and its joints were not heard of lately
     WARNED = "warned"
     MOVING = "moving"
@@ -25,13 +26,14 @@ COLOURS = {
     Kind.STOPPED: words.RED,
     Kind.FAULT: words.RED,
     Kind.LOST: words.GREY,
+    Kind.ODD: words.GREY,
     Kind.OLD: words.GREY,
     Kind.WARNED: words.AMBER,
     Kind.MOVING: "#2563eb",
     Kind.WELL: words.GREEN,
 }
 PUNCTUAL = 0.99  # of the ticks: a loop with fewer on time is told
-GREY = (Kind.LOST, Kind.OLD)  # what is drawn of it says nothing of now
+GREY = (Kind.LOST, Kind.ODD, Kind.OLD)  # what is drawn of it says nothing of now
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +66,16 @@ def standing(now: Now) -> Standing:
     if not _whole(now, status):
         return Standing(Kind.WARNED, said)
     return Standing(Kind.MOVING if status["motion"] in ("active", "streaming") else Kind.WELL, said)
+
+
+def described(now: Now, problem: str) -> tuple[Standing, str]:
+    """How it is, and `page`, whatever it says: a robot of another version is not the others' trouble."""
+    try:
+        how = standing(now)
+        return how, page(now, how, problem)
+    except Exception as error:  # noqa: BLE001
+        how = Standing(Kind.ODD, f"what it says cannot be understood: {type(error).__name__}: {error}")
+        return how, words.block([words.row("state", how.said, how.colour)])
 
 
 def _said(status: Message) -> str:
