@@ -264,6 +264,33 @@ def test_an_answer_that_is_none_ends_the_connection(start: Start, tmp_path: Path
         assert not client.connected
 
 
+def test_a_call_that_waits_is_broken_off_by_another_thread(start: Start, tmp_path: Path) -> None:
+    came, over = threading.Event(), threading.Event()
+
+    def silent(call: dict[str, Any]) -> list[bytes]:
+        came.set()
+        over.wait(20.0)
+        return []
+
+    start(silent)
+    with Client(tmp_path, timeout=20.0) as client:
+        client.cut()  # of none it is nothing
+
+        def cut() -> None:
+            came.wait(20.0)
+            client.cut()
+
+        thread = threading.Thread(target=cut)
+        thread.start()
+        begun = time.monotonic()
+        with pytest.raises(Disconnected):
+            client.call("SubmitTrajectory")
+        took = time.monotonic() - begun
+        over.set()
+        thread.join()
+        assert took < 10.0 and not client.connected
+
+
 def test_nan_never_leaves(start: Start, tmp_path: Path) -> None:
     peer = start(lambda call: [reply(parameters={})])
     with Client(tmp_path) as client, pytest.raises(ClientError, match="NaN or infinite"):
