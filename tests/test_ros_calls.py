@@ -1,5 +1,6 @@
 """Stops, modes and questions from ROS: a stop waits for nobody, and no word of it is needed."""
 
+import json
 import threading
 import time
 from collections.abc import Mapping
@@ -37,11 +38,13 @@ class Desk:
         self.results: list[dict[str, Any]] = []
         self.lines: list[str] = []
         self.broken = False  # nothing can be said
+        self.closed: dict[bool, str] = {}  # why no stop (True), no mode (False) is taken
         client = self.daemon.client
-        self.calls = Calls(
-            client, client, self.stopping, lambda: '{"mode": "sim"}', self.say, self.lines.append
-        )
+        self.calls = Calls(client, client, self.stopping, json.dumps, self.why, self.say, self.lines.append)
         self.calls.start()
+
+    def why(self, stop: bool) -> str:
+        return self.closed.get(stop, "")
 
     def stopping(self) -> None:
         """It is told before the daemon is asked."""
@@ -181,7 +184,7 @@ def test_an_e_stop_takes_the_other_way_where_the_one_fails(desk: Desk) -> None:
     full = ToldDaemon()
     full.refuse["EStop"] = ("Busy", {"what": "all places are taken"})
     calls = Calls(
-        desk.daemon.client, full.client, desk.stopping, lambda: "", desk.results.append, desk.lines.append
+        desk.daemon.client, full.client, desk.stopping, str, desk.why, desk.results.append, desk.lines.append
     )
     assert calls.e_stop("cut") == (True, "estop")
     assert [each["level"] for each in desk.daemon.named("EStop")] == ["cut"]
@@ -197,7 +200,41 @@ def test_who_may_not_command_is_known_by_a_call_that_does_nothing(desk: Desk) ->
     assert denied(desk.daemon.client) is None
 
 
+def test_a_status_is_that_of_the_time_when_it_was_asked_for(desk: Desk) -> None:
+    modes, answer = iter(("sim", "mirror")), desk.daemon.answer
+
+    def answered(message: bytes) -> bytes:
+        told = answer(message)
+        status = {"parameters": {"status": {"mode": next(modes)}}}
+        return json.dumps(status).encode() if b"GetStatus" in message else told
+
+    desk.daemon.answer = answered  # type: ignore[method-assign]
+    assert desk.calls.asked(GET_STATUS, None) == (True, '{"mode": "sim"}')
+    assert desk.calls.asked(GET_STATUS, None) == (True, '{"mode": "mirror"}')
+    desk.daemon.absent = True
+    assert desk.calls.asked(GET_STATUS, None) == (True, '"nobody listens"')
+
+
+def test_a_stop_says_what_the_robot_does_and_not_how_its_bus_is(desk: Desk) -> None:
+    assert desk.heard(STOP, b"")["message"] == "stopping: the robot decelerates and holds"
+    assert desk.calls.asked(TO_STOP, None) == (True, "stopping: the robot decelerates and holds")
+
+
+def test_what_is_not_taken_is_answered_with_the_reason_and_an_e_stop_always_is(desk: Desk) -> None:
+    desk.closed = {True: "it only looks", False: "another bridge"}
+    told = desk.heard(STOP, b"")
+    assert (told["phase"], told["message"]) == ("refused", "it only looks")
+    told = desk.heard(SET_MODE, text("live"))
+    assert (told["phase"], told["message"]) == ("refused", "another bridge")
+    assert desk.calls.asked(SET_LIVE, True) == (False, "another bridge")
+    assert desk.stops == 0 and not desk.daemon.calls
+    assert desk.heard(E_STOP, b"")["phase"] == "done" and desk.calls.asked(TO_E_STOP, None)[0]
+
+
 def test_every_service_is_answered(desk: Desk) -> None:
+    answer = desk.daemon.answer
+    status = b'{"parameters": {"status": {"mode": "sim"}}}'
+    desk.daemon.answer = lambda message: status if b"GetStatus" in message else answer(message)  # type: ignore[method-assign]
     asked = {service: desk.calls.asked(service, None) for service in SERVICES if service is not SET_LIVE}
     assert all(done for done, _ in asked.values())
     assert asked[GET_STATUS][1] == '{"mode": "sim"}' and asked[TO_E_STOP][1] == "estop"

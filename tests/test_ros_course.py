@@ -22,10 +22,14 @@ from twind.bridge.ros.endpoints import (
     E_STOP,
     HW_JOINTS,
     LATENCY,
+    NEIGHBOURS,
     RESULTS,
     SERVICES,
+    SET_MODE,
     STATUS,
+    STOP,
     TO_E_STOP,
+    TO_STOP,
     TOPICS,
     TRAJECTORY,
     Service,
@@ -33,9 +37,13 @@ from twind.bridge.ros.endpoints import (
 )
 from twind.bridge.ros.report import ERROR
 from twind.bridge.ros.transport import Asked, Heard, TransportError
-from twind.ros import JOINT_STATE, STRING, decode
+from twind.ros import JOINT_STATE, STRING, decode, encode
 
 pytestmark = pytest.mark.realtime
+
+
+def text(words: str) -> bytes:
+    return encode(STRING, {"data": words})
 
 
 class Paper:
@@ -87,6 +95,15 @@ class Run:
     def _run(self) -> None:
         self.code = self.course.run()
 
+    def outcome(self, topic: Topic, data: bytes) -> Any:
+        """What became of it."""
+        before = len(self.graph.said.get(RESULTS.name, ()))
+        self.graph.heard(topic, data)
+        until(
+            lambda: len(self.graph.said.get(RESULTS.name, ())) > before, 20.0, f"an outcome of {topic.name}"
+        )
+        return json.loads(decode(STRING, self.graph.said[RESULTS.name][before])["data"])
+
     def __enter__(self) -> "Run":
         self._thread.start()
         return self
@@ -114,7 +131,7 @@ def test_what_the_daemon_says_goes_out_by_its_topics(loop: StandIn) -> None:
         until(lambda: "mode" in run.graph.words(STATUS), 10.0, "its status")
         names = [row["name"] for row in run.graph.last(DIAGNOSTICS)["status"]]
         assert names[0] == "twind: bridge" and status["bridge"]["commands"]
-        assert [each.name for each in run.graph.topics] == [each.name for each in TOPICS]
+        assert list(run.graph.topics) == [*TOPICS, NEIGHBOURS]
         assert list(run.graph.services) == list(SERVICES)
 
 
@@ -151,30 +168,32 @@ def test_a_graph_that_cannot_be_joined_at_first_is_tried_again(loop: StandIn) ->
         run.graph.last(HW_JOINTS)
 
 
-def test_a_bridge_that_only_looks_takes_the_e_stop_and_nothing_else(loop: StandIn) -> None:
+def test_a_bridge_that_only_looks_does_the_e_stop_and_says_why_nothing_else(loop: StandIn) -> None:
     with Run(loop.directory, commands=False) as run:
         run.graph.last(HW_JOINTS)
-        assert [each for each in run.graph.topics if not each.out] == [E_STOP]
-        assert TO_E_STOP in run.graph.services and len(run.graph.services) == 2
         assert run.graph.words(STATUS)["bridge"]["commands"] is False
+        for topic, data in ((TRAJECTORY, b"\0\1\0\0"), (STOP, b""), (SET_MODE, text("live"))):
+            told = run.outcome(topic, data)
+            assert told["phase"] == "refused" and "only looks (--no-commands)" in told["message"]
+        assert run.graph.asked(TO_STOP, None)[0] is False
+        assert run.outcome(E_STOP, b"")["phase"] == "done"
 
 
-def test_without_the_right_to_command_it_offers_nothing_that_does(loop: StandIn, tmp_path: Path) -> None:
+def test_without_the_right_to_command_it_takes_nothing_that_does(loop: StandIn, tmp_path: Path) -> None:
     (tmp_path / "observe.sock").symlink_to(loop.directory / "observe.sock")
     (tmp_path / "control.sock").symlink_to(loop.directory / "observe.sock")  # whose role is an observer's
     with Run(tmp_path) as run:
         run.graph.last(HW_JOINTS)
-        until(
-            lambda: [each for each in run.graph.topics if not each.out] == [E_STOP], 10.0, "an e-stop alone"
-        )
-        assert run.graph.words(STATUS)["bridge"]["commands"] is False
+        until(lambda: not run.graph.words(STATUS)["bridge"]["commands"], 10.0, "an e-stop alone")
+        told = run.outcome(TRAJECTORY, b"\0\1\0\0")
+        assert told["phase"] == "refused" and "not for the role observer" in told["message"]
         assert any("not for the role observer" in line for line in run.lines)
         until(lambda: run.course._asked_of == 1, 10.0, "asked once more")
         (tmp_path / "control.sock").unlink()
         (tmp_path / "control.sock").symlink_to(loop.directory / "control.sock")
         run.course._asked_of = -1  # as for a new daemon
-        until(lambda: TRAJECTORY in run.graph.topics, 10.0, "commands")
-        assert run.lines[-1] == "commands are taken from ROS"
+        until(lambda: run.graph.words(STATUS)["bridge"]["commands"], 10.0, "commands")
+        assert "commands are taken from ROS" in run.lines
 
 
 def test_what_cannot_be_understood_is_told_and_the_rest_goes_on(
@@ -281,3 +300,31 @@ def test_an_e_stop_does_not_wait_for_a_socket_whose_queue_is_full(loop: StandIn,
         done, words = course._calls.e_stop("cut")
         assert done, words
         assert time.monotonic() - begun < 15.0  # and not the 35 s that an answer may take
+
+
+def test_of_two_bridges_that_take_commands_neither_moves_anything_until_one_is_gone(loop: StandIn) -> None:
+    with Run(loop.directory) as run:
+        until(lambda: "mode" in run.graph.words(STATUS), 20.0, "a status")
+        ours = run.graph.said[STATUS.name][-1]
+        run.graph.heard(NEIGHBOURS, ours)  # of itself
+        assert "another bridge" not in run.outcome(TRAJECTORY, b"\0\1\0\0")["message"]
+        theirs = {"robot": "right", "bridge": {"id": "abc", "commands": True}}
+        run.graph.heard(NEIGHBOURS, text(json.dumps(theirs)))
+        told = run.outcome(TRAJECTORY, b"\0\1\0\0")
+        assert told["phase"] == "refused" and "right (bridge abc)" in told["message"]
+        assert told["robot"] == run.graph.words(STATUS)["robot"]
+        assert told["bridge"] == run.graph.words(STATUS)["bridge"]["id"]
+        assert run.outcome(SET_MODE, text("live"))["phase"] == "refused"
+        assert "only stops are done" not in run.outcome(STOP, b"")["message"]
+        until(lambda: any(each.startswith("another bridge") for each in run.lines), 10.0, "it is told")
+        theirs["bridge"] = {"id": "abc", "commands": False}
+        run.graph.heard(NEIGHBOURS, text(json.dumps(theirs)))
+        assert "another bridge" not in run.outcome(TRAJECTORY, b"\0\1\0\0")["message"]
+        until(lambda: any("is gone" in each for each in run.lines), 10.0, "it is told")
+
+
+def test_what_became_of_a_command_is_written_down(loop: StandIn) -> None:
+    with Run(loop.directory) as run:
+        run.graph.last(HW_JOINTS)
+        run.graph.heard(TRAJECTORY, b"\0\1\0\0" + bytes(7))
+        until(lambda: any("/cmd/joint_trajectory: refused: " in each for each in run.lines), 10.0, "a line")

@@ -60,7 +60,11 @@ def test_a_command_is_accepted_followed_and_told_with_its_own_stamp(desk: Desk) 
         (command(point(1.0), when=NOW + 86_400 * 10**9), {}, "ahead of the robot's clock"),
         (command(point(1.0), when=NOW - 86_400 * 10**9), {}, "in the past of the robot's clock"),
         (GOOD, {"SubmitTrajectory": FAR}, "POS_LIMIT: l_knee: 9 rad"),
-        (GOOD, {"AcquireLease": HELD}, "held by uid 7, pid 8"),
+        (
+            GOOD,
+            {"AcquireLease": HELD},
+            "held by uid 7, pid 8, who keeps it as long as that one drives; none is taken",
+        ),
         (
             GOOD,
             {"AcquireLease": ("NotAllowed", {"role": "observer", "method": "AcquireLease"})},
@@ -325,3 +329,12 @@ def test_a_bridge_that_ends_tells_what_it_lets_go_of(desk: Desk) -> None:
     desk.orders.close()
     assert phases[-1] == "cancelled" and desk.results[-1]["id"] == "m1"
     assert desk.daemon.open == 0
+
+
+def test_an_end_that_nobody_heard_is_told_in_words(desk: Desk) -> None:
+    desk.orders.put(GOOD)
+    desk.after()
+    desk.orders.heard(moving("holding"))
+    desk.time += 5.0
+    desk.orders.heard(moving("holding"))
+    assert desk.after(0.2)[-1:] == ["lost"] and "was not heard" in desk.results[-1]["message"]

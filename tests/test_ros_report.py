@@ -11,7 +11,15 @@ from twind.bridge.ros.report import ERROR, FIELDS, OK, WARN, Diagnostics, latenc
 from twind.ros import DIAGNOSTIC_ARRAY, FLOATS, STRING, decode
 
 HAND = {"code": "ESTOP", "message": "by hand"}
-BRIDGE = {"daemon": True, "error": None, "commands": True, "dropped": 0, "undelivered": 0, "driving": 0}
+BRIDGE = {
+    "daemon": True,
+    "error": None,
+    "commands": True,
+    "refuses": None,
+    "dropped": 0,
+    "undelivered": 0,
+    "driving": 0,
+}
 
 
 def rows(told: Diagnostics, bridge: Any = BRIDGE, known: Any = None, seen: Any = ()) -> dict[str, Any]:

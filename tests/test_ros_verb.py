@@ -57,6 +57,8 @@ def test_whoever_has_sourced_ros_gets_its_own_and_others_what_needs_none(
     [
         (["--domain", "233"], "domain 233: must be 0 to 232"),
         (["--distro", "../x"], "ROS_DISTRO"),
+        (["--distro", "foo"], "distribution 'foo': must be one of humble"),
+        (["--backend", "zenoh", "--zenoh-connect", "foo"], "--zenoh-connect foo: expected tcp/HOST:PORT"),
         (["--rate", "0"], "--rate 0: must be above 0 Hz"),
         (["--rate", "nan"], "--rate nan: must be above 0 Hz"),
     ],
@@ -74,6 +76,14 @@ def test_a_variable_that_makes_no_sense_is_usage(
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "EVERYWHERE")
     assert main(["ros", "--backend", "dds"]) == 2
     assert "ROS_AUTOMATIC_DISCOVERY_RANGE='EVERYWHERE'" in capsys.readouterr().err
+
+
+def test_a_middleware_that_nobody_knows_is_usage(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "foo")
+    assert main(["ros"]) == 2
+    assert "RMW_IMPLEMENTATION='foo': must be one of rmw_zenoh_cpp" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", verb.BACK_ENDS)

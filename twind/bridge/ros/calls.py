@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -37,6 +37,7 @@ KEPT = 2  # different things asked of one errand that wait
 MODE_PACE, STOP_PACE = 1.0, 0.1  # s from one to the next; an e-stop has none
 
 Ask = Callable[[], Client]
+STOPPING = "stopping: the robot decelerates and holds"
 
 
 class Errand:
@@ -82,17 +83,19 @@ class Calls:
         operator: Ask,
         observer: Ask,
         stopping: Callable[[], None],
-        status: Callable[[], str],
+        status: Callable[[Mapping[str, Any] | str], str],
+        closed: Callable[[bool], str],
         say: Told,
         tell: Callable[[str], None],
     ) -> None:
         """`operator`, `observer` make connections; `stopping` is told of a stop before it is asked for.
 
-        `status`: the text of the topic /bridge/status. `say` gets what became of what came by topic, `tell` a
+        `status`: the text of /bridge/status by what the daemon says now, or by why it does not. `closed`: why
+        no stop (True), or no mode is taken; "": it is. `say` gets what became of what came by topic, `tell` a
         line where even that fails.
         """
         self._operator, self._observer, self._stopping = operator, observer, stopping
-        self._status, self._say = status, say
+        self._status, self._closed, self._say = status, closed, say
         self._stop = Errand("stop", lambda _: self._tell(STOP, "", self.stop()), tell, STOP_PACE)
         self._mode = Errand(
             "mode", lambda mode: self._tell(SET_MODE, mode, self._named(mode)), tell, MODE_PACE
@@ -121,7 +124,7 @@ class Calls:
     def asked(self, service: Service, data: bool | None) -> tuple[bool, str]:
         """A request of one of our services: success, and words. Waits for the daemon."""
         if service is GET_STATUS:
-            return True, self._status()
+            return True, self._status(self._asked_now())
         if service is TO_STOP:
             return self.stop()
         if service is TO_E_STOP:
@@ -132,8 +135,15 @@ class Calls:
 
     def stop(self) -> tuple[bool, str]:
         """Decelerate and hold."""
+        why = self._closed(True)
+        if why:
+            return False, why
         self._stopping()
-        return self._call(self._operator, "Cancel")
+        done, message = self._call(self._operator, "Cancel")
+        return (
+            done,
+            STOPPING if done else message,
+        )  # the state that it answers with says nothing of the motion
 
     def e_stop(self, level: str) -> tuple[bool, str]:
         """Stop now. It latches: who acknowledges it (`twindctl reset`) stands beside the robot."""
@@ -147,7 +157,18 @@ class Calls:
 
     def set_mode(self, mode: str) -> tuple[bool, str]:
         """Where commands go: sim, mirror, live. It does not arm."""
-        return self._call(self._operator, "SetMode", mode=mode)
+        why = self._closed(False)
+        return (False, why) if why else self._call(self._operator, "SetMode", mode=mode)
+
+    def _asked_now(self) -> Mapping[str, Any] | str:
+        """`Status`, not older than this call; else why not."""
+        try:
+            with self._observer() as client:
+                client.timeout = SOON
+                status: Mapping[str, Any] = client.call("GetStatus")["status"]
+        except ClientError as error:
+            return str(error)
+        return status
 
     def _named(self, mode: str) -> tuple[bool, str]:
         return self.set_mode(mode) if mode else (False, "malformed: a String that names a mode is expected")

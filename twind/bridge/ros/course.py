@@ -17,19 +17,20 @@ from typing import Any
 from twind.bridge.ros.calls import Calls, denied
 from twind.bridge.ros.endpoints import (
     DIAGNOSTICS,
-    E_STOP,
     GET_STATUS,
     LATENCY,
+    NEIGHBOURS,
     RESULTS,
     SERVICES,
     STATUS,
-    TO_E_STOP,
     TOPICS,
     TRAJECTORY,
     Service,
     Topic,
 )
+from twind.bridge.ros.journal import Journal
 from twind.bridge.ros.listening import Listening
+from twind.bridge.ros.neighbours import Neighbours
 from twind.bridge.ros.orders import Orders
 from twind.bridge.ros.report import Diagnostics, latencies, words
 from twind.bridge.ros.speech import Message, Speech
@@ -66,9 +67,16 @@ class Course:
         self._commands, self._sockets = commands, sockets
         self._speech, self._diagnostics = Speech(), Diagnostics()
         self._graph, self._deaf, self._odd = Once(), Once(), Once()
-        self.orders = Orders(self._operator, self._result)
+        self._journal, self._neighbours, self._alone = Journal(tell), Neighbours(), Once()
+        self.orders = Orders(self._operator, self._result, closed=self._closed)
         self._calls = Calls(
-            self._operator, self._observer, self.orders.stop, self._status_text, self._result, tell
+            self._operator,
+            self._observer,
+            self.orders.stop,
+            self._status_text,
+            self._closed,
+            self._result,
+            tell,
         )
         self._readings = Listening(self._observer, ("state",), self._reading, tell, stop, rate=rate)
         self._news = Listening(self._observer, OTHERS, self._take, lambda _: None, stop, rate=OFTEN)
@@ -85,6 +93,7 @@ class Course:
         """Until told to stop; 0."""
         taking = threading.Thread(target=self._take_orders, name="orders", daemon=True)
         try:
+            self._journal.start()
             self._calls.start()
             self._readings.start()
             self._news.start()
@@ -122,6 +131,10 @@ class Course:
         if self._news.wrong or not self._news.there:
             self._status = None
             self._publish_status()
+        if self._commands:
+            both = self._neighbours.wrong()
+            if self._alone.news(both, time.monotonic()):
+                self._tell(both or "the other bridge is gone: commands are taken again")
         deaf = self._news.error if self._readings.there else ""  # a daemon that is away is told once
         if self._deaf.news(deaf, time.monotonic()) and deaf:
             self._tell(f"{deaf}; status and results are missing")
@@ -130,11 +143,9 @@ class Course:
 
     def _join(self) -> None:
         self._transport.close()
-        commands = self._commands and not self._denied
-        topics = [each for each in TOPICS if each.out or each is E_STOP or commands]
-        services = [each for each in SERVICES if commands or each in (GET_STATUS, TO_E_STOP)]
+        services = SERVICES if self._transport.serves else ()
         try:
-            self._transport.open(topics, services if self._transport.serves else [], self._heard, self._asked)
+            self._transport.open((*TOPICS, NEIGHBOURS), services, self._heard, self._asked)
         except TransportError as error:
             self._wrong = str(error)
         else:
@@ -157,16 +168,32 @@ class Course:
 
     def _heard(self, topic: Topic, data: bytes) -> None:
         """A message of the graph; in a thread of the back end."""
-        if topic is TRAJECTORY:
+        if topic == NEIGHBOURS:
+            self._neighbours.heard(data)
+        elif topic is TRAJECTORY:
             self.orders.put(data)
         else:
             self._calls.heard(topic, data)
 
     def _asked(self, service: Service, data: bool | None) -> tuple[bool, str]:
-        return self._calls.asked(service, data)
+        done, message = self._calls.asked(service, data)
+        if service is not GET_STATUS:
+            phase = "done" if done else "refused"
+            self._journal.note({"topic": service.name, "phase": phase, "message": message})
+        return done, message
 
     def _result(self, result: Mapping[str, Any]) -> None:
-        self._publish(RESULTS, words(result))
+        self._journal.note(result)
+        robot = (self._status or {}).get("robot")
+        self._publish(RESULTS, words({**result, "robot": robot, "bridge": self._neighbours.id}))
+
+    def _closed(self, stop: bool = False) -> str:
+        """Why no command is taken, or, with `stop`, not even that; "": they are. An e-stop always is."""
+        if not self._commands:
+            return "this bridge only looks (--no-commands): of what comes from ROS the e-stop alone is done"
+        if self._denied:
+            return f"this bridge only looks: {self._denied}; the e-stop alone is done"
+        return "" if stop else self._neighbours.wrong()
 
     # ------------------------------------------------------------------------------------------ the daemon
 
@@ -224,7 +251,7 @@ class Course:
         found = denied(self._operator) if self._commands else ""
         if found is None or bool(found) == bool(self._denied):
             return
-        self._denied, self._joined = found, False
+        self._denied = found
         self._tell(f"no command is taken from ROS: {found}" if found else "commands are taken from ROS")
 
     # ------------------------------------------------------------------------------------------ what is said
@@ -233,9 +260,11 @@ class Course:
         """How we are: what a reader of a latched status must know before it believes the rest."""
         daemon = self._over or self._news.wrong
         return {
+            "id": self._neighbours.id,
             "daemon": self._news.there and not daemon,
             "error": daemon or self._readings.wrong or self._wrong or None,
             "commands": self._commands and not self._denied and not self._over,
+            "refuses": self._closed() or None,
             "dropped": self._readings.dropped + self._news.dropped,
             "undelivered": getattr(self._transport, "dropped", 0),  # DDS alone knows
             "driving": 0 if self._over else len(self.orders.driving),
@@ -248,12 +277,17 @@ class Course:
     def _publish_status(self) -> None:
         self._publish(STATUS, words(self._said()))
 
-    def _status_text(self) -> str:
-        return json.dumps(self._said(), ensure_ascii=False)
+    def _status_text(self, now: Mapping[str, Any] | str) -> str:
+        """As `_said`, by what the daemon says `now`, or by why it does not."""
+        bridge = self._bridge()
+        if isinstance(now, str):
+            return json.dumps({"bridge": bridge | {"daemon": False, "error": now}}, ensure_ascii=False)
+        return json.dumps({**now, "bridge": bridge}, ensure_ascii=False)
 
     def _end(self, taking: threading.Thread) -> None:
         """The lease first: what is under way is let go. Whoever hangs is left behind after GRACE."""
         taking.join(GRACE)
+        self._journal.close()
         leaving = threading.Thread(target=self._leave, name="leaving", daemon=True)
         leaving.start()
         leaving.join(GRACE)

@@ -70,4 +70,7 @@ TO_MODE = {mode: Service(f"/bridge/set_mode_{mode}") for mode in MODES}
 TO_STOP = Service("/bridge/stop")
 TO_E_STOP = Service("/bridge/estop")
 
+# Ours and that of any other bridge in the graph, read: not of the robot, and so not in the table.
+NEIGHBOURS = Topic(STATUS.name, STRING, out=False, latched=True)
+
 SERVICES = (GET_STATUS, SET_LIVE, *TO_MODE.values(), TO_STOP, TO_E_STOP)

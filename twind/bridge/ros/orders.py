@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from typing import Any
 
-from twind.bridge.driving import Driving
+from twind.bridge.driving import LOST, STOPPED, Driving
 from twind.bridge.ros.endpoints import TRAJECTORY
 from twind.bridge.ros.goal import LONGEST, Heading, Unfit, heading, trajectory
 from twind.bridge.ros.inbox import PACE, ROOM, Command, Inbox, Told
@@ -21,7 +21,7 @@ PATIENT = 1.0  # s that a command may wait: what was meant for then is not done 
 RUNNING = 1.0  # s between two words to whoever follows a motion
 SOON = 2.0  # s for the answer to a cancel
 MORE = 64 << 10  # bytes of JSON that tolerances may take beside a path
-STOPPED = ("cancelled", "aborted")  # ends after which nobody's robot is where he thought
+UNHEARD = "how it ended was not heard, though the daemon moves nothing any more: its log may know"
 
 Result = dict[str, Any]
 
@@ -35,10 +35,14 @@ class Orders:
         say: Told,
         wall_ns: Callable[[], int] = time.time_ns,
         now: Callable[[], float] = time.monotonic,
+        closed: Callable[[], str] = str,
     ) -> None:
-        """`say` gets every outcome. `wall_ns`: the clock that stamps are read by, ns since 1970."""
+        """`say` gets every outcome. `wall_ns`: the clock that stamps are read by, ns since 1970.
+
+        `closed`: why no command is taken; "": they are.
+        """
         self._driving, self._inbox, self._operator = Driving(operator, now), Inbox(now), operator
-        self._say, self._wall_ns, self._now = say, wall_ns, now
+        self._say, self._wall_ns, self._now, self._closed = say, wall_ns, now, closed
         self._stopped = -inf  # s, monotonic: what came before is void
         self._mode, self._mode_at = "", -inf  # of the daemon, and when it was heard of
         self._let_go: set[str] = set()  # motions whose cancel is ours, for one that follows them
@@ -106,6 +110,8 @@ class Orders:
             if known is not None:
                 known.began = inf
                 message = "; ".join(str(each.get("message", "")) for each in ended.findings)
+                if ended.phase == LOST and not message:
+                    message = UNHEARD
                 self._tell(known, ended.phase, id=ended.id, message=message, findings=ended.findings)
         self._tell_running()
         self._tell_dropped()
@@ -129,6 +135,11 @@ class Orders:
         if command.cancelled:
             self._tell(command, "cancelled")
             return
+        closed = self._closed()
+        if closed:
+            command.data = b""
+            self._tell(command, "refused", message=closed, error="NotAllowed")
+            return
         try:
             answer = self._driving.submit(self._asked(command))
         except Unfit as unfit:
@@ -136,7 +147,7 @@ class Orders:
         except Refused as refusal:
             self._tell(command, "refused", message=str(refusal), findings=refusal.findings)
         except CallError as error:
-            self._tell(command, "refused", message=str(error), error=error.name)
+            self._tell(command, "refused", message=call_text(error), error=error.name)
         except ClientError as error:
             self._tell(command, "refused", message=str(error), error=type(error).__name__)
         except Exception as error:  # noqa: BLE001  whatever breaks us, its sender hears of it
@@ -224,3 +235,12 @@ def result_of(head: Heading | None, phase: str, **more: Any) -> Result:
     stamp = {"sec": known.sec, "nanosec": known.nanosec}
     said = {key: value for key, value in more.items() if value not in (None, "", ())}
     return {"topic": TRAJECTORY.name, "stamp": stamp, "frame_id": known.frame, "phase": phase, **said}
+
+
+def call_text(error: CallError) -> str:
+    """Why the daemon does not, in words for whoever has ROS alone: he takes nobody's lease."""
+    lease = error.parameters.get("lease")
+    if error.name != "LeaseHeld" or not isinstance(lease, Mapping):
+        return str(error)
+    held = f"the lease is held by {lease.get('holder')}, who keeps it as long as that one drives"
+    return f"{held}; none is taken by force from ROS: let that one end, then send it again"

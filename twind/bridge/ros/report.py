@@ -60,6 +60,8 @@ class Diagnostics:
         level, message = OK, "the daemon is there"
         if bridge["error"]:
             level, message = ERROR, str(bridge["error"])
+        elif bridge["commands"] and bridge["refuses"]:
+            level, message = WARN, str(bridge["refuses"])
         elif grew:
             level, message = WARN, f"{grew} messages of the daemon were lost on the way here"
         elif unheard:

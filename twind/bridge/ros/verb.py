@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 import threading
 from collections.abc import Callable
@@ -31,6 +32,13 @@ BACK_ENDS = {
     "dds": ("twind.bridge.ros.dds:Dds", ("cyclonedds",)),
     "zenoh": ("twind.bridge.ros.zenoh:Zenoh", ("zenoh", "xxhash")),
 }
+ZENOH = "rmw_zenoh_cpp"
+MIDDLEWARES = (  # that speak DDS
+    *("rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp"),
+    *("rmw_connextdds", "rmw_gurumdds_cpp"),
+)
+DISTROS = ("humble", "iron", "jazzy", "kilted", "lyrical", "rolling")
+_ENDPOINT = re.compile(r"(?:tcp|tls|udp|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?:unixsock-stream|serial)/\S+")
 RCLPY = "rclpy"  # joins it in another interpreter: twind.bridge.ros.launcher
 
 
@@ -73,6 +81,7 @@ def run(options: argparse.Namespace) -> int:
     except DiscoveryError as error:
         raise UsageError(str(error)) from None
     options.backend = options.backend or usual(dict(os.environ))
+    _sensible(options, graph)
     with told_to_stop() as stop:
         try:
             return _bridge(options, graph, stop)
@@ -80,14 +89,27 @@ def run(options: argparse.Namespace) -> int:
             raise Rejected(str(error)) from None
 
 
+def _sensible(options: argparse.Namespace, graph: Discovery) -> None:
+    """What our own back ends would take without a word. With rclpy, ROS itself knows. Raises UsageError."""
+    if options.backend != RCLPY and graph.distro not in DISTROS:
+        raise UsageError(f"distribution {graph.distro!r}: must be one of {', '.join(DISTROS)}")
+    endpoint = options.zenoh_connect
+    if endpoint is not None and _ENDPOINT.fullmatch(endpoint) is None:
+        raise UsageError(f"--zenoh-connect {endpoint}: expected tcp/HOST:PORT or tls/HOST:PORT")
+
+
 def usual(environment: dict[str, str]) -> str:
     """The back end where none is named.
 
-    Whoever has sourced ROS gets its own: actions, parameters and every rmw work there.
+    Whoever has sourced ROS gets its own: actions, parameters and every rmw work there. Raises UsageError.
     """
     if environment.get("ROS_DISTRO") and environment.get("AMENT_PREFIX_PATH"):
         return RCLPY
-    return "zenoh" if environment.get("RMW_IMPLEMENTATION", "") == "rmw_zenoh_cpp" else "dds"
+    middleware = environment.get("RMW_IMPLEMENTATION", "")
+    if middleware and middleware not in (ZENOH, *MIDDLEWARES):
+        known = ", ".join((ZENOH, *MIDDLEWARES))
+        raise UsageError(f"RMW_IMPLEMENTATION={middleware!r}: must be one of {known}, or name a --backend")
+    return "zenoh" if middleware == ZENOH else "dds"
 
 
 def _bridge(options: argparse.Namespace, graph: Discovery, stop: threading.Event) -> int:
@@ -133,7 +155,11 @@ def _headline(options: argparse.Namespace, graph: Discovery) -> str:
     if options.backend == "zenoh":
         reach = f"whoever reaches the router {options.zenoh_connect or ''}".rstrip()
     why = denied(lambda: Client(options.socket)) if options.commands else "--no-commands"
-    who = f"look only: {why}" if why else f"{reach} may move the robot"
+    who = (
+        f"look only: {why}; of what comes from ROS the e-stop alone is done"
+        if why
+        else f"{reach} may move the robot"
+    )
     return f"ROS 2 by {options.backend}, domain {graph.domain}: {reach}; {who}"
 
 
