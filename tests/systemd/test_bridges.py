@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from certificates import Authority
 from installed import REPOSITORY
 from machine import Machine, stop
 from service import Service, Unit, drop_in
@@ -84,6 +85,45 @@ def test_a_ros_peer_hears_the_joints(simulated: Service) -> None:
 
 def test_the_uplink_owns_nothing(uplink: Unit) -> None:
     harmless(uplink)
+
+
+def test_an_uplink_proves_by_its_credentials_who_it_is(uplink: Unit, tmp_path: Path) -> None:
+    """The examples of router, drop-in and configuration together, for an instance; the last of its tests."""
+    machine, name, endpoint = uplink.machine, "h24-007", "tls/localhost:7448"
+    authority = Authority(tmp_path / "authority")
+    for who in ("router", name, "operator"):
+        folder = machine.inside(f"/etc/twind/{who}")
+        folder.mkdir()
+        for part, path in zip(
+            ("cert", "key", "ca"), (*authority.sign(who), authority.certificate), strict=True
+        ):
+            (folder / f"{part}.pem").write_bytes(path.read_bytes())
+    said = example("zenoh-router.json5").replace("/etc/zenoh/", "/etc/twind/router/")
+    machine.inside("/etc/twind/router.json5").write_text(said)
+    own = example("uplink.json5").replace("twind-uplink.service", uplink.unit)
+    machine.inside("/etc/twind/uplink-sim.json5").write_text(own)
+    theirs = own.replace(f"/run/credentials/{uplink.unit}/", "/etc/twind/operator/")
+    theirs = theirs.replace('mode: "client",', f'mode: "client", connect: {{endpoints: ["{endpoint}"]}},')
+    machine.inside("/etc/twind/operator.json5").write_text(theirs)
+    machine.inside("/etc/twind/uplink-sim.env").write_text(
+        f"CONNECT={endpoint}\nOPTIONS=--zenoh-config /etc/twind/uplink-sim.json5 --name {name}\n"
+    )
+    drop_in(machine, uplink.unit, "uplink-elsewhere.conf")
+    machine.inside("/etc/twind/uplink").symlink_to(name)  # where the drop-in finds them
+    address = endpoint.replace("localhost", "127.0.0.1")
+    router = machine.popen(PYTHON, str(TESTS / "zenoh_router.py"), address, "/etc/twind/router.json5")
+    try:
+        uplink.machine.run("systemctl", "restart", uplink.unit)
+        ask = ("env", "TWIND_ZENOH=/etc/twind/operator.json5", "twindctl", "--remote", name, "status")
+        machine.until(lambda: machine.try_run(*ask).returncode == 0, 20.0, "the robot, by its certificate")
+        assert "sim" in machine.run(*ask)
+    finally:
+        stop(router)
+
+
+def example(name: str) -> str:
+    """A file of the repository's examples."""
+    return (REPOSITORY / "systemd/examples" / name).read_text()
 
 
 def harmless(unit: Unit) -> None:
