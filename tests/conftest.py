@@ -37,7 +37,7 @@ LONGEST = ("test_six_minutes_of_a_random_life", "test_three_minutes_without_a_fa
 # Real processes whose claim is no time, or one of seconds: these run two at once, beside computing.
 SIDE_BY_SIDE = """
     activation adopt_verb bridges calibrate_import_verb calibrate_scan calibrate_verbs can_socketcan
-    check_offline cli client codes_reached ctl_main docs doctor doctor_can_line doctor_can_links
+    check_offline cli client codes_reached ctl_main docs docs_ros doctor doctor_can_line doctor_can_links
     doctor_daemon doctor_files doctor_fix_live doctor_machine doctor_mend doctor_ports edited
     failsafe_live fleet_line fleet_live flight_live flight_ring front_find_stop front_limits front_log
     front_process front_reload front_server front_streams front_telemetry fuzz h24_mixed_live imu_live

@@ -1,0 +1,68 @@
+"""docs/ros.md: its programs run as printed, with a real daemon, bridge and peers."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+import ros_peer
+from dds_domain import free_domain
+from pages import ROOT, fenced
+from processes import Daemon, until
+from zenoh_router import free_port
+
+pytestmark = pytest.mark.realtime
+CLIENT, ROUTER = fenced((ROOT / "docs" / "ros.md").read_text(), "python")
+PEER = '{mode: "client", connect: {endpoints: ["WHERE"]}, scouting: {multicast: {enabled: false}}}'
+JOIN = "import sys, zenoh; zenoh.open(zenoh.Config.from_json5(sys.argv[1])).close()"
+
+
+@contextmanager
+def running(folder: Path) -> Iterator[Daemon]:
+    daemon = Daemon(folder, "--mode", "sim", "--robot", "h24")
+    try:
+        daemon.reach(mode="sim")
+        yield daemon
+    finally:
+        daemon.end()
+
+
+@pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds has no wheel for this machine")
+def test_the_client_of_the_page_moves_the_robot_and_hears_that_it_did(tmp_path: Path) -> None:
+    python = ros_peer.python()
+    with free_domain() as domain, running(tmp_path / "run") as daemon:
+        words = ["-m", "twind.ctl.main", "--socket", str(daemon.sockets), "ros", "--backend", "dds"]
+        words += ["--domain", str(domain)]
+        bridge = subprocess.Popen([sys.executable, *words], stderr=subprocess.PIPE, text=True)
+        try:
+            environment = ros_peer.environment(tmp_path, domain)
+            done = subprocess.run(
+                [python, "-c", CLIENT], env=environment, capture_output=True, text=True, timeout=120.0
+            )
+        finally:
+            bridge.kill()
+            told = bridge.communicate(timeout=10.0)[1]
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["accepted", "succeeded"], (done, told)
+
+
+@pytest.mark.skipif(find_spec("zenoh") is None, reason="the extra `zenoh` is not installed")
+def test_the_router_of_the_page_is_one() -> None:
+    where = f"tcp/127.0.0.1:{free_port()}"
+    assert "tcp/127.0.0.1:7447" in ROUTER
+    router = subprocess.Popen([sys.executable, "-c", ROUTER.replace("tcp/127.0.0.1:7447", where)])
+    peer = PEER.replace("WHERE", where)
+
+    def joined() -> bool:
+        return (
+            subprocess.run([sys.executable, "-c", JOIN, peer], capture_output=True, timeout=60.0).returncode
+            == 0
+        )
+
+    try:
+        until(joined, 60.0, "nobody can join it")
+    finally:
+        router.kill()
+        router.wait(10.0)
