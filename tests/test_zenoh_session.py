@@ -94,3 +94,21 @@ def test_who_listens_waits_for_nobody() -> None:
         assert time.monotonic() - begun < 15.0
         host, port = place.listen[0].removeprefix("tcp/").split(":")
         socket.create_connection((host, int(port)), 5.0).close()
+
+
+def test_who_has_left_hears_nothing_more_in_any_thread() -> None:
+    """A callback that a daemon thread declared has a daemon thread: one that comes back from compiled code
+    while the interpreter ends would abort the process."""
+    joined, heard = session.open_now(Place(listen=(f"tcp/127.0.0.1:{free_port()}",)), 30.0), list[object]()
+
+    def declare() -> None:
+        joined.declare_subscriber("twind/robot/state/10", heard.append)
+
+    declaring = threading.Thread(target=declare, daemon=True)
+    declaring.start()
+    declaring.join()
+    mine = [each for each in threading.enumerate() if session.CALLBACK in each.name and each.daemon]
+    assert mine
+    session.leave(joined)
+    assert not [each for each in mine if each.is_alive()]
+    assert joined.is_closed()

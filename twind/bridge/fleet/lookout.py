@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from twind.bridge.fleet.here import Here
 from twind.bridge.fleet.remote import Shared, joining
 from twind.bridge.fleet.roll import Roll
-from twind.bridge.zenoh.session import Place, SessionError, open_now, opened
+from twind.bridge.zenoh.session import Place, SessionError, leave, open_now, opened
 from twind.ctl.verb import UsageError
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class Lookout:
             thread.join(2.0 * PERIOD)
         if self.way is not None:
             with contextlib.suppress(Exception):  # whatever is wrong with it, it is over
-                self.way.session.close()
+                leave(self.way.session)
         self.way = self._elsewhere = None
 
     def _join(self, tell: Callable[[str], None]) -> None:

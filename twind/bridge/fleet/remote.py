@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from twind.bridge.zenoh.session import MISSING, VARIABLE, Place, here, named, open_now
+from twind.bridge.zenoh.session import MISSING, VARIABLE, Place, here, leave, named, open_now
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.connection import TIMEOUT
 from twind.ctl.verb import UsageError
@@ -44,7 +44,7 @@ class Own:
 
     def leave(self, session: zenoh.Session) -> None:
         """Ends it."""
-        session.close()
+        leave(session)
 
 
 @dataclass(frozen=True, slots=True)

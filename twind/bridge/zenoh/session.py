@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from ipaddress import ip_address
@@ -26,8 +27,10 @@ LOCAL = "tcp/127.0.0.1:7447"  # where a router of this machine listens
 VARIABLE = "TWIND_ZENOH"  # endpoints by commas, or the path of a configuration file
 FILES = (".json5", ".json", ".yaml", ".yml")
 LARGEST = 5 << 20  # bytes of one message, a trajectory's and a little; what is larger never fills our memory
+PARTING = 1.0  # s that threads of the engine may take to end
 TRY = 1.0  # s for one attempt to connect, and between two
 SEALED = ("tls", "quic", "unixsock-stream")  # links that nobody on the way can read
+CALLBACK = "pyo3-closure"  # in the name of a thread that the engine's Python binding made
 MISSING = (
     "Zenoh is not here: in the clone of twind, pip install '.[zenoh]'; an installed service: "
     "sudo make install EXTRAS=zenoh"
@@ -117,6 +120,19 @@ def open_now(place: Place, patience: float) -> zenoh.Session:
         return _open(_configuration(place, patience))
     except SessionError as error:
         raise SessionError(f"{place}: {error}") from None
+
+
+def leave(session: zenoh.Session) -> None:
+    """Close it, and wait until its callbacks are over, `PARTING` s at most.
+
+    Each has a thread, a daemon where a daemon declared it. One that comes back from compiled code while the
+    interpreter ends takes the process down with it: SIGABRT, "exception not rethrown" (eclipse-zenoh 1.10.2).
+    """
+    session.close()
+    deadline = time.monotonic() + PARTING
+    for thread in threading.enumerate():
+        if thread.daemon and CALLBACK in thread.name:
+            thread.join(max(0.0, deadline - time.monotonic()))
 
 
 def _open(configuration: zenoh.Config) -> zenoh.Session:
