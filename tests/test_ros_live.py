@@ -336,3 +336,19 @@ def test_a_daemon_that_dies_is_said_to_be_away_and_the_next_one_is_found(graph: 
     graph.states()
     graph.command(0.2, 1, "again")
     graph.told(frame_id="again", phase="succeeded")
+
+
+def test_two_bridges_in_one_domain_move_nothing_until_one_is_alone(graph: Graph) -> None:
+    second = graph.begin()
+    try:
+        until(lambda: graph.log().count("another bridge takes commands") == 2, 30.0, "both say so")
+        graph.command(0.3, 1, "both")
+        until(lambda: len(graph.results(frame_id="both")) == 2, 30.0, "two answers")
+        told = graph.results(frame_id="both")
+        assert {each["phase"] for each in told} == {"refused"} and len({each["bridge"] for each in told}) == 2
+    finally:
+        second.send_signal(signal.SIGTERM)
+        second.wait(10)
+    until(lambda: "the other bridge is gone" in graph.log(), 30.0, "one is alone")
+    graph.command(0.3, 1, "one")
+    graph.told(frame_id="one", phase="succeeded")
