@@ -281,7 +281,14 @@ def test_a_robot_is_in_a_graph_and_reached_from_elsewhere_as_the_readme_says(tmp
         graph = environment | {"ROS_DOMAIN_ID": str(domain)}
         going = [begin(ros, tmp_path, graph), begin(uplink, tmp_path, environment)]
         desk = environment | {"TWIND_ZENOH": f"tcp/127.0.0.1:{port}"}
-        until(lambda: run(fleet, tmp_path, desk).count("h24") == 2, 30.0, "not both here and elsewhere")
+
+        def listed() -> bool:
+            told = subprocess.run(
+                ["bash", "-c", fleet], cwd=tmp_path, env=desk, capture_output=True, text=True
+            )
+            return told.returncode == 0 and told.stdout.count("h24") == 2
+
+        until(listed, 30.0, "not both here and elsewhere")
         run(move, tmp_path, desk)
         said = [ended(process) for process in going]
     assert "domain" in said[0] and "h24 is up" in said[1], said
