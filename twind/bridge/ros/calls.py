@@ -140,10 +140,8 @@ class Calls:
             return False, why
         self._stopping()
         done, message = self._call(self._operator, "Cancel")
-        return (
-            done,
-            STOPPING if done else message,
-        )  # the state that it answers with says nothing of the motion
+        # The state that it answers with says nothing of the motion.
+        return done, STOPPING if done else message
 
     def e_stop(self, level: str) -> tuple[bool, str]:
         """Stop now. It latches: who acknowledges it (`twindctl reset`) stands beside the robot."""
