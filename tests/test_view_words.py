@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from viewed import h24, state, status
 
@@ -90,6 +90,7 @@ def test_without_its_libraries_the_viewer_says_what_to_install(monkeypatch: Any,
 
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=40))
+@example([10.0, -5e-324])  # divided by a step it is nothing
 def test_what_is_known_lies_inside_its_axis_whatever_is_not(values: list[float]) -> None:
     least, most = plots.extent((np.array([np.nan, *values]),))
     assert least < most and all(least <= value <= most for value in values)

@@ -133,7 +133,7 @@ def extent(lines: Line) -> tuple[float, float]:
     least, most = float(values.min()), float(values.max())
     span = max(most - least, abs(most) * 1e-3, 1e-3)
     step = 10.0 ** floor(log10(span)) / 2.0
-    return floor(least / step) * step, (floor(most / step) + 1) * step
+    return min(least, floor(least / step) * step), (floor(most / step) + 1) * step
 
 
 def _fill(plot: Any, data: Line) -> None:
