@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from twind.client import CallError
+from twind.client import CallError, Disconnected, NoAnswer
 from twind.config.calibration_file import Calibration, load_calibration
 from twind.config.robot_spec import RobotFile
 
@@ -34,7 +34,7 @@ class FakeDaemon:
     def __init__(self, robot: RobotFile, file: Path, known: Calibration, mode: str = "live") -> None:
         self.robot, self.file, self.mode = robot, file, mode
         self.state, self.now, self.tick = "connected", 100.0, 0.01
-        self.leased_until = 0.0
+        self.leased_until, self.connected = 0.0, False
         self.asked: list[str] = []
         self.states: list[str] = []  # at each reading
         self.servos: dict[int, dict[str, int]] = {}
@@ -64,8 +64,13 @@ class FakeDaemon:
     def call(self, method: str, **how: Any) -> Any:
         """One call, and its answer."""
         self.asked.append(method)
+        self.connected = True
         answer = getattr(self, f"_{method}", dict)(**how)
-        self.break_off(method, how)
+        try:
+            self.break_off(method, how)
+        except (Disconnected, NoAnswer):
+            self.connected = False
+            raise
         return answer
 
     def stream(self, method: str, **how: Any) -> Iterator[Any]:

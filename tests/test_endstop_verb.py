@@ -31,6 +31,8 @@ OTHERS = {
 class Daemon:
     """Answers what the verb asks, and remembers how it was asked."""
 
+    connected = True
+
     def __init__(self, robot: Any, file: Path, counts: list[int] | None, mode: str = "live") -> None:
         self.robot, self.file, self.counts, self.mode = robot, file, counts, mode
         self.asked: list[tuple[str, dict[str, Any]]] = []
