@@ -3,6 +3,7 @@
 import shutil
 import struct
 import subprocess
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,11 +35,14 @@ class FastDds:
         command = [str(program), str(domain), "listen", str(folder), *words]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self._lines: list[str] = []
+        late = threading.Timer(60.0, self.process.kill)
+        late.start()
         while not self._lines or self._lines[-1] != "ready":
             assert self.process.stdout is not None
             line = self.process.stdout.readline()
             assert line, f"the peer ended: {self._lines}"
             self._lines.append(line.strip())
+        late.cancel()
 
     def heard(self, topic: int = 0) -> list[tuple[int, bytes]]:
         """(ns of arrival, bytes) of each whole sample so far."""

@@ -165,7 +165,10 @@ static int listen(DomainParticipant* participant, char** words, int count) {
     }
     subscriber->create_datareader(about, qos, new Taking(file, topic));
   }
-  std::cout << "ready" << std::endl;
+  {
+    std::lock_guard<std::mutex> lock(printing);  // else the word stands in the middle of a listener's line
+    std::cout << "ready" << std::endl;
+  }
   while (std::getchar() != EOF) {
   }
   std::lock_guard<std::mutex> lock(printing);
