@@ -16,6 +16,7 @@ OPT = "/opt/twind"
 PYTHON = f"{OPT}/python"  # where the interpreter's own installation is seen
 SOURCE = f"{OPT}/source"
 PACKAGES = f"{OPT}/packages"
+PEERS = f"{OPT}/tests"  # programs of the tests that run there: /tmp, where a clone may be, is another one
 ROOMS = ("twind", "drivers/twind_drivers", "calibration/twind_calibration")
 # People of the machine: one of each group, and one of none.
 PEOPLE = """\
@@ -35,6 +36,7 @@ def own_python() -> bool:
 def binds() -> dict[str, str]:
     """What is shown where, read only."""
     shown = {f"{SOURCE}/{room}": str(REPOSITORY / room) for room in ROOMS}
+    shown[PEERS] = str(REPOSITORY / "tests")
     shown[PACKAGES] = sysconfig.get_path("purelib")
     if own_python():
         shown[PYTHON] = sys.base_prefix

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 from certificates import Authority
-from installed import REPOSITORY
+from installed import PEERS, REPOSITORY
 from machine import Machine, stop
 from service import Service, Unit, drop_in
 
 pytestmark = pytest.mark.realtime
 
-PYTHON, TESTS = "/opt/twind/bin/python", REPOSITORY / "tests"
+PYTHON = "/opt/twind/bin/python"
 SIM = "twind-sim.service"  # its bridges are those of the instance `sim`
 DOMAIN = "41"
 
@@ -31,7 +31,7 @@ def simulated(machine: Machine) -> Iterator[Service]:
 def uplink(simulated: Service) -> Iterator[Unit]:
     """Its uplink, and the router that the uplink looks for."""
     machine = simulated.machine
-    router = machine.popen(PYTHON, str(TESTS / "zenoh_router.py"), "tcp/127.0.0.1:7447")
+    router = machine.popen(PYTHON, f"{PEERS}/zenoh_router.py", "tcp/127.0.0.1:7447")
     unit = Unit(machine, "twind-uplink@sim.service").start()
     yield unit
     unit.stop()
@@ -64,7 +64,7 @@ def test_a_ros_peer_hears_the_joints(simulated: Service) -> None:
     machine = simulated.machine
     machine.inside("/etc/twind/ros-sim.env").write_text(f"ROS_DOMAIN_ID={DOMAIN}\nOPTIONS=--backend dds\n")
     unit = Unit(machine, "twind-ros@sim.service").start()
-    peer = machine.popen("env", f"CYCLONEDDS_URI={config()}", PYTHON, str(TESTS / "ros_dds_peer.py"), DOMAIN)
+    peer = machine.popen("env", f"CYCLONEDDS_URI={config()}", PYTHON, f"{PEERS}/ros_dds_peer.py", DOMAIN)
     assert peer.stdin is not None and peer.stdout is not None
     try:
 
@@ -111,7 +111,7 @@ def test_an_uplink_proves_by_its_credentials_who_it_is(uplink: Unit, tmp_path: P
     drop_in(machine, uplink.unit, "uplink-elsewhere.conf")
     machine.inside("/etc/twind/uplink").symlink_to(name)  # where the drop-in finds them
     address = endpoint.replace("localhost", "127.0.0.1")
-    router = machine.popen(PYTHON, str(TESTS / "zenoh_router.py"), address, "/etc/twind/router.json5")
+    router = machine.popen(PYTHON, f"{PEERS}/zenoh_router.py", address, "/etc/twind/router.json5")
     try:
         uplink.machine.run("systemctl", "restart", uplink.unit)
         ask = ("env", "TWIND_ZENOH=/etc/twind/operator.json5", "twindctl", "--remote", name, "status")
