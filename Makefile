@@ -137,7 +137,7 @@ $(VENV)/.learn: $(VENV)/.ready constraints.txt
 	touch $@
 
 # The real rclpy, in an environment of its own: it wants CPython 3.12, and nobody but tests. `empy` has no wheel.
-PYTHON312 ?= $(lastword python3.12 $(wildcard ~/.pyenv/versions/3.12.*/bin/python3.12))
+PYTHON312 ?= $(firstword $(wildcard $(shell pyenv prefix 3.12 2>/dev/null)/bin/python3.12) python3.12)
 
 ros: $(VENV)/ros/.ready
 

@@ -1,11 +1,9 @@
-"""Other Pythons of this machine: on the PATH, or where pyenv keeps them."""
+"""Other Pythons: those on the PATH, or that a version manager there tells of."""
 
-import os
 import shutil
 import subprocess
 import sys
 from functools import cache
-from pathlib import Path
 
 import pytest
 
@@ -15,14 +13,22 @@ def found(version: str) -> str | None:
     """The interpreter of `3.10`; None: there is none that runs."""
     if sys.version_info[:2] == tuple(map(int, version.split("."))):
         return sys.executable
-    root = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv")
-    kept = sorted(root.glob(f"versions/{version}.*/bin/python{version}"))
-    on_path = shutil.which(f"python{version}")
-    for each in [*([on_path] if on_path else []), *map(str, kept)]:
-        said = subprocess.run([each, "-c", "import sys; print(sys.version)"], capture_output=True, text=True)
-        if said.stdout.startswith(f"{version}."):  # a shim of pyenv is there for versions that are not
-            return each
+    for each in (shutil.which(f"python{version}"), _kept(version)):
+        if each and _said(each, "-c", "import sys; print(sys.version)").startswith(f"{version}."):
+            return each  # a shim may be there for versions that are not
     return None
+
+
+def _kept(version: str) -> str | None:
+    """Of a version that pyenv has, and does not put on the PATH."""
+    if shutil.which("pyenv") is None:
+        return None
+    prefix = _said("pyenv", "prefix", version).strip()
+    return f"{prefix}/bin/python{version}" if prefix else None
+
+
+def _said(*command: str) -> str:
+    return subprocess.run(command, capture_output=True, text=True).stdout
 
 
 def python(version: str) -> str:
