@@ -8,10 +8,10 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from bench.ros_zenoh_parts import JOINTS, NAMES, SETTLE, publish
+from tests.ros_dds_peer import types
 from twind.bridge.ros.dds import Dds
 from twind.bridge.ros.dds.config import configuration
 from twind.bridge.ros.discovery import Discovery
@@ -42,30 +42,12 @@ def idl(domain: int) -> Callable[[int], None]:
     os.environ["CYCLONEDDS_URI"] = str(configuration(Discovery(domain=domain)))
     from cyclonedds.core import Policy, Qos
     from cyclonedds.domain import DomainParticipant
-    from cyclonedds.idl import IdlStruct
-    from cyclonedds.idl.types import float64, int32, sequence, uint32
     from cyclonedds.pub import DataWriter
     from cyclonedds.topic import Topic
     from cyclonedds.util import duration
 
-    @dataclass
-    class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
-        sec: int32
-        nanosec: uint32
-
-    @dataclass
-    class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
-        stamp: Time
-        frame_id: str
-
-    @dataclass
-    class JointState(IdlStruct, typename="sensor_msgs.msg.dds_.JointState_"):
-        header: Header
-        name: sequence[str]
-        position: sequence[float64]
-        velocity: sequence[float64]
-        effort: sequence[float64]
-
+    kinds = types()
+    Time, Header, JointState = (kinds[name] for name in ("Time", "Header", "JointState"))
     participant: Any = DomainParticipant(domain)
     qos = Qos(Policy.Reliability.Reliable(duration(milliseconds=5)), Policy.History.KeepLast(10))
     writer = DataWriter(participant, Topic(participant, "rt/hw/joint_states", JointState), qos=qos)

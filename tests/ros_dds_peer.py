@@ -209,7 +209,7 @@ def types() -> dict[str, Any]:
             given[field.name] = value
         return kind(**given)
 
-    known = (JointState, JointTrajectory, String, DiagnosticArray, Garbage)
+    known = (Time, Header, JointState, JointTrajectory, String, DiagnosticArray, Garbage)
     return {each.__name__: each for each in known} | {"of": of}
 
 
