@@ -6,7 +6,7 @@ with Client() as robot:
         print(step["phase"], step["progress"])
 """
 
-from twind.client.connection import Client
+from twind.client.connection import Client, first_open
 from twind.client.errors import CallError, ClientError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused
 from twind.client.places import socket_path
 
@@ -19,5 +19,6 @@ __all__ = [
     "NoDaemon",
     "NotCarried",
     "Refused",
+    "first_open",
     "socket_path",
 ]

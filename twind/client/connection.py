@@ -6,7 +6,7 @@ from collections.abc import Generator, Mapping
 from types import TracebackType
 from typing import Any
 
-from twind.client.errors import ClientError, Disconnected, NoAnswer, as_error
+from twind.client.errors import ClientError, Disconnected, NoAnswer, NoDaemon, as_error
 from twind.client.line import Line, SocketLine
 from twind.client.places import socket_path
 
@@ -187,6 +187,20 @@ class Client:
         except ClientError:
             self.close()
             raise
+
+
+def first_open(path: str | os.PathLike[str] | None, *names: str, timeout: float = TIMEOUT) -> Client:
+    """A connection to the first of the sockets `names` that lets us in. Raises the NoDaemon of the last."""
+    failure = NoDaemon(f"{path}: no socket was named")
+    for name in names:
+        client = Client(path, name=name, timeout=timeout)
+        try:
+            client.connect()
+        except NoDaemon as error:
+            failure = error
+        else:
+            return client
+    raise failure
 
 
 def _understood(data: bytes) -> Answer:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from twind.client import CallError, Client, ClientError, NoDaemon
+from twind.client import CallError, Client, ClientError, first_open
 
 REMOTES = "twind.remotes"  # entry points: of the value of --remote a Client
 DONE, REFUSED, USAGE, NO_DAEMON = 0, 1, 2, 3  # exit codes
@@ -55,17 +55,7 @@ def connected(options: argparse.Namespace, *names: str) -> Client:
         client = from_afar(options)
         client.connect()
         return client
-    failure: NoDaemon | None = None
-    for name in names:
-        client = Client(options.socket, name=name)
-        try:
-            client.connect()
-        except NoDaemon as error:
-            failure = error
-        else:
-            return client
-    assert failure is not None
-    raise failure
+    return first_open(options.socket, *names)
 
 
 def observer(options: argparse.Namespace) -> Client:

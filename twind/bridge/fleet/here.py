@@ -8,7 +8,7 @@ from pathlib import Path
 
 from twind.bridge.fleet.roll import Roll
 from twind.bridge.uplink.name import robot_name
-from twind.client import Client, ClientError, NoDaemon
+from twind.client import ClientError, first_open
 from twind.client.places import directories
 
 PATIENCE = 2.0  # s for an answer
@@ -50,7 +50,7 @@ class Here:
     def _ask(self, folder: str) -> None:
         begun = time.monotonic()
         try:
-            with _connected(folder) as client:
+            with first_open(folder, *NAMES, timeout=PATIENCE) as client:
                 answer = client.call("GetStatus", joints=True)
                 now = time.monotonic()
                 if folder not in self._names:
@@ -66,20 +66,6 @@ class Here:
     def _lost(self, folder: str, why: str) -> None:
         """One that never said its name has that of its folder, which is the instance's."""
         self._roll.lost(self._names.get(folder) or Path(folder).name, folder, why)
-
-
-def _connected(folder: str) -> Client:
-    """Raises the NoDaemon of the last of the two sockets."""
-    failure = NoDaemon(folder)
-    for name in NAMES:
-        client = Client(folder, name=name, timeout=PATIENCE)
-        try:
-            client.connect()
-        except NoDaemon as error:
-            failure = error
-        else:
-            return client
-    raise failure
 
 
 def _below(place: str) -> Iterator[str]:
