@@ -51,10 +51,13 @@ def test_a_bus_that_comes_back_under_another_name_is_found_by_its_link_and_nothi
             arm(client)
             for away in (0.15, 0.4, 1.0):
                 name = os.readlink(stable)
+                kept = os.open(name, os.O_RDWR | os.O_NOCTTY)  # else any process takes the name
                 virtual.order(fault="unplug", bus="upper")
                 seen = until_lost(news)
                 assert not stable.exists()
+                os.close(kept)
                 taken += pty.openpty()  # somebody else has the old name by now
+                assert os.ttyname(taken[-1]) == name
                 time.sleep(away)
                 before = places(virtual)[:12]
                 virtual.order(fault="replug", bus="upper")
