@@ -29,15 +29,15 @@ LATCHED = frozenset({"FAULT_LATCHED", "NOT_ARMED"})  # what such a thing leaves 
 PATIENCE = 30.0  # s that a machine may be too busy
 
 
-def until(what: Callable[[], T | None], seconds: float, said: str) -> T:
-    """What `what` returns once it is true, within `seconds`."""
+def until(what: Callable[[], T | None], seconds: float, said: str | Callable[[], str]) -> T:
+    """What `what` returns once it is true, within `seconds`; else `said`, as it is then."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         found = what()
         if found:
             return found
         time.sleep(0.02)
-    raise AssertionError(f"not within {seconds} s: {said}")
+    raise AssertionError(f"not within {seconds} s: {said if isinstance(said, str) else said()}")
 
 
 def favour(process: subprocess.Popen[bytes]) -> None:

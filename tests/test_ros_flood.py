@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from dds_domain import free_domain
-from processes import Daemon, until
+from processes import simulated, until
 from test_ros_live import COMMAND, Graph
 
 pytestmark = [
@@ -77,12 +77,12 @@ def flooded(graph: Graph, what: str, gap: float) -> Iterator[None]:
 @pytest.fixture(scope="module")
 def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
     folder = tmp_path_factory.mktemp("flood")
-    daemon = Daemon(folder / "run", "--mode", "sim", "--robot", "h24")
-    try:
-        with free_domain() as domain, Graph(folder, domain, daemon) as graph:
-            yield graph
-    finally:
-        daemon.kill()
+    with (
+        simulated(folder / "run") as daemon,
+        free_domain() as domain,
+        Graph(folder, domain, daemon) as graph,
+    ):
+        yield graph
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ class Graph:
             time.sleep(0.1)
             return bool(peer.ask("heard", topic=RESULTS))
 
-        until(both, 60.0, f"an answer: {self.log()}")
+        until(both, 60.0, lambda: f"an answer: {self.log()}")
         return peer
 
     def log(self) -> str:
@@ -105,7 +105,7 @@ class Graph:
 
     def told(self, **wanted: Any) -> dict[str, Any]:
         """The first result that has all that is wanted."""
-        until(lambda: self.results(**wanted), 30.0, f"{wanted}: {self._said[-5:]} {self.log()}")
+        until(lambda: self.results(**wanted), 30.0, lambda: f"{wanted}: {self._said[-5:]} {self.log()}")
         return self.results(**wanted)[0]
 
     def states(self, topic: str = "/joint_states") -> list[dict[str, Any]]:
@@ -116,7 +116,7 @@ class Graph:
             found.extend(self.peer.ask("heard", topic=topic))
             return bool(found)
 
-        until(look, 30.0, f"{topic}: {self.log()}")
+        until(look, 30.0, lambda: f"{topic}: {self.log()}")
         return found
 
     def knee(self) -> float:
@@ -149,6 +149,7 @@ def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Graph]:
     folder = tmp_path_factory.mktemp("ros")
     daemon = Daemon(folder / "run", "--mode", "sim", "--robot", "h24")
     try:
+        daemon.reach(mode="sim")
         with free_domain() as domain, Graph(folder, domain, daemon) as graph:
             yield graph
             daemon = graph.daemon  # the last of them
