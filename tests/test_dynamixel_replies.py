@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from twind_drivers.dynamixel import packet as p
@@ -293,6 +293,8 @@ def test_a_reply_that_cannot_fit_is_refused_when_asked() -> None:
 
 
 @given(at=st.integers(8, len(fast())), said=st.binary(max_size=40), chunk=st.integers(1, 120))
+@example(at=len(fast()) - 1, said=b"", chunk=1)  # as many bytes as were asked for end within its header
+@example(at=len(fast()) - 3, said=b"", chunk=1)
 def test_a_status_of_somebody_else_in_the_middle_of_a_joint_answer_costs_nobody_his_own(
     at: int, said: bytes, chunk: int
 ) -> None:

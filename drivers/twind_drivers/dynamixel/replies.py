@@ -259,11 +259,16 @@ class FastReply:
             if count < len(self.ids):
                 if self._cut_out():
                     continue
-                if not final and self._bytes.find(HEADER, len(HEADER), self._got) >= 0:
-                    return False  # somebody talks in between: the rest of both may still come
+                if not final and self._interrupted():
+                    return False  # the rest of both may still come
             if count:
                 return self._keep(count)
             self._shift(1)  # a false head
+
+    def _interrupted(self) -> bool:
+        """Somebody talks in between: a second header is there, or the last bytes may be how one begins."""
+        begins = any(self._view[self._got - n : self._got] == HEADER[:n] for n in range(1, len(HEADER)))
+        return begins or self._bytes.find(HEADER, len(HEADER), self._got) >= 0
 
     def _cut_out(self) -> bool:
         """Take out the first whole status that stands behind the head; False: there is none."""
