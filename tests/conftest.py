@@ -34,48 +34,55 @@ settings.load_profile("twind")
 LONGEST = ("test_six_minutes_of_a_random_life", "test_three_minutes_without_a_fault")
 
 
-# Real processes whose claim is no time, or one of seconds: these run two at once, beside computing.
+# Real processes whose claim is no time, or one of seconds: these run two at once, beside computing that has only
+# what nobody else wants.
 SIDE_BY_SIDE = """
-    activation adopt_verb bridges calibrate_import_verb calibrate_scan calibrate_verbs can_socketcan
-    check_offline cli client codes_reached ctl_main docs docs_ros doctor doctor_can_line doctor_can_links
-    doctor_daemon doctor_files doctor_fix_live doctor_machine doctor_mend doctor_ports edited
-    failsafe_live fleet_line fleet_live flight_live flight_ring front_find_stop front_limits front_log
-    front_process front_reload front_server front_streams front_telemetry fuzz h24_mixed_live imu_live
-    latency_live learn_batch_vec_env learn_training loop_notify loop_slow_answers_live machine many
-    metrics_live model_live monitor_live packaged picture_live plug policy_live prove_verb record_live
-    recorder register_verb reload_live remote_live replug robot ros_course ros_dds ros_dds_live ros_flood
-    ros_live ros_zenoh ros_zenoh_live ros_zenoh_services scan_verb service service_files stream_camera
-    stream_ingest stream_keeping stream_live stream_sender streams uplink_lanes uplink_live uplink_lost
-    uplink_secret uplink_together view_door view_fleet view_fleet_live view_news view_operate view_stops
-    virtual_can_clients virtual_child virtual_clients virtual_main virtual_serve virtual_servos wiggle_verb
-    zenoh_session
+    activation bridges can_socketcan check_offline cli client codes_reached ctl_main docs_ros
+    doctor_can_links doctor_files doctor_machine doctor_ports fleet_line flight_live flight_ring
+    front_find_stop front_limits front_log front_reload front_server front_streams front_telemetry fuzz
+    latency_live learn_batch_vec_env learn_training loop_notify machine metrics_live picture_live
+    policy_live register_verb remote_live ros_course ros_dds ros_dds_live ros_flood ros_live ros_zenoh
+    ros_zenoh_live ros_zenoh_services service service_files stream_camera stream_ingest stream_keeping
+    stream_live stream_sender streams uplink_lanes uplink_live uplink_lost uplink_secret uplink_together
+    view_door view_fleet view_fleet_live view_news view_operate view_stops virtual_servos zenoh_session
 """
 
-# Whose claims are no reaction of a robot within milliseconds: one at a time, and beside it only computing
-# that has what nobody else wants. Who stands in neither list has the machine to itself.
-ONE_BY_ONE = """
-    busmon_can_live busmon_live doctor_robot evil_daemons_live front_foreseen front_rights
-    kills log_live view_live view_page
+# The same, but what they say goes over pseudo-terminals, whose bytes a thread of the kernel carries: beside computing
+# it comes late by up to 0.8 s (.ci/run has the figures). Two at once, and nothing else.
+WIRED = """
+    adopt_verb calibrate_import_verb calibrate_scan calibrate_verbs docs doctor doctor_can_line
+    doctor_daemon doctor_fix_live doctor_mend edited failsafe_live fleet_live front_process
+    h24_mixed_live imu_live loop_slow_answers_live many model_live monitor_live packaged plug prove_verb
+    record_live recorder reload_live replug robot scan_verb virtual_can_clients virtual_child
+    virtual_clients virtual_main virtual_serve wiggle_verb
 """
+
+# Whose claims are no reaction of a robot within milliseconds: one at a time, beside computing. Who stands in none of
+# these lists has the machine to itself.
+ONE_BY_ONE = "front_foreseen front_rights log_live view_page"
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Where only tests in real time are asked for, files that have none are not read: most of them."""
     file = collection_path.suffix == ".py" and collection_path.name.startswith("test_")
-    if file and config.option.markexpr.startswith(("realtime", "alone", "still")):
+    if file and config.option.markexpr.startswith(("realtime", "alone", "still", "wired")):
         return True if "realtime" not in collection_path.read_text() else None
     return None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The order of everything else stays."""
-    shared, single = (_files(names) for names in (SIDE_BY_SIDE, ONE_BY_ONE))
+    shared, wired, single = (_files(names) for names in (SIDE_BY_SIDE, WIRED, ONE_BY_ONE))
     _one_life_each(items)
     for item in items:
-        if item.get_closest_marker("realtime") and item.path.name not in shared:
-            item.add_marker("alone")
-            if item.path.name not in single:
-                item.add_marker("still")
+        if not item.get_closest_marker("realtime") or item.path.name in shared:
+            continue
+        if item.path.name in wired:
+            item.add_marker("wired")
+            continue
+        item.add_marker("alone")
+        if item.path.name not in single:
+            item.add_marker("still")
     items.sort(key=lambda item: not item.name.startswith(LONGEST))
 
 

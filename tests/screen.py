@@ -147,7 +147,9 @@ class Run:
             gone, status = os.waitpid(self.pid, os.WNOHANG)
             if gone:
                 self.ended = os.waitstatus_to_exitcode(status)
-        self.read(0.05)
+        end = time.monotonic() + 1.0  # what it wrote may still be on its way
+        while self.read(0.05) and time.monotonic() < end:
+            pass
         assert self.ended is not None, "\n".join(self.screen.lines)
         return self.ended
 
