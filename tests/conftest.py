@@ -34,8 +34,8 @@ settings.load_profile("twind")
 LONGEST = ("test_six_minutes_of_a_random_life", "test_three_minutes_without_a_fault")
 
 
-# Real processes whose claim is no time, or one of seconds: these run two at once, beside computing that has only
-# what nobody else wants.
+# Real processes whose claim is no time, or one of seconds: these run two at once, beside computing that has
+# only what nobody else wants.
 SIDE_BY_SIDE = """
     activation bridges can_socketcan check_offline cli client codes_reached ctl_main docs_ros
     doctor_can_links doctor_files doctor_machine doctor_ports fleet_line flight_live flight_ring
@@ -47,8 +47,8 @@ SIDE_BY_SIDE = """
     view_door view_fleet view_fleet_live view_news view_operate view_stops virtual_servos zenoh_session
 """
 
-# The same, but what they say goes over pseudo-terminals, whose bytes a thread of the kernel carries: beside computing
-# it comes late by up to 0.8 s (.ci/run has the figures). Two at once, and nothing else.
+# The same, but what they say goes over pseudo-terminals, whose bytes a thread of the kernel carries: beside
+# computing it comes late by up to 0.8 s (.ci/run has the figures). Two at once, and nothing else.
 WIRED = """
     adopt_verb calibrate_import_verb calibrate_scan calibrate_verbs docs doctor doctor_can_line
     doctor_daemon doctor_fix_live doctor_mend edited failsafe_live fleet_live front_process
@@ -57,8 +57,8 @@ WIRED = """
     virtual_clients virtual_main virtual_serve wiggle_verb
 """
 
-# Whose claims are no reaction of a robot within milliseconds: one at a time, beside computing. Who stands in none of
-# these lists has the machine to itself.
+# Whose claims are no reaction of a robot within milliseconds: one at a time, beside computing. Who stands in
+# none of these lists has the machine to itself.
 ONE_BY_ONE = "front_foreseen front_rights log_live view_page"
 
 
