@@ -39,13 +39,13 @@ test-slow: $(VENV)/.ready
 
 # All tests, fast and slow together, so that they are collected no more often than they must. What learning needs, and
 # the real rclpy where it can be had, is installed while what needs none of it looks at the sources. Computing that has
-# only what nobody else wants fills the time that real processes sleep, first of two at once, then of one; beside those
-# that speak over pseudo-terminals nobody computes, and whose claim is timing has the machine to itself.
+# only what nobody else wants fills the time that real processes sleep; beside those that speak over pseudo-terminals
+# nobody computes, and whose claim is timing has the machine to itself.
 check: $(VENV)/.ready
 	$(MAKE) $(TWO) format lint types $(VENV)/.learn ros-if-here
 	$(MAKE) $(TWO) imports computed lived
 	$(BIN)/pytest -n 2 --dist loadfile -m wired
-	$(BIN)/pytest -m still
+	$(BIN)/pytest -m alone
 
 TWO := --no-print-directory --jobs 2 --output-sync --keep-going
 IDLE := $(shell chrt --idle 0 true 2>/dev/null && echo chrt --idle 0)
@@ -55,7 +55,6 @@ computed: $(VENV)/.ready
 
 lived: $(VENV)/.ready
 	$(BIN)/pytest -n 2 --dist loadfile -m 'realtime and not alone and not wired'
-	$(BIN)/pytest -m 'alone and not still'
 
 format: $(VENV)/.ready
 	$(BIN)/ruff format --check .

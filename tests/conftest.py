@@ -48,7 +48,8 @@ SIDE_BY_SIDE = """
 """
 
 # The same, but what they say goes over pseudo-terminals, whose bytes a thread of the kernel carries: beside
-# computing it comes late by up to 0.8 s (.ci/run has the figures). Two at once, and nothing else.
+# computing it comes late by up to 0.8 s (.ci/run has the figures). Two at once, and nothing else. Who stands
+# in neither list has the machine to itself.
 WIRED = """
     adopt_verb calibrate_import_verb calibrate_scan calibrate_verbs docs doctor doctor_can_line
     doctor_daemon doctor_fix_live doctor_mend edited failsafe_live fleet_live front_process
@@ -57,32 +58,22 @@ WIRED = """
     virtual_clients virtual_main virtual_serve wiggle_verb
 """
 
-# Whose claims are no reaction of a robot within milliseconds: one at a time, beside computing. Who stands in
-# none of these lists has the machine to itself.
-ONE_BY_ONE = "front_foreseen front_rights log_live view_page"
-
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Where only tests in real time are asked for, files that have none are not read: most of them."""
     file = collection_path.suffix == ".py" and collection_path.name.startswith("test_")
-    if file and config.option.markexpr.startswith(("realtime", "alone", "still", "wired")):
+    if file and config.option.markexpr.startswith(("realtime", "alone", "wired")):
         return True if "realtime" not in collection_path.read_text() else None
     return None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The order of everything else stays."""
-    shared, wired, single = (_files(names) for names in (SIDE_BY_SIDE, WIRED, ONE_BY_ONE))
+    shared, wired = (_files(names) for names in (SIDE_BY_SIDE, WIRED))
     _one_life_each(items)
     for item in items:
-        if not item.get_closest_marker("realtime") or item.path.name in shared:
-            continue
-        if item.path.name in wired:
-            item.add_marker("wired")
-            continue
-        item.add_marker("alone")
-        if item.path.name not in single:
-            item.add_marker("still")
+        if item.get_closest_marker("realtime") and item.path.name not in shared:
+            item.add_marker("wired" if item.path.name in wired else "alone")
     items.sort(key=lambda item: not item.name.startswith(LONGEST))
 
 
