@@ -234,7 +234,12 @@ class Terminal:
         command = [*before, sys.executable, "-m", "twind.cli", "--socket", str(folder / "run"), "--config"]
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
-                [*command, str(sources.config)], stdin=slave, stdout=slave, stderr=log, preexec_fn=own
+                [*command, str(sources.config)],
+                cwd=folder,  # where nohup leaves its file
+                stdin=slave,
+                stdout=slave,
+                stderr=log,
+                preexec_fn=own,
             )
         os.close(slave)
         until(lambda: "LOOKAHEAD" in self.log.read_text(), 20.0, "the daemon's front")
