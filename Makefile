@@ -138,7 +138,9 @@ $(VENV)/.learn: $(VENV)/.ready constraints.txt
 	touch $@
 
 # The real rclpy, in an environment of its own: it wants CPython 3.12, and nobody but tests. `empy` has no wheel.
-PYTHON312 ?= $(firstword $(wildcard $(shell pyenv prefix 3.12 2>/dev/null)/bin/python3.12) python3.12)
+# Version managers keep Pythons in folders side by side.
+PYTHONS = $(shell $(PYTHON) -c 'import os, sys; print(os.path.dirname(sys.base_prefix))')
+PYTHON312 ?= $(firstword $(wildcard $(PYTHONS)/*3.12*/bin/python3.12) python3.12)
 
 ros: $(VENV)/ros/.ready
 

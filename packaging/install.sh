@@ -41,7 +41,7 @@ unfit() {
 import sys
 if sys.version_info < (3, 11):
     print("it is Python %d.%d, and twind needs 3.11 or newer" % sys.version_info[:2])
-elif sys.base_prefix.startswith(("/home/", "/root/", "/run/user/")):
+elif sys.base_prefix.startswith(("/home/", "/root/", "/run/user/")):  # what ProtectHome= hides: systemd.exec(5)
     print("it stands in %s, which the service does not see" % sys.base_prefix)
 else:
     try:

@@ -1,9 +1,10 @@
-"""Other Pythons: those on the PATH, or that a version manager there tells of."""
+"""Other Pythons: those on the PATH, and those beside our own."""
 
 import shutil
 import subprocess
 import sys
 from functools import cache
+from pathlib import Path
 
 import pytest
 
@@ -13,18 +14,16 @@ def found(version: str) -> str | None:
     """The interpreter of `3.10`; None: there is none that runs."""
     if sys.version_info[:2] == tuple(map(int, version.split("."))):
         return sys.executable
-    for each in (shutil.which(f"python{version}"), _kept(version)):
+    for each in (shutil.which(f"python{version}"), _beside(version)):
         if each and _said(each, "-c", "import sys; print(sys.version)").startswith(f"{version}."):
             return each  # a shim may be there for versions that are not
     return None
 
 
-def _kept(version: str) -> str | None:
-    """Of a version that pyenv has, and does not put on the PATH."""
-    if shutil.which("pyenv") is None:
-        return None
-    prefix = _said("pyenv", "prefix", version).strip()
-    return f"{prefix}/bin/python{version}" if prefix else None
+def _beside(version: str) -> str | None:
+    """Version managers keep Pythons in folders side by side."""
+    kept = sorted(Path(sys.base_prefix).parent.glob(f"*{version}*/bin/python{version}"))
+    return str(kept[-1]) if kept else None
 
 
 def _said(*command: str) -> str:
