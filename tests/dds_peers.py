@@ -37,12 +37,14 @@ class FastDds:
         self._lines: list[str] = []
         late = threading.Timer(60.0, self.process.kill)
         late.start()
-        while not self._lines or self._lines[-1] != "ready":
-            assert self.process.stdout is not None
-            line = self.process.stdout.readline()
-            assert line, f"the peer ended: {self._lines}"
-            self._lines.append(line.strip())
-        late.cancel()
+        try:
+            while not self._lines or self._lines[-1] != "ready":
+                assert self.process.stdout is not None
+                line = self.process.stdout.readline()
+                assert line, f"the peer ended: {self._lines}"
+                self._lines.append(line.strip())
+        finally:
+            late.cancel()
 
     def heard(self, topic: int = 0) -> list[tuple[int, bytes]]:
         """(ns of arrival, bytes) of each whole sample so far."""

@@ -2,8 +2,6 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,7 +9,7 @@ import pytest
 import ros_peer
 from dds_domain import free_domain
 from pages import ROOT, fenced
-from processes import Daemon, until
+from processes import simulated, until
 from zenoh_router import free_port
 
 pytestmark = pytest.mark.realtime
@@ -20,20 +18,10 @@ PEER = '{mode: "client", connect: {endpoints: ["WHERE"]}, scouting: {multicast: 
 JOIN = "import sys, zenoh; zenoh.open(zenoh.Config.from_json5(sys.argv[1])).close()"
 
 
-@contextmanager
-def running(folder: Path) -> Iterator[Daemon]:
-    daemon = Daemon(folder, "--mode", "sim", "--robot", "h24")
-    try:
-        daemon.reach(mode="sim")
-        yield daemon
-    finally:
-        daemon.end()
-
-
 @pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds has no wheel for this machine")
 def test_the_client_of_the_page_moves_the_robot_and_hears_that_it_did(tmp_path: Path) -> None:
     python = ros_peer.python()
-    with free_domain() as domain, running(tmp_path / "run") as daemon:
+    with free_domain() as domain, simulated(tmp_path / "run") as daemon:
         words = ["-m", "twind.ctl.main", "--socket", str(daemon.sockets), "ros", "--backend", "dds"]
         words += ["--domain", str(domain)]
         bridge = subprocess.Popen([sys.executable, *words], stderr=subprocess.PIPE, text=True)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from processes import Daemon, until
+from processes import Daemon, simulated, until
 from ros_graphs import REAL, Bridge, Graph, Peer, here
 
 pytestmark = pytest.mark.realtime
@@ -19,12 +19,8 @@ SUCCEEDED, CANCELED, ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
 
 @pytest.fixture(scope="module")
 def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    daemon = Daemon(tmp_path_factory.mktemp("run"), "--mode", "sim")
-    try:
-        daemon.reach(mode="sim")
+    with simulated(tmp_path_factory.mktemp("run")) as daemon:
         yield daemon
-    finally:
-        daemon.kill()
 
 
 @pytest.fixture(scope="module", params=[here(), REAL])
