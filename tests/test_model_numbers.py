@@ -4,6 +4,7 @@ import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import mujoco
 import pytest
@@ -21,21 +22,17 @@ from twind.virtual.main import main as virtual
 ATTRIBUTES = [(element, name) for element, known in BOUNDS.items() for name in known]
 BODY = '<worldbody><body><freejoint/><geom size="1"/></body></worldbody>'
 NOT_NUMBERS = ("nan", "-nan", "NaN(1)", "inf", "-inf", "Infinity", "1e400", "-1e400", "0x10", "0b1", "1_0")
-NOT_NUMBERS += ("", "  ", "abc", "1,2", "1e", "--1", "1.5.2", "9" * 5000, "\u0661", "10E", "1.5M")
+NOT_NUMBERS += ("", "  ", "abc", "1,2", "1e", "--1", "1.5.2", "9" * 5000, "\u0661", "1\ny", "10E", "1.5M")
 H24 = load_robot("h24")
 
 
 def written(path: Path, element: str, name: str, value: str, *, before: str = "") -> tuple[Path, int, int]:
     """A small model with one attribute; its path, and the line and column of the attribute."""
     indent = f"  <{element} "
-    inner = f"{before}\n{indent}{name}={quoted(value)}/>\n"
+    inner = f"{before}\n{indent}{name}={quoteattr(value)}/>\n"
     inner = f"<compiler>{inner}</compiler>" if element == "lengthrange" else inner
     path.write_text(f"<mujoco>{inner}{BODY}</mujoco>\n")
     return path, before.count("\n") + 2, len(indent) + 1
-
-
-def quoted(value: str) -> str:
-    return '"' + value.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;") + '"'
 
 
 def refused(path: Path) -> ConfigError:
@@ -192,6 +189,14 @@ def test_files_that_include_each_other_are_read_once(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text('<mujoco><include file="b.xml"/></mujoco>')
     (tmp_path / "b.xml").write_text('<any><include file="a.xml"/></any>')
     require_sane_numbers(tmp_path / "a.xml")
+
+
+def test_a_model_that_attaches_itself_by_many_spellings_is_read_once(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    names = ("m.xml", "sub/../m.xml", "sub/../sub/../m.xml", "./sub/../m.xml")
+    models = "".join(f'<model name="{n}" file="{name}"/>' for n, name in enumerate(names))
+    (tmp_path / "m.xml").write_text(f"<mujoco><asset>{models}</asset></mujoco>")
+    require_sane_numbers(tmp_path / "m.xml")
 
 
 @pytest.mark.parametrize("name", ["missing.xml", "", "x" * 5000, "a&#10;b", "/"])

@@ -129,12 +129,13 @@ def require_sane_numbers(path: Path) -> None:
     that is no XML, too large, or declares entities.
     """
     waiting = [(path, path.parent)]  # a file, and the folder of the model that it belongs to
-    checked: set[tuple[Path, Path]] = set()
+    checked: set[tuple[str, str]] = set()
     while waiting:
         file, home = waiting.pop()
-        if (file, home) in checked:
+        key = (os.path.realpath(file), os.path.realpath(home))  # one file has many spellings
+        if key in checked:
             continue
-        checked.add((file, home))
+        checked.add(key)
         text = _text(file)
         for element in _elements(file, text):
             _check(file, text, element)
@@ -210,7 +211,8 @@ def _check(file: Path, text: bytes, element: _XmlElement) -> None:
         value = element.attributes[name]
         wrong = _wrong(_in_bytes(value) if name == "memory" else value, bound)
         if wrong:
-            shown = value if len(value) <= 40 else value[:37] + "..."
+            shown = ascii(value)[1:-1]  # in one line, whatever is in it
+            shown = shown if len(shown) <= 40 else shown[:37] + "..."
             message = f'"{shown}" {wrong}: write {bound}, or remove the attribute'
             mark = _mark(text, _offset(text, element.offset, name))
             raise ConfigError(str(file), mark, f"{element.name} {name}", message)
