@@ -16,10 +16,11 @@ WHAT ?=
 FILES ?=
 SAMPLE ?=
 CHANGED ?=
+EXTRAS ?=
 
 .PHONY: demo test test-fast test-slow check computed lived format lint types imports bench coverage oracle fuzz \
 	mutate clean faults soak kills model cast pictures ros ros-if-here \
-	install uninstall deb
+	install uninstall deb extras FORCE
 
 demo: $(VENV)/.ready
 	$(BIN)/twindctl demo $(if $(SECONDS),--seconds $(SECONDS))
@@ -125,16 +126,29 @@ uninstall:
 deb:
 	$(NAMED) packaging/deb.sh dist
 
+ADD = $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
+
+# Further extras of pyproject.toml in this environment, such as EXTRAS=learn,dataset. Always editable: a copy of
+# the sources would hide every later edit.
+extras: $(VENV)/.ready
+	@test -n '$(EXTRAS)' || { echo 'extras: name them: make extras EXTRAS=learn,dataset' >&2; exit 2; }
+	$(ADD) '.[dev,$(EXTRAS)]'
+
+# Not empty where the environment has a twind that is no editable install of this folder.
+COPIED := $(if $(wildcard $(VENV)/.ready),$(shell grep -qsxF '$(CURDIR)' \
+	$(VENV)/lib/python*/site-packages/*.pth || echo yes))
+
 # The stamp makes a half-finished environment start over.
-$(VENV)/.ready: pyproject.toml
+$(VENV)/.ready: pyproject.toml $(if $(COPIED),FORCE)
+	$(if $(COPIED),@echo '$(VENV) has a twind that is not this folder: it is installed editable again')
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "twind needs Python 3.11 or newer; set PYTHON=")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(ADD) '.[dev]'
 	touch $@
 
 # The learning extras: hundreds of megabytes, so `make test` does without, and skips their tests.
 $(VENV)/.learn: $(VENV)/.ready constraints.txt
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,learn,dataset]'
+	$(ADD) '.[dev,learn,dataset]'
 	touch $@
 
 # The real rclpy, in an environment of its own: it wants CPython 3.12, and nobody but tests. `empy` has no wheel.
@@ -154,7 +168,7 @@ $(VENV)/ros/.ready: constraints-ros.txt | $(VENV)/.ready
 	touch $@
 
 $(VENV)/.bench: $(VENV)/.ready
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev,bench]'
+	$(ADD) '.[dev,bench]'
 	touch $@
 
 clean:

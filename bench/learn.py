@@ -12,6 +12,7 @@ from typing import Any
 
 from bench import learn_batch, learn_env, learn_policy
 from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, interleaved, spread
+from twind.ctl.extras import how_to_add
 
 UPDATES = 3  # a round; each is a rollout of 8 environments and what is learnt of it
 HOUR = 3600e-6  # steps a second as millions an hour
@@ -23,7 +24,7 @@ def ppo_steps_per_hour() -> Mapping[str, Figure]:
         from twind.learn.training.learner import THREADS, Learner
         from twind.learn.training.settings import DEFAULTS
     except ImportError as missing:
-        raise CannotTake(f"{missing}: pip install '.[learn]'") from None
+        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
     settings = DEFAULTS["Stand"]
     kinds = {"twind": "batch", "SB3 on SubprocVecEnv": "subproc", "SB3 on DummyVecEnv": "dummy"}
     learners = {name: Learner(replace(settings, kind=kind)) for name, kind in kinds.items()}

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, interleaved, spread
+from twind.ctl.extras import how_to_add
 
 ID = "twind.learn.envs:twind/Stand-v0"
 EIGHT, MANY, MOST = 8, 64, 256
@@ -26,7 +27,7 @@ def over_subproc() -> Mapping[str, Figure]:
 
         from twind.learn.batch.vec_env import BatchVecEnv
     except ImportError as missing:
-        raise CannotTake(f"{missing}: pip install '.[learn]'") from None
+        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
     batch, processes = BatchVecEnv("Stand", EIGHT), SubprocVecEnv([_single] * EIGHT)
     try:
         takes = {"batch": _steps(batch), "subproc": _steps(processes)}
@@ -69,7 +70,7 @@ def over_rollout() -> Mapping[str, Figure]:
     try:
         from twind.learn.batch.core import Core
     except ImportError as missing:
-        raise CannotTake(f"{missing}: pip install '.[learn]'") from None
+        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
     ratios, notes = {}, []
     for count in (EIGHT, MANY, MOST):
         both = BesideRollout(Core("Stand", count, threads=THREADS), max(1, STEPS * EIGHT // count // CHUNK))

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, as_in_the_loop, interleaved, spread
+from twind.ctl.extras import how_to_add
 from twind.robot.arrays import Floats
 
 STEPS = 2000  # of control a round: some forty episodes of random actions
@@ -37,7 +38,7 @@ def over_raw() -> Mapping[str, Figure]:
 
         from twind.learn.env import RobotEnv
     except ImportError as missing:
-        raise CannotTake(f"{missing}: pip install '.[learn]'") from None
+        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
     ours = RobotEnv("Humanoid")
     course = _course(ours, ours.body)
     plain = mujoco.MjModel.from_xml_path(str(ours.plant.binding.robot.mjcf_path))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.harness import ROUNDS, CannotTake, Figure, Key, Measurement, cpu_per_call, interleaved, quantile
+from twind.ctl.extras import how_to_add
 
 WIDTHS = (128, 256, 256, 24)  # h24's observation, two layers, its joints
 CALLS = 2000  # a round
@@ -29,7 +30,7 @@ def policy_p99() -> Mapping[str, Figure]:
         from twind.learn.policy.file import Card, Layer, load, save
         from twind.learn.shaping import Shaping
     except ImportError as missing:
-        raise CannotTake(f"{missing}: pip install '.[learn]'") from None
+        raise CannotTake(f"{missing}: {how_to_add('learn')}") from None
     plant = plant_of(load_robot("h24-standing"), period=0.02)
     layers = [Layer(*each) for each in _network()]
     card = Card.of(

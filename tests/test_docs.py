@@ -140,7 +140,7 @@ def test_pictures_are_shown_and_small() -> None:
 NEEDS = {
     "make": "runs the tests themselves; checked to be a target",
     "sudo": "root",
-    "pip": "would replace what is being tested",
+    ".": "the environment of the clone; the tests run in theirs",
     "export": "goes with the lines behind it",
     "twind": "a real robot; its options are checked",
 }
@@ -271,7 +271,7 @@ def ended(process: "subprocess.Popen[str]") -> str:
 @pytest.mark.realtime
 def test_a_robot_is_in_a_graph_and_reached_from_elsewhere_as_the_readme_says(tmp_path: Path) -> None:
     ros, uplink, fleet, move = [line for line in beyond() if line.startswith("twindctl ")]
-    assert {line.split()[0] for line in beyond()} == {"pip", "export", "twindctl"}
+    assert {line.split()[0] for line in beyond()} == {"export", "twindctl"}
     pytest.importorskip("zenoh", reason="the extra `ros` is not installed")
     port = free_port()
     assert "tcp/0.0.0.0:7448" in uplink and "export TWIND_ZENOH=tcp/ROBOT:7448" in "\n".join(beyond())

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("stable_baselines3", reason="pip install '.[learn]'")
+pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
 import gymnasium
 import torch
 from stable_baselines3 import PPO

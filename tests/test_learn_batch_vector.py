@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("gymnasium", reason="pip install '.[learn]'")
+pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
 import gymnasium
 from gymnasium.vector import AutoresetMode
 

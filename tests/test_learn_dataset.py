@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from recorded import JOINTS, Told, mark, state, status
 
+from twind.ctl.extras import how_to_add
 from twind.ctl.main import main
 from twind.ctl.verb import Rejected
 from twind.observe.recording import open_recording
 from twind.observe.writing.folder import Bounds
 from twind.observe.writing.writer import RecordWriter
 
-pytest.importorskip("pyarrow", reason="pip install '.[dataset]'")
+pytest.importorskip("pyarrow", reason="make extras EXTRAS=dataset")
 
 from twind.learn.dataset.folder import write
 from twind.learn.dataset.gather import Asked, gather
@@ -363,8 +364,7 @@ def test_without_pyarrow_it_says_what_to_install(
 ) -> None:
     monkeypatch.setattr("twind.learn.dataset.verb.find_spec", lambda name: None)
     assert verb(tmp_path / "set", recorded) == 2
-    remedy = "in the clone of twind, pip install '.[dataset]'"
-    assert capsys.readouterr().err == f"twindctl: dataset needs pyarrow: {remedy}\n"
+    assert capsys.readouterr().err == f"twindctl: dataset needs pyarrow: {how_to_add('dataset')}\n"
 
 
 @pytest.mark.parametrize("words", [["--fps", "0"], ["--gap", "0"], ["--gap", "nan"]])

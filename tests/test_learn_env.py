@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("gymnasium", reason="pip install '.[learn]'")
+pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
 
 import gymnasium
 from gymnasium.error import ResetNeeded
@@ -42,7 +42,7 @@ def test_gymnasium_s_own_checker_finds_nothing(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_sb3_s_own_checker_finds_nothing(name: str) -> None:
-    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="pip install '.[learn]'")
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="make extras EXTRAS=learn")
     env = make(name)
     checker.check_env(env)
     env.close()

@@ -81,7 +81,7 @@ def test_energy_is_the_mean_square_of_the_share_of_torque(plant: Plant) -> None:
 @pytest.mark.parametrize("task", ["Stand", "Humanoid"])
 def test_energy_is_what_the_servos_of_the_simulation_do(task: str) -> None:
     """Within a quarter: what a gain is drawn around the middle, and a delay, nobody sees from outside."""
-    pytest.importorskip("gymnasium", reason="needs pip install '.[learn]'")
+    pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
     from twind.learn.env import RobotEnv
 
     env = RobotEnv(task)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("stable_baselines3", reason="needs pip install '.[learn]'")
+pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
 
 import trained
 

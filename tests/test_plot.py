@@ -1,6 +1,7 @@
 """`twindctl plot`: what is drawn is what was recorded, what is missing is a gap, and the page can be read."""
 
 import argparse
+import re
 from dataclasses import replace
 from math import inf, isnan, nan
 from pathlib import Path
@@ -12,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from twind.ctl.extras import how_to_add
 from twind.ctl.verb import Rejected, UsageError
 from twind.observe import plot
 from twind.observe.plotting.lines import MOST, line, marks, worst
@@ -327,5 +329,5 @@ def test_only_a_picture_is_written_over_never_a_recording(tmp_path: Path) -> Non
 
 def test_without_matplotlib_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plot, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"pip install '\.\[plot\]'"):
+    with pytest.raises(UsageError, match=re.escape(how_to_add("plot"))):
         plot.run(options(tmp_path / "any.mcap"))

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("onnx", reason="pip install '.[learn]'")
-pytest.importorskip("onnxruntime", reason="pip install '.[learn]'")
+pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
+pytest.importorskip("onnxruntime", reason="make extras EXTRAS=learn")
 
 import onnx
 import onnxruntime

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("onnx", reason="pip install '.[learn]'")
+pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
 from policies import TWO, Run, constant, plain, written
 from processes import Daemon, until
@@ -166,7 +166,7 @@ def test_a_policy_of_another_robot_is_refused_before_anything_moves(
 
 
 def test_the_environment_with_the_daemon_as_its_body(daemon: Daemon) -> None:
-    gymnasium = pytest.importorskip("gymnasium", reason="pip install '.[learn]'")
+    gymnasium = pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
     env = gymnasium.make(
         "twind.learn.envs:twind/Stand-v0",
         robot="h24-standing",

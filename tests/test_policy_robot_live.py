@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("stable_baselines3", reason="needs pip install '.[learn]'")
+pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
 
 import trained
 from policies import Run

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("onnx", reason="pip install '.[learn]'")
+pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
 from policies import constant, plain
 from standing_rig import StandingRig, soft, truth
@@ -138,7 +138,7 @@ PATIENT = 30.0  # s
 @pytest.fixture(scope="module")
 def learnt(request: pytest.FixtureRequest) -> Policy:
     """Trained from scratch, in MuJoCo alone."""
-    pytest.importorskip("stable_baselines3", reason="needs pip install '.[learn]'")
+    pytest.importorskip("stable_baselines3", reason="make extras EXTRAS=learn")
     import trained
 
     return load(trained.policy(request.config))

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("onnx", reason="pip install '.[learn]'")
+pytest.importorskip("onnx", reason="make extras EXTRAS=learn")
 
 from policies import TWO, written
 

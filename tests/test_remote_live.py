@@ -19,6 +19,7 @@ from zenoh_router import Router
 import twind.robots
 from twind.bridge.fleet.remote import remote
 from twind.client import Client, ClientError
+from twind.ctl.extras import how_to_add
 
 pytestmark = pytest.mark.realtime
 PATIENCE = 30.0  # s that a busy machine may take
@@ -173,7 +174,7 @@ def test_without_zenoh_and_without_a_place_it_says_what_to_do(words: tuple[str, 
         f"import sys; sys.modules['zenoh'] = None; from twind.ctl.main import main; sys.exit(main({words!r}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE)
-    said = "ROBOT@tcp/HOST:PORT" if words[1].endswith("@") else "pip install '.[zenoh]'"
+    said = "ROBOT@tcp/HOST:PORT" if words[1].endswith("@") else how_to_add("zenoh")
     assert done.returncode == 2 and said in done.stderr, done.stderr
 
 

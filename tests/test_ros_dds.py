@@ -4,6 +4,7 @@ import dataclasses
 import importlib.metadata
 import importlib.util
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -32,6 +33,7 @@ from twind.bridge.ros.discovery import Discovery, Range
 from twind.bridge.ros.endpoints import SERVICES, Topic
 from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
+from twind.ctl.extras import how_to_add
 from twind.ros import JOINT_STATE, STRING
 
 OUT, INTO = Topic("/echo", STRING, out=True), Topic("/echo", STRING, out=False, depth=1000)
@@ -313,10 +315,12 @@ def test_a_missing_or_unknown_library_is_told_with_the_remedy(
     node = Dds(Discovery(), print)
     with monkeypatch.context() as patch:
         patch.setattr(importlib.metadata, "version", lambda _: version)
-        with pytest.raises(TransportError, match=rf"{version} is installed, must be {KNOWN}: from a clone"):
+        with pytest.raises(
+            TransportError, match=rf"{version} is installed, must be {KNOWN}: {re.escape(how_to_add('dds'))}"
+        ):
             node.open((OUT,), (), nothing, nothing)
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(TransportError, match=r"cyclonedds is missing: from a clone: pip install '\.\[dds\]'"):
+    with pytest.raises(TransportError, match=rf"cyclonedds is missing: {re.escape(how_to_add('dds'))}"):
         node.open((OUT,), (), nothing, nothing)
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 
 from twind.bridge.ros import verb
 from twind.bridge.ros.discovery import Discovery, Range
+from twind.ctl.extras import how_to_add
 from twind.ctl.main import main
 from twind.ctl.verb import UsageError
 
@@ -92,9 +94,7 @@ def test_a_package_that_is_missing_is_named_with_its_remedy(
 ) -> None:
     monkeypatch.setattr(verb, "find_spec", lambda name: None)
     module = verb.BACK_ENDS[name][1][0]
-    with pytest.raises(
-        UsageError, match=rf"needs {module}.*from a clone: pip install '\.\[ros\]'.*EXTRAS=ros"
-    ):
+    with pytest.raises(UsageError, match=rf"needs {module}.*{re.escape(how_to_add('ros'))}"):
         verb.made(options("--backend", name), Discovery())
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("PIL", reason="pip install '.[learn]'")
-pytest.importorskip("OpenGL", reason="pip install '.[learn]'")
+pytest.importorskip("PIL", reason="make extras EXTRAS=learn")
+pytest.importorskip("OpenGL", reason="make extras EXTRAS=learn")
 
 import numpy as np
 from PIL import Image

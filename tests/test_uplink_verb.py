@@ -7,7 +7,7 @@ import pytest
 
 from twind.bridge.uplink import verb
 from twind.bridge.zenoh import session as zenoh_session
-from twind.bridge.zenoh.session import MISSING
+from twind.ctl.extras import how_to_add
 from twind.ctl.main import common
 from twind.ctl.verb import UsageError
 
@@ -39,7 +39,7 @@ def test_without_the_engine_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "zenoh", None)
     with pytest.raises(UsageError) as told:
         run("--connect", "tcp/127.0.0.1:1")
-    assert str(told.value) == MISSING and "pip install '.[zenoh]'" in MISSING
+    assert how_to_add("zenoh") in str(told.value)
 
 
 def test_a_way_that_others_can_read_is_named(

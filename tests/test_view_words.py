@@ -1,5 +1,6 @@
 """The viewer's words and plots, and what it says without its libraries."""
 
+import re
 from argparse import Namespace
 from typing import Any
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from viewed import h24, state, status
 
 from twind.ctl import demo_viewer
+from twind.ctl.extras import how_to_add
 from twind.ctl.verb import UsageError
 from twind.observe import view
 from twind.observe.viewing import plots, words
@@ -81,12 +83,12 @@ def test_latency_is_plotted_by_hop() -> None:
 
 def test_without_its_libraries_the_viewer_says_what_to_install(monkeypatch: Any, capsys: Any) -> None:
     monkeypatch.setattr(view, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"pip install '\.\[view\]'"):
+    with pytest.raises(UsageError, match=re.escape(how_to_add("view"))):
         view.run(Namespace(port=None))
     monkeypatch.setattr(demo_viewer, "find_spec", lambda name: None)
     with demo_viewer.viewer("nowhere", lambda: None):
         said = capsys.readouterr().out
-    assert said.count("\n") == 1 and "pip install '.[view]'" in said
+    assert said.count("\n") == 1 and how_to_add("view") in said
 
 
 @given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=40))

@@ -17,13 +17,13 @@ from twind.config.collision import clearance
 from twind.config.imu import imu_of
 from twind.config.joint_entry import described_joints
 from twind.config.located import ConfigError, parse, read_text
+from twind.config.model_numbers import MAX_MJCF, require_sane_numbers
 from twind.config.robot_spec import BusSpec, GateSettings, JointSpec, RobotFile
 from twind.config.section import Section, file_error
 from twind.protocol.plain_file import NotAFile, read_plain
 
 FORMAT = "twind-robot/1"
 SUPPORTS = ("fixed", "gantry", "free")
-MAX_MJCF = 8 * 1024 * 1024  # bytes
 
 _NAME = re.compile(r"[a-z0-9_-]{1,64}")
 
@@ -102,11 +102,13 @@ def _model(section: Section, path: Path) -> tuple[Path, str, str]:
     base = section.text("base")
     section.close()
     try:
-        return mjcf, read_plain(mjcf, MAX_MJCF).decode("utf-8"), base
+        text = read_plain(mjcf, MAX_MJCF).decode("utf-8")
     except NotAFile as error:
         raise section.refuse("mjcf", f"{mjcf}: {error.strerror}") from None
     except (OSError, ValueError) as error:
         raise section.refuse("mjcf", f"{mjcf} cannot be read: {error}") from None
+    require_sane_numbers(mjcf)
+    return mjcf, text, base
 
 
 def _loop(section: Section) -> tuple[float, float]:

@@ -10,10 +10,11 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import IO
 
+from twind.ctl.extras import how_to_add
+
 ADDRESS = 15.0  # s that it may take until it says where it is
 ENDING = 5.0  # s, after SIGTERM
 NICE = 10
-MISSING = "view      not installed; for the robot in a browser: in the clone of twind, pip install '.[view]'"
 
 
 @contextmanager
@@ -24,7 +25,7 @@ def viewer(folder: str, end_with_us: Callable[[], None]) -> Iterator[None]:
     processors. The demonstration goes on without it. `end_with_us`: called in the child, before it starts.
     """
     if find_spec("viser") is None or find_spec("mjviser") is None:
-        print(MISSING)
+        print(f"view      not installed; for the robot in a browser: {how_to_add('view')}")
         yield
         return
     with tempfile.TemporaryFile() as said:

@@ -10,9 +10,9 @@ from importlib.util import find_spec
 from math import inf, isfinite
 from pathlib import Path
 
+from twind.ctl.extras import how_to_add
 from twind.ctl.verb import DONE, Rejected, UsageError, show
 
-REMEDY = "in the clone of twind, pip install '.[plot]'"
 PNG = b"\x89PNG\r\n\x1a\n"  # how such a file begins
 
 
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: it is written. Raises UsageError, Rejected."""
     if find_spec("matplotlib") is None:
-        raise UsageError(f"plot needs matplotlib: {REMEDY}")
+        raise UsageError(f"plot needs matplotlib: {how_to_add('plot')}")
     if not options.begin < options.end:
         raise UsageError(f"--from {options.begin:g} --to {options.end:g}: there is nothing between them")
     out = options.out or options.file.with_name(options.file.name + ".png")

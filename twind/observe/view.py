@@ -8,10 +8,10 @@ secret in it.
 import argparse
 from importlib.util import find_spec
 
+from twind.ctl.extras import how_to_add
 from twind.ctl.verb import UsageError
 
 NEEDED = ("viser", "mjviser")
-REMEDY = "in the clone of twind, pip install '.[view]'"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +47,6 @@ def needed(port: int | None = None) -> None:
     """Raises UsageError: what draws is not installed, or `port` is none."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
-        raise UsageError(f"the viewer needs {' and '.join(missing)}: {REMEDY}")
+        raise UsageError(f"the viewer needs {' and '.join(missing)}: {how_to_add('view')}")
     if port is not None and not 1 <= port <= 65535:
         raise UsageError(f"--port {port} is no port: 1 to 65535")

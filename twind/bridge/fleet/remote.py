@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from twind.bridge.zenoh.session import MISSING, VARIABLE, Place, here, leave, named, open_now
+from twind.bridge.zenoh.session import VARIABLE, Place, here, leave, missing, named, open_now
 from twind.client import Client, ClientError, NoDaemon
 from twind.client.connection import TIMEOUT
 from twind.ctl.verb import UsageError
@@ -67,7 +67,7 @@ def client(robot: str, way: Own | Shared, timeout: float = TIMEOUT) -> Client:
     try:
         from twind.bridge.fleet.line import FarLine
     except ImportError:
-        raise UsageError(MISSING) from None
+        raise UsageError(missing()) from None
     try:
         return Client(line=FarLine(robot, way), timeout=timeout)
     except ValueError as error:

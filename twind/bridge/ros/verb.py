@@ -20,6 +20,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twind.ctl.extras import how_to_add
 from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import Rejected, UsageError, harmless
 
@@ -132,8 +133,7 @@ def made(options: argparse.Namespace, graph: Discovery) -> Transport:
     where, needs = BACK_ENDS[options.backend]
     missing = [each for each in needs if find_spec(each) is None]
     if missing:
-        remedy = "from a clone: pip install '.[ros]'; an installed service: sudo make install EXTRAS=ros"
-        words = f"--backend {options.backend} needs {' and '.join(missing)}; {remedy}"
+        words = f"--backend {options.backend} needs {' and '.join(missing)}: {how_to_add('ros')}"
         raise UsageError(f"{words}; where ROS is: --backend rclpy")
     module, _, name = where.partition(":")
     kind: Callable[..., Any] = getattr(import_module(module), name)

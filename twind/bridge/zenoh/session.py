@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twind.client import ClientError
+from twind.ctl.extras import how_to_add
 from twind.ctl.verb import UsageError
 
 if TYPE_CHECKING:
@@ -31,10 +32,11 @@ PARTING = 1.0  # s that threads of the engine may take to end
 TRY = 1.0  # s for one attempt to connect, and between two
 SEALED = ("tls", "quic", "unixsock-stream")  # links that nobody on the way can read
 CALLBACK = "pyo3-closure"  # in the name of a thread that the engine's Python binding made
-MISSING = (
-    "Zenoh is not here: in the clone of twind, pip install '.[zenoh]'; an installed service: "
-    "sudo make install EXTRAS=zenoh"
-)
+
+
+def missing() -> str:
+    """The reason and remedy where the package of Zenoh is not installed."""
+    return f"the package eclipse-zenoh is not installed: {how_to_add('zenoh')}"
 
 
 class SessionError(ClientError):
@@ -192,7 +194,7 @@ def _engine() -> Any:
     try:
         import zenoh
     except ImportError:
-        raise UsageError(MISSING) from None
+        raise UsageError(missing()) from None
     return zenoh
 
 

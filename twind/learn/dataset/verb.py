@@ -12,13 +12,12 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from twind.ctl.extras import how_to_add
 from twind.ctl.progress import Progress
 from twind.ctl.verb import DONE, Rejected, UsageError, show
 
 if TYPE_CHECKING:
     from twind.learn.dataset.gather import Gathered
-
-REMEDY = "in the clone of twind, pip install '.[dataset]'"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Exit code 0: it is written. Raises UsageError, Rejected."""
     if find_spec("pyarrow") is None:
-        raise UsageError(f"dataset needs pyarrow: {REMEDY}")
+        raise UsageError(f"dataset needs pyarrow: {how_to_add('dataset')}")
     if options.fps < 1:
         raise UsageError(f"--fps {options.fps}: at least 1")
     if not (isfinite(options.gap) and options.gap > 0.0):

@@ -20,6 +20,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from twind.ctl.extras import how_to_add
 from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import DONE, Rejected, UsageError, harmless
 
@@ -156,10 +157,7 @@ def _check(options: argparse.Namespace) -> None:
     if not 1 <= options.batch <= 10_000:
         raise UsageError(f"--batch {options.batch}: from 1 to 10000")
     if options.camera is not None and not (find_spec("PIL") and find_spec("OpenGL")):
-        raise UsageError(
-            "--camera render draws with packages that are not here: "
-            "in the clone of twind, pip install '.[learn]'"
-        )
+        raise UsageError(f"--camera render draws with packages that are not installed: {how_to_add('learn')}")
 
 
 def _endpoint(options: argparse.Namespace) -> Endpoint:

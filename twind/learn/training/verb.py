@@ -15,10 +15,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from twind.ctl.extras import how_to_add
 from twind.ctl.verb import DONE, Rejected, UsageError
 from twind.learn.training.settings import DEFAULTS, KINDS
 
-REMEDY = "in the clone of twind, pip install --constraint constraints.txt '.[learn]'"
 NEEDED = ("torch", "stable_baselines3", "gymnasium", "onnx", "matplotlib")
 # Options that settings are made of: flag, type, metavar, help; the field is the flag's name.
 FIGURES: tuple[tuple[str, Any, str, str], ...] = (
@@ -94,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
     """Exit code 0: trained, or stopped with a checkpoint. Raises UsageError, Rejected."""
     missing = [name for name in NEEDED if find_spec(name) is None]
     if missing:
-        raise UsageError(f"train needs {', '.join(missing)}: {REMEDY}")
+        raise UsageError(f"train needs {', '.join(missing)}: {how_to_add('learn')}")
     from twind.config.located import ConfigError
     from twind.learn.training.folder import require_fresh, taken
     from twind.twin.binding import BindingError

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from twind.bridge.ros.transport import TransportError
+from twind.ctl.extras import how_to_add
 
 KNOWN = "11.0.1"  # the version whose layouts these are; they were compared with no other
 TIMEOUT = -10  # DDS_RETCODE_TIMEOUT
-_REMEDY = "from a clone: pip install '.[dds]'; or --backend zenoh, rclpy"
 
 
 class _Bytes(ct.Structure):  # struct dds_type_meta_ser
@@ -103,14 +103,18 @@ _FUNCTIONS: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
 }
 
 
+def _remedy() -> str:
+    return f"{how_to_add('dds')}; or --backend zenoh, rclpy"
+
+
 def load() -> ct.CDLL:
     """The library of the installed `cyclonedds`. Raises TransportError: none, or one of unknown layout."""
     found = importlib.util.find_spec("cyclonedds")
     if found is None or not found.submodule_search_locations:
-        raise TransportError(f"dds: the package cyclonedds is missing: {_REMEDY}")
+        raise TransportError(f"dds: the package cyclonedds is missing: {_remedy()}")
     version = importlib.metadata.version("cyclonedds")
     if version != KNOWN:
-        raise TransportError(f"dds: cyclonedds {version} is installed, must be {KNOWN}: {_REMEDY}")
+        raise TransportError(f"dds: cyclonedds {version} is installed, must be {KNOWN}: {_remedy()}")
     # Says where the library lies; the package itself takes 0.16 s of CPU to import.
     where = runpy.run_path(str(Path(found.submodule_search_locations[0], "__library__.py")))["library_path"]
     library = ct.CDLL(str(where))  # each call lets go of the interpreter's lock

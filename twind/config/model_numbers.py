@@ -1,0 +1,255 @@
+"""Bounds of the numbers in `<option>`, `<compiler>` and `<size>` of a model and of the files it includes.
+
+Pure XML, MJCF or URDF: the compiled model is unknown here. MuJoCo takes a step of `nan`, `1e-300` or `0x10`.
+An unknown attribute, a wrong word and a missing file are left to MuJoCo, which reports them by line.
+"""
+
+import math
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.parsers import expat
+
+from twind.config.located import ConfigError, Mark
+from twind.protocol.plain_file import NotAFile, read_plain
+
+MAX_MJCF = 8 * 1024 * 1024  # bytes of one file
+SMALLEST_ARENA = 1 << 20  # bytes; with 32 KiB a 24-joint humanoid ends the simulation by a stack overflow
+LARGEST_ARENA = 1 << 30  # bytes; MuJoCo gives a 24-joint humanoid 15 MiB
+
+_DECIMAL = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
+_WHOLE = re.compile(r"[-+]?[0-9]+")
+_MEMORY = re.compile(r"([0-9]{1,18})([KMGTPE]?)", re.IGNORECASE)
+_ATTRIBUTE = re.compile(rb"([^\s=<>/\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
+
+
+@dataclass(frozen=True, slots=True)
+class NumberBound:
+    """Numbers of one attribute: the range of each, and how many there are at most."""
+
+    least: float
+    most: float
+    unit: str = ""
+    count: int = 1
+    whole: bool = False
+    off: float = math.nan  # allowed besides the range: MuJoCo's word for "not given"
+
+    def __str__(self) -> str:
+        kind = "whole number" if self.whole else "number"
+        many = f"one {kind}" if self.count == 1 else f"at most {self.count} {kind}s"
+        off = "" if math.isnan(self.off) else f"{self.off:g}, or "
+        return f"{off}{many} from {self.least:.10g} to {self.most:.10g}{self.unit and ' ' + self.unit}"
+
+    def __contains__(self, number: float) -> bool:
+        return self.least <= number <= self.most or number == self.off
+
+
+def _whole(least: int, most: int, count: int = 1) -> NumberBound:
+    return NumberBound(least, most, count=count, whole=True)
+
+
+# A tick lasts 1 ms to 100 ms. A shorter step than 0.1 ms takes more time to compute than it simulates.
+_STEP = NumberBound(1e-4, 0.1, "s")
+_TOLERANCE = NumberBound(0.0, 1.0)
+_ITERATIONS = _whole(1, 10_000)  # 0 would leave limits and contacts without force
+_OPTION: Mapping[str, NumberBound] = {
+    "timestep": _STEP,
+    "impratio": NumberBound(1e-3, 1e6),
+    "gravity": NumberBound(-100.0, 100.0, "m/s^2", 3),
+    "wind": NumberBound(-100.0, 100.0, "m/s", 3),
+    "magnetic": NumberBound(-1e6, 1e6, count=3),  # the unit is the model's own: tesla to nanotesla
+    "density": NumberBound(0.0, 25_000.0, "kg/m^3"),  # osmium: 22 590
+    "viscosity": NumberBound(0.0, 10_000.0, "Pa s"),  # honey: 10
+    "o_margin": NumberBound(0.0, 1.0, "m"),
+    "o_solref": NumberBound(-1e6, 1e6, count=2),  # negative: stiffness and damping
+    "o_solimp": NumberBound(0.0, 100.0, count=5),
+    "o_friction": NumberBound(0.0, 1000.0, count=5),
+    "iterations": _ITERATIONS,
+    "ls_iterations": _ITERATIONS,
+    "noslip_iterations": _whole(0, 10_000),
+    "ccd_iterations": _ITERATIONS,
+    "sdf_iterations": _whole(0, 10_000),
+    "sdf_initpoints": _whole(0, 10_000),
+    "tolerance": _TOLERANCE,
+    "ls_tolerance": _TOLERANCE,
+    "noslip_tolerance": _TOLERANCE,
+    "ccd_tolerance": _TOLERANCE,
+    "sleep_tolerance": _TOLERANCE,
+    "actuatorgroupdisable": _whole(0, 30, 31),
+}
+_COMPILER: Mapping[str, NumberBound] = {
+    "boundmass": NumberBound(0.0, 1000.0, "kg"),
+    "boundinertia": NumberBound(0.0, 1000.0, "kg m^2"),
+    "settotalmass": NumberBound(0.0, 10_000.0, "kg", off=-1.0),
+    "inertiagrouprange": _whole(0, 31, 2),
+}
+_LENGTHRANGE: Mapping[str, NumberBound] = {
+    "accel": NumberBound(0.0, 1e6),
+    "maxforce": NumberBound(0.0, 1e9),
+    "timeconst": NumberBound(1e-4, 1000.0, "s"),
+    "timestep": NumberBound(0.0, 0.1, "s"),  # 0: the model's
+    "inttotal": NumberBound(0.0, 1000.0, "s"),
+    "interval": NumberBound(0.0, 1000.0, "s"),
+    "tolrange": NumberBound(0.0, 1000.0),
+}
+_USER = ("body", "jnt", "geom", "site", "cam", "tendon", "actuator", "sensor")
+_SIZE: Mapping[str, NumberBound] = {
+    "memory": NumberBound(SMALLEST_ARENA, LARGEST_ARENA, "bytes (1M to 1G)", whole=True, off=-1.0),
+    "nstack": _whole(-1, LARGEST_ARENA // 8),  # of 8 bytes
+    "njmax": _whole(-1, 10_000),  # the arena grows with its square: 800 MB
+    "nconmax": _whole(-1, 10_000),
+    "nuserdata": _whole(0, 1_000_000),
+    "nkey": _whole(0, 10_000),
+    **{f"nuser_{kind}": _whole(-1, 1000) for kind in _USER},
+}
+BOUNDS: Mapping[str, Mapping[str, NumberBound]] = {
+    "option": _OPTION,
+    "compiler": _COMPILER,
+    "lengthrange": _LENGTHRANGE,  # stands below `compiler`
+    "size": _SIZE,
+}
+_FILES = ("include", "model")  # elements that name a further file of the model
+
+
+@dataclass(frozen=True, slots=True)
+class _XmlElement:
+    """The start of one XML element: its offset in bytes, and its attributes with references resolved."""
+
+    name: str
+    offset: int
+    attributes: Mapping[str, str]
+
+
+def require_sane_numbers(path: Path) -> None:
+    """Check the model at `path`, the files that it includes and the models that it attaches.
+
+    Raises ConfigError: a number that is not finite or outside its bound, by file, line and column; a file
+    that is no XML, too large, or declares entities.
+    """
+    waiting = [(path, path.parent)]  # a file, and the folder of the model that it belongs to
+    checked: set[tuple[str, str]] = set()
+    while waiting:
+        file, home = waiting.pop()
+        key = (os.path.realpath(file), os.path.realpath(home))  # one file has many spellings
+        if key in checked:
+            continue
+        checked.add(key)
+        text = _text(file)
+        for element in _elements(file, text):
+            _check(file, text, element)
+            found = _named(element, file, home)
+            if found is not None:
+                waiting.append((found, found.parent if element.name == "model" else home))
+
+
+def _named(element: _XmlElement, file: Path, home: Path) -> Path | None:
+    """The file that an element includes or attaches; None: it names none that exists.
+
+    As MuJoCo looks for it: below the folder of the model, else below the folder of the including file.
+    """
+    if element.name not in _FILES or "file" not in element.attributes:
+        return None
+    name = element.attributes["file"]
+    # os.path.exists, unlike Path.exists, is False for a path that is too long
+    return next((path for path in (home / name, file.parent / name) if os.path.exists(path)), None)
+
+
+def _text(file: Path) -> bytes:
+    """The file's bytes, each comment replaced by spaces. Raises ConfigError."""
+    try:
+        data = read_plain(file, MAX_MJCF)
+    except NotAFile as error:
+        raise ConfigError(str(file), Mark(0, 0), "", str(error.strerror)) from None
+    except OSError as error:
+        raise ConfigError(str(file), Mark(0, 0), "", f"cannot be read: {error.strerror}") from error
+    return _without_comments(data)
+
+
+def _without_comments(data: bytes) -> bytes:
+    """Comments replaced by spaces: MuJoCo's reader allows `--` and any byte inside them, expat does not."""
+    parts: list[bytes] = []
+    at = 0
+    while (begin := data.find(b"<!--", at)) >= 0 and (end := data.find(b"-->", begin + 4)) >= 0:
+        parts += (data[at:begin], re.sub(rb"[^\r\n]", b" ", data[begin : end + 3]))
+        at = end + 3
+    return b"".join((*parts, data[at:]))
+
+
+def _elements(file: Path, text: bytes) -> list[_XmlElement]:
+    """Elements that hold numbers or name files.
+
+    Raises ConfigError: no XML, or a declared entity, whose text can grow without bound.
+    """
+    found: list[_XmlElement] = []
+    parser = expat.ParserCreate("utf-8")  # MuJoCo ignores the encoding that a file declares
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        if name in BOUNDS or name in _FILES:
+            found.append(_XmlElement(name, parser.CurrentByteIndex, attributes))
+
+    def entity(name: str, *_rest: object) -> None:
+        mark = _mark(text, parser.CurrentByteIndex)
+        raise ConfigError(str(file), mark, "", f"entity {name!r} is declared: write its text out")
+
+    parser.StartElementHandler = start
+    parser.EntityDeclHandler = entity
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        mark = Mark(error.lineno, error.offset + 1)
+        raise ConfigError(str(file), mark, "", f"not XML: {expat.ErrorString(error.code)}") from None
+    return found
+
+
+def _check(file: Path, text: bytes, element: _XmlElement) -> None:
+    """Raises ConfigError for the first number of an element that is outside its bound."""
+    for name, bound in BOUNDS.get(element.name, {}).items():
+        if name not in element.attributes:
+            continue
+        value = element.attributes[name]
+        wrong = _wrong(_in_bytes(value) if name == "memory" else value, bound)
+        if wrong:
+            shown = ascii(value)[1:-1]  # in one line, whatever is in it
+            shown = shown if len(shown) <= 40 else shown[:37] + "..."
+            message = f'"{shown}" {wrong}: write {bound}, or remove the attribute'
+            mark = _mark(text, _offset(text, element.offset, name))
+            raise ConfigError(str(file), mark, f"{element.name} {name}", message)
+
+
+def _wrong(value: str, bound: NumberBound) -> str:
+    """What is wrong with an attribute's value; empty: nothing."""
+    numbers = value.split()
+    if not numbers:
+        return "is empty"
+    if len(numbers) > bound.count:
+        return f"has {len(numbers)} values"
+    return next(filter(None, (_wrong_number(each, bound) for each in numbers)), "")
+
+
+def _wrong_number(text: str, bound: NumberBound) -> str:
+    if not (_WHOLE if bound.whole else _DECIMAL).fullmatch(text):
+        return "is no whole number" if bound.whole else "is no finite decimal number"
+    number = float(text)
+    if not math.isfinite(number):
+        return "is no finite number"
+    return "" if number in bound else "is out of bounds"
+
+
+def _in_bytes(value: str) -> str:
+    """A size of memory with its unit multiplied out."""
+    found = _MEMORY.fullmatch(value.strip())
+    return str(int(found[1]) << 10 * " KMGTPE".index(found[2].upper() or " ")) if found else value
+
+
+def _offset(text: bytes, start: int, name: str) -> int:
+    """Of an attribute in the element that begins at `start`; of the element where it is not found."""
+    places = _ATTRIBUTE.finditer(text, start)
+    return next((place.start() for place in places if place[1] == name.encode()), start)
+
+
+def _mark(text: bytes, offset: int) -> Mark:
+    begin = text.rfind(b"\n", 0, offset) + 1
+    column = len(text[begin:offset].decode("utf-8", "replace")) + 1
+    return Mark(text.count(b"\n", 0, offset) + 1, column)
