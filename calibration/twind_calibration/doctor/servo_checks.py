@@ -1,14 +1,13 @@
 """Checks of how servos are set and how they are. Over surveys, robot file and calibration."""
 
 from collections.abc import Iterator
-from statistics import median
 
 from twind.config.actuator import ServoType
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
 from twind_calibration.doctor import mend
-from twind_calibration.doctor.bench import serial, servos, together
+from twind_calibration.doctor.bench import servos, together
 from twind_calibration.doctor.complaint import Found
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.survey import MAPPED, Servo
@@ -30,8 +29,6 @@ ERRORS = {
     4: ("ERROR_SHOCK", "electrical shock"),
     5: ("ERROR_OVERLOAD", "overload"),
 }
-DROP = 0.6  # V that one branch may be below the others at rest; a sensor's step is 0.1 V
-OTHERS = 3  # servos of a bus from which on one can be compared with the rest
 
 
 def settings(examined: Examined) -> Iterator[Found]:
@@ -277,34 +274,6 @@ def _watchdog(examined: Examined, servo: Servo, *, torque: bool, armed: bool) ->
             mend.command(servo, "bus_watchdog", 0),
             mend.register(examined, servo, "bus_watchdog", 0),
         )
-
-
-def supply(examined: Examined) -> Iterator[Found]:
-    """VOLTAGE_LOW, VOLTAGE_HIGH, VOLTAGE_DROP."""
-    for survey in serial(examined):
-        volts = {
-            servo: servo.values["present_input_voltage"] / 10
-            for servo in survey.known
-            if servo.fits and servo.values.get("present_input_voltage")
-        }
-        usual = median(volts.values()) if volts else 0.0
-        low = [servo for servo, each in volts.items() if len(volts) > OTHERS and usual - each >= DROP - 1e-9]
-        if low:
-            told = ", ".join(f"id {servo.id} {volts[servo]:.1f} V" for servo in low)
-            yield Found("VOLTAGE_DROP", f"bus {survey.spec.name}", told, f"{usual:.1f} V, as the others")
-        yield from together(found for servo, each in volts.items() for found in _volts(servo, each))
-
-
-def _volts(servo: Servo, volts: float) -> Iterator[Found]:
-    """Against the robot file's bounds (by model where it has none) and the servo's own limits (34, 32)."""
-    assert servo.joint is not None
-    bounds = servo.joint.type.supply
-    least = max(bounds.warn, servo.values.get("min_voltage_limit", 0) / 10)
-    most = min(bounds.high, servo.values.get("max_voltage_limit", 1000) / 10)
-    if volts <= least:
-        yield Found("VOLTAGE_LOW", servo.thing, f"{volts:.1f} V", f"above {least:.1f} V")
-    elif volts > most:
-        yield Found("VOLTAGE_HIGH", servo.thing, f"{volts:.1f} V", f"{most:.1f} V or less")
 
 
 def _entry(examined: Examined, joint: JointSpec | None) -> JointCalibration | None:

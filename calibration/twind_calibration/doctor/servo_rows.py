@@ -1,5 +1,6 @@
 """The complaints about how servos are set and how they are: rows of the doctor's table, in order of cause."""
 
+from twind_calibration.doctor.cautions import SUPPORT
 from twind_calibration.doctor.complaint import Complaint, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
@@ -156,24 +157,38 @@ STATE = (
         "VOLTAGE_LOW",
         "the supply is low",
         "servos grow weak, then restart in the middle of a motion",
-        "charge or change the battery, thicker cables, a supply that gives more current",
+        "measure the voltage at the servo with a meter, and compare it with the model's page; then charge or "
+        "change the battery, take thicker cables or a supply of the same voltage that gives more current",
         WARNING,
+        caution="never feed a servo above the rated voltage of its model, and do not raise a supply that "
+        "other models share",
         explains=("ERROR_VOLTAGE",),
     ),
     Complaint(
         "VOLTAGE_HIGH",
         "the supply is high",
         "servos are damaged above what they are made for",
-        "switch it off, and take a supply of the right voltage",
+        "disarm and switch the supply off; measure it with a meter, then take one of the right voltage",
         FAULT,
+        caution=SUPPORT,
         explains=("ERROR_VOLTAGE",),
     ),
     Complaint(
+        "VOLTAGE_BOUNDS",
+        "the bounds of a servo's supply exclude each other",
+        "no supply fits them: to follow the lower bound burns the servo",
+        "leave the supply as it is; correct `supply` of its type in the robot file, or its registers "
+        "min_voltage_limit (34) and max_voltage_limit (32), by the model's page",
+        FAULT,
+    ),
+    Complaint(
         "VOLTAGE_DROP",
-        "one branch gets less voltage than the others",
+        "servos get less voltage than the others of their type on this bus",
         "a thin cable or a bad connector: under load these servos restart first",
-        "look at the first connector of that branch; feed long chains at both ends",
+        "measure the voltage at the first of these servos with a meter; where it is as low, look at the "
+        "cables and connectors before it; feed a long chain at both ends from the same supply",
         WARNING,
+        caution="do not raise the supply: the others would get more than they measure now",
         explains=("VOLTAGE_LOW",),
     ),
     Complaint(
