@@ -44,3 +44,39 @@ def test_a_settling_stop_after_a_reset_is_not_answered_before_its_own_goals_are_
         assert rig.replies(second)[-1].parameters["torque_off"] is not True
     finally:
         rig.close()
+
+
+def test_a_second_settling_stop_is_answered_at_once_by_what_the_first_has_read_back() -> None:
+    rig = Rig()
+    try:
+        rig.arm()
+        rig.submit(rig.path("head_yaw", [0.4], [1.0]))
+        rig.ticks(50)
+        assert rig.call(link.EStop, level="settle").parameters["done"] is False
+        second = rig.send(link.EStop, client=9, level="settle")
+        rig.ticks(2)
+        assert rig.replies(second)[0].parameters["torque_off"] is False
+    finally:
+        rig.close()
+
+
+def test_a_settling_stop_after_a_cut_leaves_the_cut_for_a_bus_that_comes_back() -> None:
+    """The joints of that bus are let go where they are: a way to the rest pose would move them."""
+    rig = Rig("h24-split")
+    try:
+        rig.arm()
+        rig.submit(rig.path("head_yaw", [0.4], [0.5]))
+        rig.seconds(1.0)
+        upper = rig.virtual["upper"]
+        upper.faults.unplug()
+        rig.ticks(3)
+        rig.call(link.EStop, level="cut")
+        rig.call(link.EStop, level="settle")
+        before = rig.truth
+        assert upper.servos["torque_enable"].any()
+        upper.faults.replug()
+        rig.seconds(4.0)
+        assert not rig.register("torque_enable").any()
+        assert abs(rig.truth - before).max() < 0.02
+    finally:
+        rig.close()
