@@ -118,6 +118,6 @@ def test_the_watchdog_of_an_actuator_is_not_to_be_tried_out_with_hands_on_the_ro
     assert "do not try it out by killing the daemon" in said
 
 
-def test_a_silent_bus_is_not_to_be_switched_on_with_somebody_at_the_robot() -> None:
+def test_a_silent_bus_is_not_to_be_switched_on_with_a_person_at_the_robot() -> None:
     for code in ("BUS_SILENT", "CAN_SILENT"):
         assert "make sure that no person works at the robot" in printed(Found(code, "bus main", "no answer"))

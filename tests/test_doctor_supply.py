@@ -94,14 +94,14 @@ def test_a_servo_below_the_others_is_compared_with_its_own_model(mixed: Virtual)
     assert said.index("do not raise the supply") < said.index("do: measure the voltage")
 
 
-def test_a_model_whose_supply_is_low_is_told_its_own_range(mixed: Virtual) -> None:
+def test_a_model_whose_supply_is_low_gets_the_bounds_of_its_own_range(mixed: Virtual) -> None:
     sags = [{"fault": "sag", "id": id, "volts": 1.0} for id in SMALL]
     with ordered(mixed, *sags, healed={"volts": 0}):
         settled(mixed, dict.fromkeys(SMALL, 4.0))
         (low,) = look(mixed)
     assert (low.code, low.measured) == ("VOLTAGE_LOW", "4.0 V")
     assert low.expected == "above 4.4 V, 6.4 V at most"
-    assert "never feed a servo above the rated voltage" in printed(low)
+    assert "never feed a device above the rated voltage" in printed(low)
 
 
 def test_a_servo_with_the_right_voltage_is_not_led_to_the_too_high_one_of_the_others(tmp_path: Path) -> None:
