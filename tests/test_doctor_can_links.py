@@ -153,7 +153,8 @@ def test_who_owns_an_interface_is_named_though_it_has_no_node() -> None:
         assert other.stdout is not None
         assert other.stdout.readline() == "\n"
         (finding,) = found(*words, code="PORT_HELD")
-        assert (finding.thing, finding.command) == (name, f"kill {other.pid}")
+        assert (finding.thing, finding.command) == (name, "")
+        assert f"`ps -fp {other.pid}`" in finding.advice
         assert f"pid {other.pid} (" in finding.measured
         other.communicate("\n")
     assert found(*words, code="PORT_HELD") == []

@@ -171,7 +171,7 @@ def test_a_state_folder_of_somebody_else_is_found(tmp_path: Path, robot: Path) -
     with nobody():
         (finding,) = found("--config", str(file), code="STATE_UNWRITABLE")
     assert finding.thing == str(tmp_path / "state") and "nobody may not write there" in finding.measured
-    assert f"sudo chown -R nobody: {tmp_path / 'state'}" in finding.command
+    assert f"sudo chown nobody: {tmp_path / 'state'}" in finding.command  # what is in it may be another's
 
 
 FULL = """

@@ -242,7 +242,8 @@ def test_as_json_it_is_one_object_with_everything_a_finding_has(
     assert finding["code"] == "PORT_MISSING" and finding["severity"] == "fault"
     assert finding["thing"] == str(port) and finding["fix"] is None and said["mended"] is None
     assert set(finding) == {
-        "code", "severity", "title", "thing", "measured", "expected", "why", "remedy", "command", "fix",
+        "code", "severity", "title", "thing", "measured", "expected", "why", "remedy", "caution",
+        "command", "fix",
         "because_of",
     }  # fmt: skip
 

@@ -143,7 +143,9 @@ def test_who_holds_a_port_is_named_with_its_pid(lone_pty: str, lock: str) -> Non
     try:
         (finding,) = found("--port", lone_pty, code="PORT_HELD")
         assert f"pid {holder.pid} " in finding.measured and "import os" in finding.measured
-        assert finding.command == f"kill {holder.pid}"
+        assert finding.command == ""  # it may hold a robot up
+        assert "kill" not in finding.advice
+        assert f"`ps -fp {holder.pid}`" in finding.advice
     finally:
         holder.stdin.close()
         holder.wait(5)
@@ -195,7 +197,8 @@ def test_a_program_that_probes_new_ports_is_found_where_udev_does_not_keep_it_aw
     udev_says(port_of_udev, answer)
     on = host(proc=port_of_udev.parent / "proc")
     findings = found("--port", str(port_of_udev), code="PORT_PROBED", on=on)
-    assert [each.command for each in findings] == ["sudo systemctl mask --now ModemManager"] * wrong
+    assert [each.command for each in findings] == [""] * wrong  # it may be what connects this machine
+    assert all(each.advice.startswith("install twind's udev rules") for each in findings)
     assert all("pid 4242" in each.measured for each in findings)
 
 

@@ -44,7 +44,7 @@ class Heat:
 
 def supply(parent: Section, device: str) -> Supply:
     """Section `supply` of a servo's type. Raises ConfigError: bounds that are not in order."""
-    return own_supply(parent, _usual_supply(device))
+    return own_supply(parent, usual_supply(device))
 
 
 def own_supply(parent: Section, usual: Supply) -> Supply:
@@ -99,7 +99,8 @@ def full_counts(device: str, current_limit_a: float, current_lsb_a: float) -> fl
     return nan if made.current is None else float(made.current)
 
 
-def _usual_supply(device: str) -> Supply:
+def usual_supply(device: str) -> Supply:
+    """Bounds of a model from the range that its vendor prints; infinite where that is not known."""
     made = _made(device)
     if made is None:
         return Supply()

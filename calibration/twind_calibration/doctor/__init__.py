@@ -8,13 +8,14 @@ a serial port that is opened is asked for low latency, which stays with the adap
 import argparse
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from twind.ctl.verb import DONE, REFUSED, UsageError, show
 
 if TYPE_CHECKING:
+    from twind_calibration.doctor.complaint import Complaint
     from twind_calibration.doctor.runner import Outcome
 
 NICE = 10
@@ -73,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
     finally:
         examined.close()
     mended = None
-    if options.fix and _agreed(outcome, asks):
+    if options.fix and _agreed(outcome, known, asks):
         with _gently(examined.daemon is not None):
             mended = runner.mend(outcome, look, checks, known)
     text = report.text(outcome, known, mended, verbose=options.verbose)
@@ -94,9 +95,11 @@ def _gently(beside: bool) -> Iterator[None]:
             os.setpriority(os.PRIO_PROCESS, 0, before)
 
 
-def _agreed(outcome: "Outcome", asks: bool) -> bool:
-    """Shows what would be done, and waits for a yes; nothing to do and nobody to ask are a yes."""
-    todo = [f"{found.thing}: {found.fix.text}" for found in outcome.found if found.fix is not None]
+def _agreed(outcome: "Outcome", rows: "Mapping[str, Complaint]", asks: bool) -> bool:
+    """Shows what would be done and its cautions, and waits for a yes; without work it is a yes."""
+    fixed = [found for found in outcome.found if found.fix is not None]
+    todo = [f"{found.thing}: {found.fix.text}" for found in fixed if found.fix is not None]
+    todo += dict.fromkeys(f"first: {rows[each.code].caution}" for each in fixed if rows[each.code].caution)
     if not todo or not asks:
         return True
     print("\n".join(["--fix would do:", *(f"    {each}" for each in todo)]))

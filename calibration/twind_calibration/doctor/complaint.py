@@ -27,6 +27,9 @@ class Complaint:
     why: str  # why it matters: what will happen, or already does
     remedy: str  # what to do, with the command in backquotes; for the page
     severity: Severity
+    caution: str = (
+        ""  # what to make sure of before any remedy or command; "": it harms nothing if it is wrong
+    )
     explains: tuple[str, ...] = ()  # codes that are often only its consequence: shown after it, and said so
 
 

@@ -1,5 +1,6 @@
 """The complaints about machine, files and daemon: rows of the doctor's table, in order of cause."""
 
+from twind_calibration.doctor.cautions import SUPPORT
 from twind_calibration.doctor.complaint import Complaint, Severity
 from twind_calibration.doctor.machine_rows import MACHINE
 from twind_calibration.doctor.port_rows import PORTS
@@ -29,6 +30,8 @@ FILES = (
         "the limits of the robot file are the only fence: a slip there is checked against nothing",
         'write `range="LOWER UPPER"` at these joints of the model, as the mechanics allow',
         WARNING,
+        caution="a range that is too wide lets the joint run into its stop: with torque off, move "
+        "it by hand over the range first",
     ),
     Complaint(
         "CALIBRATION_MISSING",
@@ -44,6 +47,8 @@ FILES = (
         "put the file of this robot back, or calibrate again; "
         "its path is STATE/calibration/NAME.yaml, NAME as in `individual:` of the settings, else the robot",
         FAULT,
+        caution="zeros of another robot move this one to wrong places: compare with the monitor, "
+        "in mirror, before you arm",
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
     Complaint(
@@ -52,6 +57,7 @@ FILES = (
         "the daemon moves the robot by the old file, and refuses to arm until it has read the new one",
         "`twindctl reload`, or disarm and `sudo systemctl restart twind`",
         WARNING,
+        caution=SUPPORT,
     ),
 )
 
@@ -63,6 +69,7 @@ DAEMON = (
         "mend what its last lines say, then `sudo systemctl reset-failed twind` "
         "and `sudo systemctl start twind`",
         FAULT,
+        caution="servos may have kept their torque: support the robot before you start the daemon and disarm",
         explains=("NO_DAEMON",),
     ),
     Complaint(
@@ -79,14 +86,20 @@ DAEMON = (
         "`sudo usermod -aG twind-operator $USER`, then log in again (`newgrp twind-operator` for this "
         "shell); one that root started by hand is root's alone: use the service",
         FAULT,
+        caution="members of that group may arm and move the robot; a daemon that is ended lowers "
+        "it: support it",
         explains=("NO_DAEMON", "PORT_HELD"),
     ),
     Complaint(
         "DAEMON_SILENT",
         "the daemon takes the connection but does not answer",
         "nobody can command or watch; an e-stop by this socket does not arrive either",
-        "cut the power if the robot moves; `sudo systemctl restart twind`; keep `journalctl -u twind` for us",
+        "ask once more, a busy machine answers late; if it stays so, `sudo systemctl restart "
+        "twind`; where the robot must "
+        "stop at once, use its emergency switch; keep `journalctl -u twind` for us",
         FAULT,
+        caution="support the robot: a restart or a cut of power lowers or drops it, and a loop "
+        "that hangs leaves its torque on",
         explains=("PORT_HELD",),
     ),
     Complaint(
@@ -103,6 +116,7 @@ DAEMON = (
         "`sudo groupadd -rf twind-operator`, then `sudo chgrp twind-operator /run/twind/control.sock`; "
         "for good, install sysusers.d and start the daemon as its service",
         WARNING,
+        caution="members of that group may arm and move the robot: check its members",
         explains=("DAEMON_DENIED",),
     ),
     Complaint(
@@ -112,6 +126,8 @@ DAEMON = (
         "`sudo chmod 0660 /run/twind/control.sock`; the folder must not be writable by others: "
         "`sudo chmod go-w /run/twind`",
         FAULT,
+        caution="a program of another user that stops the robot loses its way to it: put that user "
+        "into the group first",
     ),
     Complaint(
         "VERSION_DIFFERS",
@@ -119,6 +135,7 @@ DAEMON = (
         "the daemon still runs what was installed before; what one knows the other may not",
         "disarm, then `sudo systemctl restart twind`; if that does not help, `which -a twind twindctl`",
         WARNING,
+        caution=SUPPORT,
     ),
     Complaint(
         "FRONT_RESTARTED",
@@ -133,6 +150,7 @@ DAEMON = (
         "it refuses to arm, or holds the robot, until that is mended and, where it was latched, reset",
         "mend what its message says; then `twindctl reset`, if `twindctl status` still lists it",
         FAULT,
+        caution=SUPPORT,
     ),
     Complaint(
         "TICKS_MISSED",

@@ -16,6 +16,10 @@ from twind_drivers.dynamixel.holder import command
 
 CORES = 2
 LOCKED = 1 << 30  # bytes: a daemon with its model is 0.2 to 0.5 GB
+OTHER_CORES = (
+    "give it other cores than the loop (`cpu:` in the settings, `taskset`); "
+    "where it drives no motor and watches over nothing, a lower priority: `sudo chrt -f -p 10 {0}`"
+)
 THRIFTY = ("powersave", "ondemand", "conservative")
 NICE, LOCK = 23, 14  # CAP_SYS_NICE, CAP_IPC_LOCK (linux/capability.h)
 UNSYNCED, ERROR = 0x40, 5  # STA_UNSYNC, TIME_ERROR (adjtimex(2))
@@ -80,7 +84,7 @@ def rivals(x: Examined) -> Iterator[Found]:
                 what,
                 f"{kind} priority {priority}",
                 f"below {PRIORITY}",
-                f"sudo chrt -f -p 10 {pid}",
+                advice=OTHER_CORES.format(pid),
             )
 
 

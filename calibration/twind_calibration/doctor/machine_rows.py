@@ -1,6 +1,7 @@
 """The complaints about the machine itself: real time, processors, clock, disks, software."""
 
 from twind.loop.realtime import LIMIT
+from twind_calibration.doctor.cautions import SUPPORT
 from twind_calibration.doctor.complaint import Complaint, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
@@ -10,8 +11,11 @@ MACHINE: tuple[Complaint, ...] = (
         "STATE_UNWRITABLE",
         "the daemon cannot write its state folder",
         "calibrations, recordings and dumps are lost",
-        "`sudo chown -R twind: /var/lib/twind`; as a service, `StateDirectory=twind` in the unit does it",
+        "`sudo chown twind: /var/lib/twind`, and of what is in it that is the daemon's; as a "
+        "service, `StateDirectory=twind` in the unit does it",
         FAULT,
+        caution="look what is in the folder: it must be the daemon's alone, for other programs "
+        "lose the files that it takes over",
     ),
     Complaint(
         "DISK_FULL",
@@ -19,6 +23,8 @@ MACHINE: tuple[Complaint, ...] = (
         "recordings and dumps after a fault are cut off, a calibration cannot be saved, logs end",
         "`df -h`, `du -xh --max-depth=2 / | sort -h | tail`; `sudo journalctl --vacuum-size=500M`",
         WARNING,
+        caution="copy recordings, dumps and logs of a fault first: what is deleted cannot be "
+        "looked into any more",
         explains=("STATE_UNWRITABLE",),
     ),
     Complaint(
@@ -51,13 +57,18 @@ MACHINE: tuple[Complaint, ...] = (
         "a core that sleeps or is clocked down wakes the loop late",
         "`echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor`",
         NOTE,
+        caution="a small board needs cooling for it, and a battery gets empty sooner",
     ),
     Complaint(
         "RT_RIVAL",
         "another program runs at the loop's real-time priority or above",
         "when it computes, the loop waits",
-        "give it a lower priority: `sudo chrt -f -p 10 PID`",
+        "give it other cores than the loop (`cpu:` in the settings); where it drives and watches "
+        "nothing, a lower "
+        "priority: `sudo chrt -f -p 10 PID`",
         WARNING,
+        caution="find out what it is: a program that drives motors or watches over something must "
+        "not be made slower",
         explains=("TICKS_MISSED",),
     ),
     Complaint(
@@ -82,5 +93,6 @@ MACHINE: tuple[Complaint, ...] = (
         "`sudo make install` in the sources, or the newer package: both bring their libraries; "
         "systemd 252, Python 3.11 or newer",
         WARNING,
+        caution=SUPPORT,
     ),
 )

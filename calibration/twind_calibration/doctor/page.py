@@ -15,7 +15,8 @@ def rows() -> str:
     """The table in Markdown, one row a complaint, in the order of looking."""
     lines = ["| code | what is wrong | why it matters | do |", "|---|---|---|---|"]
     for row in table.complaints().values():
-        cells = (f"{row.code} ({row.severity.value})", row.title, row.why, row.remedy)
+        remedy = f"{row.remedy}. **First: {row.caution}**" if row.caution else row.remedy
+        cells = (f"{row.code} ({row.severity.value})", row.title, row.why, remedy)
         lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
     return "\n".join(lines)
 

@@ -1,5 +1,6 @@
 """The complaints about ports: serial adapters and CAN interfaces of this machine."""
 
+from twind_calibration.doctor.cautions import OTHER_MASTER, OURS, SUPPORT, UNPLUGGED
 from twind_calibration.doctor.complaint import Complaint, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
@@ -11,6 +12,7 @@ SERIAL = (
         "`mirror` stays disconnected and `live` is refused",
         "`ports: {BUS: /dev/serial/by-id/…}` in the settings, or `--port BUS=PORT`",
         NOTE,
+        caution=OURS,
     ),
     Complaint(
         "PORT_MISSING",
@@ -18,6 +20,7 @@ SERIAL = (
         "the robot is not connected; the daemon waits for it",
         "plug it in; if it has another name now, use the one that stays: `ls -l /dev/serial/by-id/`",
         FAULT,
+        caution=UNPLUGGED,
     ),
     Complaint(
         "PORT_UNFIT",
@@ -44,8 +47,10 @@ SERIAL = (
         "PORT_HELD",
         "another program has the port",
         "two talkers on one bus destroy each other's packets; the daemon refuses to start, or hears garbage",
-        "end the program it names; another twind is asked by `twindctl --socket DIR`, or stopped",
+        "end the program that it names by its own command; another twind is asked by `twindctl "
+        "--socket DIR`, or stopped",
         FAULT,
+        caution=OTHER_MASTER,
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
     Complaint(
@@ -54,6 +59,8 @@ SERIAL = (
         "it writes to every new serial port: bytes on the bus that nobody asked for",
         "install twind's udev rules (`sudo make install`), or `sudo systemctl mask --now ModemManager`",
         WARNING,
+        caution="where this machine reaches its network by a modem, take the udev rules: without "
+        "ModemManager it is cut off",
         explains=("PORT_HELD",),
     ),
     Complaint(
@@ -69,9 +76,11 @@ SERIAL = (
         "LATENCY_FLOOR",
         "answers come as late as a latency timer would make them",
         "readings are old and fewer than asked for; the gate refuses to write above 100 ms",
-        "set the timer as in LATENCY_TIMER, by sysfs, not by `setserial`; no hub or virtual machine between; "
+        "set the timer as in LATENCY_TIMER, by sysfs, not by `setserial`; no hub or virtual "
+        "machine between; "
         "another adapter",
         WARNING,
+        caution=UNPLUGGED,
     ),
     Complaint(
         "USB_AUTOSUSPEND",
@@ -86,6 +95,7 @@ SERIAL = (
         "every hub adds delay and a connector, and its other devices share the wire",
         "plug the adapter into the computer itself",
         NOTE,
+        caution=UNPLUGGED,
     ),
     Complaint(
         "BAUD_UNSUPPORTED",
@@ -93,6 +103,7 @@ SERIAL = (
         "all servos are silent, or answer garbage",
         "another adapter (FT232H: 12 Mbaud), or a lower `baud` in the robot file and in the servos",
         FAULT,
+        caution=UNPLUGGED,
     ),
 )
 
@@ -104,6 +115,8 @@ CAN = (
         "plug the adapter in, `sudo modprobe can_raw`, "
         "then `sudo ip link set can0 up type can bitrate 1000000 restart-ms 100`",
         FAULT,
+        caution="make sure which rate the actuators have: an interface with another one destroys "
+        "the frames of all devices",
     ),
     Complaint(
         "CAN_LINK_DOWN",
@@ -111,6 +124,8 @@ CAN = (
         "nothing is sent or heard on that bus",
         "`sudo ip link set can0 up type can bitrate 1000000 restart-ms 100`",
         FAULT,
+        caution="make sure which rate the actuators have: an interface with another one destroys "
+        "the frames of all devices",
     ),
     Complaint(
         "CAN_LINK_BITRATE",
@@ -119,6 +134,8 @@ CAN = (
         "`twindctl disarm`, for who is armed loses the bus; then `sudo ip link set can0 down`, and "
         "`sudo ip link set can0 up type can bitrate RATE`",
         FAULT,
+        caution="make sure which rate the actuators have: an interface with another one destroys "
+        f"the frames of all devices; {SUPPORT}",
         explains=("CAN_LINK_STATE",),
     ),
     Complaint(
@@ -128,6 +145,7 @@ CAN = (
         "power of the actuators; 60 Ω between the wires with everything off; the bit rate; "
         "then `twindctl disarm`, `sudo ip link set can0 down` and `up`",
         FAULT,
+        caution=SUPPORT,
         explains=("CAN_LINK_ERRORS",),
     ),
     Complaint(
@@ -136,6 +154,7 @@ CAN = (
         "frames are broken and repeated: the bus still works, but late, and it may get worse",
         "60 Ω between the wires with everything off; plugs, shield, bit rate; counters fall by themselves",
         WARNING,
+        caution=UNPLUGGED,
     ),
     Complaint(
         "CAN_LINK_QUEUE",
@@ -151,6 +170,7 @@ CAN = (
         "`twindctl disarm`, then `sudo ip link set can0 down`, "
         "then `sudo ip link set can0 up type can bitrate RATE restart-ms 100`",
         WARNING,
+        caution=SUPPORT,
     ),
 )
 

@@ -21,6 +21,10 @@ from twind_drivers.can import ports as can_ports
 BY_ID = ("twind", "serial/by-id")  # below /dev: our udev rule's names, then the stock ones
 GUESSED = ("ttyUSB", "ttyACM")  # numbers of these are given in the order of plugging in
 PROBER = "ModemManager"
+IGNORED = (
+    "install twind's udev rules (`sudo make install`); where no modem is in use here, "
+    f"`sudo systemctl mask --now {PROBER}`"
+)
 HUBS = 2  # hubs in a row that are no matter
 FAST = 480  # Mbit/s, USB 2 high speed
 # Highest rates by kernel driver, bit/s (data sheets: CP2102N 3 M, CH340 2 M, PL2303 6 M; FTDI's vary).
@@ -77,7 +81,9 @@ def present(x: Examined) -> Iterator[Found]:
         except FileNotFoundError:
             there = candidates(x.host)
             advice = (
-                f"plug it in, or use what is there: {' '.join(there)}" if there else "plug the adapter in"
+                f"plug it in; there are: {' '.join(there)}; use one only where it is this robot's"
+                if there
+                else "plug the adapter in"
             )
             yield Found("PORT_MISSING", node.path, f"no such port (bus {node.bus})", advice=advice)
             continue
@@ -136,9 +142,8 @@ def probed(x: Examined) -> Iterator[Found]:
     running = {x.host.text(x.host.proc / str(pid) / "comm"): pid for pid in x.host.processes()}
     for node in nodes(x):
         if node.tty.startswith(GUESSED) and PROBER in running and not _ignored(x.host, node.tty):
-            stop = f"sudo systemctl mask --now {PROBER}"
             said = f"{PROBER} runs (pid {running[PROBER]}) and nothing tells it to leave this port alone"
-            yield Found("PORT_PROBED", node.path, said, command=stop)
+            yield Found("PORT_PROBED", node.path, said, advice=IGNORED)
 
 
 def timers(x: Examined) -> Iterator[Found]:
@@ -253,12 +258,13 @@ def _held(
         if holder.pid in ours:
             continue
         what = f"held by pid {holder.pid} ({holder.command}), bus {bus}"
-        command, advice = f"kill {holder.pid}", ""
-        if is_daemon(" ".join(host.words(holder.pid))):  # it may carry a robot: nobody is told to kill it
-            command, advice = "", _another(host, holder.pid)
+        if is_daemon(" ".join(host.words(holder.pid))):
+            advice = _another(host, holder.pid)
         elif PROBER in holder.command:
-            command = f"sudo systemctl mask --now {PROBER}"
-        yield Found("PORT_HELD", path, what, "nobody else", command, advice=advice)
+            advice = IGNORED
+        else:  # it may hold a robot up: no command that kills it
+            advice = f"end that program by its own command or Ctrl-C; `ps -fp {holder.pid}` shows what it is"
+        yield Found("PORT_HELD", path, what, "no other program", advice=advice)
 
 
 def _another(host: Host, pid: int) -> str:

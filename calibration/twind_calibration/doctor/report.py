@@ -46,6 +46,7 @@ def data(
                 "expected": found.expected or None,
                 "why": complaints[found.code].why,
                 "remedy": found.advice or complaints[found.code].remedy,
+                "caution": complaints[found.code].caution or None,
                 "command": found.command or None,
                 "fix": None if found.fix is None else found.fix.text,
                 "because_of": outcome.because.get(place),
@@ -100,6 +101,8 @@ def _finding(found: Found, row: Complaint, because: str | None, fix: Mended | No
     body.append(f"why it matters: {row.why}")
     if because is not None:
         body.append(f"probably because of {because}, above")
+    if row.caution:
+        body.append(f"first: {row.caution}")
     command = "" if found.fix is not None and found.command == by_fix else found.command  # told once, below
     if found.advice or not found.command:
         body.append(f"do: {found.advice or row.remedy}")

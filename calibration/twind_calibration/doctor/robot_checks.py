@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from twind_calibration.doctor import bus_checks, can_checks, servo_checks
+from twind_calibration.doctor import bus_checks, can_checks, servo_checks, supply_checks
 from twind_calibration.doctor.complaint import Found
 from twind_calibration.doctor.examined import Examined
 
@@ -31,7 +31,7 @@ CHECKS: tuple[tuple[str, tuple[str, ...], Look], ...] = (
         ("FENCE_TIGHT", "LIMIT_ZERO", "CURRENT_CAP", "SHUTDOWN_MASK", "PROFILE_LEFT", "INDIRECT_LEFT"),
         servo_checks.limits,
     ),
-    (SERVOS, ("VOLTAGE_LOW", "VOLTAGE_HIGH", "VOLTAGE_DROP"), servo_checks.supply),
+    (SERVOS, ("VOLTAGE_LOW", "VOLTAGE_HIGH", "VOLTAGE_BOUNDS", "VOLTAGE_DROP"), supply_checks.supply),
     (
         SERVOS,
         (

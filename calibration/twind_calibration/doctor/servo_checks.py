@@ -1,14 +1,13 @@
 """Checks of how servos are set and how they are. Over surveys, robot file and calibration."""
 
 from collections.abc import Iterator
-from statistics import median
 
 from twind.config.actuator import ServoType
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import tick_range
 from twind.config.robot_spec import JointSpec
 from twind_calibration.doctor import mend
-from twind_calibration.doctor.bench import serial, servos, together
+from twind_calibration.doctor.bench import servos, together
 from twind_calibration.doctor.complaint import Found
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.survey import MAPPED, Servo
@@ -30,8 +29,6 @@ ERRORS = {
     4: ("ERROR_SHOCK", "electrical shock"),
     5: ("ERROR_OVERLOAD", "overload"),
 }
-DROP = 0.6  # V that one branch may be below the others at rest; a sensor's step is 0.1 V
-OTHERS = 3  # servos of a bus from which on one can be compared with the rest
 
 
 def settings(examined: Examined) -> Iterator[Found]:
@@ -152,8 +149,8 @@ def _limits(examined: Examined) -> Iterator[Found]:
         yield from _fence(examined, servo)
         for name in MOVES:
             if servo.values.get(name) == 0:
-                how = _default(servo, name)
-                yield Found("LIMIT_ZERO", servo.thing, f"{name} is 0", "what the joint needs", how)
+                delivered = _delivered(servo, name)
+                yield Found("LIMIT_ZERO", servo.thing, f"{name} is 0", f"what the joint needs{delivered}")
         yield from _cap(servo)
         yield from _mask(servo)
         yield from _left(servo)
@@ -185,12 +182,12 @@ def _fence(examined: Examined, servo: Servo) -> Iterator[Found]:
         yield Found("FENCE_TIGHT", servo.thing, measured, expected, command, advice=advice)
 
 
-def _default(servo: Servo, name: str) -> str:
-    """The command with the model's own value; "" where no page tells it."""
+def _delivered(servo: Servo, name: str) -> str:
+    """The value of a new servo of this model, in words; "" where no page has it."""
     assert servo.joint is not None
     field = table(number_of(servo.joint.type.device)).fields.get(name)
     value = None if field is None else field.rule.default
-    return "" if value is None else mend.command(servo, name, value)
+    return "" if value is None else f", {value} at most, as delivered"
 
 
 def _cap(servo: Servo) -> Iterator[Found]:
@@ -198,8 +195,13 @@ def _cap(servo: Servo) -> Iterator[Found]:
     assert isinstance(servo.joint.type, ServoType)
     cap, limit = servo.joint.current_cap, servo.values.get("current_limit")
     if cap is not None and limit is not None and 0 < limit < cap:
-        how = mend.command(servo, "current_limit", cap)
-        yield Found("CURRENT_CAP", servo.thing, f"current limit (38) is {limit}", f"{cap} or more", how)
+        amperes = f"{limit * servo.joint.type.current_lsb_a:.2f} A"
+        measured = f"current limit (38) is {limit}, {amperes}"
+        advice = (
+            f"lower `current_limit_a` of type {servo.joint.type.name} to {amperes}; "
+            f"only where the joint needs {cap} counts, write that to its current_limit, with torque off"
+        )
+        yield Found("CURRENT_CAP", servo.thing, measured, f"{cap} or more", advice=advice)
 
 
 def _mask(servo: Servo) -> Iterator[Found]:
@@ -247,15 +249,15 @@ def _state(examined: Examined) -> Iterator[Found]:
     armed = examined.daemon is not None and bool(examined.daemon.status["armed"])
     for _, servo in servos(examined):
         assert servo.joint is not None
+        torque = servo.values.get("torque_enable") == 1
         bits = servo.values.get("hardware_error_status", 0)
         for bit, (code, name) in ERRORS.items():
             if bits >> bit & 1:
-                how = f"twindctl reboot {servo.bus} {servo.id}"
+                how = "" if torque else f"twindctl reboot {servo.bus} {servo.id}"  # it would let go
                 yield Found(code, servo.thing, f"hardware error (70) is {bits}: {name}", "0", how)
         warm, bound = servo.values.get("present_temperature"), servo.joint.type.heat.warn
         if warm is not None and warm >= bound:
             yield Found("SERVO_HOT", servo.thing, f"{warm} degC", f"below {bound:g} degC")
-        torque = servo.values.get("torque_enable") == 1
         if torque and not armed:
             yield Found("TORQUE_ON", servo.thing, "torque is on", "off", "twindctl disarm")
         yield from _watchdog(examined, servo, torque=torque, armed=armed)
@@ -277,34 +279,6 @@ def _watchdog(examined: Examined, servo: Servo, *, torque: bool, armed: bool) ->
             mend.command(servo, "bus_watchdog", 0),
             mend.register(examined, servo, "bus_watchdog", 0),
         )
-
-
-def supply(examined: Examined) -> Iterator[Found]:
-    """VOLTAGE_LOW, VOLTAGE_HIGH, VOLTAGE_DROP."""
-    for survey in serial(examined):
-        volts = {
-            servo: servo.values["present_input_voltage"] / 10
-            for servo in survey.known
-            if servo.fits and servo.values.get("present_input_voltage")
-        }
-        usual = median(volts.values()) if volts else 0.0
-        low = [servo for servo, each in volts.items() if len(volts) > OTHERS and usual - each >= DROP - 1e-9]
-        if low:
-            told = ", ".join(f"id {servo.id} {volts[servo]:.1f} V" for servo in low)
-            yield Found("VOLTAGE_DROP", f"bus {survey.spec.name}", told, f"{usual:.1f} V, as the others")
-        yield from together(found for servo, each in volts.items() for found in _volts(servo, each))
-
-
-def _volts(servo: Servo, volts: float) -> Iterator[Found]:
-    """Against the robot file's bounds (by model where it has none) and the servo's own limits (34, 32)."""
-    assert servo.joint is not None
-    bounds = servo.joint.type.supply
-    least = max(bounds.warn, servo.values.get("min_voltage_limit", 0) / 10)
-    most = min(bounds.high, servo.values.get("max_voltage_limit", 1000) / 10)
-    if volts <= least:
-        yield Found("VOLTAGE_LOW", servo.thing, f"{volts:.1f} V", f"above {least:.1f} V")
-    elif volts > most:
-        yield Found("VOLTAGE_HIGH", servo.thing, f"{volts:.1f} V", f"{most:.1f} V or less")
 
 
 def _entry(examined: Examined, joint: JointSpec | None) -> JointCalibration | None:

@@ -33,7 +33,7 @@ def writable(x: Examined) -> Iterator[Found]:
         yield Found("STATE_UNWRITABLE", str(folder), "its disk is mounted read-only", "read and write")
     elif not may:
         what = "may not write there" if there == folder else f"may not make it below {there}"
-        command = f"sudo mkdir -p {folder}\nsudo chown -R {who.name}: {folder}"
+        command = f"sudo mkdir -p {folder}\nsudo chown {who.name}: {folder}"
         yield Found("STATE_UNWRITABLE", str(folder), f"{whose} {who.name} {what}", command=command)
 
 
