@@ -153,12 +153,15 @@ def test_a_hull_at_rest_touches_nothing(tmp_path: Path, support: str) -> None:
     assert gaps(binding.model, binding.qpos.tolist(), binding.rest) == []
 
 
-def test_the_same_pairs_of_the_robot_are_judged(tmp_path: Path) -> None:
-    judged = {
-        support: {
-            frozenset(pair.bodies) for pair in Bodies(bind(hull(tmp_path, support=support), None)).pairs
-        }
+@pytest.mark.parametrize("compiler", ["", 'fusestatic="true"'])
+def test_the_same_pairs_of_the_robot_are_judged(tmp_path: Path, compiler: str) -> None:
+    robots = {
+        support: hull(tmp_path / support, support=support, compiler=compiler)
         for support in ("free", "gantry", "fixed")
+    }
+    judged = {
+        support: {frozenset(pair.bodies) for pair in Bodies(bind(robot, None)).pairs}
+        for support, robot in robots.items()
     }
     assert judged["gantry"] == judged["free"]
     assert {pair for pair in judged["fixed"] if "floor" not in pair} == judged["free"]

@@ -113,6 +113,7 @@ def _compile(robot: RobotFile) -> tuple[Any, Any, Quaternion | None]:
             raise BindingError(
                 f"{robot.path}: model.base: no body {robot.base!r} in {robot.mjcf_path}: {names}"
             )
+        spec.compiler.fusestatic = False  # bodies that `collision` may name stay bodies, whatever the support
         if robot.support != "free":
             pin(spec, base)
         elif not free_joints(base):
