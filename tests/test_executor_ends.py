@@ -84,6 +84,24 @@ def test_with_a_goal_tolerance_the_goal_ends_when_the_robot_is_there_and_has_sto
     assert executor.motion is Motion.HOLDING
 
 
+def test_a_default_goal_tolerance_judges_the_place_and_not_the_speed() -> None:
+    executor = holding()
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=Tolerances.of(2, [], 0.2), goal_time=0.5)
+    run(executor, 1.0)
+    executor.observe(reading([1.0, 0.79], [1.0, 1.0]))
+    assert executor.outcomes() == []
+    executor.observe(reading([1.19, 0.81], [1.0, nan]))
+    assert phases(executor) == [("a", "succeeded")]
+
+
+def test_a_default_goal_tolerance_does_not_judge_joints_that_the_goal_does_not_move() -> None:
+    executor = holding()
+    executor.submit("a", only(0, smooth([1.0, 0.0])), tolerances=Tolerances.of(2, [], 0.2), goal_time=0.5)
+    run(executor, 1.0)
+    executor.observe(reading([1.0, 3.0]))
+    assert phases(executor) == [("a", "succeeded")]
+
+
 @pytest.mark.parametrize("goal_time", [None, 0.0])
 def test_without_a_goal_time_the_goal_waits_for_ever(goal_time: float | None) -> None:
     executor = arrived(goal_time)

@@ -41,6 +41,15 @@ def test_what_is_asked_reaches_the_loop_in_joint_order() -> None:
     assert there.velocity is not None
 
 
+def test_a_tolerance_of_zero_or_minus_one_reaches_the_loop() -> None:
+    tolerances = [{"joint": "hip", "path": 0.0, "goal": -1.0}]
+    message = trajectory(tolerances=tolerances)
+    path, wrong = judge(message, NAMES)
+    assert path is not None
+    assert not wrong
+    assert fields(message, path, NAMES)["tolerances"] == [(0, 0.0, -1.0)]
+
+
 @pytest.mark.parametrize(
     ("changed", "code"),
     [
@@ -54,7 +63,8 @@ def test_what_is_asked_reaches_the_loop_in_joint_order() -> None:
         ({"goal_time": -1.0}, Code.BAD_SCHEMA),
         ({"tolerances": [{"joint": "toe"}]}, Code.UNKNOWN_JOINT),
         ({"tolerances": [{"joint": "hip"}, {"joint": "hip"}]}, Code.DUP_JOINT),
-        ({"tolerances": [{"joint": "hip", "goal": 0.0}]}, Code.BAD_SCHEMA),
+        ({"tolerances": [{"joint": "hip", "goal": -0.5}]}, Code.BAD_SCHEMA),
+        ({"tolerances": [{"joint": "hip", "path": float("nan")}]}, Code.BAD_SCHEMA),
         ({"points": [{"positions": [0, 0], "time_from_start": -1.0}]}, Code.TIME_ORDER),
     ],
 )

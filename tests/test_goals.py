@@ -6,7 +6,7 @@ from gate_world import at_rest, limits, path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.motion.goals import Tolerances, led_in, without_past
+from twind.motion.goals import STOPPED, Tolerances, led_in, without_past
 from twind.robot.finding import Code, Finding
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
@@ -21,6 +21,17 @@ def test_zero_and_nothing_keep_the_default_and_minus_one_erases_it() -> None:
     given_ = Tolerances.of(4, [(0, 0.1, 0.2), (1, 0.0, -1.0), (2, None, None)])
     assert given_.path.tolist() == [0.1, inf, inf, inf]
     assert given_.goal.tolist() == [0.2, inf, inf, inf]
+
+
+def test_a_default_for_the_end_is_kept_replaced_or_erased_by_each_joint() -> None:
+    given_ = Tolerances.of(5, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None), (3, -1.0, 0.0)], 0.2)
+    assert given_.path.tolist() == [0.1, inf, 0.1, inf, inf]
+    assert given_.goal.tolist() == [0.3, inf, 0.2, 0.2, 0.2]
+
+
+def test_only_a_joint_with_a_goal_tolerance_of_its_own_must_stop() -> None:
+    given_ = Tolerances.of(4, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None)], 0.2)
+    assert given_.speed.tolist() == [STOPPED, inf, inf, inf]
 
 
 @pytest.mark.parametrize("value", [nan, -0.5, -2.0, -inf])

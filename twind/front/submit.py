@@ -51,7 +51,7 @@ def _start(start_in: float | None) -> list[Finding]:
 
 
 def _tolerances(message: Mapping[str, Any], names: Names) -> list[Finding]:
-    """Tolerances name joints of the robot, once each, and are positive."""
+    """Tolerances name joints of the robot, once each: positive, 0 for the default or -1 for no check."""
     findings, seen = [], set()
     for tolerance in message.get("tolerances") or ():
         name = tolerance["joint"]
@@ -62,11 +62,10 @@ def _tolerances(message: Mapping[str, Any], names: Names) -> list[Finding]:
             findings.append(Finding(Code.DUP_JOINT, joint=place, message="two tolerances"))
         seen.add(name)
         for key in ("path", "goal"):
-            if tolerance.get(key) is not None and not tolerance[key] > 0.0:
-                reason = f"{key} tolerance (rad) must be positive; leave it out for none"
-                findings.append(
-                    Finding(Code.BAD_SCHEMA, place, value=tolerance[key], bound=0.0, message=reason)
-                )
+            given = tolerance.get(key)
+            if given is not None and not (given >= 0.0 or given == -1.0):
+                reason = f"{key} tolerance (rad) must be positive, 0 for the default or -1 for no check"
+                findings.append(Finding(Code.BAD_SCHEMA, place, value=given, bound=0.0, message=reason))
     if message.get("goal_time") is not None and not message["goal_time"] >= 0.0:
         reason = "goal_time (s) must not be negative"
         findings.append(Finding(Code.BAD_SCHEMA, value=message["goal_time"], bound=0.0, message=reason))

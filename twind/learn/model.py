@@ -19,6 +19,7 @@ from twind.twin.balance import Balance
 from twind.twin.base_pose import stand
 from twind.twin.binding import Binding, BindingError, bind
 from twind.twin.mirror import index
+from twind.twin.pinning import free_joints
 
 BASE_SITE, IMU_SITE, DOWN_SITE = "twind_base", "twind_imu", "twind_down"
 SOLE_SITES = ("twind_left_sole", "twind_right_sole")
@@ -134,8 +135,7 @@ def plant_of(robot: RobotFile, *, period: float, action_delay: float = 0.0, imu_
 def _freed(robot: RobotFile) -> RobotFile:
     """The robot as if nothing held it. Raises BindingError: nothing could let it move."""
     base = mujoco.MjSpec.from_file(str(robot.mjcf_path)).body(robot.base)
-    free = [] if base is None else [j for j in base.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
-    if base is not None and not free:
+    if base is not None and not free_joints(base):
         raise BindingError(
             f"{robot.mjcf_path}: body {robot.base!r} has no free joint, so the robot cannot stand or fall by "
             "itself: add <freejoint/> (a robot with support gantry or fixed has it removed by the daemon)"

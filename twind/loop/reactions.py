@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind.loop import damping, release
+from twind.loop.contacts import with_contact
 from twind.loop.procedures import Rank
 from twind.robot.arrays import Floats, whole
 from twind.robot.finding import Code, Finding
@@ -44,7 +45,7 @@ def react(loop: Loop, judgement: Judgement, reference: Reference | None, now: fl
 def _tell(loop: Loop, judgement: Judgement) -> None:
     """News of each code once, latches, and who began anew."""
     for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
-        same = tuple(findings)
+        same = tuple(with_contact(loop, finding) for finding in findings)
         loop.say.event("warning", code, same[0].message, same)
         if judgement.latches:
             loop.latch(_of_many(same))

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twind import link
+from twind.loop.contacts import with_contact
 from twind.loop.procedures import Procedure
 from twind.motion.executor import Outcome, Tolerances
 from twind.motion.goals import led_in
 from twind.robot.arrays import Bools, Ints
 from twind.robot.finding import Code, Finding, Verdict
+from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety import gate, stream
 from twind.safety.way import STREAM, Taken
@@ -134,7 +136,7 @@ class Submissions:
             return Finding(
                 Code.CMD_EXPIRED, value=age, bound=STALE_VERDICT, message="the front's verdict is old"
             )
-        tolerances = Tolerances.of(len(loop.joints), command.tolerances) if command.tolerances else None
+        tolerances, goal_time = self._ending(command)
         if command.client:
             loop.lease.renew(command.client, now)
         lead = self._lead(path, command.start_in)
@@ -143,9 +145,24 @@ class Submissions:
             path,
             start_in=command.start_in,
             tolerances=tolerances,
-            goal_time=command.goal_time,
+            goal_time=goal_time,
         )
         return lead if refused is None else refused
+
+    def _ending(self, command: link.Submit) -> tuple[Tolerances | None, float | None]:
+        """Tolerances of a goal, and the time (s) it has to meet them after its end.
+
+        A simulated joint must come as near to its goal as FOLLOW_ERR demands of a real one at rest. Without
+        a goal tolerance of the client it has the time that starting and stopping at full speed takes twice.
+        """
+        loop = self._loop
+        count, asked = len(loop.joints), command.tolerances
+        if loop.mode is Mode.LIVE:
+            return (Tolerances.of(count, asked) if asked else None), command.goal_time
+        bounds = loop.parts.guard.bounds
+        own = any(goal for _, _, goal in asked)
+        goal_time = command.goal_time if own else command.goal_time or bounds.drift_for
+        return Tolerances.of(count, asked, bounds.follow), goal_time
 
     def _lead(self, path: Trajectory, start_in: float) -> float:
         """How long the way to a first point at t = 0 takes, s, from where the path is foreseen to begin."""
@@ -270,11 +287,12 @@ class Submissions:
         if outcome.phase != "succeeded":
             loop.way.end(outcome.id)
         level = "info" if outcome.phase in ("succeeded", "replaced", "cancelled") else "warning"
-        loop.say.event(level, "MOTION", f"{outcome.id} {outcome.phase}", outcome.findings)
+        findings = tuple(with_contact(loop, finding) for finding in outcome.findings)
+        loop.say.event(level, "MOTION", f"{outcome.id} {outcome.phase}", findings)
         loop.publisher.urgent = True
         command = self._unfollow(outcome.id)
         if command is not None:
-            found = [asdict(finding) for finding in outcome.findings]
+            found = [asdict(finding) for finding in findings]
             done = 1.0 if outcome.phase == "succeeded" else loop.executor.fraction(outcome.id)
             loop.say.reply(command, id=command.id, phase=outcome.phase, progress=done, findings=found)
 

@@ -11,7 +11,7 @@ from math import inf, isfinite
 import numpy as np
 
 from twind.motion.course import Plan
-from twind.motion.goals import STOPPED, Outcome, Tolerances, off, without_past
+from twind.motion.goals import Outcome, Tolerances, off, without_past
 from twind.motion.layers import Goal, Layer, begun, choose, displaced, laid_over, without
 from twind.motion.pace import next_pace
 from twind.motion.stops import Follower, GivingWay, Ramp, still
@@ -286,8 +286,7 @@ class Executor:
             if some(out):
                 self._give_up(layer, Code.PATH_TOLERANCE, out, error, tolerances.path, state)
             return
-        fast = ~(np.abs(state.velocity) <= STOPPED) & (tolerances.goal != inf) & layer.goal.path.commanded
-        out = layer.outside(error, tolerances.goal) | fast
+        out = layer.outside(error, tolerances.goal) | layer.outside(np.abs(state.velocity), tolerances.speed)
         if not some(out):
             self._end(layer.goal, "succeeded", fraction=1.0)
             self._running = None

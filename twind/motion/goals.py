@@ -18,30 +18,42 @@ SHARE = 0.5  # of the velocity limit for the way to a first point at t = 0
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """How far measured may be from reference, rad, (n,) each; inf: not checked."""
+    """How far measured may be from reference, (n,) each; inf: not checked."""
 
-    path: Floats  # while the goal runs
-    goal: Floats  # at its end
+    path: Floats  # rad, while the goal runs
+    goal: Floats  # rad, at its end
+    speed: Floats  # rad/s, at its end
 
     @classmethod
-    def of(cls, count: int, entries: Sequence[tuple[int, float | None, float | None]]) -> "Tolerances":
-        """From (joint, path, goal) entries: None and 0 keep the default (no check), -1 erases it.
+    def of(
+        cls,
+        count: int,
+        entries: Sequence[tuple[int, float | None, float | None]],
+        arrival: float = inf,
+    ) -> "Tolerances":
+        """Tolerances from (joint, path, goal) entries: None and 0 keep the default, -1 erases it.
 
-        Raises ValueError for an unknown joint, NaN and other negative numbers.
+        The default is no check of the path, and `arrival` (rad) at the end. A joint whose goal tolerance an
+        entry sets must also stop. Raises ValueError for an unknown joint, NaN and other negative numbers.
         """
         bounds = np.full((2, count), inf)
+        bounds[1] = arrival
+        speed = np.full(count, inf)
         for joint, *given in entries:
             if not 0 <= joint < count:
                 raise ValueError(f"tolerance of joint {joint}: there are joints 0..{count - 1}")
             for row, value in zip(bounds, given, strict=True):
-                if value is None or value in (0.0, -1.0):
+                if value is None or value == 0.0:
                     continue
-                if not value > 0.0:
+                if not (value > 0.0 or value == -1.0):
                     raise ValueError(
                         f"tolerance {value} of joint {joint}: above 0, 0 (default) or -1 (no check)"
                     )
-                row[joint] = value
-        return cls(*bounds)
+                row[joint] = value if value > 0.0 else inf
+            goal = given[1]
+            if goal is not None and goal > 0.0:
+                speed[joint] = STOPPED
+        return cls(path=bounds[0], goal=bounds[1], speed=speed)
 
 
 @dataclass(frozen=True, slots=True)

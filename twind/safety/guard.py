@@ -76,6 +76,11 @@ class Guard:
         self._told: dict[Key, float] = {}  # s, when each was last told
         self.bars: tuple[Finding, ...] = ()  # of the last tick: why nobody may arm now
 
+    @property
+    def bounds(self) -> Thresholds:
+        """The thresholds of all rules."""
+        return self._bounds
+
     def limit(self, limits: Limits) -> None:
         """From now on these limits count, of a robot that is at rest. What was said, and what motors and
         buses have been through, is remembered."""

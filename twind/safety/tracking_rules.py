@@ -20,6 +20,7 @@ from twind.safety.facts import MOVING, Facts, Reaction, Said, Thresholds, held, 
 from twind.safety.goal_rules import ROUNDING
 
 STILL = 1e-9  # rad, less than any count: the very same, worked out from joints
+DRIFT = "rad between the robot and the simulation of its goals"  # what MIRROR_DRIFT measures
 NEVER = np.inf  # s: a condition that does not hold has begun then
 
 
@@ -161,7 +162,7 @@ class TrackingRules:
         long = facts.now - self._drift_since >= self._bounds.drift_for - ROUNDING
         for joint in np.flatnonzero(bad & long).tolist():
             value, bound = float(apart[joint]), self._bounds.drift
-            message = "rad between the robot and the simulation of its goals: calibration, load, gains?"
+            message = f"{DRIFT}: calibration, load, gains?"
             yield Said(Finding(Code.MIRROR_DRIFT, joint, value=value, bound=bound, message=message))
 
     def _forget(self) -> None:

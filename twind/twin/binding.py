@@ -24,6 +24,7 @@ from twind.robot.transmission import Linked
 from twind.robot.turns import Turns
 from twind.twin.inertial import feel, mount, require_site
 from twind.twin.linked import strength
+from twind.twin.pinning import free_joints, pin
 from twind.twin.reach import BindingError, Reach, reaches, turn_begin
 
 ASTRAY = 0.15  # rad beyond its measured travel that a limp joint may hang at
@@ -112,11 +113,10 @@ def _compile(robot: RobotFile) -> tuple[Any, Any, Quaternion | None]:
             raise BindingError(
                 f"{robot.path}: model.base: no body {robot.base!r} in {robot.mjcf_path}: {names}"
             )
-        free = [joint for joint in base.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+        spec.compiler.fusestatic = False  # bodies that `collision` may name stay bodies, whatever the support
         if robot.support != "free":
-            for joint in free:
-                spec.delete(joint)
-        elif not free:
+            pin(spec, base)
+        elif not free_joints(base):
             raise BindingError(
                 f"{robot.path}: support: free needs a free joint on body {robot.base!r} of {robot.mjcf_path}"
             )

@@ -20,6 +20,7 @@ from twind.twin.coupled import PREFIX, Group, strung
 from twind.twin.crane import BY_TORQUE, Crane, Stands, hang
 from twind.twin.inertial import Felt, feel, require_site
 from twind.twin.motor import STEP, Drive, Loops, Motor, Places
+from twind.twin.pinning import pin
 
 __all__ = ["Diverged", "Motor", "MujocoMuscles", "Part", "body_of"]
 SETTLE, STILL = 20.0, 1e-3  # s without torque before time begins, at most; rad/s that is rest
@@ -284,8 +285,8 @@ def _compile(
     for element in [*spec.actuators, *spec.sensors, *spec.keys]:
         spec.delete(element)
     if pinned:
-        for joint in [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]:
-            spec.delete(joint)
+        for body in list(spec.bodies):
+            pin(spec, body)
     if stands is not None:
         hang(spec, stands.base, STEP)
     if site is not None:

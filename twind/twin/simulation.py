@@ -9,6 +9,8 @@ from twind.robot.arrays import Bools, Floats, Ints, every
 from twind.robot.state import JointState
 from twind.twin.base_pose import stand
 from twind.twin.binding import Binding
+from twind.twin.collision import strangers
+from twind.twin.contacts import Contact, deepest_contact
 from twind.twin.inertial import Felt
 from twind.twin.mirror import MAX_ANGLE, index
 
@@ -46,6 +48,7 @@ class Simulation:
         self._floating, self._base = binding.floating, binding.robot.base
         imu = binding.robot.imu
         self._felt = None if imu is None else Felt(self.model, self.data, imu.site)
+        self._dof = binding.dof
         self._place, self._speed = index(binding.qpos), index(binding.dof)
         self._goal = index(binding.actuators)
         self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
@@ -100,6 +103,14 @@ class Simulation:
             heard=self._heard,
             imu=None if self._felt is None else self._felt.at(now),
         )
+
+    def contact(self, joint: int) -> Contact | None:
+        """The deepest contact that keeps `joint` from turning; None: there is none.
+
+        A free-standing robot always touches the ground, so its contacts with the world do not count.
+        """
+        ignored = strangers(self.model, self._base) if self._floating else frozenset[int]()
+        return deepest_contact(self.model, self.data, int(self._dof[joint]), ignored)
 
     def _warning(self) -> None:
         """Count; after a breakdown back to the last good pose, at rest: MuJoCo went to its default.

@@ -3,6 +3,7 @@
 from twind.robot.arrays import Floats
 from twind.robot.state import JointState
 from twind.twin.binding import Binding
+from twind.twin.contacts import Contact
 from twind.twin.mirror import Mirror
 from twind.twin.simulation import Simulation, hush
 
@@ -40,6 +41,10 @@ class Twin:
             self.mirror.update(measured)
         self.simulation.step(goal)
         return self.simulation.state(now)
+
+    def contact(self, joint: int) -> Contact | None:
+        """The deepest simulated contact that keeps `joint` from turning; None: there is none."""
+        return self.simulation.contact(joint)
 
     def place(self, position: Floats) -> None:
         """The simulation starts anew at `position` (n,) rad, at rest, holding there."""

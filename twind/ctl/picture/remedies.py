@@ -39,7 +39,7 @@ REMEDIES: Mapping[str, str] = {
     "WIRE_CLAMP": "a bug of ours: report it",
     "TX_BACKLOG": f"replug the adapter, or use another; {AGAIN}",
     "CAN_BUS_STATE": f"power, termination and bit rate of the bus; {AGAIN}",
-    "MIRROR_DRIFT": "calibration, load, gains",
+    "MIRROR_DRIFT": "a contact that the message names; calibration, load, gains",
     "INTERNAL": "a bug of ours: report it with twindctl dump and the log",
     "TIME_GAP": f"find out what stopped the machine; {AGAIN}",
     "PORT_LOST": "plug it in; twindctl disarm, twindctl reset",
