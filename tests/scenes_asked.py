@@ -37,6 +37,13 @@ def it_shall_move_after_a_fault(made: Rig) -> None:
     ask(made)
 
 
+@leads_to(Code.SOCKETS_GONE)
+def it_shall_move_without_a_socket_for_a_stop(made: Rig) -> None:
+    made.front.outer.send(link.encode(link.Reachable(missing="control.sock: removed")))
+    made.lease()
+    ask(made)
+
+
 @leads_to(Code.MODE_DENIES, arm=False, mode=Mode.MIRROR)
 def a_mirror_shall_be_armed(made: Rig) -> None:
     made.connect()

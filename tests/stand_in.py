@@ -20,8 +20,8 @@ import numpy as np
 from twind import link, memfd
 from twind.briefing import Briefing, JointInfo
 from twind.config.robot_file import load_robot
-from twind.loop.sockets import BACKLOG
 from twind.robot.finding import Code, Finding
+from twind.sockets import BACKLOG
 from twind.twin.binding import bind
 from twind.twin.handover import packed
 from twind.version import __version__

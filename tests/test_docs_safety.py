@@ -7,6 +7,7 @@ from rig import Rig
 
 from twind import cli
 from twind.config import settings
+from twind.ctl import estop
 from twind.front import server
 from twind.loop import arming, damping, failsafe, front_process, ports, release, submissions, tick
 from twind.robot.finding import Code
@@ -181,6 +182,8 @@ NUMBERS = {
     "lost port reopened": f"after {ports.REOPEN_FIRST:g} s, then up to every {ports.REOPEN_MOST:g} s",
     "missing devices asked again": f"every {ports.IDENTIFY_AGAIN:g} s",
     "front silent: killed, started anew": f"{front_process.HEARTBEAT:g} s",
+    "files of the listening sockets are checked": f"every {ms(server.TEND)}",
+    "`twindctl estop` without a socket: the daemon's end is awaited": f"{estop.LOWERING:g} s",
     "service manager's watchdog": unit("WatchdogSec"),
     "fail-safe: ports, devices and their torque waited for": f"{failsafe.WAIT:g} s",
     "fail-safe: lowered at, wanted within, damped after": f"{failsafe.SPEED * 100:g} % of every limit, "

@@ -20,6 +20,7 @@ from twind import link, memfd
 from twind.loop import front_process
 from twind.loop.front_process import AGAIN, AGAIN_MOST, GRACE, HEARTBEAT, LATER, FrontProcess
 from twind.loop.wreck import Wreck
+from twind.sockets import Listener
 
 pytestmark = pytest.mark.realtime
 SERVICE = {"NOTIFY_SOCKET": "@nobody", "LISTEN_FDS": "2", "LISTEN_PID": "1", "WATCHDOG_USEC": "1000"}
@@ -37,7 +38,8 @@ class World:
             listener.bind(str(folder / name))
             listener.listen()
             self.listeners[name] = listener
-        self.front = FrontProcess(briefing, self.listeners["control"], self.listeners["observe"])
+        made = {name: Listener.of(bound, own=True) for name, bound in self.listeners.items()}
+        self.front = FrontProcess(briefing, made)
 
     @property
     def pid(self) -> int:
@@ -82,12 +84,14 @@ import os, re, socket
 from pathlib import Path
 from twind import memfd
 from twind.loop.front_process import FrontProcess
+from twind.sockets import Listener
 
 def rights(pid):
     return re.search(r"CapEff:\\s*(\\w+)", Path(f"/proc/{pid}/status").read_text())[1]
 
 with socket.socket(socket.AF_UNIX) as control, socket.socket(socket.AF_UNIX) as observe:
-    front = FrontProcess(memfd.seal("briefing", b"none"), control, observe)
+    listeners = {"control": Listener(control), "observe": Listener(observe)}
+    front = FrontProcess(memfd.seal("briefing", b"none"), listeners)
     before = rights("self")
     front.start(0.0)
     # By that briefing it ends; what it was is told until it is buried. While it is executed it may have ours.
@@ -180,37 +184,54 @@ class Paper(FrontProcess):
         self.end(died)  # the loop may bury twice: one death, one step
 
 
-def test_fronts_that_die_young_are_started_ever_later_until_one_lived(tmp_path: Path) -> None:
-    with ExitStack() as stack:
-        whole = World(tmp_path, stack)
-        front = Paper(0, whole.listeners["control"], whole.listeners["observe"])
-        now = 100.0
-        for pause in (AGAIN, 0.4, 0.8, 1.6, 3.2, AGAIN_MOST, AGAIN_MOST):
-            front.live(now, now + GRACE * 0.99)
-            now += GRACE * 0.99
-            assert not front.due(now + pause * 0.99)
-            now += pause + 1e-9
-            assert front.due(now)
-        front.live(now, now + GRACE)
-        assert front.due(now + GRACE + AGAIN + 1e-9)
-        front.live(200.0, 200.1)
-        assert not front.due(200.1 + AGAIN * 1.99)
-        assert front.due(200.1 + AGAIN * 2 + 1e-9)
+def test_fronts_that_die_young_are_started_ever_later_until_one_lived() -> None:
+    front = Paper(0, {})
+    now = 100.0
+    for pause in (AGAIN, 0.4, 0.8, 1.6, 3.2, AGAIN_MOST, AGAIN_MOST):
+        front.live(now, now + GRACE * 0.99)
+        now += GRACE * 0.99
+        assert not front.due(now + pause * 0.99)
+        now += pause + 1e-9
+        assert front.due(now)
+    front.live(now, now + GRACE)
+    assert front.due(now + GRACE + AGAIN + 1e-9)
+    front.live(200.0, 200.1)
+    assert not front.due(200.1 + AGAIN * 1.99)
+    assert front.due(200.1 + AGAIN * 2 + 1e-9)
 
 
-def test_what_a_daemon_before_left_is_for_a_second_front_if_the_first_dies_of_it_and_for_no_third(
+def test_what_a_daemon_before_left_is_for_a_second_front_if_the_first_dies_of_it_and_for_no_third() -> None:
+    told = list[str]()
+    wreck = Wreck(os.memfd_create("wreck"))
+    wreck.then = lambda: told.append("done")
+    front = Paper(0, {}, wreck=wreck)
+    lives = []
+    for number in range(4):
+        front.live(100.0 * number, 100.0 * number + 1.0)
+        lives.append((front.handed_wreck, len(told)))
+    assert lives == [(True, 0), (True, 0), (False, 1), (False, 1)]
+
+
+def test_a_socket_that_was_bound_again_is_given_to_the_next_front_and_the_old_one_is_closed(
     tmp_path: Path,
 ) -> None:
-    with ExitStack() as stack:
-        whole, told = World(tmp_path, stack), list[str]()
-        wreck = Wreck(os.memfd_create("wreck"))
-        wreck.then = lambda: told.append("done")
-        front = Paper(0, whole.listeners["control"], whole.listeners["observe"], wreck=wreck)
-        lives = []
-        for number in range(4):
-            front.live(100.0 * number, 100.0 * number + 1.0)
-            lives.append((front.handed_wreck, len(told)))
-        assert lives == [(True, 0), (True, 0), (False, 1), (False, 1)]
+    with started(tmp_path) as world:
+        old = world.listeners["control"]
+        (tmp_path / "control").unlink()
+        made = socket.socket(socket.AF_UNIX)
+        made.bind(str(tmp_path / "control"))
+        made.listen()
+        world.front.rebound("control", Listener.of(made, own=True))
+        assert old.fileno() == -1
+        first = world.pid
+        world.front.end(100.0)
+        os.waitpid(first, 0)
+        world.front.pid = None
+        world.front.start(101.0)
+        until(world.heard, 20.0, "the second front's first heartbeat")
+        assert descriptors(world.pid)[5] == descriptors(os.getpid())[made.fileno()]
+        world.front.close()
+        assert made.fileno() == -1
 
 
 def test_a_front_ends_by_itself_when_the_loops_end_of_the_link_closes(tmp_path: Path) -> None:

@@ -86,6 +86,19 @@ def test_latches_refuse_in_every_mode(mode: Mode, latched: tuple[Code, ...], exp
         assert "SERVO_ALERT" in verdict.refusals[0].message
 
 
+@pytest.mark.parametrize("mode", Mode)
+def test_no_motion_and_no_arming_begins_while_no_client_can_connect(mode: Mode) -> None:
+    gone = Finding(Code.SOCKETS_GONE, message="removed")
+    verdict = admit(w.snapshot(mode=mode, unreachable=gone), BOTH, w.TH)
+    assert verdict.refusals == (gone,)
+    stream = admit(
+        w.snapshot(mode=mode, unreachable=gone, motion=Motion.STREAMING), BOTH, w.TH, setpoint=True
+    )
+    assert stream.refusals == (gone,)
+    state = State.CONNECTED if mode is Mode.LIVE else State.DISCONNECTED
+    assert gone in arming(w.snapshot(mode=mode, state=state, unreachable=gone), w.TH).refusals
+
+
 # ------------------------------------------------------------------------------- the hardware
 
 

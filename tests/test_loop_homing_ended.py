@@ -41,6 +41,10 @@ ENDS: Mapping[str, End] = {
         {Code.LEASE_LOST},
     ),
     "the front is lost": (lambda made: setattr(made.loop.link, "lost", True), {Code.LEASE_LOST}),
+    "no client can connect": (
+        lambda made: made.front.outer.send(link.encode(link.Reachable(missing="control.sock: removed"))),
+        {Code.SOCKETS_GONE},
+    ),
     "an e-stop": (lambda made: made.call(link.EStop, client=OTHER), STOPPED),
     "an e-stop that cuts": (lambda made: made.call(link.EStop, client=OTHER, level="cut"), STOPPED),
     "somebody disarms": (lambda made: made.call(link.Disarm, client=OTHER), STOPPED),

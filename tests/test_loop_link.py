@@ -4,12 +4,14 @@ import os
 import socket
 from collections.abc import Iterator
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from twind import link, memfd
 from twind.loop.link import BEHIND, LARGEST, PER_TICK, QUEUE, Link
+from twind.sockets import Listener, listen
 
 
 class Front:
@@ -412,3 +414,48 @@ def test_what_was_left_before_is_let_go_when_the_front_says_so_and_nobody_writes
     assert front.wreck.dones == 1  # type: ignore[attr-defined]
     assert front.said[-1] == "alive at 3"
     assert recorded == []
+
+
+@pytest.fixture
+def bound(front: Front, tmp_path: Path) -> Iterator[tuple[Listener, list[tuple[str, Listener]]]]:
+    """A socket that a front bound again, and what the loop keeps."""
+    kept: list[tuple[str, Listener]] = []
+    front.rebound = lambda name, listener: kept.append((name, listener))  # type: ignore[attr-defined]
+    made = Listener.of(listen(tmp_path, "control"), own=True)
+    yield made, kept
+    for listener in (made, *(each for _, each in kept)):
+        listener.close()
+
+
+def test_a_socket_that_the_front_bound_again_is_kept_with_its_file_and_not_recorded(
+    front: Front, bound: tuple[Listener, list[tuple[str, Listener]]]
+) -> None:
+    recorded: list[bytes] = []
+    end = Link(front, lambda _, data: recorded.append(data))  # type: ignore[arg-type]
+    made, kept = bound
+    assert front.outer is not None
+    message = link.encode(link.Rebound(name="control", label=made.label))
+    socket.send_fds(front.outer, [message], [made.bound.fileno()])
+    assert end.commands(1.0) == []
+    ((name, listener),) = kept
+    assert (name, listener.label, listener.in_place) == ("control", made.label, True)
+    assert not listener.bound.get_inheritable()
+    assert recorded == []
+
+
+@pytest.mark.parametrize(
+    ("name", "label", "count"),
+    [("control", "own:1:2", 0), ("other", "own:1:2", 1), ("control", "own:x:2", 1)],
+)
+def test_a_front_that_sends_no_socket_of_a_known_name_is_ended(
+    front: Front, bound: tuple[Listener, list[tuple[str, Listener]]], name: str, label: str, count: int
+) -> None:
+    end = Link(front)  # type: ignore[arg-type]
+    made, kept = bound
+    assert front.outer is not None
+    fds = [made.bound.fileno()] * count
+    before = len(os.listdir("/proc/self/fd"))
+    socket.send_fds(front.outer, [link.encode(link.Rebound(name=name, label=label))], fds)
+    assert end.commands(1.0) == []
+    assert kept == [] and "end" in front.said
+    assert len(os.listdir("/proc/self/fd")) <= before

@@ -33,9 +33,9 @@ from twind.ctl import main as ctl
 from twind.learn.streaming import stream
 from twind.loop import failsafe, realtime
 from twind.loop.release import LETTING_GO
-from twind.loop.sockets import GROUPS, NAMES
 from twind.observe import metrics
 from twind.protocol.places import SYSTEM
+from twind.sockets import GROUPS, NAMES
 
 INSTALL = SYSTEMD.parent / "packaging" / "install.sh"
 EXAMPLES = SYSTEMD / "examples"

@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from twind.loop.sockets import GROUPS, Handed, SocketError, group_of, handed_over, listen
+from twind.loop.handed_over import Handed, handed_over
+from twind.sockets import GROUPS, Listener, SocketError, group_of, listen
 
 
 @contextmanager
@@ -136,7 +137,7 @@ def test_the_mode_is_0660_whatever_the_umask(tmp_path: Path, keep: ExitStack, ma
 BIRTH = """
 import os, socket, stat, sys
 from pathlib import Path
-from twind.loop.sockets import listen
+from twind.sockets import listen
 
 folder, seen = Path(sys.argv[1]), []
 
@@ -240,12 +241,74 @@ def test_a_path_too_long_for_a_socket_is_refused_and_nothing_stays_open(tmp_path
     assert len(os.listdir("/proc/self/fd")) == before
 
 
+# ------------------------------------------------------------------------------------- their files
+
+
+def test_a_listener_is_in_place_until_its_file_is_removed_or_another_is_there(
+    tmp_path: Path, keep: ExitStack
+) -> None:
+    path = tmp_path / "control.sock"
+    bound = keep.enter_context(listen(tmp_path, "control"))
+    listener = Listener.of(bound, own=True)
+    assert listener.path == path and listener.in_place
+    os.utime(path)
+    path.chmod(0o600)
+    assert listener.in_place
+    path.rename(tmp_path / "moved")
+    assert not listener.in_place
+    path.write_text("another file")
+    assert not listener.in_place
+    path.unlink()
+    keep.enter_context(listen(tmp_path, "control"))
+    assert not listener.in_place
+    path.unlink()
+    (tmp_path / "moved").rename(path)
+    assert listener.in_place
+
+
+def test_a_file_of_the_same_inode_number_cannot_follow_while_the_socket_is_open(
+    tmp_path: Path, keep: ExitStack
+) -> None:
+    bound = keep.enter_context(listen(tmp_path, "control"))
+    listener, path = Listener.of(bound, own=True), tmp_path / "control.sock"
+    for _ in range(50):
+        path.unlink()
+        listen(tmp_path, "control").close()
+        assert not listener.in_place
+
+
+def test_a_process_that_inherits_a_listener_knows_its_file_and_its_owner(tmp_path: Path) -> None:
+    for own in (True, False):
+        first = Listener.of(listen(tmp_path, "control"), own=own)
+        second = Listener.inherited(os.dup(first.bound.fileno()), first.label)
+        assert (second.own, second.in_place, second.label) == (own, True, first.label)
+        first.close()
+        (tmp_path / "control.sock").unlink()
+        assert not second.in_place
+        second.close()
+
+
+def test_a_socket_that_was_handed_over_without_its_file_is_not_in_place(
+    tmp_path: Path, keep: ExitStack
+) -> None:
+    bound = keep.enter_context(listen(tmp_path, "control"))
+    (tmp_path / "control.sock").unlink()
+    assert not Listener.of(bound, own=False).in_place
+
+
+def test_an_abstract_socket_has_no_file_to_lose(keep: ExitStack) -> None:
+    bound = keep.enter_context(socket.socket(socket.AF_UNIX))
+    bound.bind(f"\0twind-test-{os.getpid()}")
+    listener = Listener.of(bound, own=False)
+    assert listener.path is None and listener.in_place
+
+
 # ------------------------------------------------------------------------------------- handed over
 
 
 HANDED = """
 import fcntl, json, os, socket, sys
-from twind.loop.sockets import handed_over
+from twind.loop.handed_over import handed_over
 
 def inheritable(fd):
     return os.path.exists(f"/proc/self/fd/{fd}") and os.get_inheritable(fd)

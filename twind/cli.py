@@ -4,7 +4,6 @@ import argparse
 import faulthandler
 import os
 import signal
-import socket
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -19,21 +18,23 @@ from twind.config.ports import virtual_port
 from twind.config.robot_file import load_robot
 from twind.config.settings import Settings
 from twind.flight import copy
+from twind.front import door
 from twind.front.flight_folder import FAILSAFE, Folder, meta_of, plain
-from twind.loop import assembly, realtime, tape
+from twind.loop import assembly, descriptors, realtime, tape
 from twind.loop.described import Robot
 from twind.loop.failsafe import Aloud, Failsafe
+from twind.loop.handed_over import WRECK, Handed, handed_over
 from twind.loop.hangups import HangUps
 from twind.loop.link import Outside
 from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
-from twind.loop.sockets import GROUPS, NAMES, WRECK, SocketError, group_of, handed_over, listen
 from twind.loop.tape import Recorder
 from twind.loop.tick import Loop
 from twind.loop.virtual_child import VirtualChild, VirtualError
 from twind.loop.wreck import Wreck
 from twind.robot.modes import Mode
 from twind.safety.gate import Thresholds
+from twind.sockets import GROUPS, NAMES, Listener, SocketError, group_of, listen
 from twind.streams import lines, stand_in_for_closed, tell
 from twind.twin.binding import BindingError, bind
 from twind.version import __version__
@@ -98,7 +99,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         with ExitStack() as stack:
             return _lower(options, stack) if options.failsafe else _serve(options, stack)
-    except (ConfigError, BindingError, UsageError) as error:
+    except (ConfigError, BindingError, UsageError, descriptors.TooFewDescriptors) as error:
         code, why = USAGE, str(error)
     except (PortError, SocketError, VirtualError) as error:
         code, why = TAKEN if options.failsafe and isinstance(error, PortTaken) else FAILED, str(error)
@@ -118,13 +119,16 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
         sources = _with_virtual(sources, stack)
     described = describe(sources)
     settings, robot, mode = described.settings, described.robot, Mode(described.settings.mode)
+    raised = descriptors.ensure(descriptors.needed(len(robot.buses), door.NEEDED))
+    if raised:
+        tell(2, "info", f"twind: {raised}")
     notifier = Notifier()
     stack.callback(notifier.close)
     notifier.send(STATUS=f"starting: the model of {robot.name} is compiled")
     notifier.extend(STARTING)
     one, buses = _made(described)
-    sockets = {name: inherited.sockets.get(name) or listen(settings.socket_dir, name) for name in NAMES}
-    for listener in sockets.values():
+    listeners = {name: _listener(inherited, settings.socket_dir, name) for name in NAMES}
+    for listener in listeners.values():
         stack.callback(listener.close)
     if mode is not Mode.SIM:
         buses.refuse_taken()
@@ -140,7 +144,8 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     if recorder is not None:
         recorder.sign(fingerprint(__version__, described.files))
     folder = _flights(settings, virtual=options.virtual)
-    link = assembly.front(briefing, sockets["control"], sockets["observe"], recorder, folder, wreck)
+    link = assembly.front(briefing, listeners, recorder, folder, wreck)
+    stack.callback(link.front.close)
     loop = _loop(described, one, buses, link, notifier, recorder)
 
     def keep() -> None:
@@ -150,10 +155,18 @@ def _serve(options: argparse.Namespace, stack: ExitStack) -> int:
     wreck.then = keep  # until then the store holds what they left: we may die sooner than it is written
     if wreck.fd is None:
         keep()
-    run(loop, notifier, sockets, hang_ups)
+    run(loop, notifier, listeners, hang_ups)
     if link.front.ended_well and wreck.fd is None:  # it has written what there was to write
         notifier.drop(WRECK)
     return 0
+
+
+def _listener(inherited: Handed, folder: Path, name: str) -> Listener:
+    """The service manager's socket of that name, else one of our own. Raises SocketError."""
+    given = inherited.sockets.get(name)
+    if given is not None:
+        return Listener.of(given, own=False)
+    return Listener.of(listen(folder, name), own=True)
 
 
 def _lower(options: argparse.Namespace, stack: ExitStack) -> int:
@@ -257,7 +270,7 @@ def _loop(
     )
 
 
-def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket], hang_ups: HangUps) -> None:
+def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_ups: HangUps) -> None:
     """Tick until told to end. A second signal does not cut the settling short."""
 
     def end() -> None:
@@ -271,7 +284,7 @@ def run(loop: Loop, notifier: Notifier, sockets: Mapping[str, socket.socket], ha
         signal.signal(number, stop)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     hang_ups.tell(reread=loop.reloads.want, end=end)
-    groups = {name: group_of(listener) for name, listener in sockets.items()}
+    groups = {name: group_of(listener.bound) for name, listener in listeners.items()}
     said = f"twind {__version__}, {_what(loop)}; "
     said += ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
     loop.say.event("info", "START", said)

@@ -69,7 +69,7 @@ class SocketLine:
             sock.settimeout(patience)
         except OSError as error:
             sock.close()
-            absent = isinstance(error, (FileNotFoundError, ConnectionRefusedError))
+            absent = isinstance(error, (FileNotFoundError, NotADirectoryError, ConnectionRefusedError))
             raise NoDaemon(f"{self.where}: {_why(error)}", absent=absent) from None
         self._socket = sock
 
@@ -127,7 +127,7 @@ class SocketLine:
 
 
 def _why(error: OSError) -> str:
-    if isinstance(error, FileNotFoundError):
+    if isinstance(error, FileNotFoundError | NotADirectoryError):
         return f"no daemon: there is no such socket; {HOW_TO_START}"
     if isinstance(error, ConnectionRefusedError):
         return f"no daemon: nobody listens there; {HOW_TO_START}"

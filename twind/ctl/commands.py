@@ -1,9 +1,9 @@
-"""Verbs of one call: mode, arm, disarm, estop, reset, stop, mark, dump. Standard library only."""
+"""Verbs of one call: mode, arm, disarm, reset, stop, mark, dump. Standard library only."""
 
 import argparse
 
 from twind.client.errors import finding_lines
-from twind.ctl.verb import DONE, Plain, connected, lease, observer, operator, show
+from twind.ctl.verb import DONE, Plain, lease, observer, operator, show
 
 
 def _none(_parser: argparse.ArgumentParser) -> None:
@@ -42,21 +42,6 @@ def _disarm(options: argparse.Namespace) -> int:
     with operator(options) as client:
         answer = client.call("Disarm")
     show(options, answer, f"disarmed: state {answer['state']}")
-    return DONE
-
-
-def _estop_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--cut", action="store_true", help="torque off at once: the robot may fall")
-    parser.add_argument("--reason", help="for the log")
-
-
-def _estop(options: argparse.Namespace) -> int:
-    level = "cut" if options.cut else "settle"
-    with connected(options, "control", "observe") as client:
-        answer = client.call("EStop", level=level, reason=options.reason)
-    off = answer.get("torque_off")
-    torque = "torque unknown" if off is None else f"torque is {'off' if off else 'on'}"
-    show(options, answer, f"e-stop ({level}): state {answer['state']}, {torque}")
     return DONE
 
 
@@ -113,7 +98,6 @@ def _dump(options: argparse.Namespace) -> int:
 MODE = Plain(_mode_arguments, _mode, from_afar=True)
 ARM = Plain(_arm_arguments, _arm)
 DISARM = Plain(_none, _disarm)
-ESTOP = Plain(_estop_arguments, _estop, from_afar=True)
 RESET = Plain(_reset_arguments, _reset)
 STOP = Plain(_none, _stop, from_afar=True)
 MARK = Plain(_mark_arguments, _mark)

@@ -22,7 +22,7 @@ BUILT_IN = {
     "mode": ("twind.ctl.commands:MODE", "show or change where commands go: sim, mirror, live"),
     "arm": ("twind.ctl.commands:ARM", "torque on, holding where the robot is"),
     "disarm": ("twind.ctl.commands:DISARM", "settle to the rest pose, then torque off"),
-    "estop": ("twind.ctl.commands:ESTOP", "stop now; --cut takes the torque off at once"),
+    "estop": ("twind.ctl.estop:ESTOP", "stop now; --cut takes the torque off at once"),
     "reset": ("twind.ctl.commands:RESET", "acknowledge latched faults"),
     "stop": ("twind.ctl.commands:STOP", "decelerate and hold"),
     "mark": ("twind.ctl.commands:MARK", "say what the robot is doing: begin TASK, end, note TEXT"),

@@ -10,6 +10,7 @@ import os
 import signal
 import socket
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
@@ -20,31 +21,40 @@ from twind.front.journal import SOCKET
 from twind.front.log import Log, Writer
 from twind.front.server import Front
 from twind.memfd import unseal
+from twind.sockets import Listener
 from twind.streams import at_journal
 
 
 def main() -> int:
     """Serve until the loop is gone."""
     parser = argparse.ArgumentParser(prog="twind.front", description="Started by twind; not for people.")
+    parser.add_argument("--parent", type=int, help="process id of the loop, for who looks it up in /proc")
     parser.add_argument("--link", type=int, required=True, help="SOCK_SEQPACKET socket to the loop")
     parser.add_argument("--briefing", type=int, required=True, help="sealed memfd")
     parser.add_argument("--control", type=int, help="listening socket for operators")
     parser.add_argument("--observe", type=int, help="listening socket for observers")
+    for name in ("control", "observe"):
+        parser.add_argument(
+            f"--{name}-file", metavar="LABEL", help="identity of its file; without it unchecked"
+        )
     parser.add_argument("--flight", type=int, help="memfd of the flight recorder")
     parser.add_argument("--wreck", type=int, help="the same of a daemon before this one that is gone")
     parser.add_argument("--folder", type=Path, default=Path(), help="where flight recorders are written to")
     arguments = parser.parse_args()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
-    for fd in vars(arguments).values():
-        if isinstance(fd, int):
+    for name, fd in vars(arguments).items():
+        if isinstance(fd, int) and name != "parent":
             os.set_inheritable(fd, False)
     briefing = msgspec.msgpack.decode(unseal(arguments.briefing), type=Briefing)
     os.close(arguments.briefing)
     stderr = sys.stderr.fileno()
     journal = at_journal(stderr)
     log = Log(Writer(stderr, SOCKET if journal else None), briefing.log_level, journal=journal)
-    listeners = {"operator": arguments.control, "observer": arguments.observe}
+    listeners = {
+        "control": (arguments.control, arguments.control_file),
+        "observe": (arguments.observe, arguments.observe_file),
+    }
     try:
         recorded = Recorded(arguments.folder, arguments.flight, arguments.wreck)
         asyncio.run(_serve(socket.socket(fileno=arguments.link), briefing, log, listeners, recorded))
@@ -57,19 +67,23 @@ async def _serve(
     link: socket.socket,
     briefing: Briefing,
     log: Log,
-    listeners: dict[str, int | None],
+    listeners: Mapping[str, tuple[int | None, str | None]],
     recorded: Recorded,
 ) -> None:
     front = Front(link, briefing, log, recorded)
     front.loop.set_exception_handler(front.unexpected)
-    for role, fd in listeners.items():
+    for name, (fd, label) in listeners.items():
         if fd is not None:
-            front.serve(socket.socket(fileno=fd), role)
+            front.listening.add(name, _listener(fd, label), checked=label is not None)
     await front.ended.wait()
-    front.shut()  # at once: threads that load a model are waited for
+    front.listening.close()  # at once: threads that load a model are waited for
     front.part()
     front.reloads.close()
     await front.flights.end()
+
+
+def _listener(fd: int, label: str | None) -> Listener:
+    return Listener(socket.socket(fileno=fd)) if label is None else Listener.inherited(fd, label)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,16 @@
-"""Descriptors kept back, so that somebody who wants to stop the robot is let in when all others are used up.
+"""Places for clients, and the descriptors that a front needs for them. Front process; knows no client.
 
-Front process; knows no client.
+Some descriptors are kept back, so that a client that stops the robot is accepted when all others are used up.
 """
 
 import contextlib
 import os
+
+PLACES = {"operator": 4, "observer": 16}
+RESERVED = 4  # connections beyond the places of each role, for an e-stop each; the oldest makes room
+_STANDING = 12  # standard streams, link, sockets, flight recorders, asyncio's epoll and pair, the journal
+_PASSING = 16  # files open for a moment: a reload, a flight recorder, libraries, memfds of trajectories
+NEEDED = _STANDING + sum(PLACES.values()) + RESERVED * (len(PLACES) + 1) + _PASSING  # with the spare ones
 
 
 class Spares:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 from twind.briefing import Briefing
 from twind.front.accepted import Judged
 from twind.front.calls import Call, Caller
-from twind.front.door import Spares
+from twind.front.door import PLACES, RESERVED, Spares
 from twind.front.flight import Flights, Recorded
 from twind.front.foreseen import Foreseen
+from twind.front.listening import Listening
 from twind.front.log import Log
 from twind.front.loop_end import LoopEnd
 from twind.front.reload import Reloads
@@ -32,9 +33,7 @@ from twind.robot.finding import Code, Finding
 if TYPE_CHECKING:
     from twind.twin.foresight import Foresight
 
-PLACES = {"operator": 4, "observer": 16}
 LIMITS = {"operator": 4 << 20, "observer": 64 << 10}  # bytes of one message
-RESERVED = 4  # connections beyond the places, for an e-stop each; the oldest makes room
 TEND = 0.25  # s between two rounds of housekeeping, and heartbeats
 
 
@@ -63,9 +62,7 @@ class Front:
         self.flights = Flights(self, recorded)
         self.streams = Streams(self.world, self.telemetry)
         self.submitted = Judged()
-        self._doors: list[socket.socket] = []
-        self._listeners: list[tuple[socket.socket, str]] = []  # of these, those that nobody watches yet
-        self._resting: list[tuple[socket.socket, str]] = []  # nothing to take a client with, for a moment
+        self.listening = Listening(loop, self.link, self._accept)
         self._spares, self._starved = Spares(RESERVED), False
         self._paced: dict[tuple[int, int, str], list[float]] = {}
         self._report = Report(log)
@@ -81,34 +78,14 @@ class Front:
 
     # ----------------------------------------------------------------------------- clients
 
-    def serve(self, listener: socket.socket, role: str) -> None:
-        """Take clients from a listening socket, once there is something to tell them."""
-        listener.setblocking(False)
-        self._doors.append(listener)
-        self._listeners.append((listener, role))
-        if self.world.known:
-            self._listen()
-
-    def shut(self) -> None:
-        """Take no more clients: who comes now waits in the socket for the next front, which has a loop."""
-        for door in self._doors:
-            self.loop.remove_reader(door)
-            door.close()
-        self._doors, self._listeners, self._resting = [], [], []
-
     def part(self) -> None:
         """Let go of every client: the loop is gone, and they know at once, whatever is to be written yet."""
         for session in list(self.sessions.values()):
             session.stream.close()
 
-    def _listen(self) -> None:
-        for listener, role in self._listeners:
-            self.loop.add_reader(listener, self._accept, listener, role)
-        self._listeners.clear()
-
     def _accept(self, listener: socket.socket, role: str) -> None:
         if self.link.gone:  # its end may not be read yet
-            self.shut()
+            self.listening.close()
             return
         reserved = False
         try:
@@ -116,7 +93,7 @@ class Front:
         except (BlockingIOError, ConnectionAbortedError):
             return
         except OSError:  # out of descriptors or memory: one may still stop the robot
-            if not self._make_room(listener, role):
+            if not self._make_room(listener):
                 return
             try:
                 sock, _ = listener.accept()
@@ -141,7 +118,7 @@ class Front:
             reserved[0].stream.close()
         return False
 
-    def _make_room(self, listener: socket.socket, role: str) -> bool:
+    def _make_room(self, listener: socket.socket) -> bool:
         """Free one descriptor: a spare one, else the oldest connection that is for an e-stop only."""
         if not self._starved:
             self._starved = True
@@ -152,8 +129,7 @@ class Front:
         if reserved:
             reserved[0].stream.close()
             return True
-        self.loop.remove_reader(listener)  # it stays readable: to be asked again and again helps nobody
-        self._resting.append((listener, role))
+        self.listening.rest(listener)  # it stays readable: to be asked again and again helps nobody
         return False
 
     def gone(self, session: Session) -> None:
@@ -261,7 +237,7 @@ class Front:
         if not self.world.known:
             return
         if not known:
-            self._listen()
+            self.listening.open()
             self.foreseen.load()
         if isinstance(news, Tick):
             self.telemetry.tick(news)
@@ -280,9 +256,9 @@ class Front:
         self.flights.tend(now)
         self.streams.tend(now)
         self._starved = not self._spares.refill()
-        self._listeners, self._resting = [*self._listeners, *self._resting], []
         if self.world.known:
-            self._listen()
+            self.listening.open()
+            self.listening.check()
         for method in self.tickets.expire(now):
             self.log.say("error", "LOOP_SILENT", now, method=method)
         for session in list(self.sessions.values()):

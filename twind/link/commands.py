@@ -199,6 +199,20 @@ class Gone(Base, frozen=True, kw_only=True):
     client: int
 
 
+class Rebound(Base, frozen=True, kw_only=True):
+    """A listening socket was bound again, as its file was gone. Its descriptor comes beside this datagram."""
+
+    name: str  # control or observe
+    label: str  # of the `Listener`
+
+
+class Reachable(Base, frozen=True, kw_only=True):
+    """Whether clients can connect. The first message of a front about it, and one for every change."""
+
+    missing: str = ""  # which socket cannot be reached, why, and the remedy; "": every socket is in place
+    rebound: Sequence[str] = ()  # paths of the sockets that were bound again since the last message
+
+
 class WreckDone(Base, frozen=True, kw_only=True):
     """What a daemon before this one left is written down, or cannot be: it need not be kept any longer."""
 
@@ -230,6 +244,8 @@ Inward = (
     | Rereading
     | RereadFailed
     | Gone
+    | Rebound
+    | Reachable
     | WreckDone
     | Heartbeat
 )

@@ -32,6 +32,7 @@ from twind.safety.guard import Guard
 from twind.safety.guard import Thresholds as Bounds
 from twind.safety.health import Health
 from twind.safety.lease import Lease
+from twind.sockets import Listener
 from twind.twin.binding import Binding
 from twind.twin.collision import Bodies
 from twind.twin.handover import packed
@@ -190,8 +191,7 @@ def briefing(
 
 def front(
     briefing: int,
-    control: Any,
-    observe: Any,
+    listeners: Mapping[str, Listener],
     recorder: Recorder | None,
     folder: Path,
     wreck: Wreck | None = None,
@@ -201,5 +201,5 @@ def front(
     `folder`: where flight recorders are written to, `recorder`'s and that of a daemon before us, `wreck`.
     """
     flight = None if recorder is None else recorder.fd
-    process = FrontProcess(briefing, control, observe, flight, folder, wreck)
+    process = FrontProcess(briefing, listeners, flight, folder, wreck)
     return Link(process) if recorder is None else Link(process, recorder.link)

@@ -12,10 +12,12 @@ import select
 import signal
 import socket
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from twind.loop.wreck import Wreck
+from twind.sockets import Listener
 
 HEARTBEAT = 2.0  # s without a sign of life: the front is killed and started anew (design 2)
 GRACE = 10.0  # s a new front may take to its first sign of life
@@ -24,6 +26,8 @@ LAST_WORDS = 4.0  # s that a front has to end by itself: it may have a flight re
 AGAIN = 0.2  # s between a front's end and the next start; doubled for each that lived less than GRACE
 AGAIN_MOST = 5.0  # s between two starts of fronts that die young
 _LINK = 3  # descriptor in the child; the others follow
+ABOVE = 64  # descriptors of the child are copied to here first, out of the way of their places
+HANDED = 6  # descriptors that a child may be given: link, briefing, two sockets, two flight recorders
 _PR_CAP_AMBIENT, _CLEAR_ALL = 47, 4  # <linux/prctl.h>
 
 
@@ -33,15 +37,16 @@ class FrontProcess:
     def __init__(
         self,
         briefing: int,
-        control: socket.socket,
-        observe: socket.socket,
+        listeners: Mapping[str, Listener],
         flight: int | None = None,
         folder: Path | None = None,
         wreck: Wreck | None = None,
     ) -> None:
-        """`flight`: descriptor of the flight recorder, `folder` where it is written to, as `wreck` is."""
-        self._handed = {"briefing": briefing, "control": control.fileno(), "observe": observe.fileno()}
-        self._handed |= {} if flight is None else {"flight": flight}
+        """`listeners`: by name, closed with `close`. `flight`: descriptor of the flight recorder, `folder`
+        where it is written to, as `wreck` is."""
+        self._briefing = briefing
+        self._listeners = dict(listeners)
+        self._flight = flight
         self._folder = folder
         self.wreck = wreck or Wreck(None)
         self.ended_well = False  # the last one ended when it was told to, and had done what it had to do
@@ -57,8 +62,18 @@ class FrontProcess:
 
     def brief(self, briefing: int) -> None:
         """What fronts started from now on are told: a sealed memfd, which is ours to close."""
-        os.close(self._handed["briefing"])
-        self._handed["briefing"] = briefing
+        os.close(self._briefing)
+        self._briefing = briefing
+
+    def rebound(self, name: str, listener: Listener) -> None:
+        """Give `listener` to the fronts started from now on, in place of the socket of that name."""
+        self._listeners[name].close()
+        self._listeners[name] = listener
+
+    def close(self) -> None:
+        """Close the listening sockets. Clients that wait in them are refused."""
+        for listener in self._listeners.values():
+            listener.close()
 
     def start(self, now: float) -> None:
         """Start a front. The old one must be gone. Raises OSError; then nothing of it is left."""
@@ -81,15 +96,17 @@ class FrontProcess:
             with contextlib.suppress(OSError):
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
         # -P: no module of the folder that the daemon happened to be started in.
-        arguments = [sys.executable, "-P", "-m", "twind.front"]
+        # Its parent by number: `twindctl estop` tells a daemon from a process that inherited an orphan.
+        arguments = [sys.executable, "-P", "-m", "twind.front", "--parent", str(os.getpid())]
         arguments += [] if self._folder is None else ["--folder", str(self._folder)]
-        handed = {"link": outer.fileno(), **self._handed}
-        handed |= {} if self.wreck.fd is None else {"wreck": self.wreck.fd}
+        for name, listener in self._listeners.items():
+            arguments += [f"--{name}-file", listener.label]
+        handed = {"link": outer.fileno(), **self._handed()}
         with contextlib.ExitStack() as copies:
             actions = []
             for place, (name, fd) in enumerate(handed.items(), _LINK):
                 # Up and out of the way: dup2 onto 3, 4 ... must not overwrite a source that is still to come.
-                high = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 64)
+                high = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, ABOVE)
                 copies.callback(os.close, high)
                 actions.append((os.POSIX_SPAWN_DUP2, high, place))
                 arguments += [f"--{name}", str(place)]
@@ -105,6 +122,13 @@ class FrontProcess:
                 setsigdef=[signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
                 **_ordinary(),
             )
+
+    def _handed(self) -> dict[str, int]:
+        """Descriptors that a front is given besides its link, by the name of their option."""
+        optional = {"flight": self._flight, "wreck": self.wreck.fd}
+        sockets = {name: listener.bound.fileno() for name, listener in self._listeners.items()}
+        present = {name: fd for name, fd in optional.items() if fd is not None}
+        return {"briefing": self._briefing, **sockets, **present}
 
     def alive(self, now: float) -> None:
         """A sign of life came."""

@@ -256,6 +256,8 @@ class Homing:
         if not loop.lease.held_by(debt.command.client, now):
             yield Finding(Code.LEASE_LOST, message="the lease is gone")
         yield from loop.parts.guard.bars
+        if loop.unreachable is not None:
+            yield loop.unreachable
         if not loop.hardware.connected:
             yield Finding(Code.HW_DISCONNECTED, message="a bus was lost, or is asked anew who is there")
         if debt.looked_after and not (age := now - self._look(debt).at) <= LOST:

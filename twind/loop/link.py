@@ -8,7 +8,7 @@ import array
 import os
 import socket
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Protocol
@@ -24,6 +24,7 @@ from twind.link import (
     Inward,
     Moment,
     Overview,
+    Rebound,
     Reply,
     Reread,
     Submit,
@@ -34,6 +35,7 @@ from twind.link import (
 )
 from twind.loop.front_process import FrontProcess
 from twind.memfd import sealed, unseal
+from twind.sockets import NAMES, Listener
 from twind.streams import tell
 
 BEHIND = 1.0  # s that a front may leave more than QUEUE unread
@@ -174,9 +176,20 @@ class Link:
             self.front.alive(now)
             if isinstance(incoming.command, WreckDone):
                 self.front.wreck.done()
-            elif not isinstance(incoming.command, Heartbeat):
+            elif not isinstance(incoming.command, Heartbeat | Rebound):
                 taken.append(incoming)
         return taken
+
+    def _rebound(self, command: Rebound, fds: Sequence[int]) -> None:
+        """Keep a socket that the front bound again, for the fronts after it. Raises ValueError."""
+        if command.name not in NAMES or len(fds) != 1:
+            raise ValueError(f"a rebound socket {command.name!r} with {len(fds)} descriptors")
+        copy = os.dup(fds[0])
+        try:
+            self.front.rebound(command.name, Listener.inherited(copy, command.label))
+        except (OSError, ValueError):  # no socket, or no label of one
+            os.close(copy)
+            raise
 
     def _receive(self, source: socket.socket) -> Incoming | None:
         """One datagram; None at end-of-file or when it is not one of ours."""
@@ -190,6 +203,9 @@ class Link:
                 return None
             command = decode_command(data)
             if isinstance(command, Heartbeat | WreckDone):
+                return Incoming(command)
+            if isinstance(command, Rebound):
+                self._rebound(command, fds)
                 return Incoming(command)
             self._record(Kind.COMMAND, data)
             if isinstance(command, Adopt):

@@ -90,6 +90,8 @@ class Publisher:
         loop = self._loop
         if loop.link.no_front:
             return f"no client can be served: {loop.link.no_front}"
+        if loop.unreachable is not None:
+            return f"{loop.unreachable.code}: {loop.unreachable.message}"
         for finding in (*loop.latches.values(), *loop.identity.troubles):
             joint = "" if finding.joint is None else f" {loop.joints.names[finding.joint]}"
             return f"{finding.code}{joint}: {finding.message}"
@@ -130,7 +132,8 @@ class Publisher:
     def _faulty(self) -> list[Finding]:
         """What is latched, and why else nobody may arm now, each once."""
         loop = self._loop
-        found = (*loop.latches.values(), *loop.identity.troubles, *loop.parts.guard.bars)
+        lost = () if loop.unreachable is None else (loop.unreachable,)
+        found = (*lost, *loop.latches.values(), *loop.identity.troubles, *loop.parts.guard.bars)
         return list({(each.code, each.joint, each.message): each for each in found}.values())
 
     def _faults(self) -> NDArray[np.int16]:

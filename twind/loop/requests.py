@@ -50,6 +50,8 @@ def begin(loop: Loop, incoming: Incoming, now: float) -> None:
         loop.reloads.adopt(command, incoming.fd, now)
     elif isinstance(command, link.Rereading):
         loop.reloads.begin(now)
+    elif isinstance(command, link.Reachable):
+        _reachable(loop, command)
     elif isinstance(command, link.RereadFailed):
         loop.reloads.failed(command.message)
     else:
@@ -70,12 +72,32 @@ def front_lost(loop: Loop) -> None:
     loop.link.lost = False
     loop.lease.front_lost()
     loop.submissions.forget()
-    if loop.procedures.rank is Rank.ARM:
-        loop.procedures.own(Rank.DISARM, lambda: arming.give_up(loop))
-    elif loop.procedures.rank is None and loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING):
-        loop.executor.stop("aborted", (Finding(Code.LEASE_LOST, message="the front was lost"),))
+    _hold(loop, Finding(Code.LEASE_LOST, message="the front was lost"))
     loop.say.event("error", Code.LEASE_LOST, "the front was lost; a new one is started")
     loop.reloads.front_lost()
+
+
+def _hold(loop: Loop, reason: Finding) -> None:
+    """End motions, those that wait for their start too, and an arming under way. Ways to rest go on."""
+    busy = loop.executor.motion in (Motion.ACTIVE, Motion.STREAMING) or loop.executor.waiting
+    if loop.procedures.rank is Rank.ARM:
+        loop.procedures.own(Rank.DISARM, lambda: arming.give_up(loop))
+    elif loop.procedures.rank is None and busy:
+        loop.executor.stop("aborted", (reason,))
+
+
+def _reachable(loop: Loop, news: link.Reachable) -> None:
+    """While no new client can connect, motion holds and none begins; nothing moves by itself afterwards."""
+    before = loop.unreachable
+    loop.unreachable = Finding(Code.SOCKETS_GONE, message=news.missing) if news.missing else None
+    for path in news.rebound:
+        loop.say.event("warning", Code.SOCKETS_GONE, f"{path} was removed or replaced; it is bound again")
+    if loop.unreachable is not None and before is None:
+        loop.say.event("error", Code.SOCKETS_GONE, news.missing, (loop.unreachable,))
+        _hold(loop, loop.unreachable)
+    elif loop.unreachable is None and before is not None:
+        loop.say.event("info", Code.SOCKETS_GONE, "clients can connect again; motion may be ordered")
+    loop.publisher.urgent = loop.publisher.urgent or loop.unreachable != before
 
 
 # ------------------------------------------------------------------------------------------- mode, lease

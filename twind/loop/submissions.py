@@ -31,6 +31,7 @@ ABOUT_NOW = frozenset(  # S05–S11, S27, S28: what another moment would judge o
         Code.LEASE_MISSING,
         Code.ESTOP_LATCHED,
         Code.FAULT_LATCHED,
+        Code.SOCKETS_GONE,
         Code.NOT_ARMED,
         Code.CALIB_MISSING,
         Code.CALIB_MISMATCH,

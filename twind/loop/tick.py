@@ -115,6 +115,7 @@ class Loop:
         self.armed = self.inhibited = self.finished = False
         self.energising = False  # torque was ordered on or off, and is not read back yet
         self.unconfirmed = False  # torque off was ordered, and somebody has not said that it is
+        self.unreachable: Finding | None = None  # why no new client can connect; None: clients can
         self.owed = False  # a bus went away with torque that was ours
         self.soft_since: float | None = None  # s, when damping was demanded; until torque is off
         self.stop_level: str | None = None  # of the e-stop that is latched
@@ -320,6 +321,7 @@ class Loop:
             reference=reference,
             busy=self.submissions.busy,
             bars=self.parts.guard.bars,
+            unreachable=self.unreachable,
             condition=Condition(
                 slow.temperature,
                 slow.voltage,

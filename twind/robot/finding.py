@@ -77,6 +77,7 @@ class Code(StrEnum):
     MIRROR_DRIFT = "MIRROR_DRIFT"  # R25
     INTERNAL = "INTERNAL"  # R26
     TIME_GAP = "TIME_GAP"  # the machine was suspended, or the daemon stopped, for longer than a watchdog
+    SOCKETS_GONE = "SOCKETS_GONE"  # clients cannot connect: nobody could stop what moves
     PORT_LOST = "PORT_LOST"
     PORT_UNAVAILABLE = "PORT_UNAVAILABLE"
     DEVICE_MISSING = "DEVICE_MISSING"

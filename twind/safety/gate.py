@@ -45,6 +45,7 @@ class Snapshot:
     reference: Reference  # last commanded while holding or moving, measured otherwise
     busy: bool = False  # one trajectory runs and one waits
     bars: tuple[Finding, ...] = ()  # why nobody may arm now, of servos and buses (R06, R08, R09, R11, R18)
+    unreachable: Finding | None = None  # why no new client can connect; None: clients can
     condition: Condition | None = None  # temperature and supply; None: not known, which refuses
 
 
@@ -77,7 +78,7 @@ def admit(snapshot: Snapshot, commanded: Bools, thresholds: Thresholds, *, setpo
 
     A stream begins with its first `setpoint`: what gets hot later is the guard's to slow down and settle.
     """
-    refusals = [*_lease(snapshot), *_latches(snapshot)]
+    refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot)]
     warnings: list[Finding] = []
     if snapshot.mode is Mode.LIVE:
         if snapshot.state is not State.ARMED:
@@ -94,7 +95,7 @@ def admit(snapshot: Snapshot, commanded: Bools, thresholds: Thresholds, *, setpo
 def arming(snapshot: Snapshot, thresholds: Thresholds, joints: Bools | None = None) -> Verdict:
     """May torque be switched on (S05–S07, S09–S11, S27)? Only in live, from `connected`."""
     chosen = np.ones_like(snapshot.calibrated) if joints is None else joints
-    refusals = [*_lease(snapshot), *_latches(snapshot)]
+    refusals = [*_lease(snapshot), *_latches(snapshot), *_reach(snapshot)]
     if snapshot.mode is not Mode.LIVE:
         reason = f"mode {snapshot.mode} has no torque to switch on; arm in mode live"
         return Verdict((*refusals, Finding(Code.MODE_DENIES, message=reason)))
@@ -126,6 +127,11 @@ def _latches(snapshot: Snapshot) -> list[Finding]:
         named = ", ".join(dict.fromkeys(faults)) or f"state is {snapshot.state}"
         findings.append(Finding(Code.FAULT_LATCHED, message=f"latched: {named}; reset it first"))
     return findings
+
+
+def _reach(snapshot: Snapshot) -> list[Finding]:
+    """What moves must be within reach of an e-stop: no motion begins while no client can connect."""
+    return [] if snapshot.unreachable is None else [snapshot.unreachable]
 
 
 def _calibration(snapshot: Snapshot, chosen: Bools) -> list[Finding]:

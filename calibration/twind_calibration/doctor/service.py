@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from twind.client.places import socket_path
-from twind.loop.sockets import GROUPS, NAMES
 from twind.protocol.places import SYSTEM
+from twind.sockets import GROUPS, NAMES
 from twind.version import __version__
 from twind_calibration.doctor import account, systemd
 from twind_calibration.doctor.complaint import CannotLook, Fix, Found, NothingThere

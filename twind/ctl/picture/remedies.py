@@ -42,6 +42,7 @@ REMEDIES: Mapping[str, str] = {
     "MIRROR_DRIFT": "a contact that the message names; calibration, load, gains",
     "INTERNAL": "a bug of ours: report it with twindctl dump and the log",
     "TIME_GAP": f"find out what stopped the machine; {AGAIN}",
+    "SOCKETS_GONE": "what the message names; `twindctl estop` still lowers the robot",
     "PORT_LOST": "plug it in; twindctl disarm, twindctl reset",
     "PORT_UNAVAILABLE": "the message says why; it is tried again",
     "DEVICE_MISSING": "its power, cable, id and baud rate; twindctl scan",

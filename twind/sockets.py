@@ -1,6 +1,7 @@
-"""The two listening sockets: the service manager's when it hands them over, else our own.
+"""The two listening sockets of a daemon: how they are bound, and whether their files are still in place.
 
-The mode is set by the umask before `bind`, never by chmod after it: between the two, anybody could connect.
+The mode is set by the umask before `bind`, never by chmod after it: between the two, any user could connect.
+Standard library only; the loop's process and the front bind by the same rules.
 """
 
 import contextlib
@@ -9,17 +10,12 @@ import os
 import pwd
 import socket
 import stat
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
-from twind.streams import tell
-
 NAMES = ("control", "observe")
-WRECK = "flight"  # FDNAME of what the loop stores: the flight recorder of a daemon that is gone
 GROUPS = {"control": "twind-operator", "observe": "twind-observe"}
 BACKLOG = 128  # connections that may wait to be taken: a crowd must not turn away who wants to stop
-_FIRST = 3  # SD_LISTEN_FDS_START
 
 
 class SocketError(Exception):
@@ -27,45 +23,49 @@ class SocketError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Handed:
-    """What the service manager handed over, ours to close; the memfd by who takes it (`Wreck`)."""
+class Listener:
+    """A listening socket, and the identity of the file that clients find it by.
 
-    sockets: Mapping[str, socket.socket] = field(default_factory=dict)  # that it listens on, by name
-    wreck: int | None = None  # memfd of a daemon before us
+    The kernel keeps the file's inode for as long as the socket is open, so its number is not given out again.
+    """
+
+    bound: socket.socket
+    device: int = 0
+    inode: int = 0  # 0: no file was there when it was looked up
+    own: bool = True  # bound by this daemon; False: by the service manager, and by it alone
+
+    @classmethod
+    def of(cls, bound: socket.socket, *, own: bool) -> "Listener":
+        """The listener of a socket that is bound, with the file that is at its path now."""
+        device, inode = _identity(_path(bound))
+        return cls(bound, device, inode, own)
+
+    @classmethod
+    def inherited(cls, fd: int, label: str) -> "Listener":
+        """The listener of an inherited descriptor, and the `label` that its process gave with it."""
+        owner, *file = label.split(":")
+        device, inode = map(int, file)
+        return cls(socket.socket(fileno=fd), device, inode, owner == "own")
+
+    @property
+    def label(self) -> str:
+        """All but the descriptor, for the command line of a process that inherits it."""
+        return f"{'own' if self.own else 'manager'}:{self.device}:{self.inode}"
+
+    @property
+    def path(self) -> Path | None:
+        """The path it is bound to; None: an abstract or unbound socket, which has no file."""
+        return _path(self.bound)
+
+    @property
+    def in_place(self) -> bool:
+        """Clients that open its path reach this socket. A socket without a file cannot lose it."""
+        path = self.path
+        return path is None or (self.inode != 0 and _identity(path) == (self.device, self.inode))
 
     def close(self) -> None:
-        """Let go of the sockets."""
-        for listener in self.sockets.values():
-            listener.close()
-
-
-def handed_over() -> Handed:
-    """What the service manager hands over, by FileDescriptorName= or FDNAME=; clears LISTEN_*.
-
-    A socket by another name is told, and left to the manager: we neither serve nor close it.
-    """
-    count, mine = os.environ.get("LISTEN_FDS", ""), os.environ.get("LISTEN_PID", "")
-    names = os.environ.get("LISTEN_FDNAMES", "").split(":")
-    for key in ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES"):
-        os.environ.pop(key, None)
-    if not count.isdigit() or mine != str(os.getpid()):
-        return Handed()
-    found, wreck = {}, None
-    handed = range(_FIRST, _FIRST + int(count))
-    for fd in handed:
-        os.set_inheritable(fd, False)
-    for fd, name in zip(handed, names, strict=False):
-        if name in NAMES:
-            found[name] = socket.socket(fileno=fd)
-        elif name == WRECK:
-            if wreck is not None:
-                os.close(wreck)
-            wreck = fd
-        else:
-            known = " or ".join(NAMES)
-            said = f"a socket named {name!r} was handed over, and nobody serves it"
-            tell(2, "warning", f"twind: {said}: FileDescriptorName= of its unit must be {known}")
-    return Handed(found, wreck)
+        """Close the socket; its file stays."""
+        self.bound.close()
 
 
 def listen(directory: Path, name: str) -> socket.socket:
@@ -99,6 +99,20 @@ def group_of(listener: socket.socket) -> str:
         return grp.getgrgid(gid).gr_name
     except KeyError:
         return str(gid)
+
+
+def _path(bound: socket.socket) -> Path | None:
+    name = bound.getsockname()
+    return Path(name) if isinstance(name, str) and name and not name.startswith("\0") else None
+
+
+def _identity(path: Path | None) -> tuple[int, int]:
+    """Device and inode of what is at `path`, links not followed; (0, 0) where nothing can be found."""
+    try:
+        found = os.lstat(path) if path is not None else None
+    except OSError:
+        found = None
+    return (0, 0) if found is None else (found.st_dev, found.st_ino)
 
 
 def _make(directory: Path) -> None:

@@ -1,0 +1,97 @@
+"""`twindctl estop`: by the sockets, or by SIGTERM where they are gone. Standard library only."""
+
+import argparse
+import os
+from collections.abc import Sequence
+
+from twind.client import NoDaemon
+from twind.client.places import directories
+from twind.ctl.verb import DONE, Plain, Rejected, connected, elsewhere, show
+from twind.protocol.places import SYSTEM
+
+LOWERING = 30.0  # s that a daemon may take to lower its robot and end
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--cut", action="store_true", help="torque off at once: the robot may fall")
+    parser.add_argument("--reason", help="for the log")
+
+
+def _run(options: argparse.Namespace) -> int:
+    level = "cut" if options.cut else "settle"
+    try:
+        client = connected(options, "control", "observe")
+    except NoDaemon as error:
+        if not error.absent or elsewhere(options) is not None:
+            raise
+        return _terminate(options, error)
+    with client:
+        answer = client.call("EStop", level=level, reason=options.reason)
+    off = answer.get("torque_off")
+    torque = "torque unknown" if off is None else f"torque is {'off' if off else 'on'}"
+    show(options, answer, f"e-stop ({level}): state {answer['state']}, {torque}")
+    return DONE
+
+
+def _terminate(options: argparse.Namespace, absent: NoDaemon) -> int:
+    """Have each daemon that still serves the folder lower its robot and end. Raises NoDaemon, Rejected."""
+    from twind.ctl import serving  # a status or an ordinary e-stop does not pay for it
+
+    signalled: dict[int, int] = {}
+    for daemon in serving.find(_folders(options.socket)):
+        try:
+            signalled[daemon.pid] = serving.terminate(daemon)
+        except ProcessLookupError:  # it ended by itself
+            continue
+        except PermissionError:
+            raise Rejected(_not_allowed(daemon.folder, daemon.uid)) from None
+        if not options.json:
+            show(options, None, _signalled(daemon.folder, daemon.pid, cut=options.cut))
+    if not signalled:
+        raise absent
+    remaining = [pid for pid, pidfd in signalled.items() if not serving.ended(pidfd, LOWERING)]
+    if remaining:
+        listed = ", ".join(map(str, remaining))
+        raise Rejected(
+            f"twind (pid {listed}) received SIGTERM and did not end within {LOWERING:g} s: "
+            "use the robot's power switch"
+        )
+    data = {"signal": "SIGTERM", "pids": list(signalled), "level": "settle", "ended": True}
+    show(
+        options, data, "twind has ended; torque that it had not switched on itself stays on: check the robot"
+    )
+    return DONE
+
+
+def _folders(place: str | None) -> Sequence[str]:
+    """Folders whose sockets were tried, in order."""
+    if place is None:
+        return directories()
+    return [os.path.dirname(place) or "."] if place.endswith(".sock") else [place]
+
+
+def _signalled(folder: str, pid: int, *, cut: bool) -> str:
+    text = f"{folder}: no socket, but twind (pid {pid}) serves it: SIGTERM sent; it lowers the robot and ends"
+    power = "\n--cut needs the socket: the robot is lowered instead; to cut, use the robot's power switch"
+    return text + power if cut else text
+
+
+def _not_allowed(folder: str, uid: int) -> str:
+    """What another user can run."""
+    unit = _unit(folder)
+    command = f"systemctl stop {unit}" if unit else f"twindctl --socket {os.path.abspath(folder)} estop"
+    return (
+        f"{folder}: no socket, but a twind of uid {uid} serves it, which this user may not signal: "
+        f"run `sudo {command}`, which lowers the robot, or use its power switch"
+    )
+
+
+def _unit(folder: str) -> str:
+    """The service whose sockets are in `folder`; "": of no service."""
+    above, name = os.path.split(os.path.abspath(folder))
+    if os.path.join(above, name) == SYSTEM:
+        return "twind"
+    return f"twind@{name}" if above == SYSTEM else ""
+
+
+ESTOP = Plain(_arguments, _run, from_afar=True)

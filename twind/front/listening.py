@@ -1,0 +1,122 @@
+"""The listening sockets of a front: accepting from them, and whether clients still find them. Front process.
+
+A socket whose file was removed or replaced takes the e-stop away from every new client. It is bound again
+where that is possible; else the loop receives the reason, holds and refuses motion.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from twind.link import Reachable, Rebound
+from twind.sockets import Listener, SocketError, listen
+
+if TYPE_CHECKING:
+    from twind.front.loop_end import LoopEnd
+
+ROLES = {"control": "operator", "observe": "observer"}
+ONLY_MANAGER = (
+    "only the service manager can bind this socket again: restart its .socket unit together with the daemon: "
+    "`systemctl restart twind-control.socket twind-observe.socket twind.service` lowers the robot first"
+)
+
+
+@dataclass(slots=True)
+class _Door:
+    """One listening socket. `watched`: the event loop reports its clients."""
+
+    name: str
+    listener: Listener
+    checked: bool  # its file is known, so that a removed one is noticed
+    watched: bool = False
+
+
+class Listening:
+    """Every listening socket, by its name."""
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        link: LoopEnd,
+        accept: Callable[[socket.socket, str], None],
+    ) -> None:
+        """`accept` is called with a socket that has a client, and the role that it gives."""
+        self._loop = loop
+        self._link = link
+        self._accept = accept
+        self._doors: list[_Door] = []
+        self._open = False
+        self._rebound: list[str] = []  # paths that the loop has no report of yet
+        self._reported: str | None = None  # the last reason that was sent to the loop; None: none was
+
+    def add(self, name: str, listener: Listener, *, checked: bool) -> None:
+        """Accept from `listener` once clients can be served. `checked`: its file is known."""
+        listener.bound.setblocking(False)
+        self._doors.append(_Door(name, listener, checked))
+        if self._open:
+            self.open()
+
+    def open(self) -> None:
+        """Accept clients from every socket from now on, also from those that rested."""
+        self._open = True
+        for door in self._doors:
+            if not door.watched:
+                door.watched = True
+                sock = door.listener.bound
+                self._loop.add_reader(sock, self._accept, sock, ROLES[door.name])
+
+    def rest(self, sock: socket.socket) -> None:
+        """Accept none from this socket until `open` is called: its client stays in the queue."""
+        for door in self._doors:
+            if door.listener.bound is sock:
+                self._unwatch(door)
+
+    def close(self) -> None:
+        """Accept no more clients. Those who connect now wait for the next front."""
+        for door in self._doors:
+            self._unwatch(door)
+            door.listener.close()
+        self._doors = []
+
+    def check(self) -> None:
+        """Bind again what was removed, and report to the loop what changed. Nothing before `open`.
+
+        Nothing after the loop's end either: a daemon that follows may bind the same paths.
+        """
+        if not self._open or not self._doors or self._link.gone:
+            return
+        missing = "; ".join(reason for door in self._doors if (reason := self._wrong(door)))
+        if missing != self._reported or self._rebound:
+            self._link.owe(Reachable(missing=missing, rebound=self._rebound))
+            self._reported = missing
+            self._rebound = []
+
+    def _wrong(self, door: _Door) -> str:
+        """Why no client reaches this socket; "": it is in place, or bound again."""
+        path = door.listener.path
+        if not door.checked or path is None or door.listener.in_place:
+            return ""
+        if not door.listener.own:
+            return f"{path}: no client can connect, its file was removed or replaced; {ONLY_MANAGER}"
+        try:
+            made = Listener.of(listen(path.parent, door.name), own=True)
+        except (SocketError, OSError) as error:
+            return f"no client can connect: {error} (it is tried again)"
+        if not self._link.send(Rebound(name=door.name, label=made.label), made.bound.fileno()):
+            made.close()  # the next check finds its file stale, and binds again
+            return f"{path}: no client can connect: the loop does not take the new socket"
+        self._unwatch(door)
+        door.listener.close()
+        door.listener = made
+        made.bound.setblocking(False)
+        self._rebound.append(str(path))
+        self.open()
+        return ""
+
+    def _unwatch(self, door: _Door) -> None:
+        self._loop.remove_reader(door.listener.bound)
+        door.watched = False
