@@ -92,7 +92,7 @@ def tried(daemon: Daemon, folder: Path, count: int, *backend: str) -> dict[str, 
 def test_with_the_back_end_chosen_by_itself_each_command_published_once_arrives(
     daemon: Daemon, tmp_path: Path
 ) -> None:
-    found = tried(daemon, tmp_path, int(os.environ.get("TWIND_ROS2_COUNT", "5")))
+    found = tried(daemon, tmp_path, 5)
     assert "ROS 2 by rclpy" in found["log"]
     lost = [each for each in found["outcomes"] if each["code"] != 0 or not each["arrived"]]
     assert not lost, (len(lost), len(found["outcomes"]), lost[:1], found["log"][-2000:])

@@ -179,7 +179,7 @@ def test_a_bridge_that_only_looks_does_the_e_stop_and_says_why_nothing_else(loop
         assert run.outcome(E_STOP, b"")["phase"] == "done"
 
 
-def test_over_a_back_end_without_commands_status_and_diagnostics_say_why(loop: StandIn) -> None:
+def test_over_a_back_end_without_commands_the_status_says_why(loop: StandIn) -> None:
     run = Run(loop.directory)
     run.graph.refuses = "this middleware loses commands"
     run.course = Course(run.graph, str(loop.directory), tell=run.lines.append, stop=run.stop)
