@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-commands",
         dest="commands",
         action="store_false",
-        help="look only: of what comes from ROS the e-stop alone is done",
+        help="look only: of what comes from ROS the e-stop alone is done; with dds nothing is",
     )
     parser.add_argument(
         "--zenoh-connect", metavar="ENDPOINT", help="of the router (default tcp/localhost:7447)"

@@ -1,8 +1,8 @@
 """A ROS 2 node on DDS without ROS, which only publishes: its writers and its place in the graph.
 
-It has no subscription. A peer's writer may match a reader before the reader matches the writer, and a command
-that is sent once in between is lost: of `ros2 topic pub --once` 2 of 15 trajectories and 1 of 10 e-stops
-arrived. It has no service: each vendor pairs requests and replies in its own way.
+It has no subscription: of `ros2 topic pub --once` 2 of 15 trajectories and 1 of 10 e-stops arrived, probably
+because the peer's writer matches a reader before the reader matches the writer. It has no service: each vendor
+pairs requests and replies in its own way.
 """
 
 from __future__ import annotations
