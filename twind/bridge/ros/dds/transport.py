@@ -1,7 +1,7 @@
 """A ROS 2 node on DDS without ROS, which only publishes: its writers and its place in the graph.
 
 It has no subscription: of `ros2 topic pub --once` 2 of 15 trajectories and 1 of 10 e-stops arrived, probably
-because the peer's writer matches a reader before the reader matches the writer. It has no service: each vendor
+because the writer matches the reader before the reader matches the writer. It has no service: each vendor
 pairs requests and replies in its own way.
 """
 
