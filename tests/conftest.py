@@ -41,9 +41,10 @@ SIDE_BY_SIDE = """
     doctor_can_links doctor_files doctor_machine doctor_ports fleet_line flight_live flight_ring
     front_find_stop front_limits front_log front_reload front_server front_streams front_telemetry fuzz
     latency_live learn_batch_vec_env learn_training loop_notify machine metrics_live picture_live
-    policy_live register_verb remote_live ros_course ros_dds ros_dds_live ros_flood ros_live ros_zenoh
-    ros_zenoh_live ros_zenoh_services service service_files stream_camera stream_ingest stream_keeping
-    stream_live stream_sender streams uplink_lanes uplink_live uplink_lost uplink_secret uplink_together
+    policy_live register_verb remote_live ros_command_line ros_course ros_dds ros_dds_live ros_flood ros_live
+    ros_zenoh ros_zenoh_live ros_zenoh_services service service_files stream_camera stream_ingest
+    stream_keeping stream_live stream_sender streams uplink_lanes uplink_live uplink_lost uplink_secret
+    uplink_together
     view_door view_fleet view_fleet_live view_news view_operate view_stops virtual_servos zenoh_session
 """
 
