@@ -17,7 +17,7 @@ from twind.config.robot_spec import JointSpec
 from twind.ctl.main import main
 from twind_calibration.doctor import mend, robot_checks, runner, table
 from twind_calibration.doctor.bench import together
-from twind_calibration.doctor.complaint import Fix, Found
+from twind_calibration.doctor.complaint import Devices, Fix, Found
 from twind_calibration.doctor.daemon import Daemon
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.host import Host
@@ -241,19 +241,26 @@ def test_who_is_there_is_looked_for_where_the_port_is_free_and_else_by_the_daemo
 def test_one_complaint_about_many_servos_is_told_once_and_mended_for_all() -> None:
     done: list[int] = []
     same = [
-        Found("RETURN_DELAY", f"bus main id {id} (j{id})", "500 us", "10 us", f"write {id}", _fix(done, id))
+        Found(
+            "RETURN_DELAY",
+            Devices("main", [(id, f"j{id}")]),
+            "500 us",
+            "10 us",
+            f"write {id}",
+            _fix(done, id),
+        )
         for id in range(1, 6)
     ]
-    apart = Found("RETURN_DELAY", "bus main id 9 (j9)", "500 us", "10 us", "write 9")
+    apart = Found("RETURN_DELAY", Devices("main", [(9, "j9")]), "500 us", "10 us", "write 9")
     one, other = together([*same, apart])
     assert one.thing == "bus main ids 1 (j1), 2 (j2), 3 (j3), 4 (j4), 5 (j5)"
     assert one.command.splitlines() == [f"write {id}" for id in range(1, 6)]
     assert one.fix is not None
-    assert one.fix.text == f"{one.thing}: delay := 5"
+    assert str(one.fix) == f"{one.thing}: delay := 5"
     one.fix.do()
     assert done == [1, 2, 3, 4, 5]
     assert other is apart, "what cannot be mended now is told apart"
 
 
 def _fix(done: list[int], id: int) -> Fix:
-    return Fix(f"bus main id {id} (j{id}): delay := 5", lambda: done.append(id))
+    return Fix("delay := 5", lambda: done.append(id), Devices("main", [(id, f"j{id}")]))
