@@ -1,6 +1,7 @@
 """Fixtures shared by the tests."""
 
 import atexit
+import importlib
 import os
 import shutil
 import sys
@@ -41,10 +42,12 @@ SIDE_BY_SIDE = """
     doctor_can_links doctor_files doctor_machine doctor_ports fleet_line flight_live flight_ring
     front_find_stop front_limits front_log front_reload front_server front_streams front_telemetry fuzz
     latency_live learn_batch_vec_env learn_training loop_notify machine metrics_live picture_live
-    policy_live register_verb remote_live ros_course ros_dds ros_dds_live ros_flood ros_live ros_zenoh
-    ros_zenoh_live ros_zenoh_services service service_files stream_camera stream_ingest stream_keeping
-    stream_live stream_sender streams uplink_lanes uplink_live uplink_lost uplink_secret uplink_together
-    view_door view_fleet view_fleet_live view_news view_operate view_stops virtual_servos zenoh_session
+    policy_live prose_live register_verb remote_live ros_command_line ros_course ros_dds ros_dds_live
+    ros_flood
+    ros_live ros_zenoh ros_zenoh_live ros_zenoh_services service service_files stream_camera stream_ingest
+    stream_keeping stream_live stream_sender streams uplink_lanes uplink_live uplink_lost uplink_secret
+    uplink_together view_door view_fleet view_fleet_live view_news view_operate view_stops
+    virtual_servos zenoh_session
 """
 
 # The same, but what they say goes over pseudo-terminals, whose bytes a thread of the kernel carries: beside
@@ -57,6 +60,22 @@ WIRED = """
     record_live recorder reload_live replug robot scan_verb sockets_gone virtual_can_clients virtual_child
     virtual_clients virtual_main virtual_serve wiggle_verb
 """
+
+
+BLANKED = Path(__file__).parent / "blanked"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--blank-messages`: no text that a daemon sends says anything (tests/blanked)."""
+    parser.addoption("--blank-messages", action="store_true", help="replace each text for people by an x")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Also in the workers of xdist, and in all processes that the tests start."""
+    if config.getoption("--blank-messages"):
+        os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(BLANKED), os.environ.get("PYTHONPATH"))))
+        sys.path.insert(0, str(BLANKED))
+        importlib.import_module("blanking").hook()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -72,9 +72,3 @@ class FastDds:
                 return
             yield time, topic, data[at : at + length]
             at += length
-
-
-def fast_dds_sends(program: Path, domain: int, topic: str, kind: str, data: bytes, count: int) -> None:
-    """So many times these bytes, 20 ms apart, once a reader is there."""
-    command = [str(program), str(domain), "send", topic, kind, str(count), "20"]
-    subprocess.run(command, input=data, check=True, timeout=60.0, stdout=subprocess.DEVNULL)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from driver_rig import DriverRig, both
 
-from twind_drivers.bus import BusError, Device, NoReply, PortError, Read, WireClamp, Write
+from twind_drivers.bus import BusError, Device, NoReply, PortError, Read, UnknownRegister, WireClamp, Write
 from twind_drivers.clock import FakeClock
 
 STEP = 60  # counts that a test moves everybody
@@ -196,8 +196,10 @@ class DriverContract:
         assert [device.id for device in found] == list(rig.reader.ids[1:])
 
     def test_a_register_of_an_unknown_name_or_id_lists_what_there_is(self, rig: DriverRig) -> None:
-        with pytest.raises(KeyError, match="near"):
+        with pytest.raises(UnknownRegister, match="temprature limt") as caught:
             rig.perform(rig.reader.read(rig.reader.ids[0], "temprature limt"))
+        near, text = caught.value.near, str(caught.value)
+        assert all(each in text for each in near) and (near or "cubemars has no register" in text)
         with pytest.raises(KeyError, match=str(rig.reader.ids[0])):
             rig.perform(rig.reader.read(99, "hardware_error_status"))
 

@@ -31,7 +31,8 @@ def joint(name: str, **other: Any) -> Fields:
 
 def status(ticks: int = 1000, missed: int = 0, time: float = 60.0, **other: Any) -> Fields:
     """A message of topic status: a loop of 100 Hz."""
-    loop = {"rate_hz": 100.0, "ticks": ticks, "missed": missed, "on_time": 0.99, "realtime": {"cpu": "any"}}
+    loop = {"rate_hz": 100.0, "ticks": ticks, "missed": missed, "on_time": 0.99}
+    loop |= {"realtime": {"cpu": "any", "memory": "x"}, "realtime_denied": ["memory"]}
     loop |= {"lateness": [bucket(0.1, 900), bucket(1.0, 90), bucket(None, 10)], "lateness_sum_ms": 250.0}
     bus = {"name": "main", "connected": True, "utilisation": 0.4, "latency_ms": 2.5}
     said: Fields = {

@@ -115,6 +115,7 @@ def loop(**other: Any) -> dict[str, Any]:
         "late_p99_us": 83.0,
         "late_max_us": 4100.0,
         "realtime": {"scheduler": "fifo 40"},
+        "realtime_denied": [],
         "lateness": [
             {"upper_ms": upper, "count": count} for upper, count in zip(BOUNDS, counts, strict=True)
         ],

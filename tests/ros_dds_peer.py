@@ -8,7 +8,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from types import TracebackType
 from typing import Any
 
@@ -79,21 +78,14 @@ class Node:
         """What came since this was last asked."""
         return [plain(each) for each in self._readers[topic].take(N=10_000)]
 
-    def speak(self, topic: str, kind: str, seconds: float = 10.0) -> int:
-        """Write a topic from now on; how many readers there are, one at least."""
-        writer = self._writers[topic] = self._made("Writer", topic, kind)
-        deadline = time.monotonic() + seconds
-        while not len(writer.get_matched_subscriptions()) and time.monotonic() < deadline:
-            time.sleep(0.02)
-        return len(writer.get_matched_subscriptions())
+    def speak(self, topics: list[tuple[str, str]]) -> None:
+        """Offer to write these topics from now on: (name, type)."""
+        for topic, kind in topics:
+            self._writers[topic] = self._made("Writer", topic, kind)
 
-    def send(self, topic: str, message: dict[str, Any], times: int = 1) -> float:
-        """Write one message so often; s that it took."""
-        writer, begun = self._writers[topic], time.monotonic()
-        made = self._types["of"](writer.topic.data_type, message)
-        for _ in range(times):
-            writer.write(made)
-        return time.monotonic() - begun
+    def readers(self) -> dict[str, int]:
+        """Readers that match, of each topic that is offered."""
+        return {topic: len(each.get_matched_subscriptions()) for topic, each in self._writers.items()}
 
     def _made(self, what: str, topic: str, kind: str, *, latched: bool = False) -> Any:
         from cyclonedds.core import Policy, Qos
@@ -123,11 +115,11 @@ def plain(value: Any) -> Any:
 
 
 def types() -> dict[str, Any]:
-    """The types of messages, written down here anew; `of` makes one from a dict."""
-    from dataclasses import dataclass, fields
+    """The types of messages, written down here anew, by name."""
+    from dataclasses import dataclass
 
     from cyclonedds.idl import IdlStruct
-    from cyclonedds.idl.types import byte, float64, int32, sequence, uint32
+    from cyclonedds.idl.types import float64, int32, sequence, uint32
 
     @dataclass
     class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
@@ -170,47 +162,7 @@ def types() -> dict[str, Any]:
     class String(IdlStruct, typename="std_msgs.msg.dds_.String_"):
         data: str
 
-    @dataclass
-    class KeyValue(IdlStruct, typename="diagnostic_msgs.msg.dds_.KeyValue_"):
-        key: str
-        value: str
-
-    @dataclass
-    class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticStatus_"):
-        level: byte
-        name: str
-        message: str
-        hardware_id: str
-        values: sequence[KeyValue]
-
-    @dataclass
-    class DiagnosticArray(IdlStruct, typename="diagnostic_msgs.msg.dds_.DiagnosticArray_"):
-        header: Header
-        status: sequence[DiagnosticStatus]
-
-    @dataclass
-    class Garbage(IdlStruct, typename="trajectory_msgs.msg.dds_.JointTrajectory_"):
-        """The name of a trajectory, and other bytes: a count and so many."""
-
-        data: sequence[byte]
-
-    parts = {"header": Header, "stamp": Time, "time_from_start": Duration}
-
-    def of(kind: Any, message: dict[str, Any]) -> Any:
-        given = {}
-        for field in fields(kind):
-            value = message.get(field.name)
-            if field.name in parts:
-                value = of(parts[field.name], value or {})
-            elif field.name == "points":
-                value = [of(Point, each) for each in value or ()]
-            elif value is None:
-                value = "" if field.type is str else 0 if field.name in ("sec", "nanosec") else []
-            given[field.name] = value
-        return kind(**given)
-
-    known = (Time, Header, JointState, JointTrajectory, String, DiagnosticArray, Garbage)
-    return {each.__name__: each for each in known} | {"of": of}
+    return {each.__name__: each for each in (Time, Header, JointState, JointTrajectory, String)}
 
 
 def main() -> None:

@@ -4,9 +4,9 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from told_line import ToldDaemon, ended, moving
+from told_line import ToldDaemon, ended, ended_in_words, moving
 
-from twind.bridge.driving import BROKEN, LATE, LINGER, LOST, RENEW, Driving, Ended
+from twind.bridge.driving import BROKEN, LATE, LINGER, LOST, RENEW, UNREADABLE, Driving, Ended
 from twind.client import CallError, Disconnected, NoDaemon, Refused
 from twind.safety.lease import TRAJECTORY
 
@@ -164,3 +164,41 @@ def test_who_lost_the_lease_does_not_take_it_again(hand: Hand) -> None:
     hand.driving.heard(ended("m1", "aborted", {"code": "LEASE_LOST", "message": "taken"}))
     assert [each.phase for each in hand.after(0.2)] == ["aborted"]
     assert len(hand.daemon.named("AcquireLease")) == 1
+
+
+@pytest.mark.parametrize("text", ["", "x", "m1 aborted", "m2 succeeded", "the motion m1 has arrived"])
+def test_an_end_counts_by_its_fields_whatever_its_text_says(hand: Hand, text: str) -> None:
+    hand.driving.submit(PATH)
+    hand.driving.submit(PATH)
+    end = ended("m1", "succeeded")
+    end["event"]["message"] = text
+    hand.driving.heard(end)
+    assert hand.after(0.1) == [Ended("m1", "succeeded", [])]
+    assert hand.driving.driving == ("m2",)
+
+
+def test_an_end_that_only_a_text_tells_is_the_end_of_every_motion_and_gives_the_lease_back(
+    hand: Hand,
+) -> None:
+    hand.driving.hold()
+    hand.driving.submit(PATH)
+    hand.driving.submit(PATH)
+    hand.driving.heard(ended_in_words("m1", "replaced"))
+    assert hand.after(0.1) == [Ended("m1", LOST, UNREADABLE), Ended("m2", LOST, UNREADABLE)]
+    assert hand.driving.driving == () and not hand.driving.held
+    assert hand.daemon.calls[-1][0] == "ReleaseLease" and hand.daemon.open == 0
+
+
+def test_after_an_end_that_cannot_be_read_a_new_motion_runs_as_the_first_did(hand: Hand) -> None:
+    hand.driving.heard(ended_in_words("of_another", "succeeded"))
+    hand.after(0.1)
+    hand.driving.submit(PATH)
+    assert hand.after(1.0) == [] and hand.driving.driving == ("m1",)
+
+
+def test_a_phase_that_is_not_known_ends_its_own_motion_as_lost_and_no_other(hand: Hand) -> None:
+    hand.driving.submit(PATH)
+    hand.driving.submit(PATH)
+    hand.driving.heard(ended("m1", "vanished"))
+    assert hand.after(0.5) == [Ended("m1", LOST, UNREADABLE)]
+    assert hand.driving.driving == ("m2",) and not hand.daemon.named("ReleaseLease")

@@ -102,7 +102,21 @@ def test_a_misspelt_register_is_answered_with_the_nearest(live: Rig) -> None:
     reply = live.call(link.ReadRegister, bus="main", id=7, name="postion_p_gain")
     assert reply.error == "NotFound"
     assert reply.parameters["what"] == "register"
-    assert "position_p_gain" in str(reply.parameters)
+    assert reply.parameters["known"][0] == "position_p_gain"
+
+
+def test_a_register_that_is_near_none_is_answered_without_names(live: Rig) -> None:
+    live.connect()
+    reply = live.call(link.ReadRegister, bus="main", id=7, name="zzzzzz")
+    assert (reply.error, reply.parameters["known"]) == ("NotFound", [])
+
+
+def test_a_bus_on_which_no_device_answers_is_told_apart_from_one_that_fails(live: Rig) -> None:
+    live.connect()
+    for id in live.virtual["main"].ids():
+        live.virtual["main"].faults.silence(id)
+    reply = live.call(link.Scan, bus="main")
+    assert (reply.error, reply.parameters["silent"]) == ("BusFailed", True)
 
 
 def test_a_device_that_is_not_of_this_bus_is_answered_with_those_that_are(live: Rig) -> None:
@@ -129,6 +143,7 @@ def test_a_lost_bus_ends_the_call(live: Rig) -> None:
     (reply,) = live.replies(ticket)
     assert reply.error == "BusFailed"
     assert "unplugged" in reply.parameters["message"]
+    assert not reply.parameters.get("silent")
 
 
 def test_a_value_that_a_register_cannot_hold_is_refused_and_not_written(live: Rig) -> None:

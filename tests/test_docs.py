@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+import ros_peer
 from dds_domain import free_domain
 from pages import FENCE, PAGES, README, ROOT, fenced, name
 from processes import BUSY, until
@@ -278,7 +279,7 @@ def test_a_robot_is_in_a_graph_and_reached_from_elsewhere_as_the_readme_says(tmp
     uplink = uplink.replace("0.0.0.0:7448", f"127.0.0.1:{port}")
     with free_domain() as domain, daemon(tmp_path, "--mode", "sim") as environment:
         wait_for(tmp_path, mode="sim")
-        graph = environment | {"ROS_DOMAIN_ID": str(domain)}
+        graph = ros_peer.environment(tmp_path, domain) | environment
         going = [begin(ros, tmp_path, graph), begin(uplink, tmp_path, environment)]
         desk = environment | {"TWIND_ZENOH": f"tcp/127.0.0.1:{port}"}
 

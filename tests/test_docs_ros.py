@@ -2,14 +2,14 @@
 
 import subprocess
 import sys
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-import ros_peer
-from dds_domain import free_domain
 from pages import ROOT, fenced
 from processes import simulated, until
+from ros_graphs import REAL, Graph
 from zenoh_router import free_port
 
 pytestmark = pytest.mark.realtime
@@ -18,24 +18,14 @@ PEER = '{mode: "client", connect: {endpoints: ["WHERE"]}, scouting: {multicast: 
 JOIN = "import sys, zenoh; zenoh.open(zenoh.Config.from_json5(sys.argv[1])).close()"
 
 
-@pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds has no wheel for this machine")
 def test_the_client_of_the_page_moves_the_robot_and_hears_that_it_did(tmp_path: Path) -> None:
-    python = ros_peer.python()
-    with free_domain() as domain, simulated(tmp_path / "run") as daemon:
-        words = ["-m", "twind.ctl.main", "--socket", str(daemon.sockets), "ros", "--backend", "dds"]
-        words += ["--domain", str(domain)]
-        bridge = subprocess.Popen([sys.executable, *words], stderr=subprocess.PIPE, text=True)
-        try:
-            environment = ros_peer.environment(tmp_path, domain)
-            done = subprocess.run(
-                [python, "-c", CLIENT], env=environment, capture_output=True, text=True, timeout=120.0
-            )
-        finally:
-            bridge.kill()
-            told = bridge.communicate(timeout=10.0)[1]
-    phases = [line.split()[0] for line in done.stdout.splitlines()]
-    assert phases[:1] == ["accepted"] and phases[-1:] == ["succeeded"], (done, told)
-    assert {*phases} <= {"accepted", "replaced", "dropped", "succeeded"}, (done, told)
+    with closing(Graph(REAL, tmp_path)) as graph, simulated(tmp_path / "run") as daemon:
+        bridge = graph.bridge(daemon.sockets)
+        printed = graph.run(CLIENT).communicate(timeout=120.0)[0]
+        told = bridge.log.read_text()
+    phases = [line.split()[0] for line in printed.splitlines()]
+    assert phases[:1] == ["accepted"] and phases[-1:] == ["succeeded"], (printed, told)
+    assert {*phases} <= {"accepted", "replaced", "dropped", "succeeded"}, (printed, told)
 
 
 @pytest.mark.skipif(find_spec("zenoh") is None, reason="the extra `zenoh` is not installed")

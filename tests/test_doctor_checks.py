@@ -1,6 +1,7 @@
 """The doctor's checks of servos over surveys as data: where each bound lies, and what must not be said."""
 
 import json
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,16 +9,16 @@ import pytest
 from doctor_world import look
 from test_adopt_verb import answering
 
-from twind.client import Client
+from twind.client import CallError, Client, NoDaemon
 from twind.config.actuator import CanType
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.device_record import DeviceRecord
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import JointSpec
 from twind.ctl.main import main
-from twind_calibration.doctor import mend, robot_checks, runner, table
+from twind_calibration.doctor import daemon_look, mend, robot_checks, runner, service, table
 from twind_calibration.doctor.bench import together
-from twind_calibration.doctor.complaint import Fix, Found
+from twind_calibration.doctor.complaint import CannotLook, Devices, Fix, Found
 from twind_calibration.doctor.daemon import Daemon
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.host import Host
@@ -241,19 +242,65 @@ def test_who_is_there_is_looked_for_where_the_port_is_free_and_else_by_the_daemo
 def test_one_complaint_about_many_servos_is_told_once_and_mended_for_all() -> None:
     done: list[int] = []
     same = [
-        Found("RETURN_DELAY", f"bus main id {id} (j{id})", "500 us", "10 us", f"write {id}", _fix(done, id))
+        Found(
+            "RETURN_DELAY",
+            Devices("main", [(id, f"j{id}")]),
+            "500 us",
+            "10 us",
+            f"write {id}",
+            _fix(done, id),
+        )
         for id in range(1, 6)
     ]
-    apart = Found("RETURN_DELAY", "bus main id 9 (j9)", "500 us", "10 us", "write 9")
+    apart = Found("RETURN_DELAY", Devices("main", [(9, "j9")]), "500 us", "10 us", "write 9")
     one, other = together([*same, apart])
     assert one.thing == "bus main ids 1 (j1), 2 (j2), 3 (j3), 4 (j4), 5 (j5)"
     assert one.command.splitlines() == [f"write {id}" for id in range(1, 6)]
     assert one.fix is not None
-    assert one.fix.text == f"{one.thing}: delay := 5"
+    assert str(one.fix) == f"{one.thing}: delay := 5"
     one.fix.do()
     assert done == [1, 2, 3, 4, 5]
     assert other is apart, "what cannot be mended now is told apart"
 
 
 def _fix(done: list[int], id: int) -> Fix:
-    return Fix(f"bus main id {id} (j{id}): delay := 5", lambda: done.append(id))
+    return Fix("delay := 5", lambda: done.append(id), Devices("main", [(id, f"j{id}")]))
+
+
+@pytest.mark.parametrize("message", ["x", "main: no reply to ping from [1]"])
+@pytest.mark.parametrize("silent", [True, False])
+def test_a_bus_on_which_no_device_answers_is_known_by_its_field(message: str, silent: bool) -> None:
+    class Deaf(Client):
+        def stream(self, method: str, **parameters: object) -> Iterator[Mapping[str, object]]:
+            given = {"bus": "main", "message": message, "silent": silent}
+            raise CallError("io.twind.Control.BusFailed", given)
+
+    client = Deaf("/nowhere")
+    if silent:
+        assert daemon_look._scan(client, "main") == {}
+    else:
+        with pytest.raises(CannotLook, match="bus main"):
+            daemon_look._scan(client, "main")
+
+
+@pytest.mark.parametrize(
+    ("full", "asleep", "other", "code"),
+    [
+        (True, "", False, "DAEMON_SILENT"),
+        (False, "twind.service", False, "NO_DAEMON"),
+        (False, "", True, "NO_DAEMON"),
+        (False, "", False, "NO_DAEMON"),
+    ],
+)
+def test_why_no_daemon_answers_is_known_without_its_words(
+    tmp_path: Path, full: bool, asleep: str, other: bool, code: str
+) -> None:
+    (tmp_path / "control.sock").touch()
+    world = Examined(host=Host(), unit="twind.service")
+    world.sockets = str(tmp_path)
+    world.no_daemon = NoDaemon("x", full=full)
+    world.asleep = asleep
+    world.other_ports = other
+    (found,) = service.reach(world)
+    assert found.code == code
+    assert (asleep in found.measured) and (not other or "other ports" in found.measured)

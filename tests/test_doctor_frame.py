@@ -16,6 +16,7 @@ from twind_calibration.doctor import host_rows, page, report, robot_rows, runner
 from twind_calibration.doctor.complaint import (
     CannotLook,
     Complaint,
+    Devices,
     Fix,
     Found,
     NothingThere,
@@ -173,11 +174,15 @@ def test_a_fix_is_done_and_then_looked_for_again() -> None:
 
 def test_of_several_servos_told_as_one_those_that_are_left_are_no_success() -> None:
     told = [
-        "bus main ids 1 (neck), 2 (hip), 3 (knee), 5 (toe)",
-        "bus main id 7 (arm)",
-        "bus main id 8 (hand)",
+        Devices("main", [(1, "neck"), (2, "hip"), (3, "knee"), (5, "toe")]),
+        Devices("main", [(7, "arm")]),
+        Devices("main", [(8, "hand")]),
     ]
-    left = ["bus main id 5 (toe)", "bus main id 17 (elbow)", "bus main ids 8 (hand), 9 (x), 10 (y), 11 (z)"]
+    left = [
+        Devices("main", [(5, "toe")]),
+        Devices("main", [(17, "elbow")]),
+        Devices("main", [(8, "hand"), (9, "x"), (10, "y"), (11, "z")]),
+    ]
 
     def look_at(x: Examined) -> Iterator[Found]:
         for thing in told:

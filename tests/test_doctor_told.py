@@ -10,7 +10,7 @@ from doctor_world import options
 from twind_calibration.again import Again, again
 from twind_calibration.doctor import report, runner, table
 from twind_calibration.doctor.bench import together
-from twind_calibration.doctor.complaint import Fix, Found
+from twind_calibration.doctor.complaint import Devices, Fix, Found
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.host import Host
 from twind_calibration.doctor.runner import Outcome
@@ -23,8 +23,9 @@ FIX = "twindctl --socket /tmp/a doctor --port main=/dev/x --fix"
 
 
 def delay(id: int, *, fix: bool = True) -> Found:
-    thing, command = f"bus main id {id} (j{id})", f"twindctl register write main {id} return_delay_time 5"
-    mend = Fix(f"{thing}: return_delay_time := 5 (is 250)", lambda: None) if fix else None
+    thing = Devices("main", [(id, f"j{id}")])
+    command = f"twindctl register write main {id} return_delay_time 5"
+    mend = Fix("return_delay_time := 5 (is 250)", lambda: None, thing) if fix else None
     return Found("RETURN_DELAY", thing, "500 us", "10 us", command, mend)
 
 

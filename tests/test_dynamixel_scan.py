@@ -15,7 +15,20 @@ from twind_drivers.bus import PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.prober import OLD_PING, Prober
-from twind_drivers.dynamixel.scan import BAUDS, ECHO, FOREIGN, NOISE, TALK, Rate, estimate, scan, scan_rate
+from twind_drivers.dynamixel.scan import (
+    BAUDS,
+    ECHO,
+    FOREIGN,
+    NOISE,
+    TALK,
+    Found,
+    Kind,
+    Rate,
+    Trouble,
+    estimate,
+    scan,
+    scan_rate,
+)
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
 from twind_drivers.virtual.muscles import FirstOrder
@@ -67,6 +80,10 @@ def wired(change: Callable[[bytes], bytes], *ids: int) -> Prober:
 # ------------------------------------------------------------------------------------- who is there
 
 
+def clashes(found: Found) -> bool:
+    return found.trouble is not None and found.trouble.kind is Kind.CLASH
+
+
 def test_servos_of_different_rates_and_models_on_one_wire_are_all_found() -> None:
     servos = [servo(1, 57_600), servo(2), servo(252), servo(0, 4_500_000), servo(9, 9_600, "XL330-M288")]
     rates = Bench(*servos).scan()
@@ -89,20 +106,26 @@ def test_torque_and_hardware_errors_are_told() -> None:
     one, two = bench.rate().found
     assert (one.torque, one.hardware_error) == (True, 0)
     assert (two.torque, two.hardware_error) == (False, 0b100000)
-    assert (one.model, two.trouble) == (1020, "")
+    assert (one.model, two.trouble) == (1020, None)
 
 
 def test_a_model_that_no_table_knows_is_found_without_its_registers() -> None:
     servos = Servos((5,), model=4711)
     (found,) = scan_rate(Prober(Wire(servos), FakeClock(), MILLION)).found
-    assert (found.id, found.model, found.model_name, found.torque, found.trouble) == (5, 4711, None, None, "")
+    assert (found.id, found.model, found.model_name, found.torque, found.trouble) == (
+        5,
+        4711,
+        None,
+        None,
+        None,
+    )
 
 
 def test_a_device_that_answers_only_pings_is_found() -> None:
     bench = Bench(servo(3))
     bench.bus.receive(packet.write(3, 68, b"\0"), bench.clock.now())  # status return level
     (found,) = bench.rate().found
-    assert (found.id, found.model_name, found.torque, found.trouble) == (3, "XM430-W350", None, "")
+    assert (found.id, found.model_name, found.torque, found.trouble) == (3, "XM430-W350", None, None)
 
 
 def test_nothing_is_ever_written() -> None:
@@ -154,9 +177,9 @@ def test_two_servos_of_one_model_with_one_id_are_named(first: int, second: int) 
     bench = Bench(servo(3), servo(5, delay=first), servo(5, delay=second), servo(8))
     found = {each.id: each for each in bench.rate().found}
     assert sorted(found) == [3, 5, 8]
-    assert "two devices" in found[5].trouble
-    assert "disconnect one" in found[5].trouble
-    assert found[3].trouble == found[8].trouble == ""
+    assert clashes(found[5]) and "two devices" in str(found[5].trouble)
+    assert "disconnect one" in str(found[5].trouble)
+    assert found[3].trouble is None and found[8].trouble is None
 
 
 @pytest.mark.parametrize(("first", "second"), [(250, 250), (250, 0), (0, 10)])
@@ -164,7 +187,7 @@ def test_two_models_with_one_id_are_named(first: int, second: int) -> None:
     bench = Bench(servo(1, delay=first), servo(1, model="XL330-M288", delay=second))
     (found,) = bench.rate().found
     assert found.id == 1
-    assert "two devices" in found.trouble
+    assert clashes(found) and "two devices" in str(found.trouble)
 
 
 def test_one_flipped_bit_makes_no_duplicate() -> None:
@@ -172,7 +195,7 @@ def test_one_flipped_bit_makes_no_duplicate() -> None:
     bench.at(MILLION)
     bench.bus.faults.corrupt(1)
     rate = bench.rate()
-    assert [(each.id, each.trouble) for each in rate.found] == [(3, ""), (5, "")]
+    assert [(each.id, each.trouble) for each in rate.found] == [(3, None), (5, None)]
     assert rate.troubles == ()
 
 
@@ -182,7 +205,7 @@ def test_a_noisy_line_makes_no_duplicates(rate: float) -> None:
     bench.at(MILLION)
     bench.bus.faults.bit_errors(rate)
     found = bench.rate().found
-    assert [(each.id, each.trouble) for each in found] == [(id, "") for id in range(1, 13)]
+    assert [(each.id, each.trouble) for each in found] == [(id, None) for id in range(1, 13)]
 
 
 def test_a_very_noisy_line_is_named() -> None:
@@ -195,7 +218,7 @@ def test_a_very_noisy_line_is_named() -> None:
 def test_a_dozen_servos_as_delivered_are_one_id_with_the_remedy() -> None:
     (found,) = Bench(*(servo(1, 57_600) for _ in range(12))).rate(57_600).found
     assert (found.id, found.model_name) == (1, "XM430-W350")
-    assert "give the other a free id" in found.trouble
+    assert clashes(found) and "give the other a free id" in str(found.trouble)
 
 
 def test_an_id_whose_every_answer_is_garbled_is_told_as_unsound() -> None:
@@ -205,7 +228,7 @@ def test_an_id_whose_every_answer_is_garbled_is_told_as_unsound() -> None:
 
     rate = scan_rate(wired(garble, 2, 9))
     assert [each.id for each in rate.found] == [2, 9]
-    assert "no sound answer" in rate.found[1].trouble
+    assert clashes(rate.found[1]) and "no sound answer" in str(rate.found[1].trouble)
     assert rate.found[1].model is None
 
 
@@ -218,7 +241,7 @@ def test_two_devices_of_a_model_that_no_table_knows_are_told_by_their_two_answer
     wire.change = twice
     (found,) = scan_rate(Prober(wire, FakeClock(), MILLION)).found
     assert (found.id, found.model_name) == (5, None)
-    assert "two devices" in found.trouble
+    assert clashes(found) and "two devices" in str(found.trouble)
 
 
 def test_an_id_whose_first_answer_alone_is_garbled_is_asked_until_one_is_clear() -> None:
@@ -235,7 +258,7 @@ def test_an_id_whose_first_answer_alone_is_garbled_is_asked_until_one_is_clear()
     wire = Wire(servos)
     wire.change = garble
     rate = scan_rate(Prober(wire, FakeClock(), MILLION), range(12), thorough=True)
-    assert [(each.id, each.trouble) for each in rate.found] == [(2, ""), (9, "")]
+    assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
     assert len(garbled) == 3
 
 
@@ -262,7 +285,7 @@ def test_a_slow_latency_timer_hides_nobody(timer: float) -> None:
     bench.bus.faults.latency(timer)
     prober = Prober(Loopback(bench.bus, bench.clock), bench.clock, MILLION, timer=timer)
     rate = scan_rate(prober, range(20), thorough=True)
-    assert [(each.id, each.trouble) for each in rate.found] == [(2, ""), (9, "")]
+    assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
 
 
 def test_an_adapter_that_echoes_is_named_and_everybody_is_found() -> None:
@@ -275,7 +298,7 @@ def test_an_adapter_that_echoes_is_named_and_everybody_is_found() -> None:
 
     wire.write = write  # type: ignore[method-assign]
     rate = scan_rate(Prober(wire, FakeClock(), MILLION))
-    assert [(each.id, each.trouble) for each in rate.found] == [(2, ""), (9, "")]
+    assert [(each.id, each.trouble) for each in rate.found] == [(2, None), (9, None)]
     assert rate.troubles == (ECHO,)
 
 
@@ -290,7 +313,8 @@ def test_devices_of_protocol_1_are_named() -> None:
 
     wire.write = write  # type: ignore[method-assign]
     (trouble,) = scan_rate(Prober(wire, FakeClock(), MILLION)).troubles
-    assert "protocol 1.0 (ids 17)" in trouble
+    assert (trouble.kind, trouble.ids) == (Kind.OLD, (17,))
+    assert "protocol 1.0 (ids 17)" in str(trouble)
 
 
 def test_traffic_that_nobody_asked_for_is_named_and_makes_no_duplicates() -> None:
@@ -318,7 +342,7 @@ def test_a_rate_that_the_adapter_refuses_is_told_and_the_others_go_on() -> None:
         return bench.at(baud)
 
     rates = {rate.baud: rate for rate in scan(at)}
-    assert rates[4_500_000].troubles == ("baud rate 4500000 is not supported",)
+    assert rates[4_500_000].troubles == (Trouble(Kind.RATE, "baud rate 4500000 is not supported"),)
     assert [each.id for each in rates[MILLION].found] == [4]
 
 

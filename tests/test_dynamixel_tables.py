@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from twind_drivers.bus import UnknownRegister
 from twind_drivers.dynamixel import tables
 from twind_drivers.dynamixel.tables import Table, models, number_of, table
 
@@ -50,8 +51,9 @@ def test_a_model_is_known_by_its_name_in_any_case_and_with_its_connector(name: s
 def test_a_misspelt_model_or_register_lists_the_near_ones() -> None:
     with pytest.raises(KeyError, match="XM430-W350"):
         number_of("XM430-W530")
-    with pytest.raises(KeyError, match="goal_position"):
+    with pytest.raises(UnknownRegister, match="goal_position") as caught:
         table(1020)["goal_positon"]
+    assert caught.value.near[0] == "goal_position"
     with pytest.raises(KeyError, match="4711"):
         table(4711)
 

@@ -5,10 +5,11 @@ from itertools import repeat
 import pytest
 
 from twind.loop.figures import ON_TIME, Figures
+from twind.loop.realtime import Granted, denied
 
 
 def told(*late: float, missed: int = 0) -> Figures:
-    figures = Figures(0.01, {"scheduler": "fifo 40"})
+    figures = Figures(0.01, {"scheduler": Granted("fifo 40"), "memory": denied("not permitted")})
     for lateness in late:
         figures.tick(lateness, missed)
     return figures
@@ -23,7 +24,8 @@ def test_before_the_first_tick_lateness_is_unknown_and_not_zero() -> None:
 def test_rate_and_what_was_got_of_real_time_are_told_as_they_are() -> None:
     info = told(1e-4).info()
     assert info.rate_hz == pytest.approx(100.0)
-    assert info.realtime == {"scheduler": "fifo 40"}
+    assert info.realtime == {"scheduler": "fifo 40", "memory": "no: not permitted"}
+    assert info.realtime_denied == ["memory"]
 
 
 def test_missed_ticks_add_up() -> None:

@@ -1,10 +1,16 @@
 """Findings and replies leave the front with names and words."""
 
+import json
 from math import inf
 
 import pytest
+from stand_in import briefing
 
 from twind.front.naming import Names
+from twind.front.world import World
+from twind.link import Event
+from twind.protocol.idl import Struct
+from twind.protocol.interfaces import CONTROL, load
 from twind.robot.finding import Code, Finding
 
 NAMES = Names(["hip", "knee"])
@@ -60,3 +66,16 @@ def test_every_index_of_a_reply_is_named() -> None:
     assert [named[key][0]["joint"] for key in ("findings", "changes")] == ["hip", "hip"]
     assert named["verdict"]["refusals"][0]["joint"] == "hip"
     assert named["verdict"]["changes"] == []
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [{}, {"id": "m1", "phase": "aborted"}, {"before": "armed", "cause": "estop", "stop": "cut"}],
+)
+def test_an_event_has_all_fields_of_the_interface_and_null_where_one_does_not_apply(
+    fields: dict[str, str],
+) -> None:
+    event = Event(time=1.0, sequence=1, level="info", code="TEST", message="x", **fields)  # type: ignore[arg-type]
+    made, known = json.loads(World(briefing(2)).event(event)), load(CONTROL).types["Event"]
+    assert isinstance(known, Struct) and set(made) == set(known.fields)
+    assert {key: made[key] for key in ("id", "phase", "before", "cause", "stop") if made[key]} == fields

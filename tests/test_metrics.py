@@ -88,6 +88,14 @@ def test_what_the_daemon_says_is_told_in_base_units() -> None:
     assert told.value("twind_info", version="1.2.3", robot="h24") == 1.0
 
 
+def test_what_real_time_was_denied_is_known_by_its_field_and_not_by_its_text() -> None:
+    told = Told(ledger(*WHOLE))
+    assert told.value("twind_realtime_granted", what="cpu") == 1.0
+    assert told.value("twind_realtime_granted", what="memory") == 0.0
+    older = {key: value for key, value in status()["status"]["loop"].items() if key != "realtime_denied"}
+    assert Told(ledger(status(loop=older), *WHOLE[1:])).value("twind_realtime_granted", what="cpu") is None
+
+
 def test_streamers_are_told_of_together_and_nothing_where_nobody_streams() -> None:
     assert Told(ledger(*WHOLE)).value("twind_stream_sent_messages") is None
     one = {"sent": 5, "waiting": 1, "dropped": 0, "dead": 2}

@@ -120,8 +120,10 @@ def test_ticks_that_are_late_now_are_seen_at_once(share: float, said: str, style
 
 
 def test_a_loop_without_real_time_says_why() -> None:
-    why = "no: Operation not permitted (LimitRTPRIO=40)"
-    assert f"! {why}" in text(summary(view(loop=loop(realtime={"scheduler": why})), 200))
+    why = "Operation not permitted (LimitRTPRIO=40)"
+    granted = loop(realtime={"scheduler": why})
+    assert f"! {why}" not in text(summary(view(loop=granted), 200))
+    assert f"! {why}" in text(summary(view(loop=granted | {"realtime_denied": ["scheduler"]}), 200))
 
 
 def test_what_is_not_known_is_a_dash() -> None:

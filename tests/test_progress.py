@@ -160,7 +160,7 @@ def test_the_page_names_every_verb_that_tells_its_progress_and_no_other() -> Non
     found = {"/".join(file.parts[-2:]) for file in telling}
     assert found - {"calibrating/board.py"} == set(TOLD)  # the board has a progress of another kind
     page = (root / "docs" / "observe.md").read_text(encoding="utf-8")
-    said = page.split("## Progress of long work\n")[1].split(" say on")[0]
+    said = page.split("## Progress of long work\n")[1].split("\n\n")[1]
     assert sorted(re.findall(r"`([^`]+)`", said)) == sorted(
         {verb for verbs in TOLD.values() for verb in verbs}
     )

@@ -43,7 +43,8 @@ if not child:
     os._exit(os.sched_getscheduler(0))
 _, code = os.waitpid(child, 0)
 print(json.dumps({
-    "got": got,
+    "got": {what: each.text for what, each in got.items()},
+    "denied": [what for what, each in got.items() if not each.granted],
     "fifo": os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO,
     "priority": os.sched_getparam(0).sched_priority,
     "locked": int(status["VmLck"].split()[0]),
@@ -116,7 +117,7 @@ realtime.leave()
 status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
 policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
 locked = int(status["VmLck"].split()[0])
-print(json.dumps([got["scheduler"], got["memory"], policy == os.SCHED_OTHER, locked]))
+print(json.dumps([got["scheduler"].text, got["memory"].text, policy == os.SCHED_OTHER, locked]))
 """
 
 
@@ -136,6 +137,7 @@ def test_without_rights_it_runs_and_says_what_would_help() -> None:
     assert told["locked"] == 0
     assert f"LimitRTPRIO={LIMIT}" in told["got"]["scheduler"]
     assert told["got"]["scheduler"].startswith("no: ")
+    assert {"scheduler", "memory"} <= set(told["denied"])
     assert "LimitMEMLOCK=infinity" in told["got"]["memory"]
     assert told["got"]["memory"].startswith("no: ")
     assert not told["collecting"]

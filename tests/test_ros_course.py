@@ -16,7 +16,7 @@ import pytest
 from processes import until
 from stand_in import StandIn
 
-from twind.bridge.ros.course import Course
+from twind.bridge.ros.course import AGAIN, Course
 from twind.bridge.ros.endpoints import (
     DIAGNOSTICS,
     E_STOP,
@@ -49,7 +49,7 @@ def text(words: str) -> bytes:
 class Paper:
     """A graph that writes down what is published. `broken`: why it cannot be joined, or was lost."""
 
-    serves = True
+    refuses = ""
 
     def __init__(self) -> None:
         self.said: dict[str, list[bytes]] = {}
@@ -174,9 +174,23 @@ def test_a_bridge_that_only_looks_does_the_e_stop_and_says_why_nothing_else(loop
         assert run.graph.words(STATUS)["bridge"]["commands"] is False
         for topic, data in ((TRAJECTORY, b"\0\1\0\0"), (STOP, b""), (SET_MODE, text("live"))):
             told = run.outcome(topic, data)
-            assert told["phase"] == "refused" and "only looks (--no-commands)" in told["message"]
+            assert told["phase"] == "refused" and "only looks: --no-commands" in told["message"]
         assert run.graph.asked(TO_STOP, None)[0] is False
         assert run.outcome(E_STOP, b"")["phase"] == "done"
+
+
+def test_over_a_back_end_without_commands_the_status_says_why(loop: StandIn) -> None:
+    run = Run(loop.directory)
+    run.graph.refuses = "this middleware loses commands"
+    run.course = Course(run.graph, str(loop.directory), tell=run.lines.append, stop=run.stop)
+    with run:
+        bridge = run.graph.words(STATUS)["bridge"]
+        assert bridge["commands"] is False
+        assert bridge["refuses"] == "this bridge only looks: this middleware loses commands"
+        run.graph.heard(NEIGHBOURS, text(json.dumps({"bridge": {"id": "abc", "commands": True}})))
+        run.graph.last(HW_JOINTS)
+        time.sleep(AGAIN)
+    assert not any(line.startswith("another bridge") for line in run.lines)
 
 
 def test_without_the_right_to_command_it_takes_nothing_that_does(loop: StandIn, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from test_ros_goal import NOW, command, point
-from told_line import ToldDaemon, ended, moving
+from told_line import ToldDaemon, ended, ended_in_words, moving
 
 from twind.bridge.ros import orders
 from twind.bridge.ros.goal import LONGEST
@@ -196,6 +196,8 @@ def for_joints(desk: Desk, *joints: str) -> None:
     [
         lambda desk: desk.orders.heard(ended("m1", "cancelled", time=desk.time)),
         lambda desk: desk.orders.heard(ended("of_another", "aborted", time=desk.time)),
+        lambda desk: desk.orders.heard(ended("", "aborted", time=desk.time)),
+        lambda desk: desk.orders.heard(ended("of_another", "a phase of later versions", time=desk.time)),
         lambda desk: desk.orders.heard(
             {"topic": "events", "time": desk.time, "event": {"code": "LEASE_LOST", "message": "lease taken"}}
         ),
@@ -338,3 +340,13 @@ def test_an_end_that_nobody_heard_is_told_in_words(desk: Desk) -> None:
     desk.time += 5.0
     desk.orders.heard(moving("holding"))
     assert desk.after(0.2)[-1:] == ["lost"] and "was not heard" in desk.results[-1]["message"]
+
+
+def test_a_daemon_that_reports_ends_in_words_alone_stops_what_runs_and_what_waits(desk: Desk) -> None:
+    for_joints(desk, "a", "b")
+    assert desk.after() == ["accepted"]
+    desk.orders.heard(ended_in_words("of_another", "succeeded", time=desk.time))
+    assert sorted(desk.after(1.0)) == ["lost", "refused"]
+    assert desk.daemon.open == 0, "without a connection there is no lease, and the daemon holds"
+    (lost,) = [each for each in desk.results if each["phase"] == "lost"]
+    assert "versions" in lost["message"]

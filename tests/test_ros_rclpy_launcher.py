@@ -10,7 +10,7 @@ import interpreters
 import pytest
 
 from twind.bridge.ros import launcher
-from twind.bridge.ros.launcher import available, command, distribution, graph
+from twind.bridge.ros.launcher import command, distribution, graph
 from twind.ctl.verb import UsageError
 
 OPTIONS = argparse.Namespace(socket=None, rate=None, domain=None, commands=True, distro=None)
@@ -80,8 +80,9 @@ def test_a_distribution_that_is_named_comes_before_the_one_that_is_sourced(tmp_p
     assert distribution(sourced, "jazzy", tmp_path).python == str(place / "bin" / "python3.12")
 
 
-def test_what_is_missing_is_said_with_its_remedy(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="--backend dds or zenoh"):
+def test_what_is_missing_is_said_with_its_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launcher.sys, "prefix", str(tmp_path / "nothing built"))
+    with pytest.raises(UsageError, match="--backend zenoh, which needs none, or dds, which only publishes"):
         distribution(PATH, None, tmp_path)
     (tmp_path / "bare").mkdir()
     (tmp_path / "bare" / "setup.bash").write_text("")
@@ -95,10 +96,52 @@ def test_what_is_missing_is_said_with_its_remedy(tmp_path: Path) -> None:
         distribution(PATH | {"AMENT_PREFIX_PATH": str(place)}, None)
 
 
-def test_whether_there_is_one_can_be_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert available(PATH | {"AMENT_PREFIX_PATH": str(prefix(tmp_path))})
-    monkeypatch.setattr(launcher.distribution, "__defaults__", (tmp_path / "nowhere",))
-    assert not available(PATH)
+def built(folder: Path) -> Path:
+    """An interpreter where `make ros` has it, below `folder`."""
+    place = folder / "ros" / "bin" / "python"
+    place.parent.mkdir(parents=True)
+    place.symlink_to(sys.executable)
+    return place
+
+
+def test_what_make_ros_built_is_found_after_every_other_and_only_for_its_distribution(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launcher.sys, "prefix", str(tmp_path))
+    nowhere = tmp_path / "nowhere"
+    assert launcher.installed(PATH, None, nowhere) is None
+    python = built(tmp_path)
+    assert distribution(PATH, None, nowhere).python == str(python)
+    assert distribution(PATH | {"ROS_DISTRO": "kilted"}, None, nowhere).python == str(python)
+    assert launcher.installed(PATH, "jazzy", nowhere) is None
+    assert launcher.installed(PATH | {"ROS_DISTRO": "jazzy"}, None, nowhere) is None
+    place = installed(tmp_path / "opt", "kilted", "3.12")
+    assert distribution(PATH, None, tmp_path / "opt").python == str(place / "bin" / "python3.12")
+
+
+def test_an_rclpy_that_loads_has_no_fault_and_one_that_does_not_has_a_reason(tmp_path: Path) -> None:
+    python = interpreters.python("3.12")
+    stand_in = Path(__file__).parent / "ros_stand_in"
+    loads = launcher.Distribution(python, PATH | {"PYTHONPATH": str(stand_in)})
+    assert launcher.fault(loads) == ""
+    assert "rclpy does not load under" in launcher.fault(launcher.Distribution(python, PATH))
+    ends = "import os, sys; print('a library is old', file=sys.stderr, flush=True); os._exit(102)"
+    for package in ("rclpy", "rcl_interfaces"):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").write_text(ends)
+    broken = launcher.Distribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
+    assert launcher.fault(broken) == f"rclpy of {python} is not used: a library is old"
+    missing = launcher.Distribution(str(tmp_path / "python"), PATH)
+    assert "No such file" in launcher.fault(missing)
+
+
+def test_the_check_starts_no_bridge_and_names_a_message_package_that_is_missing(tmp_path: Path) -> None:
+    python = interpreters.python("3.12")
+    for each in (Path(__file__).parent / "ros_stand_in").iterdir():
+        if each.name != "diagnostic_msgs":
+            (tmp_path / each.name).symlink_to(each)
+    found = launcher.Distribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
+    assert "no diagnostic_msgs/msg/DiagnosticArray" in launcher.fault(found)
 
 
 def test_our_own_environment_is_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

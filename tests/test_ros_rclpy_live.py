@@ -205,7 +205,7 @@ def test_who_only_looks_takes_no_command_but_an_e_stop(daemon: Daemon, tmp_path:
         peer.newest(topic="/joint_states")
         assert peer.serves(service="/bridge/estop")
         done, why = peer.set_mode(mode="mirror")
-        assert not done and "only looks (--no-commands)" in why
+        assert not done and "only looks: --no-commands" in why
         assert daemon.status()["mode"] == "sim"
     finally:
         graph.close()

@@ -4,13 +4,14 @@ import argparse
 import os
 import re
 import sys
+import threading
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from twind.bridge.ros import verb
+from twind.bridge.ros import choice, verb
 from twind.bridge.ros.discovery import Discovery, Range
 from twind.ctl.extras import how_to_add
 from twind.ctl.main import main
@@ -28,30 +29,6 @@ def options(*words: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     verb.add_arguments(parser)
     return parser.parse_args(words)
-
-
-@pytest.mark.parametrize(
-    ("environment", "chosen"),
-    [
-        ({}, "dds"),
-        ({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, "dds"),
-        ({"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"}, "zenoh"),
-        ({"ROS_DISTRO": "jazzy"}, "dds"),  # named, as for the hashes, but not sourced
-        ({"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/opt/ros/jazzy"}, "rclpy"),
-        (
-            {
-                "ROS_DISTRO": "jazzy",
-                "AMENT_PREFIX_PATH": "/opt/ros/jazzy",
-                "RMW_IMPLEMENTATION": "rmw_zenoh_cpp",
-            },
-            "rclpy",
-        ),
-    ],
-)
-def test_whoever_has_sourced_ros_gets_its_own_and_others_what_needs_none(
-    environment: dict[str, str], chosen: str
-) -> None:
-    assert verb.usual(environment) == chosen
 
 
 @pytest.mark.parametrize(
@@ -84,6 +61,7 @@ def test_a_middleware_that_nobody_knows_is_usage(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", "foo")
+    monkeypatch.setattr(choice, "installed", lambda environment, distro: None)
     assert main(["ros"]) == 2
     assert "RMW_IMPLEMENTATION='foo': must be one of rmw_zenoh_cpp" in capsys.readouterr().err
 
@@ -101,7 +79,7 @@ def test_a_package_that_is_missing_is_named_with_its_remedy(
 @pytest.mark.parametrize("name", verb.BACK_ENDS)
 def test_the_extra_of_this_environment_has_every_module_that_is_needed(name: str) -> None:
     pytest.importorskip(verb.BACK_ENDS[name][1][0], reason="no wheel for this machine")
-    assert verb.made(options("--backend", name), Discovery()).serves == (name == "zenoh")
+    assert bool(verb.made(options("--backend", name), Discovery()).refuses) == (name == "dds")
 
 
 @pytest.mark.parametrize(
@@ -114,9 +92,25 @@ def test_the_extra_of_this_environment_has_every_module_that_is_needed(name: str
     ],
 )
 def test_it_says_first_who_may_do_what(graph: Discovery, words: list[str], said: str, tmp_path: Path) -> None:
-    given: Any = options("--backend", "dds", *words)
+    given: Any = options("--backend", "rclpy", *words)
     given.socket = str(tmp_path)
     assert said in verb._headline(given, graph)
+
+
+def test_over_dds_the_first_line_says_that_no_command_is_taken_and_by_which_back_ends_it_is(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pytest.importorskip("cyclonedds", reason="no wheel for this machine")
+    lines: list[str] = []
+    monkeypatch.setattr(verb, "tell", lines.append)
+    monkeypatch.setattr("twind.bridge.ros.course.Course.run", lambda course: 0)
+    given: Any = options("--backend", "dds")
+    given.socket = str(tmp_path)
+    assert verb._bridge(given, Discovery(5), threading.Event()) == 0
+    assert lines[0].startswith(
+        "ROS 2 by dds, domain 5: this machine; look only: DDS without ROS takes no commands"
+    )
+    assert "--backend rclpy" in lines[0] and "--backend zenoh" in lines[0] and "may move" not in lines[0]
 
 
 def test_a_reader_of_standard_error_that_is_gone_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,10 @@ import pytest
 from rig import CLIENT, Rig
 
 from twind import link, memfd
+from twind.loop.reactions import react
+from twind.robot.finding import Code, Finding
 from twind.robot.trajectory import Trajectory
+from twind.safety.facts import Judgement, Reaction
 
 JOINT = "l_elbow"
 
@@ -149,7 +152,8 @@ def test_without_more_there_is_one_reply_and_the_end_is_an_event(armed: Rig) -> 
     assert (reply.parameters["phase"], reply.continues) == ("accepted", False)
     armed.seconds(0.8)
     armed.call(link.AcquireLease)
-    assert [event.message.split()[1] for event in armed.events("MOTION")] == ["succeeded"]
+    (event,) = armed.events("MOTION")
+    assert (event.id, event.phase) == (reply.parameters["id"], "succeeded")
 
 
 def test_with_more_progress_grows_from_accepted_to_the_end(armed: Rig) -> None:
@@ -243,3 +247,39 @@ def test_a_malformed_setpoint_is_refused_and_no_fault_of_the_daemon(armed: Rig) 
 def test_a_setpoint_of_somebody_without_the_lease_is_refused(armed: Rig) -> None:
     reply = setpoint(armed, 0.0, client=CLIENT + 1)
     assert (reply.error, codes(reply)) == ("Refused", ["LEASE_MISSING"])
+
+
+def test_a_motion_that_is_cancelled_replaced_or_refused_is_named_by_its_event(armed: Rig) -> None:
+    names = []
+    for way in (0.05, 0.1):
+        (reply,) = last(armed, armed.submit(path(armed, way)))
+        names.append(reply.parameters["id"])
+    armed.call(link.Cancel)
+    ends = [(event.id, event.phase) for event in armed.events("MOTION")]
+    assert ends == [(names[0], "replaced"), (names[1], "cancelled")]
+    last(armed, armed.submit(path(armed, 9.0)))
+    (refused,) = [event for event in armed.events() if event.id and event.code != "MOTION"]
+    assert refused.phase == "" and refused.id not in names
+
+
+def test_a_stream_that_ends_has_a_phase_and_no_id(armed: Rig) -> None:
+    here = [float(each) for each in armed.loop.executor.reference.position[:1]]
+    armed.call(link.Setpoint, joints=[0], positions=here, valid_for=0.1)
+    armed.seconds(0.5)
+    (event,) = armed.events("MOTION")
+    assert (event.id, event.phase) == ("", "aborted")
+
+
+@pytest.mark.parametrize("level", ["settle", "cut"])
+def test_an_e_stop_is_an_event_with_its_level_and_the_change_of_state(armed: Rig, level: str) -> None:
+    armed.call(link.EStop, level=level, reason="")
+    (event,) = armed.events("estop")
+    assert (event.before, event.cause, event.stop) == ("armed", "estop", level)
+
+
+def test_what_the_guard_demands_is_in_its_event(armed: Rig) -> None:
+    why = (Finding(Code.FOLLOW_ERR, 3, message="ordered by the test"),)
+    react(armed.loop, Judgement(Reaction.HOLD, why, causes=why), None, armed.clock.now())
+    react(armed.loop, Judgement(Reaction.NONE, why), None, armed.clock.now())
+    armed.ticks(2)
+    assert [event.stop for event in armed.events(Code.FOLLOW_ERR)] == ["hold", ""]

@@ -65,7 +65,7 @@ class Watched:
 
     def __init__(self, here: Site) -> None:
         self._here, self._client = here, Client(here.daemon.sockets, name="observe", timeout=PATIENCE)
-        self._ends: list[tuple[float, str]] = []  # s, monotonic; what the event says
+        self._ends: list[tuple[float, str]] = []  # s, monotonic; phase
         self._thread = threading.Thread(target=self._follow)
         self._thread.start()
         quiet = status(here)["loop"]
@@ -76,7 +76,7 @@ class Watched:
         with suppress(ClientError):
             for said in self._client.stream("Monitor", topics=["events"]):
                 if said.get("topic") == "events" and said["event"]["code"] == "MOTION":
-                    self._ends.append((said["time"], said["event"]["message"]))
+                    self._ends.append((said["time"], said["event"]["phase"]))
 
     def check_let_go(self, before: dict[str, Any], fault: float) -> None:
         """The motion ends within LET_GO of the fault, s, monotonic; the lease is free, the loop went on."""
@@ -84,9 +84,11 @@ class Watched:
         until(lambda: self._ends, PATIENCE, "its end is told")
         self._client.cut()
         self._thread.join(PATIENCE)
-        (ended_at, said), (late, ticks) = self._ends[0], missed(before["loop"], after["loop"])
-        print(f"{said} after {ended_at - fault:.2f} s; {late} of {ticks} ticks missed, before: {self._quiet}")
-        assert said.endswith("aborted") and ended_at - fault < LET_GO
+        (ended_at, phase), (late, ticks) = self._ends[0], missed(before["loop"], after["loop"])
+        print(
+            f"{phase} after {ended_at - fault:.2f} s; {late} of {ticks} ticks missed, before: {self._quiet}"
+        )
+        assert phase == "aborted" and ended_at - fault < LET_GO
         assert after["motion"] == "holding"
         usual = self._quiet[0] / self._quiet[1]
         assert late <= (0.1 + 2.0 * usual) * ticks, "who waits for a second misses a hundred"

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from told_line import ToldDaemon, ended
+from told_line import ToldDaemon, ended, ended_in_words
 
 from twind.bridge.driving import Driving
 from twind.bridge.uplink.plans import Plans
@@ -187,3 +187,24 @@ def test_the_clock_that_is_told_afar_goes_on_while_the_robot_sleeps() -> None:
     said = "import time; from twind.bridge.uplink.reins import clock; print(clock() - time.monotonic())"
     done = subprocess.run([*asleep, sys.executable, "-c", said], capture_output=True, check=True, text=True)
     assert float(done.stdout) > 4999.0
+
+
+@pytest.mark.parametrize("text", ["", "x", "m1 succeeded", "a client has stopped the robot"])
+def test_a_stop_beside_the_robot_counts_by_its_fields_whatever_its_text_says(hand: Hand, text: str) -> None:
+    lease = hand.acquire("desk")
+    name = hand.goal("runs", lease)["id"]
+    came = time.monotonic()
+    stop = {**ended(name, "cancelled"), "time": time.monotonic()}
+    stop["event"]["message"] = text
+    hand.reins.heard(stop)
+    assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
+
+
+def test_a_daemon_that_reports_ends_in_words_alone_stops_what_runs_and_what_waits(hand: Hand) -> None:
+    lease = hand.acquire("desk")
+    hand.goal("runs", lease)
+    came = time.monotonic()
+    hand.reins.heard({**ended_in_words("of_another", "succeeded"), "time": time.monotonic()})
+    assert code_of(lambda: hand.goal("waited", lease, came)) == "BUSY"
+    hand.reins.tend()
+    assert hand.given_back and not hand.tenancy.holds(lease, hand.time)

@@ -96,7 +96,13 @@ class ToldLine:
 
 def ended(name: str, phase: str, *findings: Answer, time: float = 0.0) -> Answer:
     """An answer of `Monitor`: how a motion ended, and when: s, monotonic."""
-    event = {"code": "MOTION", "message": f"{name} {phase}", "findings": list(findings)}
+    event = {"code": "MOTION", "message": "x", "findings": list(findings), "id": name or None, "phase": phase}
+    return {"topic": "events", "time": time, "event": event}
+
+
+def ended_in_words(name: str, phase: str, *, time: float = 0.0) -> Answer:
+    """The same as a daemon of an older version reports it: in its text alone."""
+    event = {"code": "MOTION", "message": f"{name} {phase}", "findings": []}
     return {"topic": "events", "time": time, "event": event}
 
 

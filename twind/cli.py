@@ -289,8 +289,8 @@ def run(loop: Loop, notifier: Notifier, listeners: Mapping[str, Listener], hang_
     said += ", ".join(f"{name} socket for group {group or 'unknown'}" for name, group in groups.items())
     loop.say.event("info", "START", said)
     for what, got in loop.parts.realtime.items():
-        if got.startswith("no: "):
-            loop.say.event("warning", "START", f"not as real time wants it: {what} {got}")
+        if not got.granted:
+            loop.say.event("warning", "START", f"not as real time wants it: {what} {got.text}")
     if os.geteuid() == 0:
         for warning in wrong_groups(groups):
             loop.say.event("warning", "START", warning)

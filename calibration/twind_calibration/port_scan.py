@@ -80,10 +80,15 @@ def _begin(
 def _show(options: argparse.Namespace, rate: Rate) -> None:
     """One rate: a line of JSON or text for everybody found, then what is wrong with the line."""
     for each in rate.found:
-        print(json.dumps(asdict(each)) if options.json else _text(each), flush=True)
+        print(json.dumps(asdict(each) | _trouble(each)) if options.json else _text(each), flush=True)
     for trouble in rate.troubles:
-        text = {"baud": rate.baud, "trouble": trouble}
+        text = {"baud": rate.baud, "trouble": str(trouble)}
         print(json.dumps(text) if options.json else f"{rate.baud:>7} baud  {trouble}", flush=True)
+
+
+def _trouble(each: Found) -> dict[str, str]:
+    """As text in JSON too; "" where nothing is wrong."""
+    return {"trouble": str(each.trouble) if each.trouble else ""}
 
 
 def _text(each: Found) -> str:
@@ -96,4 +101,4 @@ def _text(each: Found) -> str:
     if each.hardware_error:
         bits = [name for bit, name in BITS.items() if each.hardware_error >> bit & 1]
         words.append(f"hardware error: {', '.join(bits) or f'{each.hardware_error:#04x}'}")
-    return "  ".join([*words, *([each.trouble] if each.trouble else [])])
+    return "  ".join([*words, *([str(each.trouble)] if each.trouble else [])])

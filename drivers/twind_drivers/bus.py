@@ -53,6 +53,10 @@ class PortTaken(PortError):
     """Another process has the port."""
 
 
+class BaudRefused(PortError):
+    """The adapter or its driver does not do the baud rate that was asked for."""
+
+
 class PortFull(PortError):
     """More than the last packet still waited in the port's output: thrown away, nothing was sent (R23)."""
 
@@ -79,6 +83,15 @@ class DeviceRefused(BusError):
     def __init__(self, port: str, id: int, what: str, reason: str) -> None:
         super().__init__(f"{port}: id {id}: {what}: {reason}")
         self.port, self.id, self.what, self.reason = port, id, what, reason
+
+
+class UnknownRegister(KeyError):
+    """A device has no register of that name. `near`: the nearest names that it has."""
+
+    def __init__(self, device: str, name: str, near: Sequence[str] = ()) -> None:
+        nearest = f"; near: {', '.join(near)}" if near else ""
+        super().__init__(f"{device} has no register {name!r}{nearest}")
+        self.near = tuple(near)
 
 
 class WireClamp(BusError):

@@ -3,23 +3,18 @@
 // fast_dds DOMAIN listen FOLDER TOPIC TYPE [latched] ...: until standard input ends. Each sample is a record in
 //     FOLDER/samples (u64 ns of arrival since 1970, u32 topic, u32 length, bytes), each participant and writer
 //     that is found a line on standard output.
-// fast_dds DOMAIN send TOPIC TYPE COUNT MS: COUNT times what comes on standard input, once a reader is there.
 //
 // UDP on 127.0.0.1 alone, no multicast, no shared memory.
 #include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <iostream>
-#include <iterator>
 #include <mutex>
-#include <thread>
 #include <vector>
 
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/domain/DomainParticipantListener.hpp>
-#include <fastdds/dds/publisher/DataWriter.hpp>
-#include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
@@ -177,33 +172,9 @@ static int listen(DomainParticipant* participant, char** words, int count) {
   std::_Exit(0);
 }
 
-static int send(DomainParticipant* participant, char** words) {
-  Bytes bytes{std::istreambuf_iterator<char>(std::cin), {}};
-  DataWriterQos qos = DATAWRITER_QOS_DEFAULT;
-  qos.reliability().kind = RELIABLE_RELIABILITY_QOS;
-  qos.history().kind = KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = 10;
-  qos.endpoint().history_memory_policy = PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
-  auto* writer = participant->create_publisher(PUBLISHER_QOS_DEFAULT)
-                     ->create_datawriter(topic_of(participant, words[0], words[1]), qos);
-  PublicationMatchedStatus status;
-  for (int waited = 0; waited < 1000; waited++) {
-    writer->get_publication_matched_status(status);
-    if (status.current_count) break;
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  if (!status.current_count) return 1;
-  for (int sent = std::atoi(words[2]); sent > 0; sent--) {
-    writer->write(&bytes);
-    std::this_thread::sleep_for(std::chrono::milliseconds(std::atoi(words[3])));
-  }
-  writer->wait_for_acknowledgments({5, 0});
-  return 0;
-}
-
 int main(int count, char** words) {
   if (count < 4) return 2;
   auto* participant = join(std::atoi(words[1]), new Found);
   if (!participant) return 3;
-  return std::strcmp(words[2], "send") ? listen(participant, words + 3, count - 3) : send(participant, words + 3);
+  return listen(participant, words + 3, count - 3);
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,6 @@ from twind import link
 if TYPE_CHECKING:
     from model.world import World
 
-CHANGE = re.compile(r"(\w+) → (\w+) \((.+)\)")
 FRESH = 0.1  # s: torque as reported was true within that (X3)
 COUNTS = 2.0  # that a restart may move a joint (X5)
 WATCH = 0.6  # s after a birth in which nobody commands and nothing may move
@@ -84,11 +82,10 @@ class Invariants:
         assert event.sequence > self._heard, f"event {event.sequence} after {self._heard}"
         self._heard = event.sequence
         self._events.append(event)
-        change = CHANGE.fullmatch(event.message)
-        if change is None or event.code != change[2]:
+        if not event.before:
             return
-        before, after, why = change.groups()
-        assert before == self._state, f"{event.message}, but it was {self._state}"
+        before, after, why = event.before, event.code, event.cause
+        assert before == self._state, f"{before} to {after}, but it was {self._state}"
         self._state = after
         if after in LATCHES:
             self._latched = True
@@ -97,8 +94,8 @@ class Invariants:
             assert asked, "a latch was reset and nobody asked"
             self._latched = False
         if after in ("arming", "armed"):
-            assert not self._latched, f"{event.message} with a latch set"
-            assert before == ("connected" if after == "arming" else "arming"), event.message
+            assert not self._latched, f"{before} to {after} with a latch set"
+            assert before == ("connected" if after == "arming" else "arming"), f"{before} to {after}"
         if after == "arming":
             asked = [op for op in self.world.history.ops if op.name == "Arm" and not op.result]
             assert asked, "arming, and nobody asked"

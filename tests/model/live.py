@@ -190,7 +190,7 @@ class Workload:
 
     def _note(self, event: dict[str, object]) -> None:
         self.events += 1
-        name, _, phase = str(event["message"]).partition(" ")
+        name, phase = str(event["id"]), str(event["phase"])
         if event["code"] == "MOTION" and phase in ENDS:
             codes = tuple(finding["code"] for finding in event["findings"])  # type: ignore[attr-defined]
             with self._lock:

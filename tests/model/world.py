@@ -150,10 +150,9 @@ class World(Rig):
                 if not each.continues:
                     del self._calls[each.ticket]
             elif isinstance(each, link.Event) and each.code == "MOTION":
-                name, _, phase = each.message.partition(" ")
-                op = self._motions.get(name)
-                if op is not None and phase in ENDS and not op.fate:
-                    op.fate, op.codes = phase, tuple(finding.code.value for finding in each.findings)
+                op = self._motions.get(each.id)
+                if op is not None and each.phase in ENDS and not op.fate:
+                    op.fate, op.codes = each.phase, tuple(finding.code.value for finding in each.findings)
 
     @staticmethod
     def _answer(op: Op, reply: link.Reply, now: float) -> None:

@@ -3,7 +3,7 @@
 One connection of its own. It is opened for a trajectory, renews the lease while one of them is under way,
 and is closed soon after the last has ended, so that others may drive. Who holds it and dies lets go of the
 motion: the daemon then holds the robot. Trajectories go without `more`, so that a newer one replaces the
-older; how each ends is told by `Monitor`'s events, which somebody hears on another connection (`heard`).
+older. `Monitor` reports on another connection how each ends (`heard`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from typing import Any
 
@@ -25,22 +25,47 @@ LINGER = 0.5  # s after the last motion until the lease is given back
 LATE = 1.0  # s after which a motion is over that nobody performs any more, though its end was not heard
 EARLY = 64  # ends kept of motions that are not known yet: an end may be heard before the answer
 MOVING = ("active", "streaming")  # of `Status.motion`
-STOPPED = ("cancelled", "aborted")  # ends after which nobody's robot is where he thought
+STOPPED = ("cancelled", "aborted")  # ends after which the robot is not where its sender expects it
 ENDS = ("succeeded", "replaced", *STOPPED)
-LOST = "lost"  # our word for an end that nobody heard
+LOST = "lost"  # phase of an end that was not received, or cannot be read
 
 BROKEN = (
     {"code": "LEASE_LOST", "message": "the connection to the daemon broke: it lets go of such motions"},
+)
+UNREADABLE = (
+    {
+        "code": "INTERNAL",
+        "message": "the daemon reported an end without a phase that this bridge knows: restart both, so that "
+        "their versions are the same",
+    },
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a motion ended. `phase`: succeeded, cancelled, replaced, aborted, or lost (nobody heard it)."""
+    """How a motion ended. `phase`: succeeded, cancelled, replaced, aborted, or lost (it is not known how)."""
 
     id: str
     phase: str
     findings: Sequence[Mapping[str, Any]] = ()
+
+    @property
+    def stopped(self) -> bool:
+        """The robot is not where the sender of the motion expects it."""
+        return self.phase in (*STOPPED, LOST)
+
+
+def reported_end(answer: Mapping[str, Any]) -> Ended | None:
+    """The end of a motion that this answer of `Monitor` reports; None: it reports none.
+
+    An end whose phase is missing (older daemons) or unknown is LOST. Its id is then "" where the daemon gives
+    none: any motion may have ended, so every motion is over. Streamed setpoints end with id "" as well.
+    """
+    if answer["topic"] != "events" or answer["event"]["code"] != "MOTION":
+        return None
+    event = answer["event"]
+    name, phase = event.get("id") or "", event.get("phase")
+    return Ended(name, phase, event["findings"]) if phase in ENDS else Ended(name, LOST, UNREADABLE)
 
 
 @dataclass(slots=True)
@@ -65,6 +90,7 @@ class Driving:
         self._lock = threading.Lock()
         self._under: dict[str, _Motion] = {}
         self._over: dict[str, Ended] = {}  # heard, and not told yet
+        self._let_go = False  # an end came that cannot be read: what is under way must not go on
 
     @property
     def driving(self) -> tuple[str, ...]:
@@ -114,7 +140,9 @@ class Driving:
     def keep(self) -> list[Ended]:
         """What ended since; the lease is renewed, or given back where nothing is under way. Call it often."""
         now, over = self._now(), self._taken()
-        if self.driving or self.held:
+        if self._let_go:
+            self.close()
+        elif self.driving or self.held:
             self._quiet = now
             if now - self._renewed >= RENEW:
                 self._renewed = now
@@ -124,11 +152,12 @@ class Driving:
         return over
 
     def heard(self, answer: Mapping[str, Any]) -> None:
-        """An answer of `Monitor`: topic events tells ends, topic status that nothing moves any more."""
-        if answer["topic"] == "events" and answer["event"]["code"] == "MOTION":
-            name, _, phase = answer["event"]["message"].partition(" ")
-            if phase in ENDS:
-                self._end(Ended(name, phase, answer["event"]["findings"]))
+        """Take an answer of `Monitor`: events report ends, a status whether anything still moves."""
+        ended = reported_end(answer)
+        if ended is not None and ended.phase == LOST and not ended.id:
+            self._end_all(ended)
+        elif ended is not None:
+            self._end(ended)
         elif answer["topic"] == "status":
             self._look(still=answer["status"]["motion"] not in MOVING)
 
@@ -160,6 +189,14 @@ class Driving:
             strangers = [name for name in self._over if name not in self._under]
             for name in strangers[: max(0, len(strangers) - EARLY)]:
                 del self._over[name]
+
+    def _end_all(self, ended: Ended) -> None:
+        """Which motion ended is not known: all of ours are over, and `keep` gives the lease back."""
+        with self._lock:
+            names = tuple(self._under)
+            self._let_go = True
+        for name in names:
+            self._end(replace(ended, id=name))
 
     def _look(self, *, still: bool) -> None:
         """Where nothing moves for a while, what should have begun has ended unheard."""
@@ -203,5 +240,6 @@ class Driving:
             self._client.close()
         self._client, self.held, now = None, False, self._now()
         with self._lock:
+            self._let_go = False
             for motion in self._under.values():
                 motion.orphaned = min(motion.orphaned, now)

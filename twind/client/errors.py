@@ -23,12 +23,13 @@ class NoDaemon(ClientError):
     """No daemon can be reached. The text says which sockets were tried and how to start one.
 
     `absent`: there is none, as far as a socket tells: no such socket, or nobody listens on it. Else nobody
-    knows: this user may not connect, or the queue is full.
+    knows: this user may not connect, or (`full`) too many connections wait.
     """
 
-    def __init__(self, message: str, *, absent: bool = False) -> None:
+    def __init__(self, message: str, *, absent: bool = False, full: bool = False) -> None:
         super().__init__(message)
         self.absent = absent
+        self.full = full
 
 
 class Disconnected(ClientError):

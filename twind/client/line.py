@@ -70,7 +70,8 @@ class SocketLine:
         except OSError as error:
             sock.close()
             absent = isinstance(error, (FileNotFoundError, NotADirectoryError, ConnectionRefusedError))
-            raise NoDaemon(f"{self.where}: {_why(error)}", absent=absent) from None
+            full = isinstance(error, BlockingIOError)
+            raise NoDaemon(f"{self.where}: {_why(error)}", absent=absent, full=full) from None
         self._socket = sock
 
     def close(self) -> None:

@@ -23,7 +23,7 @@ from twind.client import Client, ClientError, Refused
 from twind.client.errors import finding_lines
 from twind.ctl.demo_viewer import viewer
 from twind.ctl.motions import load_motion, motion_names
-from twind.ctl.table import status_lines
+from twind.ctl.table import latency_text, loop_text
 from twind.ctl.verb import DONE, Rejected, UsageError
 
 START = 30.0  # s the daemon may take until its robot is connected
@@ -265,9 +265,9 @@ def _refusal(client: Client) -> None:
 
 
 def _latency(client: Client) -> None:
-    for line in status_lines(client.call("GetStatus")["status"]):
-        if line.startswith(("latency", "loop")):
-            print(line[:8] + line[8:].rjust(len(line) - 7))
+    status = client.call("GetStatus")["status"]
+    print(f"latency   {latency_text(status)}")
+    print(f"loop      {loop_text(status['loop'])}")
 
 
 def _lower(folder: str) -> None:

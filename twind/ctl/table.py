@@ -29,10 +29,8 @@ def status_lines(status: Answer) -> list[str]:
     lines = [
         " · ".join([*head, *flags]),
         f"lease    {held}",
-        f"latency  now {_ms(status['latency_ms'])}, mean {_ms(status['latency_avg_ms'])}, "
-        f"max {_ms(status['latency_max_ms'])}; {status['violations']} violations",
-        f"loop     {loop['rate_hz']:g} Hz, late p50 {_us(loop['late_p50_us'])}, "
-        f"p99 {_us(loop['late_p99_us'])}; {loop['missed']} of {loop['ticks']} ticks missed",
+        f"latency  {latency_text(status)}",
+        f"loop     {loop_text(loop)}",
     ]
     for bus in status["buses"]:
         state = "connected" if bus["connected"] else "not connected"
@@ -46,6 +44,18 @@ def status_lines(status: Answer) -> list[str]:
         lines.append(f"skew     {_ms(status['skew_ms'])} between the buses, max {_ms(status['skew_max_ms'])}")
     lines += [f"stream   {said}" for said in map(stream_text, status.get("streams") or ())]
     return [*lines, *finding_lines(status["faults"], "fault")]
+
+
+def latency_text(status: Answer) -> str:
+    """The latency of a whole reading: now, mean, largest, violations."""
+    now, mean, most = (_ms(status[f"latency_{key}"]) for key in ("ms", "avg_ms", "max_ms"))
+    return f"now {now}, mean {mean}, max {most}; {status['violations']} violations"
+
+
+def loop_text(loop: Answer) -> str:
+    """The rate of the loop, how late its ticks are, how many it missed."""
+    late = f"late p50 {_us(loop['late_p50_us'])}, p99 {_us(loop['late_p99_us'])}"
+    return f"{loop['rate_hz']:g} Hz, {late}; {loop['missed']} of {loop['ticks']} ticks missed"
 
 
 def stream_text(told: Answer) -> str:

@@ -5,11 +5,25 @@ Knows bytes and times alone: what they mean say `twind.link` and the drivers.
 """
 
 from twind.flight.file import Flight, about, draft, load, save, settle
-from twind.flight.records import NO_BUS, Contents, Entry, FlightError, Kind, Packed, pack
+from twind.flight.records import (
+    LOST,
+    NO_BUS,
+    OPENED,
+    REFUSED,
+    Contents,
+    Entry,
+    FlightError,
+    Kind,
+    Packed,
+    pack,
+)
 from twind.flight.ring import Ring, copy, held, read, signature
 
 __all__ = [
+    "LOST",
     "NO_BUS",
+    "OPENED",
+    "REFUSED",
     "Contents",
     "Entry",
     "Flight",

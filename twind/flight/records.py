@@ -20,7 +20,13 @@ class Kind(IntEnum):
     NEWS = 3  # a datagram loop -> front, as `link.encode` made it
     COMMAND = 4  # a datagram front -> loop
     ARRAYS = 5  # the bytes of the memfd beside the COMMAND before it
-    PORT = 6  # b"opened PATH", b"lost WHY" or b"refused COUNT bytes: WHY"
+    PORT = 6  # OPENED, LOST or REFUSED, a space, and words for people
+
+
+# The first word of a PORT entry: part of the format of flight files.
+OPENED = b"opened"  # then the path
+LOST = b"lost"
+REFUSED = b"refused"  # then how many bytes
 
 
 class Entry(NamedTuple):

@@ -161,6 +161,11 @@ class World:
                 "message": event.message,
                 "findings": self.names.findings(event.findings),
                 "annotation": event.annotation,
+                "id": event.id or None,
+                "phase": event.phase or None,
+                "before": event.before or None,
+                "cause": event.cause or None,
+                "stop": event.stop or None,
             }
         )
 

@@ -68,9 +68,10 @@ class LoopInfo(msgspec.Struct, frozen=True):
     late_p50_us: float | None
     late_p99_us: float | None
     late_max_us: float | None
-    realtime: dict[str, str]
+    realtime: dict[str, str]  # what was got, for people
     lateness: Sequence[Bucket] | None = None  # of the run, and its sum: once a second
     lateness_sum_ms: float | None = None
+    realtime_denied: Sequence[str] | None = None  # keys of `realtime`; None: an older daemon
 
 
 class LatencyInfo(msgspec.Struct, frozen=True):
@@ -142,6 +143,11 @@ class Event(Base, frozen=True, kw_only=True):
     findings: Sequence[Finding] = ()
     annotation: Annotation | None = None
     holder: str = ""  # the client that caused it by asking for nothing else; "": the robot did
+    id: str = ""  # of the trajectory that ended or was refused; "": of none, or of streamed setpoints
+    phase: str = ""  # of code MOTION: succeeded, cancelled, replaced, aborted
+    before: str = ""  # of a change of state, whose code is the new state: the state before
+    cause: str = ""  # of a change of state: what changed it, as `safety.states.Event` names it
+    stop: str = ""  # the stop that is demanded: hold, settle, damp, cut, inhibit; "": none
 
 
 class Moment(Base, frozen=True, kw_only=True):

@@ -20,6 +20,7 @@ from twind.loop.link import Link, Outside
 from twind.loop.notify import Notifier
 from twind.loop.outlook import NEAR, Lookahead
 from twind.loop.ports import Enabler, Opener, Port
+from twind.loop.realtime import Granted
 from twind.loop.tape import Recorder, Tape
 from twind.loop.tick import Loop, Parts
 from twind.loop.wreck import Wreck
@@ -55,7 +56,7 @@ def build(
     link: Outside,
     notifier: Notifier,
     thresholds: Thresholds,
-    realtime: dict[str, str],
+    realtime: Mapping[str, Granted],
     live_denied: Finding | None = None,
     rewire: Callable[[Robot], Enabler] | None = None,
     tapes: Mapping[str, Tape] = NO_TAPES,

@@ -29,7 +29,8 @@ def demand(loop: Loop, why: Sequence[Finding], now: float) -> None:
     if loop.soft_since is None:
         loop.soft_since = now
         because = f": {why[0].code}: {why[0].message}" if why else ""
-        loop.say.event("error", "DAMP", f"the robot is damped, then let go: support it{because}", tuple(why))
+        said = f"the robot is damped, then let go: support it{because}"
+        loop.say.event("error", "DAMP", said, tuple(why), stop="damp")
 
 
 def damp(loop: Loop) -> Procedure:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from twind import link
 from twind.loop.procedures import Procedure, all_of
 from twind.robot.modes import Mode
-from twind_drivers.bus import BusError, NoReply, Register, Restart
+from twind_drivers.bus import BusError, NoReply, Register, Restart, UnknownRegister
 
 if TYPE_CHECKING:
     from twind.loop.ports import Port, Task
@@ -80,9 +80,8 @@ def _answer(
     """Wait for the task, then answer with what is `told` of its result, or with why there is none."""
     try:
         yield from all_of([task])
-    except KeyError as error:  # its text names the nearest spellings
-        _, _, near = str(error.args[0]).partition("near: ")
-        known = near.split(", ") if near else []
+    except KeyError as error:
+        known = list(error.near) if isinstance(error, UnknownRegister) else []
         loop.say.error(command, "NotFound", what="register", name=name, known=known)
     except (BusError, ValueError) as error:
         loop.say.error(command, "BusFailed", bus=port.name, message=str(error))
@@ -206,8 +205,9 @@ def _scan(loop: Loop, command: link.Scan, port: Port) -> Procedure:
         return
     found = list(task.result or ())
     if not found:
-        silent = NoReply(port.name, port.reader.ids, 0.0, "ping") if port.reader else port.trouble
-        loop.say.error(command, "BusFailed", bus=port.name, message=str(silent))
+        why = NoReply(port.name, port.reader.ids, 0.0, "ping") if port.reader else port.trouble
+        silent = port.reader is not None
+        loop.say.error(command, "BusFailed", bus=port.name, message=str(why), silent=silent)
         return
     for device in found:
         loop.say.reply(

@@ -1,8 +1,10 @@
 """The loop's own figures: ticks, missed ones, lateness. Published, never asserted."""
 
 from collections import deque
+from collections.abc import Mapping
 
 from twind import link
+from twind.loop.realtime import Granted
 from twind.safety.window import BOUNDS_MS, Window
 
 ON_TIME = 0.002  # s: a tick that begins later than this is late (R02 warns from here)
@@ -11,7 +13,7 @@ ON_TIME = 0.002  # s: a tick that begins later than this is late (R02 warns from
 class Figures:
     """Counted once per tick."""
 
-    def __init__(self, period: float, realtime: dict[str, str]) -> None:
+    def __init__(self, period: float, realtime: Mapping[str, Granted]) -> None:
         self._period, self._realtime = period, realtime
         self.ticks = self.missed = 0
         self._gap = 0.0  # s, the longest in which ticks were due and none began
@@ -41,7 +43,8 @@ class Figures:
             late_p50_us=late.p50 * 1e6 if known else None,
             late_p99_us=late.p99 * 1e6 if known else None,
             late_max_us=max(late.worst, self._gap) * 1e6 if known else None,
-            realtime=self._realtime,
+            realtime={what: got.text for what, got in self._realtime.items()},
+            realtime_denied=[what for what, got in self._realtime.items() if not got.granted],
             lateness=buckets(late) if whole else None,
             lateness_sum_ms=late.sum * 1e3 if whole else None,
         )

@@ -44,9 +44,10 @@ def react(loop: Loop, judgement: Judgement, reference: Reference | None, now: fl
 
 def _tell(loop: Loop, judgement: Judgement) -> None:
     """News of each code once, latches, and who began anew."""
+    stop = judgement.reaction.name.lower() if judgement.reaction else ""
     for code, findings in groupby(judgement.findings, key=lambda finding: finding.code):
         same = tuple(with_contact(loop, finding) for finding in findings)
-        loop.say.event("warning", code, same[0].message, same)
+        loop.say.event("warning", code, same[0].message, same, stop=stop)
         if judgement.latches:
             loop.latch(_of_many(same))
     told = (*judgement.findings, *loop.parts.guard.bars)  # a second restart within a second is not told

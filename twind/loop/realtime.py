@@ -4,6 +4,7 @@ import ctypes
 import gc
 import os
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,18 +16,31 @@ _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # <malloc.h>
 _PR_SET_TIMERSLACK = 29  # <sys/prctl.h>
 
 
-def enter(priority: int = PRIORITY, cpu: int | None = None) -> dict[str, str]:
+@dataclass(frozen=True, slots=True)
+class Granted:
+    """What the system answered to one request. `text` is for people."""
+
+    text: str  # "fifo 40"; of a denied request "no: <reason>"
+    granted: bool = True
+
+
+def denied(reason: str) -> Granted:
+    """A request that the system did not grant."""
+    return Granted(f"no: {reason}", granted=False)
+
+
+def enter(priority: int = PRIORITY, cpu: int | None = None) -> dict[str, Granted]:
     """Ask for FIFO scheduling, locked memory and fine timers, freeze the garbage collector.
 
     `cpu`: the core to stay on; None: wherever the scheduler likes.
-    Returns what was got, for `GetStatus`: "fifo 40", "locked", or "no: <reason>".
+    Returns what was got, by request, for `GetStatus`.
     """
     got = {"blas": one_thread(), "heap": _heap(), "memory": _lock(), "timerslack": _slack()}
-    got["cpu"] = "any" if cpu is None else pin(cpu)
+    got["cpu"] = Granted("any") if cpu is None else pin(cpu)
     gc.collect()
     gc.freeze()
     gc.disable()
-    got["gc"] = "frozen, off"
+    got["gc"] = Granted("frozen, off")
     got["scheduler"] = fifo(priority)  # last: what came before took long, and others may be running
     return got
 
@@ -40,7 +54,7 @@ def leave() -> None:
     ctypes.CDLL(None).munlockall()
 
 
-def one_thread() -> str:
+def one_thread() -> Granted:
     """Matrix products stay in the calling thread, and their work space is had before time counts.
 
     OpenBLAS maps some 30 MB at its first product; in a process whose future memory is locked that is faulted
@@ -48,50 +62,50 @@ def one_thread() -> str:
     """
     threadpool_limits(limits=1)
     square = np.ones((64, 64))
-    return "1 thread" if (square @ square @ square[0]).all() else "no: wrong products"
+    return Granted("1 thread") if (square @ square @ square[0]).all() else denied("wrong products")
 
 
-def fifo(priority: int) -> str:
+def fifo(priority: int) -> Granted:
     """SCHED_FIFO for this process, not for its children. What was got."""
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
     if policy == os.SCHED_FIFO:  # the unit's CPUSchedulingPolicy= came first
-        return f"fifo {os.sched_getparam(0).sched_priority}"
+        return Granted(f"fifo {os.sched_getparam(0).sched_priority}")
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
         remedy = f"LimitRTPRIO={LIMIT} or CPUSchedulingPolicy=fifo in the unit, or CAP_SYS_NICE"
-        return f"no: {error.strerror} ({remedy})"
-    return f"fifo {priority}"
+        return denied(f"{error.strerror} ({remedy})")
+    return Granted(f"fifo {priority}")
 
 
-def pin(cpu: int) -> str:
+def pin(cpu: int) -> Granted:
     """Keep the calling thread on one core. What was got."""
     try:
         os.sched_setaffinity(0, {cpu})
     except (OSError, OverflowError, ValueError):
         there = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
-        return f"no: this process may run on {there}, not on {cpu} (cpu: in the settings)"
-    return f"pinned to {cpu}"
+        return denied(f"this process may run on {there}, not on {cpu} (cpu: in the settings)")
+    return Granted(f"pinned to {cpu}")
 
 
-def _heap() -> str:
+def _heap() -> Granted:
     """Freed memory stays ours: else every array of 100 kB is mapped, faulted in and given back anew."""
     libc = ctypes.CDLL(None)
     if not hasattr(libc, "mallopt"):  # not glibc
-        return "no: this C library has no mallopt"
+        return denied("this C library has no mallopt")
     kept = libc.mallopt(_M_TRIM_THRESHOLD, -1) and libc.mallopt(_M_MMAP_MAX, 0)
-    return "kept" if kept else "no: mallopt refused"
+    return Granted("kept") if kept else denied("mallopt refused")
 
 
-def _lock() -> str:
+def _lock() -> Granted:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0:
-        return "locked"
-    return f"no: {os.strerror(ctypes.get_errno())} (LimitMEMLOCK=infinity in the unit)"
+        return Granted("locked")
+    return denied(f"{os.strerror(ctypes.get_errno())} (LimitMEMLOCK=infinity in the unit)")
 
 
-def _slack() -> str:
+def _slack() -> Granted:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0:
-        return "1 ns"
-    return f"no: {os.strerror(ctypes.get_errno())}"
+        return Granted("1 ns")
+    return denied(os.strerror(ctypes.get_errno()))

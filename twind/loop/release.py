@@ -129,7 +129,7 @@ def stop(loop: Loop, level: str, now: float) -> None:
 
 def estop(loop: Loop, level: str, now: float) -> Procedure:
     """Stop, by level. `Loop.stops` answers those who asked: when it has begun, and when it is over."""
-    loop.change(Event.ESTOP, now)
+    loop.change(Event.ESTOP, now, stop=level)
     loop.executor.stop("aborted", (loop.latches[Code.ESTOP],))
     if loop.mode is not Mode.LIVE or not loop.hardware.writers:
         loop.twin.halt()

@@ -207,7 +207,7 @@ class Submissions:
             self._tell(command.id, verdict, now)
             codes = sorted({finding.code.value for finding in verdict.refusals})
             said = f"refused {command.id}: {', '.join(codes)}"
-            loop.say.event("warning", codes[0], said, verdict.refusals[:8])
+            loop.say.event("warning", codes[0], said, verdict.refusals[:8], id=command.id)
         loop.say.refuse(command, verdict.refusals)
 
     def _tell(self, id: str, verdict: Verdict, now: float, lead: float = 0.0) -> None:
@@ -289,7 +289,8 @@ class Submissions:
             loop.way.end(outcome.id)
         level = "info" if outcome.phase in ("succeeded", "replaced", "cancelled") else "warning"
         findings = tuple(with_contact(loop, finding) for finding in outcome.findings)
-        loop.say.event(level, "MOTION", f"{outcome.id} {outcome.phase}", findings)
+        said = f"{outcome.id} {outcome.phase}"
+        loop.say.event(level, "MOTION", said, findings, id=outcome.id, phase=outcome.phase)
         loop.publisher.urgent = True
         command = self._unfollow(outcome.id)
         if command is not None:

@@ -8,7 +8,7 @@ from itertools import count
 from typing import Generic, TypeVar
 
 from twind.config.robot_spec import RobotFile
-from twind.flight import NO_BUS, Entry, Kind, Ring, pack
+from twind.flight import LOST, NO_BUS, OPENED, REFUSED, Entry, Kind, Ring, pack
 from twind.flight.ring import TRANSCRIPT
 from twind.streams import tell
 from twind_drivers.bus import PortError, Transport
@@ -110,17 +110,19 @@ class BusTape(Tape):
 
     def refused(self, size: int, why: str) -> None:
         """The port did not take so many bytes, or nobody knows how many of them."""
-        said = f"refused {size} bytes: {why}"
-        self._ring.append(Kind.PORT, self._place, self._clock.now(), said.encode())
+        self._port(REFUSED, f"{size} bytes: {why}")
 
     def opened(self, where: str) -> None:
         """The port is open."""
-        self._ring.append(Kind.PORT, self._place, self._clock.now(), f"opened {where}".encode())
+        self._port(OPENED, where)
 
     def lost(self, why: str) -> None:
         """It was let go, or went."""
         self._transcript = None
-        self._ring.append(Kind.PORT, self._place, self._clock.now(), f"lost {why}".encode())
+        self._port(LOST, why)
+
+    def _port(self, word: bytes, text: str) -> None:
+        self._ring.append(Kind.PORT, self._place, self._clock.now(), word + b" " + text.encode())
 
     def identifying(self) -> None:
         """Its bytes are kept from here on."""

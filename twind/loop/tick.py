@@ -5,7 +5,7 @@ No asyncio, no files, no logging: news leave by the link. Time is an argument be
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import floor, nan
 from typing import TYPE_CHECKING
@@ -21,6 +21,7 @@ from twind.loop.identity import Identity, Judge
 from twind.loop.procedures import Procedures, Rank
 from twind.loop.publish import Publisher
 from twind.loop.reactions import react
+from twind.loop.realtime import Granted
 from twind.loop.reload import Reloads
 from twind.loop.stops import Stops
 from twind.loop.voice import Voice
@@ -77,7 +78,7 @@ class Parts:
     thresholds: gate.Thresholds
     link: Outside
     notifier: Notifier
-    realtime: dict[str, str]
+    realtime: Mapping[str, Granted]
     judge: Judge  # devices -> findings of S09
     live_denied: Finding | None  # why this daemon cannot go live; None: it can
     one: Robot  # what joints, limits and ratings come from
@@ -206,14 +207,15 @@ class Loop:
             self.twin.place(place)
             self.executor.begin(place)
 
-    def change(self, event: Event, now: float) -> None:
-        """The robot's state takes an event; news of it leave this tick."""
+    def change(self, event: Event, now: float, stop: str = "") -> None:
+        """The robot's state takes an event; news of it leave this tick. `stop`: as in `link.Event`."""
         before = self.state
         self.condition = self.condition.after(event)
         if self.state is not before:
             self.publisher.urgent = True
             said = f"{before.value} → {self.state.value} ({event.value})"
-            self.say.event("info", self.state.value, said)
+            cause = event.name.lower()
+            self.say.event("info", self.state.value, said, before=before.value, cause=cause, stop=stop)
 
     def change_if(self, event: Event, now: float) -> None:
         """The same where the state allows it; torque that goes off is never held up by a state."""
@@ -229,7 +231,7 @@ class Loop:
 
     def fail(self, finding: Finding, now: float) -> None:
         """A fault of our own: hold the last goal, latch, say so. A robot on its way down goes on."""
-        self.say.event("error", finding.code, finding.message, (finding,))
+        self.say.event("error", finding.code, finding.message, (finding,), stop="hold")
         self.latch(finding)
         self.change(Event.FAULT, now)
         if self.procedures.rank is None or self.procedures.rank <= Rank.ARM:
@@ -253,7 +255,7 @@ class Loop:
         self.hardware.clear()
         self.hardware.hold(False)
         self.hardware.quiet_until = now + QUIET
-        self.change(Event.INHIBIT, now)
+        self.change(Event.INHIBIT, now, stop="inhibit")
 
     @property
     def state(self) -> State:

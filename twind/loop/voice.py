@@ -29,8 +29,20 @@ class Voice:
         """A call that the gate refused."""
         self.error(command, "Refused", findings=list(findings))
 
-    def event(self, level: str, code: str, message: str, findings: Sequence[Finding] = ()) -> None:
-        """Something a person may want to know."""
+    def event(
+        self,
+        level: str,
+        code: str,
+        message: str,
+        findings: Sequence[Finding] = (),
+        *,
+        id: str = "",
+        phase: str = "",
+        before: str = "",
+        cause: str = "",
+        stop: str = "",
+    ) -> None:
+        """Report an event. `message` is for people alone; programs read the other fields (`link.Event`)."""
         self._link.event(
             link.Event(
                 time=self._clock.now(),
@@ -39,6 +51,11 @@ class Voice:
                 code=str(code),
                 message=message,
                 findings=list(findings),
+                id=id,
+                phase=phase,
+                before=before,
+                cause=cause,
+                stop=stop,
             )
         )
 

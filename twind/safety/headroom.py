@@ -37,18 +37,24 @@ def headroom(condition: Condition, chosen: Bools, oldest: float) -> list[Finding
     hot = ~(ratings.hot == np.inf) & ~(read & (warm <= ratings.hot))
     weak = ~(ratings.low_settle == -np.inf) & ~(read & (low > ratings.low_settle))
     found = []
-    for code, wrong, value, bound, reason in (
-        (Code.THERMAL_HEADROOM, hot, warm, ratings.hot, "°C: too hot to begin; let it cool"),
-        (Code.VOLTAGE_LOW, weak, low, ratings.low_settle, "V: too low to begin; charge it, check the supply"),
+    for code, wrong, value, bound, unit, reason in (
+        (Code.THERMAL_HEADROOM, hot, warm, ratings.hot, "°C", "too hot to begin; let it cool"),
+        (
+            Code.VOLTAGE_LOW,
+            weak,
+            low,
+            ratings.low_settle,
+            "V",
+            "too low to begin; charge it, check the supply",
+        ),
     ):
         for joint in np.flatnonzero(whole(chosen, condition.together) & wrong):
             last, most, age = float(value[joint]), float(bound[joint]), float(condition.age[joint])
             if not (np.isfinite(last) and np.isfinite(age)):
                 found.append(Finding(code, int(joint), value=last, bound=most, message=UNREAD))
             elif read[joint]:
-                found.append(Finding(code, int(joint), value=last, bound=most, message=reason))
+                found.append(Finding(code, int(joint), value=last, bound=most, message=f"{unit}: {reason}"))
             else:  # that number may be a good one, and is not the reason
-                unit = reason.partition(":")[0]
                 told = f"not read lately: {last:.3g} {unit} was {age:.2g} s ago; ask again in half a second"
                 found.append(Finding(code, int(joint), message=told))
     return found

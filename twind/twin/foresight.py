@@ -71,18 +71,19 @@ class Foresight:
         )
 
     def _clearance(self, found: Swept, path: Trajectory, late: float) -> Verdict:
-        refused = [self._finding(close, path, late, "too close") for close in found.refused[:TOLD]]
-        warned = [self._finding(close, path, late, "near each other") for close in found.warned[:TOLD]]
+        refused = [self._finding(close, path, late, near=False) for close in found.refused[:TOLD]]
+        warned = [self._finding(close, path, late, near=True) for close in found.warned[:TOLD]]
         if found.unfinished and not refused:
             reason = f"not proved clear after {found.work} poses: a shorter way, or one further from itself"
             refused = [Finding(Code.SELF_COLLISION, message=reason)]
         return Verdict(tuple(refused), tuple(warned))
 
-    def _finding(self, close: Close, path: Trajectory, late: float, what: str) -> Finding:
-        """When it begins, and how near they come at worst."""
+    def _finding(self, close: Close, path: Trajectory, late: float, *, near: bool) -> Finding:
+        """When it begins, and how near they come at worst. `near`: within the band that warns alone."""
         pair = self.bodies.pairs[close.pair]
         time, least = max(close.time - late, 0.0), max(close.at - late, 0.0)
-        bound = pair.block if what == "too close" else pair.block + self.bodies.band
+        bound = pair.block + self.bodies.band if near else pair.block
+        what = "near each other" if near else "too close"
         reason = f"{pair.name} {what} (m between them; the least at {least:.3g} s)"
         return Finding(pair.code, None, passed(path, time), time, close.clearance, bound, reason)
 

@@ -13,7 +13,7 @@ from twind.config.actuator import CAN, ServoType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.ctl.verb import Rejected
 from twind_drivers.dynamixel.prober import Prober
-from twind_drivers.dynamixel.scan import IDS, TALK, Found, Rate, scan
+from twind_drivers.dynamixel.scan import IDS, Found, Kind, Rate, scan
 from twind_drivers.dynamixel.tables import number_of, table
 
 # Value of register 8 -> bit/s (e-manual, "Baud Rate"; the last two: P series).
@@ -155,8 +155,9 @@ def missing(robot: RobotFile, heard: Heard) -> list[JointSpec]:
 
 def _require_quiet(bus: str, lines: Sequence[Rate]) -> None:
     for line in lines:
-        if TALK in line.troubles:
-            raise Rejected(f"bus {bus}, {line.baud} baud: {TALK}; end it first")
+        for trouble in line.troubles:
+            if trouble.kind is Kind.TALK:
+                raise Rejected(f"bus {bus}, {line.baud} baud: {trouble}; end it first")
 
 
 def _only(robot: RobotFile, joint: JointSpec, found: Mapping[Place, Found]) -> Place:

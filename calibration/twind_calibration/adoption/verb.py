@@ -18,7 +18,7 @@ from twind_calibration.adoption.places import choose, joint_of, look, lookout, s
 from twind_calibration.again import again
 from twind_calibration.described import Described, read
 from twind_calibration.instances import stop
-from twind_drivers.bus import PortError
+from twind_drivers.bus import PortError, PortTaken
 from twind_drivers.clock import Clock, MonotonicClock
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
@@ -56,7 +56,7 @@ def _open_and_adopt(options: argparse.Namespace) -> int:
             return _adopt(options, described, opened)
     except PortError as error:  # held (by whom), not there, lost
         stopped = STOP.format(stop(str(described.sockets)))
-        hint = f". A daemon there? {stopped}, then try again" if "in use" in str(error) else ""
+        hint = f". A daemon there? {stopped}, then try again" if isinstance(error, PortTaken) else ""
         raise Rejected(f"{error}{hint}") from error
 
 

@@ -8,7 +8,7 @@ from twind.config.actuator import CAN
 from twind.config.robot_spec import BusSpec
 from twind_calibration.doctor import daemon_look
 from twind_calibration.doctor.can_look import survey_can_line
-from twind_calibration.doctor.complaint import CannotLook, Fix, Found, NothingThere
+from twind_calibration.doctor.complaint import CannotLook, Devices, Fix, Found, NothingThere
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.port_look import survey_port
 from twind_calibration.doctor.survey import CanSurvey, SerialSurvey, Servo
@@ -37,21 +37,26 @@ def together(found: Iterable[Found]) -> Iterator[Found]:
     """The same complaint about more than a few servos of one bus is told once, and mended at once."""
     groups: dict[tuple[str, str, str, str, bool], list[Found]] = {}
     for each in found:
-        bus = each.thing.partition(" id ")[0]
+        bus = _devices(each).bus
         key = (each.code, bus, each.measured, each.expected, each.fix is None)
         groups.setdefault(key, []).append(each)
     for (_, bus, *_), same in groups.items():
         yield from same if len(same) <= MANY else [_joined(bus, same)]
 
 
+def _devices(found: Found) -> Devices:
+    """The devices that a finding is about. Raises TypeError: it is about something else."""
+    if not isinstance(found.thing, Devices):
+        raise TypeError(f"{found.code}: {found.thing!r} names no devices of a bus")
+    return found.thing
+
+
 def _joined(bus: str, same: list[Found]) -> Found:
-    thing = f"{bus} ids {', '.join(each.thing.partition(' id ')[2] for each in same)}"
+    thing = Devices(bus, [member for each in same for member in _devices(each).members])
     fixes = [each.fix for each in same if each.fix is not None]
     commands = "\n".join(each.command for each in same if each.command)
-    fix = None
-    if fixes:  # each says "THING: what it does", the same for all
-        what = fixes[0].text.partition(": ")[2]
-        fix = Fix(f"{thing}: {what}", lambda: _all(fixes))
+    # Each does the same to its own device.
+    fix = Fix(fixes[0].text, lambda: _all(fixes), thing) if fixes else None
     return replace(same[0], thing=thing, command=commands, fix=fix)
 
 

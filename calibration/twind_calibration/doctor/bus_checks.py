@@ -9,12 +9,12 @@ from twind_calibration.doctor import mend
 from twind_calibration.doctor.bench import serial, servos, together
 from twind_calibration.doctor.complaint import Found
 from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.survey import SerialSurvey, Servo
+from twind_calibration.doctor.survey import SerialSurvey, Servo, device_of
 from twind_calibration.instances import stop
 from twind_drivers.dynamixel.budget import budget
 from twind_drivers.dynamixel.identity import supports_fast
 from twind_drivers.dynamixel.layout import layout_of
-from twind_drivers.dynamixel.scan import ECHO, FOREIGN, NOISE, OLD, TALK
+from twind_drivers.dynamixel.scan import Kind
 from twind_drivers.dynamixel.tables import Table, number_of, table
 from twind_drivers.upkeep import upkeep_stride
 
@@ -36,22 +36,22 @@ def line(examined: Examined) -> Iterator[Found]:
         if not survey.servos and not survey.elsewhere and survey.missing:
             measured = "no answer at any baud rate" if examined.daemon is None else "no answer"
             yield Found("BUS_SILENT", thing, measured, advice=POWER + _scan(examined, survey))
-        if TALK in survey.troubles:
+        kinds = {trouble.kind for trouble in survey.troubles}
+        if Kind.TALK in kinds:
             yield Found("BUS_TALK", thing, "bytes on a line where nobody was asked", "silence")
-        if ECHO in survey.troubles:
+        if Kind.ECHO in kinds:
             yield Found("BUS_ECHO", thing, "every packet comes back before its answer", "the answer alone")
-        old = OLD.partition("{}")[0]
         for trouble in survey.troubles:
-            if trouble.startswith(old):
-                ids = trouble[len(old) :].partition(")")[0]
+            if trouble.kind is Kind.OLD:
+                ids = ", ".join(map(str, trouble.ids))
                 yield Found("PROTOCOL_OLD", thing, f"protocol 1.0 answers of ids {ids}", "protocol 2.0")
         yield from _noise(survey)
 
 
 def _noise(survey: SerialSurvey) -> Iterator[Found]:
     bad = survey.garbled + survey.lost
-    told = NOISE in survey.troubles or FOREIGN in survey.troubles
-    if told or (bad >= LEAST and bad > LOST * survey.asked):
+    noisy = any(trouble.kind in (Kind.NOISE, Kind.FOREIGN) for trouble in survey.troubles)
+    if noisy or (bad >= LEAST and bad > LOST * survey.asked):
         measured = f"{survey.garbled} garbled and {survey.lost} lost of {survey.asked} answers"
         if not bad:
             measured = "bytes came that were no sound answer"
@@ -65,14 +65,11 @@ def who(examined: Examined) -> Iterator[Found]:
         if survey.servos or survey.elsewhere:  # else the bus is silent, and that is told
             advice = CABLE + _scan(examined, survey)
             yield from together(
-                Found(
-                    "SERVO_MISSING", f"bus {each.bus} id {each.id} ({each.name})", "no answer", advice=advice
-                )
-                for each in survey.missing
+                Found("SERVO_MISSING", device_of(each), "no answer", advice=advice) for each in survey.missing
             )
         for servo in survey.servos:
             if servo.trouble:
-                yield Found("ID_TWICE", servo.thing, servo.trouble.partition(":")[0])
+                yield Found("ID_TWICE", servo.thing, servo.trouble.what)
             elif servo.joint is None:
                 yield Found("SERVO_FOREIGN", servo.thing, f"a {_model(servo)} answers", "nobody")
 

@@ -7,7 +7,7 @@ from twind.config.robot_spec import JointSpec
 from twind_calibration.doctor.bench import can, together
 from twind_calibration.doctor.complaint import Found
 from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.survey import CanSurvey, Node
+from twind_calibration.doctor.survey import CanSurvey, Node, device_of
 
 # What registers say of the frames' ranges, in thousandths -> key of the robot file, unit.
 RANGES = {
@@ -37,7 +37,7 @@ def bus(examined: Examined) -> Iterator[Found]:
                 "CAN_SILENT", thing, f"none of {len(survey.missing)} actuators answers", "all of them"
             )
         else:
-            yield from together(Found("CAN_MISSING", _thing(each), "no answer") for each in survey.missing)
+            yield from together(Found("CAN_MISSING", device_of(each), "no answer") for each in survey.missing)
 
 
 def nodes(examined: Examined) -> Iterator[Found]:
@@ -98,7 +98,3 @@ def _torque(survey: CanSurvey, *, armed: bool) -> Iterator[Found]:
 def _kind(joint: JointSpec) -> CanType:
     assert isinstance(joint.type, CanType)
     return joint.type
-
-
-def _thing(joint: JointSpec) -> str:
-    return f"bus {joint.bus} id {joint.id} ({joint.name})"

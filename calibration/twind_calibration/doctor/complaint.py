@@ -4,7 +4,7 @@ A `Complaint` is a row of the table (`host_rows.py`, `robot_rows.py`): what the 
 A `Found` is that complaint met on this machine: about which thing, what was measured, what mends it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -16,6 +16,26 @@ class Severity(Enum):
     FAULT = "fault"
     WARNING = "warning"
     NOTE = "note"
+
+
+class Devices(str):
+    """Devices of one bus as text for people, and what it names: "bus main ids 1 (neck), 7 (l_knee)"."""
+
+    bus: str
+    members: tuple[tuple[int, str], ...]  # id, and the name of its joint; "": no joint of the robot has it
+
+    def __new__(cls, bus: str, members: Sequence[tuple[int, str]]) -> "Devices":
+        """`members`: id and joint name of each, at least one."""
+        names = [f"{id} ({joint})" if joint else str(id) for id, joint in members]
+        made = super().__new__(cls, f"bus {bus} {'id' if len(names) == 1 else 'ids'} {', '.join(names)}")
+        made.bus = bus
+        made.members = tuple(members)
+        return made
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """The ids, in the order of the text."""
+        return tuple(id for id, _ in self.members)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +57,14 @@ class Complaint:
 class Fix:
     """What `--fix` does about one finding. It moves nothing, changes no torque and loses nothing."""
 
-    text: str  # "set /sys/…/latency_timer to 1": said before it is done
+    text: str  # "set /sys/…/latency_timer to 1": said before it is done; of a `thing` without it
     do: Callable[
         [], None
     ]  # does it; raises OSError, ClientError, PortError or Rejected saying why it could not
+    thing: str = ""  # what it is done to, where `text` does not name it
+
+    def __str__(self) -> str:
+        return f"{self.thing}: {self.text}" if self.thing else self.text
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +72,7 @@ class Found:
     """A complaint met here. `measured` and `expected` are texts with units."""
 
     code: str  # of the complaint
-    thing: str  # what it is about: "/dev/ttyUSB0", "bus main id 7 (l_knee)"
+    thing: str  # what it is about: "/dev/ttyUSB0"; of devices on a bus `Devices`
     measured: str  # what is: "latency timer 16 ms"
     expected: str = ""  # what should be: "1 ms"
     command: str = ""  # what to type to mend it, ready to copy; "" where no command can

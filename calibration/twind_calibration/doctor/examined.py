@@ -26,6 +26,8 @@ class Examined:
     unit: str  # twind.service, twind@NAME.service: the service of these settings
     sockets: str = ""  # the folder where a daemon was looked for; "": the usual ones
     no_daemon: NoDaemon | None = None  # why none can be reached; None: one answers
+    asleep: str = ""  # the stopped service that a connection would start; it is not connected to
+    other_ports: bool = False  # a daemon answers, and has other ports than this call names
     daemon: Daemon | None = None  # None: none can be reached
     settings: Settings | None = None
     robot: RobotFile | None = None  # the daemon's, if one runs and its file can be read

@@ -22,7 +22,7 @@ from twind_calibration.doctor.daemon import PATIENCE, Daemon
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.host import Host
 from twind_calibration.doctor.line import Line
-from twind_calibration.doctor.systemd import WOULD_START, asleep
+from twind_calibration.doctor.systemd import asleep, would_start
 from twind_calibration.instances import SERVICE, settings_of, sockets_of
 from twind_drivers.clock import Clock
 
@@ -32,8 +32,9 @@ def examine(options: argparse.Namespace, host: Host, clock: Clock) -> Examined:
     wrong: list[ConfigError] = []
     own = _settings(options, host, None, wrong)
     place = _place(options, own, host)
-    daemon, no_daemon = _daemon(place, host)
-    if daemon is not None and not _same_ports(options, daemon):
+    daemon, no_daemon, stopped = _daemon(place, host)
+    other_ports = daemon is not None and not _same_ports(options, daemon)
+    if daemon is not None and other_ports:
         no_daemon = NoDaemon(f"{daemon.path}: a daemon answers there, but it has other ports")
         daemon.client.close()
         daemon = None
@@ -47,6 +48,8 @@ def examine(options: argparse.Namespace, host: Host, clock: Clock) -> Examined:
         unit=unit_of(settings, host),
         sockets=place or "",
         no_daemon=no_daemon,
+        asleep=stopped,
+        other_ports=other_ports,
         daemon=daemon,
         settings=settings,
         robot=robot,
@@ -106,21 +109,22 @@ def _place(options: argparse.Namespace, settings: Settings | None, host: Host) -
     return place
 
 
-def _daemon(place: str | None, host: Host) -> tuple[Daemon | None, NoDaemon | None]:
-    """The daemon of these sockets, or why none can be reached. Starts none."""
+def _daemon(place: str | None, host: Host) -> tuple[Daemon | None, NoDaemon | None, str]:
+    """The daemon of these sockets, or why none can be reached, and the stopped service that a connection
+    would start ("": none). Starts none."""
     refused: NoDaemon | None = None
     for name in ("observe", "control"):
         client = Client(place, name=name, timeout=PATIENCE)
         if service := asleep(host, client.path):
-            return None, NoDaemon(f"{client.path}: {service} is stopped{WOULD_START}", absent=True)
+            return None, NoDaemon(f"{client.path}: {would_start(service)}", absent=True), service
         try:
             client.connect()
         except NoDaemon as error:
             if refused is None or refused.absent:  # one that may be there says more
                 refused = error
             continue
-        return Daemon(client), None
-    return None, refused
+        return Daemon(client), None, ""
+    return None, refused, ""
 
 
 def _source(daemon: Daemon) -> Path | None:

@@ -30,12 +30,14 @@ KERNEL = 2  # pid of kthreadd, the parent of the kernel's own threads
 def realtime(x: Examined) -> Iterator[Found]:
     """NO_REALTIME, MEMORY_UNLOCKED: what the daemon got; without one, what it would be allowed."""
     if x.daemon is not None:
-        got = x.daemon.status["loop"]["realtime"]
+        got, denied = (x.daemon.status["loop"].get(key) for key in ("realtime", "realtime_denied"))
+        if got is None or denied is None:
+            raise CannotLook("the daemon does not report what it was denied: its version differs")
         for key, code, wanted in (
             ("scheduler", "NO_REALTIME", "fifo"),
             ("memory", "MEMORY_UNLOCKED", "locked"),
         ):
-            if str(got.get(key, "")).startswith("no"):
+            if key in denied:
                 yield Found(code, "the running daemon", f"{key}: {got[key]}", wanted)
         return
     nice, locked, whose = _allowed(x)

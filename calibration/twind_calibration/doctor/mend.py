@@ -37,15 +37,15 @@ def register(examined: Examined, servo: Servo, name: str, value: int) -> Fix | N
         return None
     if servo.joint is not None and servo.joint.registers.get(name, value) != value:
         return None
-    text = f"{servo.thing}: {name} := {value} (is {servo.values[name]})"
+    text = f"{name} := {value} (is {servo.values[name]})"
     daemon, line = examined.daemon, examined.lines.get(servo.bus)
     if daemon is not None:
         if not daemon.live or daemon.status["armed"] or daemon.status["inherited"]:
             return None
-        return Fix(text, lambda: _by_daemon(daemon, servo, name, value))
+        return Fix(text, lambda: _by_daemon(daemon, servo, name, value), servo.thing)
     if line is None:
         return None
-    return Fix(text, lambda: _alone(line, servo, name, value))
+    return Fix(text, lambda: _alone(line, servo, name, value), servo.thing)
 
 
 def _by_daemon(daemon: Daemon, servo: Servo, name: str, value: int) -> None:

@@ -16,6 +16,7 @@ from twind_calibration.doctor.complaint import CannotLook, Fix, Found, NothingTh
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.host import Holder, Host, is_daemon
 from twind_calibration.instances import stop
+from twind_drivers.bus import BaudRefused
 from twind_drivers.can import ports as can_ports
 
 BY_ID = ("twind", "serial/by-id")  # below /dev: our udev rule's names, then the stock ones
@@ -192,8 +193,8 @@ def rates(x: Examined) -> Iterator[Found]:
         try:
             line.transport  # noqa: B018  opening it sets the rate and reads back what the kernel made of it
         except CannotLook as error:
-            if "baud rate" in str(error):
-                yield Found("BAUD_UNSUPPORTED", node.path, str(error).removeprefix(f"{node.path}: "))
+            if isinstance(error.__cause__, BaudRefused):
+                yield Found("BAUD_UNSUPPORTED", node.path, error.__cause__.reason)
 
 
 # ------------------------------------------------------------------------------------------- looking

@@ -1,13 +1,12 @@
 """What the doctor found, as text for people and as one JSON object for programs."""
 
-import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from twind_calibration.doctor.complaint import Complaint, Found, Severity
+from twind_calibration.doctor.complaint import Complaint, Devices, Fix, Found, Severity
 from twind_calibration.doctor.runner import Mended, Outcome
 
-ALL = re.compile(r"bus (?P<bus>\S+) ids (?P<ids>\d+ \([^)]*\)(, \d+ \([^)]*\))+)")
 LABEL = {Severity.FAULT: "FAULT", Severity.WARNING: "WARNING", Severity.NOTE: "NOTE"}
 
 
@@ -20,14 +19,15 @@ def text(
 ) -> str:
     """The report. `mended`: what `--fix` did; None: it was not asked for. `verbose`: with all looked at."""
     lines = [_about(outcome.about), ""] if outcome.about else []
+    ids = outcome.about.get("ids", {})
     fixes = {id(each.found): each for each in mended or ()}
     for place, found in enumerate(outcome.found):
         because, fix = outcome.because.get(place), fixes.get(id(found))
-        lines += [*_finding(found, complaints[found.code], because, fix, outcome.fix), ""]
+        lines += [*_finding(found, complaints[found.code], because, fix, outcome.fix, ids), ""]
     if outcome.fix and mended is None:
         lines += ["what `--fix` can do, all of it, after asking:", f"    {outcome.fix}", ""]
     lines += _last(outcome, complaints, mended, verbose=verbose)
-    return _short("\n".join(lines), outcome.about.get("ids", {}))
+    return "\n".join(lines)
 
 
 def data(
@@ -48,7 +48,7 @@ def data(
                 "remedy": found.advice or complaints[found.code].remedy,
                 "caution": complaints[found.code].caution or None,
                 "command": found.command or None,
-                "fix": None if found.fix is None else found.fix.text,
+                "fix": None if found.fix is None else str(found.fix),
                 "because_of": outcome.because.get(place),
             }
             for place, found in enumerate(outcome.found)
@@ -61,7 +61,7 @@ def data(
             {
                 "code": each.found.code,
                 "thing": each.found.thing,
-                "done": each.found.fix.text if each.found.fix else "",
+                "done": str(each.found.fix or ""),
                 "error": each.error or None,
                 "still_there": each.there,
             }
@@ -95,9 +95,19 @@ def _about(about: Mapping[str, Any]) -> str:
     return f"{robot}; daemon at {daemon['socket']}" + (f": {told}" if told else "")
 
 
-def _finding(found: Found, row: Complaint, because: str | None, fix: Mended | None, by_fix: str) -> list[str]:
+def _finding(
+    found: Found,
+    row: Complaint,
+    because: str | None,
+    fix: Mended | None,
+    by_fix: str,
+    ids: Mapping[str, Sequence[int]],
+) -> list[str]:
     title = f"{LABEL[row.severity]}  {row.code}: {row.title}"
-    body = [f"{found.thing}: {found.measured}" + (f"; should be {found.expected}" if found.expected else "")]
+    body = [
+        f"{_short(found.thing, ids)}: {found.measured}"
+        + (f"; should be {found.expected}" if found.expected else "")
+    ]
     body.append(f"why it matters: {row.why}")
     if because is not None:
         body.append(f"probably because of {because}, above")
@@ -109,29 +119,31 @@ def _finding(found: Found, row: Complaint, because: str | None, fix: Mended | No
     if command:
         body += [f"    {line}" for line in command.splitlines()]
     if fix is not None:
-        body.append(_fixed(fix))
+        body.append(_fixed(fix, ids))
     elif found.fix is not None:
-        body.append(f"`--fix` does it: {found.fix.text}")
+        body.append(f"`--fix` does it: {_does(found.fix, ids)}")
     return [title, *(f"    {line}" for each in body for line in each.splitlines())]
 
 
-def _fixed(fix: Mended) -> str:
-    what = fix.found.fix.text if fix.found.fix is not None else ""
+def _fixed(fix: Mended, ids: Mapping[str, Sequence[int]]) -> str:
+    what = _does(fix.found.fix, ids) if fix.found.fix is not None else ""
     if fix.error:
         return f"not mended: {what}: {fix.error}"
     return f"done, but it is still there: {what}" if fix.there else f"mended: {what}"
 
 
-def _short(text: str, ids: Mapping[str, Sequence[int]]) -> str:
+def _does(fix: Fix, ids: Mapping[str, Sequence[int]]) -> str:
+    return str(replace(fix, thing=_short(fix.thing, ids)))
+
+
+def _short(thing: str, ids: Mapping[str, Sequence[int]]) -> str:
     """All servos of a bus by their first and last id: their names are the whole robot's."""
-
-    def shorter(found: re.Match[str]) -> str:
-        told = sorted(int(id) for id in re.findall(r"(\d+) \(", found["ids"]))
-        if told != sorted(ids.get(found["bus"], ())):
-            return found[0]
-        return f"bus {found['bus']} ids {told[0]}-{told[-1]} (all {len(told)})"
-
-    return ALL.sub(shorter, text)
+    if not isinstance(thing, Devices) or len(thing.ids) < 2:
+        return thing
+    own = sorted(thing.ids)
+    if own != sorted(ids.get(thing.bus, ())):
+        return thing
+    return f"bus {thing.bus} ids {own[0]}-{own[-1]} (all {len(own)})"
 
 
 def _last(

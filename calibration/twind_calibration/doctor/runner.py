@@ -1,13 +1,12 @@
 """Runs the checks over what was examined. One that breaks becomes a finding, and the others go on."""
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from twind.client import ClientError
 from twind.ctl.verb import Rejected
-from twind_calibration.doctor.complaint import CannotLook, Complaint, Found, NothingThere, Severity
+from twind_calibration.doctor.complaint import CannotLook, Complaint, Devices, Found, NothingThere, Severity
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.machine_rows import MACHINE
 from twind_calibration.doctor.table import CHECK_BROKEN, Check
@@ -92,10 +91,8 @@ def mend(
 
 def _things(found: Found) -> list[str]:
     """What a finding is about, one by one: "bus main ids 1 (neck), 7 (l_knee)" are two."""
-    bus, many, ids = re.sub(r" \([^)]*\)", "", found.thing).partition(" ids ")
-    if not many:
-        bus, many, ids = re.sub(r" \([^)]*\)", "", found.thing).partition(" id ")
-    return [f"{bus} id {id}" for id in ids.split(", ")] if many else [found.thing]
+    thing = found.thing
+    return [Devices(thing.bus, [each]) for each in thing.members] if isinstance(thing, Devices) else [thing]
 
 
 def _unseen(before: Outcome, after: Outcome, checks: Sequence[Check]) -> dict[str, str]:

@@ -60,7 +60,7 @@ def reach(x: Examined) -> Iterator[Found]:
             yield Found("DAEMON_SILENT", x.daemon.path, str(error), ANSWER)
         return
     path = Path(x.sockets or os.path.dirname(socket_path())) / "control.sock"
-    reason, start = str(x.no_daemon), _start(x)
+    start = _start(x)
     try:
         found = path.stat()
     except PermissionError:
@@ -77,11 +77,11 @@ def reach(x: Examined) -> Iterator[Found]:
             yield Found("NO_DAEMON", str(path), NOBODY, command=start)
         else:
             yield _denied(path, found, start)
-    elif systemd.WOULD_START in reason:
-        yield Found("NO_DAEMON", str(path), reason.partition(": ")[2], command=start)
-    elif "other ports" in reason:
+    elif x.asleep:
+        yield Found("NO_DAEMON", str(path), systemd.would_start(x.asleep), command=start)
+    elif x.other_ports:
         yield Found("NO_DAEMON", str(path), "a daemon answers, but it has other ports; it was not asked")
-    elif "takes no connection" in reason:
+    elif x.no_daemon is not None and x.no_daemon.full:
         yield Found("DAEMON_SILENT", str(path), "its queue of connections is full", ANSWER)
     else:
         yield Found("NO_DAEMON", str(path), NOBODY, command=start)

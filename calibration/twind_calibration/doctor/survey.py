@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 
 from twind.config.actuator import CanType
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec
+from twind_calibration.doctor.complaint import Devices
 from twind_drivers.dynamixel.identity import SETTINGS
 from twind_drivers.dynamixel.scan import Found as Answer
+from twind_drivers.dynamixel.scan import Trouble
 from twind_drivers.dynamixel.tables import number_of
 
 # Registers that the checks compare, in snake case. A model that lacks one is not asked for it.
@@ -46,19 +48,23 @@ class Servo:
     model_name: str | None  # None: in no table
     firmware: int | None
     values: Mapping[str, int] = field(default_factory=dict)  # register -> counts, signed where it is
-    trouble: str = ""  # why this seems to be two devices; "": it does not
+    trouble: Trouble | None = None  # why this seems to be two devices; None: it does not
     delay: float | None = None  # s that its quickest answer took beside the wire's time; None: not measured
 
     @property
-    def thing(self) -> str:
+    def thing(self) -> Devices:
         """As people name it."""
-        joint = "" if self.joint is None else f" ({self.joint.name})"
-        return f"bus {self.bus} id {self.id}{joint}"
+        return Devices(self.bus, [(self.id, "" if self.joint is None else self.joint.name)])
 
     @property
     def fits(self) -> bool:
         """It is of the model that its joint has: only then do its registers mean what the robot file says."""
         return self.joint is not None and self.model == number_of(self.joint.type.device)
+
+
+def device_of(joint: JointSpec) -> Devices:
+    """The device that a joint should have, whether it answers or not."""
+    return Devices(joint.bus, [(joint.id, joint.name)])
 
 
 def thing_of(imu: ImuSpec) -> str:
@@ -84,7 +90,7 @@ class SerialSurvey:
     servos: tuple[Servo, ...]  # in order of ids
     missing: tuple[JointSpec, ...]  # in the order of the robot file
     elsewhere: tuple[Answer, ...] = ()  # who answered at other rates; looked for where somebody is missing
-    troubles: tuple[str, ...] = ()  # of the line as a whole: texts of `twind_drivers.dynamixel.scan`
+    troubles: tuple[Trouble, ...] = ()  # of the line as a whole
     asked: int = 0  # pings of which each answer was looked at
     garbled: int = 0  # of those: bytes came, and no sound answer, or more than it
     lost: int = 0  # of those: nothing came though others were answered
@@ -108,9 +114,9 @@ class Node:
     twice: bool = False  # more answers than one came of it
 
     @property
-    def thing(self) -> str:
+    def thing(self) -> Devices:
         """As people name it."""
-        return f"bus {self.bus} id {self.joint.id} ({self.joint.name})"
+        return device_of(self.joint)
 
 
 @dataclass(frozen=True, slots=True)

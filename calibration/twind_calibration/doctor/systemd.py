@@ -24,7 +24,6 @@ ASKED = (
     "LimitMEMLOCK",
 )
 LAST_LINES = 5
-WOULD_START = ", and a connection would start it"  # said of a socket that nobody was asked by
 RUNNING = ("active", "activating", "reloading")
 
 
@@ -62,6 +61,11 @@ def asleep(host: Host, path: str) -> str:
     except CannotLook:
         return ""
     return service if len(states) == 2 and states[0] not in RUNNING and states[1] == "active" else ""
+
+
+def would_start(service: str) -> str:
+    """A sentence on the stopped `service`."""
+    return f"{service} is stopped, and a connection would start it"
 
 
 def last_words(host: Host, unit: str) -> str:

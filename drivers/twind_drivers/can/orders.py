@@ -11,7 +11,7 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Burst, Floats, Order, Ping, Query, Read, Reboot, Write
+from twind_drivers.bus import Bools, Burst, Floats, Order, Ping, Query, Read, Reboot, UnknownRegister, Write
 from twind_drivers.can.family import Kind, Parameter, Special
 from twind_drivers.can.fleet import Fleet, joined
 from twind_drivers.can.frame import NOTHING, Frames
@@ -44,7 +44,7 @@ def encode(parameter: Parameter, value: float) -> bytes:
 
 
 def parameter_of(fleet: Fleet, row: int, name: str) -> Parameter:
-    """A register by its name, in any spelling, or by its address. Raises KeyError: lists the near names."""
+    """A register by its name, in any spelling, or by its address. Raises UnknownRegister."""
     family, _ = fleet.of(row)
     key = name.strip().lower().replace(" ", "_").replace("-", "_")
     found = family.parameters.get(key)
@@ -52,7 +52,7 @@ def parameter_of(fleet: Fleet, row: int, name: str) -> Parameter:
         found = by_address(family.parameters, int(key, 0))
     if found is None:
         near = get_close_matches(key, family.parameters, 3, 0.4) or list(family.parameters)[:3]
-        raise KeyError(f"{family.name} has no register {name!r}; near: {', '.join(near)}")
+        raise UnknownRegister(family.name, name, near)
     return found
 
 

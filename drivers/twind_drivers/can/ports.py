@@ -29,19 +29,27 @@ def is_can(port: str) -> bool:
     return port.startswith(PREFIX)
 
 
+class BadPortName(ValueError):
+    """The name of a CAN port that is not written as one. `reason`: how it is written."""
+
+    def __init__(self, port: str, reason: str) -> None:
+        super().__init__(f"{port}: {reason}")
+        self.reason = reason
+
+
 def parse(port: str) -> CanPort:
-    """The parts of a port's name. Raises ValueError that says how it is written."""
+    """The parts of a port's name. Raises BadPortName."""
     _, _, rest = port.partition(":")
     interface, colon, channel = rest.partition(":")
     if not is_can(port) or not interface or not colon or not channel:
-        raise ValueError(f"{port}: {FORM}")
+        raise BadPortName(port, FORM)
     if interface != "slcan":
         return CanPort(interface, channel)
     path, at, rate = channel.rpartition("@")
     if not at:
         return CanPort(interface, channel)
     if not (path and rate.isascii() and rate.isdigit() and int(rate)):
-        raise ValueError(f"{port}: after @ stands the adapter's baud rate, such as {channel}@{BAUD}")
+        raise BadPortName(port, f"after @ stands the adapter's baud rate, such as {channel}@{BAUD}")
     return CanPort(interface, path, int(rate))
 
 
@@ -57,8 +65,8 @@ def open_channel(port: str, bitrate: int) -> Channel:
     """Open a port by its name, at `bitrate` (bit/s). Raises PortError that says what to do."""
     try:
         interface, channel, baud = parse(port)
-    except ValueError as error:
-        raise PortError(port, str(error).removeprefix(f"{port}: ")) from None
+    except BadPortName as error:
+        raise PortError(port, error.reason) from None
     if interface != "slcan":
         # python-can costs a tenth of a second: only who has such an adapter pays it.
         from twind_drivers.can.python_can import PythonCanChannel  # noqa: PLC0415

@@ -12,6 +12,7 @@ of that cannot be told from one.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.budget import wire
@@ -30,14 +31,65 @@ GARBAGE = 8  # ids asked alone that are all garbled: that is no matter of ids
 DIFFERING = ("realtime_tick", "present_position", "present_input_voltage", "present_temperature")
 REMEDY = "disconnect one, give the other a free id, then connect the first again"
 
-UNSOUND = f"bytes come, but no sound answer: two devices with this id? {REMEDY}"
-TWO = f"two devices answer as this id: {REMEDY}"
-UNEQUAL = f"pings are sound, readings are not: two devices of one model with this id? {REMEDY}"
-ECHO = "the adapter returns what is sent (echo): switch its echo off, or use another adapter"
-TALK = "bytes come though nobody was asked: another program or device talks on this line, or noise"
-FOREIGN = "bytes come, but no sound packet: devices at another baud rate, noise, or colliding ids"
-NOISE = "answers are garbled now and then: noise, a bad connector, or a long cable without its ground"
-OLD = "devices answer protocol 1.0 (ids {}): set them to protocol 2.0 (register 13) where they have it"
+
+class Kind(Enum):
+    """What is wrong with an id, or with a line as a whole."""
+
+    CLASH = "clash"  # two devices with one id
+    ECHO = "echo"
+    TALK = "talk"
+    FOREIGN = "foreign"
+    NOISE = "noise"
+    OLD = "old"  # protocol 1.0
+    RATE = "rate"  # the adapter refuses this baud rate
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """What is wrong, for programs (`kind`, `ids`) and for people (the texts)."""
+
+    kind: Kind
+    what: str
+    remedy: str = ""  # or its likely causes; "": none is known
+    ids: tuple[int, ...] = ()  # of kind OLD: the devices that answered
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.remedy}" if self.remedy else self.what
+
+
+UNSOUND = Trouble(Kind.CLASH, "bytes come, but no sound answer", f"two devices with this id? {REMEDY}")
+TWO = Trouble(Kind.CLASH, "two devices answer as this id", REMEDY)
+UNEQUAL = Trouble(
+    Kind.CLASH,
+    "pings are sound, readings are not",
+    f"two devices of one model with this id? {REMEDY}",
+)
+ECHO = Trouble(
+    Kind.ECHO,
+    "the adapter returns what is sent (echo)",
+    "switch its echo off, or use another adapter",
+)
+TALK = Trouble(
+    Kind.TALK,
+    "bytes come though nobody was asked",
+    "another program or device talks on this line, or noise",
+)
+FOREIGN = Trouble(
+    Kind.FOREIGN,
+    "bytes come, but no sound packet",
+    "devices at another baud rate, noise, or colliding ids",
+)
+NOISE = Trouble(
+    Kind.NOISE,
+    "answers are garbled now and then",
+    "noise, a bad connector, or a long cable without its ground",
+)
+
+
+def old_protocol(ids: Sequence[int]) -> Trouble:
+    """The devices `ids` answer an older protocol."""
+    what = f"devices answer protocol 1.0 (ids {', '.join(map(str, ids))})"
+    return Trouble(Kind.OLD, what, "set them to protocol 2.0 (register 13) where they have it", tuple(ids))
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +103,7 @@ class Found:
     firmware: int | None
     torque: bool | None
     hardware_error: int | None  # bits of register 70
-    trouble: str = ""  # what is wrong with it, and the remedy; empty: nothing was found
+    trouble: Trouble | None = None  # None: nothing wrong was found
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +112,7 @@ class Rate:
 
     baud: int
     found: tuple[Found, ...]
-    troubles: tuple[str, ...]  # of the line as a whole, with the remedy
+    troubles: tuple[Trouble, ...]  # of the line as a whole
 
 
 Tell = Callable[[int, str], None]  # baud, what is being done
@@ -91,7 +143,7 @@ def scan(
         except PortError as error:
             if error.lost:
                 raise
-            yield Rate(baud, (), (error.reason,))
+            yield Rate(baud, (), (Trouble(Kind.RATE, error.reason),))
             continue
         yield scan_rate(prober, ids, thorough=thorough, tell=tell)
 
@@ -144,7 +196,7 @@ def _singly(
     return False
 
 
-def _line(prober: Prober) -> Iterator[str]:
+def _line(prober: Prober) -> Iterator[Trouble]:
     """What is wrong with the line as a whole."""
     if prober.listen(LISTEN):
         yield TALK
@@ -154,7 +206,7 @@ def _line(prober: Prober) -> Iterator[str]:
         yield ECHO
     old = sorted(_old_statuses(bytes(heard.raw)))
     if old:
-        yield OLD.format(", ".join(map(str, old)))
+        yield old_protocol(old)
 
 
 def _old_statuses(raw: bytes) -> set[int]:
@@ -192,17 +244,17 @@ def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple
         known: Table | None = table(number, firmware)
     except KeyError:
         known = None
-    trouble, unclear = (TWO, 0) if garbled else _alone(prober, id, known)
+    trouble, unclear = (TWO, 0) if garbled else _clash(prober, id, known)
     torque = _value(prober, id, known, "torque_enable")
     error = _value(prober, id, known, "hardware_error_status")
     name, on = known.model if known else None, None if torque is None else torque == 1
     return Found(prober.baud, id, number, name, firmware, on, error, trouble), unclear
 
 
-def _alone(prober: Prober, id: int, known: Table | None) -> tuple[str, int]:
-    """Why this seems to be more than one device, empty if it does not; how many answers were garbled."""
+def _clash(prober: Prober, id: int, known: Table | None) -> tuple[Trouble | None, int]:
+    """Why this seems to be more than one device, None if it does not; how many answers were garbled."""
     if known is None:
-        return "", 0
+        return None, 0
     fields = [known[name] for name in DIFFERING if name in known]
     first = min(field.address for field in fields)
     size = max(field.end for field in fields) - first
@@ -211,7 +263,7 @@ def _alone(prober: Prober, id: int, known: Table | None) -> tuple[str, int]:
         if len(_sound(heard, id, size)) > 1:
             return TWO, unclear
         if not heard.strays:  # silence (status return level 0), or one clear answer
-            return "", unclear
+            return None, unclear
     return UNEQUAL, PROBES
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import serial
 
-from twind_drivers.bus import PortError, PortFull, PortTaken
+from twind_drivers.bus import BaudRefused, PortError, PortFull, PortTaken
 from twind_drivers.dynamixel.holder import holder
 
 GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF})
@@ -194,19 +194,21 @@ def _open(path: str, baud: int) -> serial.Serial:
     if not stat.S_ISCHR(node.st_mode):
         raise PortError(path, "is not a character device, so it is no serial port")
     if baud < 1:
-        raise PortError(path, f"baud rate {baud} is not supported: it must be positive")
+        raise BaudRefused(path, f"baud rate {baud} is not supported: it must be positive")
     try:
         # inter_byte_timeout=0 sets VMIN 1, VTIME 0: then a read of 0 bytes can only mean a hang-up
         return serial.Serial(path, baud, timeout=0, inter_byte_timeout=0, exclusive=True)
     except (ValueError, OverflowError, termios.error) as error:
-        raise PortError(path, f"baud rate {baud} is not supported: {error}") from error
+        raise BaudRefused(path, f"baud rate {baud} is not supported: {error}") from error
     except OSError as error:  # serial.SerialException is one
         if error.errno in (errno.EBUSY, errno.EAGAIN):
             raise PortTaken(path, f"in use by {holder(path)}; stop it first") from error
-        raise PortError(path, _reason(path, node, baud, error)) from error
+        if "baud" in str(error).lower():  # pyserial has no code for it
+            raise BaudRefused(path, f"baud rate {baud} is not supported: {error}") from error
+        raise PortError(path, _reason(path, node, error)) from error
 
 
-def _reason(path: str, node: os.stat_result, baud: int, error: OSError) -> str:
+def _reason(path: str, node: os.stat_result, error: OSError) -> str:
     if error.errno == errno.EPERM:  # never the file's mode (open(2)): a device list, of a unit or a container
         return (
             "the service or container that this runs in leaves out this device: `systemctl edit` its unit, "
@@ -221,8 +223,6 @@ def _reason(path: str, node: os.stat_result, baud: int, error: OSError) -> str:
             f"no permission: it belongs to group {group!r} (usually 'dialout'); "
             f"`sudo usermod -aG {group} $USER`, then log in again"
         )
-    if "configure" in str(error) and error.errno is None:
+    if "configure" in str(error) and error.errno is None:  # pyserial has no code for it
         return f"is not a serial port: {error}"
-    if "baud" in str(error).lower():
-        return f"baud rate {baud} is not supported: {error}"
     return f"cannot be opened: {error}"

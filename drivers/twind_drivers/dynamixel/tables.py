@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
 
+from twind_drivers.bus import UnknownRegister
 from twind_drivers.dynamixel.models import Facts, facts
 from twind_drivers.dynamixel.registers import Rule, rule
 
@@ -85,15 +86,14 @@ class Table:
     writable: frozenset[int]
 
     def __getitem__(self, name: str) -> Field:
-        """A register by its name, in either spelling, or its address: "11". Raises KeyError that lists the
-        near names."""
+        """A register by its name, in either spelling, or its address: "11". Raises UnknownRegister."""
         key = snake(name)
         if key in self.fields:
             return self.fields[key]
         for field in self.fields.values() if key.isdecimal() else ():
             if field.address == int(key):
                 return field
-        raise KeyError(f"{self.model} has no register {name!r}{_near(key, self.fields)}")
+        raise UnknownRegister(self.model, name, _nearest(key, self.fields))
 
     @property
     def facts(self) -> Facts:
@@ -126,8 +126,9 @@ def number_of(name: str) -> int:
     for candidate in (key, re.sub(r"_[tr]$", "", key)):
         if candidate in stems:
             return stems[candidate]
-    near = _near(key, {stem: _model(stem) for stem in stems})
-    raise KeyError(f"no Dynamixel model {name!r}{near or ': known are ' + ', '.join(models())}")
+    near = _nearest(key, {stem: _model(stem) for stem in stems})
+    known = f"; near: {', '.join(near)}" if near else f": known are {', '.join(models())}"
+    raise KeyError(f"no Dynamixel model {name!r}{known}")
 
 
 @cache
@@ -181,7 +182,6 @@ def _model(stem: str) -> str:
     return stem.upper().replace("_", "-")
 
 
-def _near(key: str, names: Mapping[str, object]) -> str:
+def _nearest(key: str, names: Mapping[str, object]) -> list[str]:
     near = get_close_matches(key, names, n=3, cutoff=0.6)
-    shown = [str(names[each]) if isinstance(names[each], str) else each for each in near]
-    return f"; near: {', '.join(shown)}" if shown else ""
+    return [str(names[each]) if isinstance(names[each], str) else each for each in near]

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from twind.bridge.driving import ENDS
+from twind.bridge.fleet.answers import error_name
 from twind.bridge.fleet.hold import Hold
 from twind.bridge.fleet.inbox import Inbox
 from twind.bridge.fleet.reach import Reach
@@ -86,7 +87,8 @@ class Goal:
 
     def _ends(self, error: bytes) -> bool:
         """Of what was accepted only a refusal is the end."""
-        return b"Control.Refused" in error if self._answered else b"Control.Busy" not in error
+        name = error_name(error)
+        return name == "Refused" if self._answered else name != "Busy"
 
     def _progress(self, payload: bytes) -> None:
         if len(payload) > LONGEST:

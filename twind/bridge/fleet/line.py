@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 import zenoh
 
+from twind.bridge.fleet.answers import error_name
 from twind.bridge.fleet.goal import Goal
 from twind.bridge.fleet.hold import Hold
 from twind.bridge.fleet.inbox import Inbox
@@ -138,7 +139,7 @@ class FarLine:
         return IDLE if errand is None or errand.over else errand.tend(time.monotonic())
 
     def _understood(self, message: bytes) -> bytes:
-        if message.startswith(b'{"error"') and b"Uplink.NoDaemon" in message:
+        if message.startswith(b'{"error"') and error_name(message) == "NoDaemon":
             told = json.loads(message).get("parameters", {}).get("message", "")
             raise NoDaemon(f"{self.where}: its uplink is there, its daemon is not: {told}")
         return message

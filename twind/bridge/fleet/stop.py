@@ -1,9 +1,9 @@
 """A stop from afar: sent whether the robot was seen or not, and again until it was done."""
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
+from twind.bridge.fleet.answers import error_name
 from twind.bridge.fleet.inbox import Inbox
 from twind.bridge.fleet.reach import Reach
 
@@ -68,8 +68,5 @@ class Stop:
 
 def _final(message: bytes) -> bool:
     """It was done, or will never be."""
-    try:
-        error = json.loads(message).get("error")
-    except (ValueError, RecursionError, AttributeError):
-        return False
-    return error is None or str(error).rpartition(".")[2] in FINAL
+    name = error_name(message)
+    return name == "" or name in FINAL

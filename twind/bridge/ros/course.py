@@ -46,6 +46,7 @@ STEP = 0.1  # s that a command may wait to be seen, where nothing wakes who take
 STATUS_PERIOD = 0.5  # s between two statuses that differ in numbers alone
 URGENT = ("mode", "state", "motion", "armed", "hw_connected", "faults")
 REACH = 0.5  # s to be let in at observe.sock: a full queue must not hold up an e-stop
+NO_COMMANDS = "--no-commands; of what comes from ROS the e-stop alone is done"
 GRACE = 1.0  # s at the end: to give the lease back, and to leave the graph
 
 
@@ -64,7 +65,8 @@ class Course:
     ) -> None:
         """`sockets`: folder of the daemon's. `rate`: readings a second, at most the loop's, which None is."""
         self._transport, self._tell, self._stop = transport, tell, stop
-        self._commands, self._sockets = commands, sockets
+        self._sockets = sockets
+        self._looks = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
         self._speech, self._diagnostics = Speech(), Diagnostics()
         self._graph, self._deaf, self._odd = Once(), Once(), Once()
         self._journal, self._neighbours, self._alone = Journal(tell), Neighbours(), Once()
@@ -131,7 +133,7 @@ class Course:
         if self._news.wrong or not self._news.there:
             self._status = None
             self._publish_status()
-        if self._commands:
+        if not self._looks:
             both = self._neighbours.wrong()
             if self._alone.news(both, time.monotonic()):
                 self._tell(both or "the other bridge is gone: commands are taken again")
@@ -143,9 +145,8 @@ class Course:
 
     def _join(self) -> None:
         self._transport.close()
-        services = SERVICES if self._transport.serves else ()
         try:
-            self._transport.open((*TOPICS, NEIGHBOURS), services, self._heard, self._asked)
+            self._transport.open((*TOPICS, NEIGHBOURS), SERVICES, self._heard, self._asked)
         except TransportError as error:
             self._wrong = str(error)
         else:
@@ -189,8 +190,8 @@ class Course:
 
     def _closed(self, stop: bool = False) -> str:
         """Why no command is taken, or, with `stop`, not even that; "": they are. An e-stop always is."""
-        if not self._commands:
-            return "this bridge only looks (--no-commands): of what comes from ROS the e-stop alone is done"
+        if self._looks:
+            return f"this bridge only looks: {self._looks}"
         if self._denied:
             return f"this bridge only looks: {self._denied}; the e-stop alone is done"
         return "" if stop else self._neighbours.wrong()
@@ -248,7 +249,7 @@ class Course:
 
     def _ask_rights(self) -> None:
         """Once for each daemon: who may not command offers nothing that does."""
-        found = denied(self._operator) if self._commands else ""
+        found = "" if self._looks else denied(self._operator)
         if found is None or bool(found) == bool(self._denied):
             return
         self._denied = found
@@ -263,7 +264,7 @@ class Course:
             "id": self._neighbours.id,
             "daemon": self._news.there and not daemon,
             "error": daemon or self._readings.wrong or self._wrong or None,
-            "commands": self._commands and not self._denied and not self._over,
+            "commands": not (self._looks or self._denied or self._over),
             "refuses": self._closed() or None,
             "dropped": self._readings.dropped + self._news.dropped,
             "undelivered": getattr(self._transport, "dropped", 0),  # DDS alone knows

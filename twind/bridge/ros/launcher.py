@@ -23,7 +23,9 @@ from twind.bridge.ros.discovery import Range, discovery
 from twind.ctl.verb import UsageError
 
 ROOT = Path("/opt/ros")  # where distributions are installed
+BUILT = "kilted"  # the distribution of the wheels that `make ros` installs, as in constraints-ros.txt
 SOURCED = 20.0  # s that the set-up of a distribution may take
+LOADED = 60.0  # s that rclpy may take to load; about 1 s on an idle machine
 OLD = ("foxy", "galactic", "humble")  # know ROS_LOCALHOST_ONLY alone, of which later ones warn
 _PYTHON = re.compile(r"python3(?:\.\d+)?")
 
@@ -73,27 +75,53 @@ def launch(options: argparse.Namespace, tell: Callable[[str], None], stop: objec
 
 def command(python: str, options: argparse.Namespace) -> list[str]:
     """The words of the process that this one becomes."""
-    package = Path(__file__).resolve().parents[2]
-    words = [python, "-c", BEGIN, str(package)]
+    words = begin(python)
     for name in ("socket", "rate", "domain"):
         value = getattr(options, name)
         words += [] if value is None else [f"--{name}", str(value)]
     return words if options.commands else [*words, "--no-commands"]
 
 
-def available(environment: Mapping[str, str]) -> bool:
-    """An rclpy is to be had: sourced, in this interpreter, or of a distribution that is installed."""
+def begin(python: str) -> list[str]:
+    """Command that runs `rclpy_main` under the interpreter `python`."""
+    return [python, "-c", BEGIN, str(Path(__file__).resolve().parents[2])]
+
+
+def fault(found: Distribution) -> str:
+    """Reason why the back end does not load there, "" if it loads. Starts that interpreter once."""
     try:
-        distribution(environment, None)
-    except UsageError:
-        return False
-    return True
+        done = subprocess.run(
+            [*begin(found.python), "--check"],
+            env=dict(found.environment),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=LOADED,
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        return f"rclpy of {found.python} is not used: {error}"
+    if done.returncode == 0:
+        return ""
+    lines = done.stderr.decode(errors="replace").strip().splitlines()
+    reason = lines[-1].removeprefix("twindctl: ") if lines else f"exit code {done.returncode}"
+    return f"rclpy of {found.python} is not used: {reason}"
 
 
 def distribution(environment: Mapping[str, str], wanted: str | None, root: Path = ROOT) -> Distribution:
-    """What is sourced, else what this interpreter has, else the only or the `wanted` one in `root`.
+    """What `installed` finds. Raises UsageError: no rclpy, or several."""
+    found = installed(environment, wanted, root)
+    if found is None:
+        remedy = "install one, or take --backend zenoh, which needs none, or dds, which only publishes"
+        raise UsageError(f"rclpy: no ROS 2 in {root}, none sourced, none in this interpreter; {remedy}")
+    return found
 
-    Raises UsageError.
+
+def installed(environment: Mapping[str, str], wanted: str | None, root: Path = ROOT) -> Distribution | None:
+    """The rclpy of the first of these that has one. None: no rclpy is installed.
+
+    1. The environment, where ROS is sourced. 2. This interpreter. 3. The distributions in `root`: the
+    `wanted` one, or the only one. 4. What `make ros` built.
+    Raises UsageError: the interpreter of an rclpy is missing, no distribution of `root` is the wanted one,
+    several are there and none is named, or a set-up fails.
     """
     other = wanted is not None and environment.get("ROS_DISTRO", wanted) != wanted
     sourced = None if other else _sourced(environment)
@@ -101,7 +129,13 @@ def distribution(environment: Mapping[str, str], wanted: str | None, root: Path 
         return sourced
     if wanted is None and importlib.util.find_spec("rclpy") is not None:
         return Distribution(sys.executable, environment)
-    setup = _setup(wanted or environment.get("ROS_DISTRO"), root)
+    name = wanted or environment.get("ROS_DISTRO")
+    known = sorted(each.parent.name for each in root.glob("*/setup.bash"))
+    if not known:
+        built = Path(sys.prefix, "ros", "bin", "python")
+        there = name in (None, "", BUILT) and built.exists()
+        return Distribution(str(built), environment) if there else None
+    setup = _setup(name, known, root)
     found = _sourced(_source(setup, environment))
     if found is None:
         raise UsageError(f"rclpy: {setup} was sourced, and no rclpy is on its paths; install ros-base")
@@ -125,15 +159,11 @@ def graph(environment: Mapping[str, str], domain: int | None) -> dict[str, str]:
     return told | {"ROS_LOCALHOST_ONLY": str(int(found.local))}
 
 
-def _setup(distro: str | None, root: Path) -> Path:
-    """The set-up script of a distribution in `root`."""
-    known = sorted(each.parent.name for each in root.glob("*/setup.bash"))
-    if not known:
-        remedy = "install one, or take --backend dds or zenoh, which need none"
-        raise UsageError(f"rclpy: no ROS 2 in {root}, none sourced, none in this interpreter; {remedy}")
-    if distro is None and len(known) > 1:
+def _setup(distro: str | None, known: Sequence[str], root: Path) -> Path:
+    """The set-up script of a distribution in `root`, which has those that are `known`."""
+    if not distro and len(known) > 1:
         raise UsageError(f"rclpy: {root} has {', '.join(known)}: say which one with --distro")
-    name = known[0] if distro is None else distro
+    name = distro or known[0]
     if name not in known:
         raise UsageError(f"rclpy: no ROS 2 {name!r} in {root}; there are {', '.join(known)}")
     return root / name / "setup.bash"

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from typing import Any
 
-from twind.bridge.driving import LOST, STOPPED, Driving
+from twind.bridge.driving import LOST, Driving, reported_end
 from twind.bridge.ros.endpoints import TRAJECTORY
 from twind.bridge.ros.goal import LONGEST, Heading, Unfit, heading, trajectory
 from twind.bridge.ros.inbox import PACE, ROOM, Command, Inbox, Told
@@ -79,13 +79,12 @@ class Orders:
         self._void(self._now())
 
     def heard(self, answer: Mapping[str, Any]) -> None:
-        """An answer of `Monitor`, topics events and status. A stop of anybody else is one too."""
+        """Take an answer of `Monitor`, topics events and status. A stop by another client counts too."""
         self._driving.heard(answer)
         if answer["topic"] == "events":
-            event = answer["event"]
-            name, _, phase = event["message"].partition(" ")
-            ended = event["code"] == "MOTION" and phase in STOPPED and name not in self._let_go
-            if ended or event["code"] == "LEASE_LOST":
+            ended = reported_end(answer)
+            stopped = ended is not None and ended.stopped and ended.id not in self._let_go
+            if stopped or answer["event"]["code"] == "LEASE_LOST":
                 self._void(answer["time"])
         elif answer["topic"] == "status":
             mode = answer["status"]["mode"]

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 
 from twind.bridge.ros.course import Course
 from twind.bridge.ros.discovery import discovery
-from twind.bridge.ros.rclpy_node import Rclpy
+from twind.bridge.ros.rclpy_node import Rclpy, check
+from twind.bridge.ros.transport import TransportError
 from twind.bridge.ros.verb import tell
 from twind.ctl.stopping import told_to_stop
 
@@ -20,7 +21,10 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--rate", type=float)
     parser.add_argument("--domain", type=int)
     parser.add_argument("--no-commands", dest="commands", action="store_false")
+    parser.add_argument("--check", action="store_true")  # load all that is needed, and end
     options = parser.parse_args(words)
+    if options.check:
+        return _checked()
     node = Rclpy(discovery(os.environ, domain=options.domain), tell, sockets=options.socket)
     with told_to_stop() as stop:
         course = Course(
@@ -33,3 +37,13 @@ def main(words: Sequence[str]) -> int:
         )
         node.goals = course.orders.goal if options.commands else None
         return course.run()
+
+
+def _checked() -> int:
+    """0; 2 and a line on standard error: a message package is missing."""
+    try:
+        check()
+    except TransportError as error:
+        tell(str(error))
+        return 2
+    return 0

@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from twind.bridge.ros.discovery import Discovery
-from twind.bridge.ros.endpoints import NODE, STATUS, TO_MODE, Service, Topic
+from twind.bridge.ros.endpoints import NODE, SERVICES, STATUS, TO_MODE, TOPICS, Service, Topic
 from twind.bridge.ros.rclpy_follow import Follow, Goals
 from twind.bridge.ros.transport import Asked, Heard, TransportError
 from twind.ros import STRING, decode
@@ -49,6 +49,15 @@ def _kinds(topics: Sequence[Topic], services: Sequence[Service]) -> set[str]:
     return {topic.kind for topic in topics} | {service.kind for service in services}
 
 
+def check() -> None:
+    """Load every message type. Raises TransportError: one is missing.
+
+    The middleware needs no check: where RMW_IMPLEMENTATION is not installed, `import rclpy` ends the process.
+    """
+    for kind in _kinds(TOPICS, SERVICES):
+        message_type(kind)
+
+
 def quality(topic: Topic) -> Any:
     """The QoSProfile of a topic."""
     return QoSProfile(
@@ -62,7 +71,7 @@ def quality(topic: Topic) -> Any:
 class Rclpy:
     """A Transport. `goals`: who takes the goals of an action, set before `open`; None: no action."""
 
-    serves = True
+    refuses = ""
 
     def __init__(self, found: Discovery, tell: Callable[[str], None], *, sockets: str | None = None) -> None:
         """`sockets`: of the daemon, for what a goal's client is told while it runs."""

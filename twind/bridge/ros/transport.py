@@ -19,10 +19,13 @@ class TransportError(Exception):
 class Transport(Protocol):
     """One way into the ROS 2 graph. `publish` may be called by several threads."""
 
-    serves: bool  # services work truly here; else topics do instead
+    refuses: str  # why no command arrives here, for the user; "": topics are read and services are served
 
     def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
-        """Join the graph with these endpoints. Raises TransportError."""
+        """Join the graph with these endpoints; with `refuses`, only with those that are written.
+
+        Raises TransportError.
+        """
 
     def publish(self, topic: Topic, data: bytes) -> None:
         """Send CDR bytes, header included, within milliseconds whoever is there. Raises TransportError."""

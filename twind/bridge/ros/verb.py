@@ -1,8 +1,8 @@
 """the robot in a ROS 2 graph, with or without ROS on this machine: joint states out, trajectories in
 
-A client of observe.sock, and of control.sock for commands, which meet the gate as any other. Without ROS it
-speaks DDS or Zenoh itself; with it, the distribution's own rclpy. It stays on this machine unless
-ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_STATIC_PEERS say otherwise; ROS_DOMAIN_ID counts.
+A client of observe.sock, and of control.sock for commands, which meet the gate as any other. With ROS it is
+a node of the distribution's own rclpy. Without ROS it speaks Zenoh, or DDS, which only publishes. It stays on
+this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_STATIC_PEERS say otherwise; ROS_DOMAIN_ID counts.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twind.bridge.ros.choice import DDS, RCLPY, ZENOH, usual
 from twind.ctl.extras import how_to_add
 from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import Rejected, UsageError, harmless
@@ -30,17 +31,11 @@ if TYPE_CHECKING:
 
 # name -> (what joins the graph, the modules that it needs)
 BACK_ENDS = {
-    "dds": ("twind.bridge.ros.dds:Dds", ("cyclonedds",)),
-    "zenoh": ("twind.bridge.ros.zenoh:Zenoh", ("zenoh", "xxhash")),
+    DDS: ("twind.bridge.ros.dds:Dds", ("cyclonedds",)),
+    ZENOH: ("twind.bridge.ros.zenoh:Zenoh", ("zenoh", "xxhash")),
 }
-ZENOH = "rmw_zenoh_cpp"
-MIDDLEWARES = (  # that speak DDS
-    *("rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp", "rmw_cyclonedds_cpp"),
-    *("rmw_connextdds", "rmw_gurumdds_cpp"),
-)
 DISTROS = ("humble", "iron", "jazzy", "kilted", "lyrical", "rolling")
 _ENDPOINT = re.compile(r"(?:tcp|tls|udp|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?:unixsock-stream|serial)/\S+")
-RCLPY = "rclpy"  # joins it in another interpreter: twind.bridge.ros.launcher
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,8 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--backend",
         choices=[RCLPY, *BACK_ENDS],
-        help="what joins the graph (default: rclpy where ROS is sourced, zenoh where RMW_IMPLEMENTATION is "
-        "rmw_zenoh_cpp, else dds)",
+        help="what joins the graph; dds only publishes and takes no commands (default: rclpy where one is "
+        "sourced, in /opt/ros or built by `make ros`; else zenoh where RMW_IMPLEMENTATION is rmw_zenoh_cpp; "
+        "else dds)",
     )
     parser.add_argument("--domain", type=int, metavar="N", help="instead of ROS_DOMAIN_ID")
     parser.add_argument(
@@ -62,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-commands",
         dest="commands",
         action="store_false",
-        help="look only: of what comes from ROS the e-stop alone is done",
+        help="look only: of what comes from ROS the e-stop alone is done; with dds nothing is",
     )
     parser.add_argument(
         "--zenoh-connect", metavar="ENDPOINT", help="of the router (default tcp/localhost:7447)"
@@ -81,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
         graph = discovery(os.environ, domain=options.domain, distro=options.distro)
     except DiscoveryError as error:
         raise UsageError(str(error)) from None
-    options.backend = options.backend or usual(dict(os.environ))
+    options.backend = options.backend or usual(os.environ, options.distro, tell)
     _sensible(options, graph)
     with told_to_stop() as stop:
         try:
@@ -99,29 +95,16 @@ def _sensible(options: argparse.Namespace, graph: Discovery) -> None:
         raise UsageError(f"--zenoh-connect {endpoint}: expected tcp/HOST:PORT or tls/HOST:PORT")
 
 
-def usual(environment: dict[str, str]) -> str:
-    """The back end where none is named.
-
-    Whoever has sourced ROS gets its own: actions, parameters and every rmw work there. Raises UsageError.
-    """
-    if environment.get("ROS_DISTRO") and environment.get("AMENT_PREFIX_PATH"):
-        return RCLPY
-    middleware = environment.get("RMW_IMPLEMENTATION", "")
-    if middleware and middleware not in (ZENOH, *MIDDLEWARES):
-        known = ", ".join((ZENOH, *MIDDLEWARES))
-        raise UsageError(f"RMW_IMPLEMENTATION={middleware!r}: must be one of {known}, or name a --backend")
-    return "zenoh" if middleware == ZENOH else "dds"
-
-
 def _bridge(options: argparse.Namespace, graph: Discovery, stop: threading.Event) -> int:
-    tell(_headline(options, graph))
     if options.backend == RCLPY:
         from twind.bridge.ros.launcher import launch
 
+        tell(_headline(options, graph))
         return launch(options, tell, stop)
     from twind.bridge.ros.course import Course
 
     transport = made(options, graph)
+    tell(_headline(options, graph, transport.refuses))
     course = Course(
         transport, options.socket, rate=options.rate, commands=options.commands, tell=tell, stop=stop
     )
@@ -134,33 +117,33 @@ def made(options: argparse.Namespace, graph: Discovery) -> Transport:
     missing = [each for each in needs if find_spec(each) is None]
     if missing:
         words = f"--backend {options.backend} needs {' and '.join(missing)}: {how_to_add('ros')}"
-        raise UsageError(f"{words}; where ROS is: --backend rclpy")
+        raise UsageError(f"{words}; where ROS is installed: --backend rclpy")
     module, _, name = where.partition(":")
     kind: Callable[..., Any] = getattr(import_module(module), name)
-    if options.backend == "zenoh":
+    if options.backend == ZENOH:
         made: Transport = kind(graph, tell, connect=options.zenoh_connect, config=options.zenoh_config)
         return made
     transport: Transport = kind(graph, tell)
     return transport
 
 
-def _headline(options: argparse.Namespace, graph: Discovery) -> str:
-    """What is begun, and who may do what by it."""
+def _headline(options: argparse.Namespace, graph: Discovery, refuses: str = "") -> str:
+    """What is begun, and who may do what by it. `refuses`: why the back end takes no commands."""
     from twind.bridge.ros.calls import denied
     from twind.client import Client
 
     # Who is named is only asked first: whoever knows a port comes in.
     network = f"this network ({', '.join([graph.range.value, *graph.peers])})"
     reach = "this machine" if graph.local else network
-    if options.backend == "zenoh":
+    if options.backend == ZENOH:
         reach = f"whoever reaches the router {options.zenoh_connect or ''}".rstrip()
+    where = f"ROS 2 by {options.backend}, domain {graph.domain}: {reach}"
+    if refuses:
+        return f"{where}; look only: {refuses}"
     why = denied(lambda: Client(options.socket)) if options.commands else "--no-commands"
-    who = (
-        f"look only: {why}; of what comes from ROS the e-stop alone is done"
-        if why
-        else f"{reach} may move the robot"
-    )
-    return f"ROS 2 by {options.backend}, domain {graph.domain}: {reach}; {who}"
+    if why:
+        return f"{where}; look only: {why}; of what comes from ROS the e-stop alone is done"
+    return f"{where}; {reach} may move the robot"
 
 
 def tell(line: str) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from math import inf
 from typing import Any
 
-from twind.bridge.driving import LOST, STOPPED, Driving, Ended
+from twind.bridge.driving import LOST, Driving, Ended, reported_end
 from twind.bridge.uplink.contract import finding, invalid, no_daemon, refused
 from twind.bridge.uplink.goals import Goal, Goals, in_time
 from twind.bridge.uplink.plans import Plans
@@ -158,12 +158,11 @@ class Reins:
             self._stopped = max(self._stopped, at)
 
     def heard(self, answer: Mapping[str, Any]) -> None:
-        """An answer of `Monitor`, topics events and status: stops of others, ends."""
+        """Take an answer of `Monitor`, topics events and status: stops by others, ends."""
         self._driving.heard(answer)
-        if answer["topic"] == "events" and answer["event"]["code"] == "MOTION":
-            name, _, phase = answer["event"]["message"].partition(" ")
-            if phase in STOPPED and name not in self._dropped:
-                self.stopped(answer["time"])
+        ended = reported_end(answer)
+        if ended is not None and ended.stopped and ended.id not in self._dropped:
+            self.stopped(answer["time"])
 
     def watch(self) -> None:
         """Hang up where the lease lapsed while a goal is judged. Each PERIOD, in a thread of its own."""
@@ -204,7 +203,7 @@ class Reins:
                 goal.answer["progress"] = 1.0
             elif ended.phase == LOST:
                 said = finding("LEASE_LOST", "how it ended was not heard; nothing moves under it any more")
-                goal.answer |= {"phase": "aborted", "findings": [said]}
+                goal.answer |= {"phase": "aborted", "findings": list(ended.findings) or [said]}
         self._publish(goal.name, goal.answer)
 
     def close(self) -> None:

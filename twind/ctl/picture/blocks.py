@@ -202,13 +202,14 @@ def _loop(status: Answer) -> list[Span]:
     sign = "" if on_time >= 0.99 else "! "
     late = [micro(loop[key]) for key in ("late_p50_us", "late_p99_us", "late_max_us")]
     policy = (loop.get("realtime") or {}).get("scheduler", "")
+    denied = "scheduler" in (loop.get("realtime_denied") or ())
     share = f" ({missed / (missed + ticks):.2%})" if missed else ""
     return [
         (f"{loop['rate_hz']:g} Hz", ""),
         (f"{sign}on time {on_time:.0%} of the last 100", style),
         (f"missed {missed}{share}", "warn" if missed else ""),
         (f"late p50/p99/max {'/'.join(late)} µs", ""),
-        (f"! {policy}" if policy.startswith("no") else policy, "warn" if policy.startswith("no") else ""),
+        (f"! {policy}" if denied else policy, "warn" if denied else ""),
     ]
 
 

@@ -157,8 +157,11 @@ def _loop(news: News) -> Iterator[Metric]:
         _histogram(family, {}, news.lateness, news.status["loop"].get("lateness_sum_ms"), news.began)
     yield family
     granted = GaugeMetricFamily("twind_realtime_granted", "1: got as asked for.", labels=("what",))
-    for what, got in sorted(news.status["loop"]["realtime"].items()):
-        granted.add_metric((what,), float(not got.startswith("no:")))
+    denied = news.status["loop"].get("realtime_denied")
+    for what in (
+        sorted(news.status["loop"]["realtime"]) if denied is not None else ()
+    ):  # None: an older daemon
+        granted.add_metric((what,), float(what not in denied))
     yield granted
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from twind.flight import Contents, Entry, Kind
+from twind.flight import LOST, OPENED, Contents, Entry, Kind
 from twind.observe.replaying.wire import FIRMWARE, Exchange, exchanges
 from twind_drivers.dynamixel.packet import ALERT
 from twind_drivers.dynamixel.tables import Field, Table, table
@@ -97,9 +97,10 @@ def _plugs(entries: Sequence[Entry]) -> Iterator[tuple[float, bool]]:
     """Gone half-way between the last byte and its loss; back shortly before it was opened."""
     before = float("-inf")
     for entry in entries:
-        if entry.kind == Kind.PORT and entry.data.startswith(b"lost"):
+        word = entry.data if entry.kind == Kind.PORT else b""
+        if word.startswith(LOST):
             yield max(entry.time - GONE, (before + entry.time) / 2.0), False
-        elif entry.kind == Kind.PORT and entry.data.startswith(b"opened"):
+        elif word.startswith(OPENED):
             yield entry.time - BACK, True
         before = entry.time
 

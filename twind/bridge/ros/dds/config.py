@@ -10,8 +10,8 @@ from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
 
 HERE = "127.0.0.1"
-# What is longer than any message of ours the library drops, in words, before all of it has come. Each writer
-# in turn waits so long for readers that do not answer when it is closed; by default 1 s.
+# The library drops a sample that is longer than any message of the bridge and logs it. The linger duration is
+# how long each closed writer waits for readers that do not answer; the default is 1 s.
 _LIMITS = (
     f"<Internal><MaxSampleSize>{LONGEST + 4096} B</MaxSampleSize>"
     "<WriterLingerDuration>20 ms</WriterLingerDuration></Internal>"

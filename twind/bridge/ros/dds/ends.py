@@ -1,7 +1,7 @@
-"""Writers and readers of one participant, which carry bytes: CDR, header included.
+"""Writers of one participant. They send CDR bytes, header included.
 
-A type here is its name alone. To the library every sample is one octet and whatever follows, so that it
-looks at nothing: a malformed message is for those to judge who know what it should be.
+A type is its name alone. The library takes every sample as one octet and the bytes after it, and sends no
+information on the structure of the type.
 """
 
 from __future__ import annotations
@@ -11,48 +11,40 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from twind.bridge.ros.dds.library import TIMEOUT, Descriptor, Piece, SampleInfo, checked
+from twind.bridge.ros.dds.library import TIMEOUT, Descriptor, Piece, checked
 from twind.bridge.ros.dds.names import dds_name, user_data
 from twind.bridge.ros.endpoints import Topic
-from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
 from twind.ros import dds_type
 
 BLOCKING = 5_000_000  # ns that a write may wait for a reader that does not keep up
-TAKEN = 16  # samples that are taken at once
 _OPAQUE = (0x01_01_00_00, 0, 0)  # DDS_OP_ADR | DDS_OP_TYPE_1BY, at offset 0; DDS_OP_RTS
-_DATA, _EVERY = 2, 0x7F  # SDK_DATA; DDS_ANY_STATE
+_DATA = 2  # SDK_DATA
 _RELIABLE, _TRANSIENT_LOCAL, _KEEP_LAST, _XCDR1 = 1, 1, 0, 0
 _UNLIMITED = -1
 
 
-class Endpoint:
-    """A writer or a reader of one topic."""
+class Writer:
+    """The writer of one topic. Any thread may write."""
 
     def __init__(self, library: ct.CDLL, participant: int, topic: Topic) -> None:
         """Raises TransportError."""
-        self._library, self.topic, name = library, topic, dds_name(topic)
-        make = library.dds_create_writer if topic.out else library.dds_create_reader
+        self._library = library
+        self.topic = topic
+        name = dds_name(topic)
         with quality(library, topic) as wanted:
             place = library.dds_create_topic(participant, _descriptor(topic), name.encode(), None, None)
-            self._place = checked(library, place, f"topic {name}")
-            self.entity = checked(library, make(participant, self._place, wanted, None), name)
+            checked(library, place, f"topic {name}")
+            entity = library.dds_create_writer(participant, place, wanted, None)
+        self._entity = checked(library, entity, name)
+        self._lock = threading.Lock()  # no write uses a type that is being deleted
+        self._type: ct.c_void_p | None = ct.c_void_p()
+        found = library.dds_get_entity_sertype(self._entity, ct.byref(self._type))
+        checked(library, found, f"type of {name}")
 
     def guid(self) -> bytes:
         """16 bytes, as on the wire."""
-        return guid(self._library, self.entity)
-
-
-class Writer(Endpoint):
-    """What is written, by any thread."""
-
-    def __init__(self, library: ct.CDLL, participant: int, topic: Topic) -> None:
-        """Raises TransportError."""
-        super().__init__(library, participant, topic)
-        self._lock = threading.Lock()  # nothing is written into a type that is being deleted
-        self._type: ct.c_void_p | None = ct.c_void_p()
-        found = library.dds_get_entity_sertype(self.entity, ct.byref(self._type))
-        checked(library, found, f"type of {dds_name(topic)}")
+        return guid(self._library, self._entity)
 
     def write(self, data: bytes) -> bool:
         """Whether it went out within `BLOCKING`; False: dropped. Raises TransportError."""
@@ -64,7 +56,7 @@ class Writer(Endpoint):
             sample = library.ddsi_serdata_from_ser_iov(self._type, _DATA, 1, ct.byref(piece), len(data))
             if not sample:
                 raise TransportError(f"dds: {self.topic.name}: {len(data)} bytes are no CDR")
-            result = library.dds_writecdr(self.entity, sample)
+            result = library.dds_writecdr(self._entity, sample)
         if result == TIMEOUT:
             return False
         checked(library, result, f"write {self.topic.name}")
@@ -76,34 +68,6 @@ class Writer(Endpoint):
             self._type = None
 
 
-class Reader(Endpoint):
-    """What has come. For one thread."""
-
-    def __init__(self, library: ct.CDLL, participant: int, topic: Topic) -> None:
-        """Raises TransportError."""
-        super().__init__(library, participant, topic)
-        self._samples, self._told = (ct.c_void_p * TAKEN)(), (SampleInfo * TAKEN)()
-
-    def take(self) -> list[bytes]:
-        """The oldest of what has come and was not taken, at most `TAKEN`. Raises TransportError.
-
-        Of one that is too long only so much that it shows: a stop is a stop all the same.
-        """
-        library = self._library
-        count = library.dds_takecdr(self.entity, self._samples, TAKEN, self._told, _EVERY)
-        checked(library, count, f"read {self.topic.name}")
-        taken = []
-        for place in range(count):
-            sample = self._samples[place]
-            if self._told[place].valid:
-                size = min(library.ddsi_serdata_size(sample), LONGEST + 1)
-                data = ct.create_string_buffer(size)
-                library.ddsi_serdata_to_ser(sample, 0, len(data), data)
-                taken.append(data.raw)
-            library.ddsi_serdata_unref(sample)
-        return taken
-
-
 def guid(library: ct.CDLL, entity: int) -> bytes:
     """GUID of an entity, 16 bytes as on the wire. Raises TransportError."""
     data = ct.create_string_buffer(16)
@@ -113,7 +77,7 @@ def guid(library: ct.CDLL, entity: int) -> bytes:
 
 @contextmanager
 def quality(library: ct.CDLL, topic: Topic) -> Iterator[ct.c_void_p]:
-    """The QoS of one side of a topic."""
+    """The QoS of the writer of a topic."""
     qos = library.dds_create_qos()
     told = user_data(topic)
     library.dds_qset_reliability(qos, _RELIABLE, BLOCKING)

@@ -44,17 +44,6 @@ class Descriptor(ct.Structure):
     )
 
 
-class SampleInfo(ct.Structure):
-    """What is told beside a sample: dds_sample_info_t."""
-
-    _fields_ = (
-        *((name, ct.c_uint32) for name in ("sample", "view", "instance")),
-        ("valid", ct.c_bool),  # else it says that a writer is gone, and has no data
-        *((name, ct.c_int64) for name in ("written", "handle", "writer")),
-        *((name, ct.c_uint32) for name in ("disposed", "orphaned", "rank", "generation", "absolute")),
-    )
-
-
 class Piece(ct.Structure):
     """Some bytes: struct iovec."""
 
@@ -68,13 +57,6 @@ _FUNCTIONS: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_create_participant": (_ENTITY, (ct.c_uint32, _POINTER, _POINTER)),
     "dds_create_topic": (_ENTITY, (_ENTITY, ct.POINTER(Descriptor), _TEXT, _POINTER, _POINTER)),
     "dds_create_writer": (_ENTITY, (_ENTITY, _ENTITY, _POINTER, _POINTER)),
-    "dds_create_reader": (_ENTITY, (_ENTITY, _ENTITY, _POINTER, _POINTER)),
-    "dds_create_readcondition": (_ENTITY, (_ENTITY, ct.c_uint32)),
-    "dds_create_guardcondition": (_ENTITY, (_ENTITY,)),
-    "dds_create_waitset": (_ENTITY, (_ENTITY,)),
-    "dds_waitset_attach": (ct.c_int32, (_ENTITY, _ENTITY, ct.c_ssize_t)),
-    "dds_waitset_wait": (ct.c_int32, (_ENTITY, ct.POINTER(ct.c_ssize_t), ct.c_size_t, ct.c_int64)),
-    "dds_set_guardcondition": (ct.c_int32, (_ENTITY, ct.c_bool)),
     "dds_delete": (ct.c_int32, (_ENTITY,)),
     "dds_get_guid": (ct.c_int32, (_ENTITY, _POINTER)),
     "dds_get_entity_sertype": (ct.c_int32, (_ENTITY, ct.POINTER(_POINTER))),
@@ -89,17 +71,10 @@ _FUNCTIONS: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_qset_data_representation": (None, (_POINTER, ct.c_uint32, ct.POINTER(ct.c_int16))),
     "dds_qset_userdata": (None, (_POINTER, _TEXT, ct.c_size_t)),
     "dds_writecdr": (ct.c_int32, (_ENTITY, _POINTER)),
-    "dds_takecdr": (
-        ct.c_int32,
-        (_ENTITY, ct.POINTER(_POINTER), ct.c_uint32, ct.POINTER(SampleInfo), ct.c_uint32),
-    ),
     "ddsi_serdata_from_ser_iov": (
         _POINTER,
         (_POINTER, ct.c_int, ct.c_size_t, ct.POINTER(Piece), ct.c_size_t),
     ),
-    "ddsi_serdata_size": (ct.c_uint32, (_POINTER,)),
-    "ddsi_serdata_to_ser": (None, (_POINTER, ct.c_size_t, ct.c_size_t, _POINTER)),
-    "ddsi_serdata_unref": (None, (_POINTER,)),
 }
 
 

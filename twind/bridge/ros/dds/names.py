@@ -25,8 +25,11 @@ def user_data(topic: Topic) -> bytes:
     return f"typehash={type_hash(topic.kind)};".encode()
 
 
-def graph_message(participant: bytes, readers: Sequence[bytes], writers: Sequence[bytes], gid: int) -> bytes:
-    """CDR: one participant (GUIDs of 16 bytes) with one node that has these. `gid`: bytes of a gid there."""
+def graph_message(participant: bytes, writers: Sequence[bytes], gid: int) -> bytes:
+    """CDR: one participant with one node that has these writers and no reader.
+
+    `participant`, `writers`: GUIDs of 16 bytes. `gid`: bytes of a gid in this graph.
+    """
 
     def wide(guid: bytes) -> dict[str, list[int]]:
         return {"data": list(guid.ljust(gid, b"\0"))}
@@ -34,7 +37,7 @@ def graph_message(participant: bytes, readers: Sequence[bytes], writers: Sequenc
     node = {
         "node_namespace": "/",
         "node_name": NODE,
-        "reader_gid_seq": [wide(each) for each in readers],
+        "reader_gid_seq": [],
         "writer_gid_seq": [wide(each) for each in writers],
     }
     message = {"gid": wide(participant), "node_entities_info_seq": [node]}

@@ -27,7 +27,7 @@ class Zenoh:
     reaches is said by its configuration, as in rmw_zenoh, and ours is this machine.
     """
 
-    serves = True
+    refuses = ""
 
     def __init__(
         self,
