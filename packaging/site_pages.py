@@ -1,7 +1,7 @@
 """A hook of MkDocs: the site has the layout of the sources, so that links between pages hold without copies.
 
-Pages are README.md, CHANGELOG.md, docs/ and the README of each folder in `ROOMS`. Any other file that a page links
-to is copied into the site as it is.
+Pages are README.md, CHANGELOG.md, docs/ and the README of each folder in `ROOMS`. Any other file that a page
+links to is copied into the site as it is.
 """
 
 import re
