@@ -1,5 +1,6 @@
 """docs/configuration.md names every key of settings and robot file, and no other; with the right defaults."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -52,8 +53,20 @@ def described(folder: Path) -> None:
     (folder / "toe.csv").write_text("b_rad,toe_rad\n-1.0,-0.5\n1.0,0.5\n")
 
 
+def keys_of(cell: str) -> list[str]:
+    """Keys of a first cell; one that begins with a dot has the section of the first."""
+    keys = re.findall(r"`([^`]+)`", cell)
+    section_of_first = keys[0].rpartition(".")[0]
+    return [section_of_first + key if key.startswith(".") else key for key in keys]
+
+
 def documented(rows: list[list[str]]) -> set[str]:
-    return {key.strip("`") for key, *_ in rows}
+    return {key for cell, *_ in rows for key in keys_of(cell)}
+
+
+def defaults(rows: list[list[str]]) -> dict[str, str]:
+    """Default by key."""
+    return {key: usual for cell, _, usual, _ in rows for key in keys_of(cell)}
 
 
 def asked(monkeypatch: pytest.MonkeyPatch, read: object) -> set[str]:
@@ -103,7 +116,7 @@ def test_every_key_of_the_robot_file_is_on_the_page(tmp_path: Path, monkeypatch:
 
 def test_the_defaults_of_the_page_are_those_of_the_code(tmp_path: Path) -> None:
     described(tmp_path)
-    robot, page = read_robot(tmp_path / "one.yaml"), {key.strip("`"): usual for key, _, usual, _ in ROBOT}
+    robot, page = read_robot(tmp_path / "one.yaml"), defaults(ROBOT)
     bus, kind, joint = robot.buses[0], robot.joints[0].type, robot.joints[0]
     assert page["support"] == f"`{robot.support}`"
     assert page["loop.rate_hz"] == f"{robot.rate_hz:g}"
@@ -134,7 +147,7 @@ def test_the_defaults_of_the_page_are_those_of_the_code(tmp_path: Path) -> None:
     clearance = robot.gate.collision
     for key, value in (("block", clearance.block), ("warn", clearance.warn), ("world", clearance.world)):
         assert page[f"collision.{key}_m"] == f"{value:g}"
-    usual = {key.strip("`"): usual for key, _, usual, _ in SETTINGS}
+    usual = defaults(SETTINGS)
     settings = load_settings(None, {"HOME": str(tmp_path)}, 1000)
     for key in ("mode", "robot", "log_level"):
         assert usual[key] == f"`{getattr(settings, key)}`"

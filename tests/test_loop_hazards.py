@@ -253,7 +253,7 @@ def test_a_front_that_cannot_be_started_does_not_stop_the_loop() -> None:
             raise BlockingIOError("no process to be had")
 
     rig = Rig(mode=Mode.SIM)
-    front = NoProcess(0, rig.front.outer, rig.front.outer)
+    front = NoProcess(0, {})
     out = Link(front)
     for tick in range(50):
         out.tend(tick * 0.01)

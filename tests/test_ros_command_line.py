@@ -24,7 +24,7 @@ PATH = "{joint_names: [head_yaw], points: [{positions: [0.1], time_from_start: {
 E_STOP = ("/bridge/estop_cmd", "std_msgs/msg/String")
 WAITS = "Waiting for at least 1 matching subscription(s)"  # words of ros2cli
 DISCOVERY = ("ROS_AUTOMATIC", "ROS_DOMAIN", "ROS_LOCALHOST", "ROS_STATIC", "RMW_", "FAST", "CYCLONEDDS_")
-# By itself `ros2` ends 0.1 s after it published. On a busy machine 3 of 200 commands were lost (docs/ros.md).
+# By itself `ros2` ends 0.1 s after it published. On a busy machine 3 of 250 commands were lost (docs/ros.md).
 STAYS = ("--keep-alive", "3")  # s
 PATIENCE = 15.0  # s after which `ros2` counts as waiting
 ANSWERED = 10.0  # s until the bridge reports what became of a command
