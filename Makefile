@@ -20,7 +20,7 @@ EXTRAS ?=
 
 .PHONY: demo test test-fast test-slow check computed lived format lint types imports bench coverage oracle fuzz \
 	mutate clean faults soak kills model cast pictures ros ros-if-here \
-	install uninstall deb extras FORCE
+	install uninstall deb extras docs FORCE
 
 demo: $(VENV)/.ready
 	$(BIN)/twindctl demo $(if $(SECONDS),--seconds $(SECONDS))
@@ -44,6 +44,7 @@ test-slow: $(VENV)/.ready
 # nobody computes, and whose claim is timing has the machine to itself.
 check: $(VENV)/.ready
 	$(MAKE) $(TWO) format lint types $(VENV)/.learn ros-if-here
+	$(MAKE) --no-print-directory docs
 	$(MAKE) $(TWO) imports computed lived
 	$(BIN)/pytest -n 2 --dist loadfile -m wired
 	$(BIN)/pytest -m alone
@@ -113,6 +114,10 @@ pictures: $(VENV)/.learn
 	$(BIN)/python tests/pictures_fleet.py
 	$(BIN)/python tests/pictures_learn.py
 
+# A searchable site of all pages, in site/. A dead link or anchor fails.
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 # What a machine gets, and where; DESTDIR, WHEELS, PURGE and the rest stand in packaging/install.sh. An interpreter is
 # named to these only where it was named to make: `python3` may be one below /root, which the service does not see.
 NAMED := $(if $(filter file,$(origin PYTHON)),,PYTHON='$(PYTHON)')
@@ -167,9 +172,13 @@ $(VENV)/ros/.ready: constraints-ros.txt | $(VENV)/.ready
 		--requirement constraints-ros.txt
 	touch $@
 
+$(VENV)/.docs: $(VENV)/.ready
+	$(ADD) '.[dev,docs]'
+	touch $@
+
 $(VENV)/.bench: $(VENV)/.ready
 	$(ADD) '.[dev,bench]'
 	touch $@
 
 clean:
-	rm -rf $(VENV) dist build .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) dist build site .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -120,7 +120,7 @@ listed() {
     pair "$SOURCE/systemd/tmpfiles.d/twind.conf" "$LIB/tmpfiles.d/twind.conf"
     pair "$SOURCE/systemd/udev/60-twind.rules" "$LIB/udev/rules.d/60-twind.rules"
     # Pages lie as in the sources, with what they link to, so that the links lead somewhere.
-    for each in README.md calibration/README.md systemd/README.md \
+    for each in README.md CHANGELOG.md calibration/README.md systemd/README.md \
         $(cd "$SOURCE" && find docs packaging/metrics -type f ! -name '*.cast' | LC_ALL=C sort) \
         twind/robots/h24.yaml twind/robots/h24-mixed.yaml twind/protocol/io.twind.Control.varlink; do
         pair "$SOURCE/$each" "$SHARE/doc/twind/$each"
@@ -309,7 +309,8 @@ remove() {
         while read -r each; do
             rm -f "$DESTDIR$each"
         done <"$top/files"
-        for each in /examples /docs/pictures /docs /calibration /packaging/metrics /packaging /systemd \
+        for each in /examples /docs/pictures /docs/examples/arm/motions /docs/examples/arm \
+            /docs/examples/nine/motions /docs/examples/nine /docs/examples /docs /calibration /packaging/metrics /packaging /systemd \
             /twind/robots /twind/protocol /twind ""; do
             rmdir "$DESTDIR$SHARE/doc/twind$each" 2>/dev/null || :
         done

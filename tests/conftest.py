@@ -54,11 +54,11 @@ SIDE_BY_SIDE = """
 # computing it comes late by up to 0.8 s (.ci/run has the figures). Two at once, and nothing else. Who stands
 # in neither list has the machine to itself.
 WIRED = """
-    adopt_verb calibrate_import_verb calibrate_scan calibrate_verbs descriptors docs doctor doctor_can_line
-    doctor_daemon doctor_fix_live doctor_mend doctor_supply edited failsafe_live fleet_live front_process
-    h24_mixed_live imu_live loop_slow_answers_live many model_live monitor_live packaged plug prove_verb
-    record_live recorder reload_live replug robot scan_verb sockets_gone virtual_can_clients virtual_child
-    virtual_clients virtual_main virtual_serve wiggle_verb
+    adopt_verb calibrate_import_verb calibrate_scan calibrate_verbs descriptors docs docs_tutorial doctor
+    doctor_can_line doctor_daemon doctor_fix_live doctor_mend doctor_supply edited failsafe_live fleet_live
+    front_process h24_mixed_live imu_live loop_slow_answers_live many model_live monitor_live packaged plug
+    prove_verb record_live recorder reload_live replug robot scan_verb sockets_gone virtual_can_clients
+    virtual_child virtual_clients virtual_main virtual_serve wiggle_verb
 """
 
 

@@ -80,7 +80,7 @@ def test_every_link_of_the_installed_pages_leads_somewhere(tree: Path) -> None:
     there = {str(page.relative_to(folder)) for page in folder.rglob("*.md")}
     sources = {f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")}
     rooms = ("calibration", "packaging/metrics", "systemd")
-    assert there == sources | {"README.md", *(f"{room}/README.md" for room in rooms)}
+    assert there == sources | {"README.md", "CHANGELOG.md", *(f"{room}/README.md" for room in rooms)}
     for each in sorted(there):
         page = folder / each
         links = re.findall(r"\]\(([^)]+)\)", FENCE.sub("", page.read_text()))
