@@ -8,7 +8,7 @@ FIGURE ?=
 unexport PYTHONDONTWRITEBYTECODE
 
 # Of the harnesses: how many, which seed, from which one on; also ROW, REAL, HOURS, MINUTES, JOBS. What each takes
-# and shows stands in docs/safety.md, "How it is proven".
+# and shows stands in docs/proof.md.
 N ?=
 SEED ?=
 FIRST ?=

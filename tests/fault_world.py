@@ -23,7 +23,7 @@ from twind_drivers.virtual.servos import REFRESH
 
 EPS = 1e-6  # s
 TICK = 0.01  # s: a register as reported was true at its stamp, or one tick before
-SETTLED = 0.1  # s: one without a stamp of its own was true within that (docs/safety.md, X3)
+SETTLED = 0.1  # s: one without a stamp of its own was true within that (docs/reason-codes.md, X3)
 WRITES = {
     Instruction.WRITE,
     Instruction.REG_WRITE,

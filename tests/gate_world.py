@@ -23,7 +23,7 @@ from twind.safety.headroom import Condition
 
 TH = Thresholds()
 CAREFUL = Fraction(1, 10**11)  # rounding of the product's doubles; the oracle itself has none
-REST = Fraction(0.05)  # rad/s, counts as rest (docs/safety.md)
+REST = Fraction(0.05)  # rad/s, counts as rest (docs/reason-codes.md)
 
 
 def limits(n: int = 2, **over: float | Floats) -> Limits:

@@ -11,7 +11,10 @@ PAGES = sorted(
         *(ROOT / room / "README.md" for room in ("drivers", "calibration", "systemd", "packaging/metrics")),
     ]
 )
-README, SAFETY = (ROOT / "README.md").read_text(), (ROOT / "docs" / "safety.md").read_text()
+README = (ROOT / "README.md").read_text()
+SAFETY = (ROOT / "docs" / "safety.md").read_text()
+REASON_CODES = (ROOT / "docs" / "reason-codes.md").read_text()
+PROOF = (ROOT / "docs" / "proof.md").read_text()
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from twind.safety.alarm import Alarm, Alert
 
-CALM, CALM_FOR = 0.8, 1.0  # of the bound; s: as docs/safety.md says
+CALM, CALM_FOR = 0.8, 1.0  # of the bound; s: as docs/reason-codes.md says
 BOUND = 0.05
 LOW, MIDDLE, HIGH = 0.01, 0.045, 0.06
 

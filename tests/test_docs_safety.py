@@ -1,13 +1,17 @@
-"""docs/safety.md says what the code does: reason codes, states, numbers, proofs."""
+"""The pages safety, reason-codes and proof agree with the code: states, codes, thresholds, tests."""
 
 import re
 
-from pages import ROOT, SAFETY, table
+import pytest
+from pages import PROOF, REASON_CODES, ROOT, SAFETY, table
 from rig import Rig
 
 from twind import cli
 from twind.config import settings
 from twind.ctl import estop
+from twind.ctl.reasons import REASONS, reason_page
+from twind.ctl.reasons.request_codes import REQUEST_CODES
+from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
 from twind.front import server
 from twind.loop import arming, damping, failsafe, front_process, ports, release, submissions, tick
 from twind.robot.finding import Code
@@ -20,29 +24,28 @@ from twind_drivers.dynamixel import damping as soft
 
 # ----------------------------------------------------------------------------------------------- reason codes
 
-NONE = "–"
-CODES = table(SAFETY, "code", "rule", "when", "what to do")
+
+def test_the_page_of_reason_codes_has_the_tables_of_the_code() -> None:
+    command = "python -m twind.ctl.reasons.reason_page docs/reason-codes.md"
+    assert reason_page.page_with_tables(REASON_CODES) == REASON_CODES, command
 
 
-def rules() -> dict[str, str]:
-    """Code -> its rule, as the comment beside it says."""
-    source = (ROOT / "twind" / "robot" / "finding.py").read_text()
-    found = re.findall(r'^    ([A-Z_]+) = "\1"(?:  # ([SR]\d\d))?', source, re.MULTILINE)
-    return {code: rule or NONE for code, rule in found}
+def test_a_page_without_a_place_for_the_tables_is_refused() -> None:
+    with pytest.raises(ValueError, match="begin request codes"):
+        reason_page.page_with_tables("# nothing")
 
 
-def test_every_code_has_one_row_with_its_rule_a_cause_and_a_remedy() -> None:
-    assert {code.strip("`"): rule for code, rule, _, _ in CODES} == rules()
-    assert sorted(code for code, *_ in CODES) == sorted(f"`{code}`" for code in Code)
-    assert all(len(when) > 10 and len(remedy) > 5 for _, _, when, remedy in CODES)
+def test_every_reason_code_has_one_row_with_effect_cause_and_remedy() -> None:
+    found = re.findall(r"^\| `([A-Z_]+)` \| (.+) \| (.+) \| (.+) \|$", REASON_CODES, re.MULTILINE)
+    assert sorted(code for code, *_ in found) == sorted(code.value for code in Code)
+    assert not set(REQUEST_CODES) & set(RUNTIME_CODES)
+    assert all(len(text.cause) > 15 and len(text.remedy) > 5 for text in REASONS.values())
 
 
-def test_a_code_that_nothing_raises_is_said_to_be_so_and_no_other() -> None:
-    sources = "".join(
-        path.read_text() for path in (ROOT / "twind").rglob("*.py") if path.name != "finding.py"
-    )
-    unused = {code.value for code in Code if not re.search(rf"Code\.{code.name}\b", sources)}
-    assert {code.strip("`") for code, _, when, _ in CODES if "not raised yet" in when} == unused
+def test_every_reason_code_is_raised_by_the_program() -> None:
+    rooms = [path for path in (ROOT / "twind").rglob("*.py") if "reasons" not in path.parts]
+    sources = "".join(path.read_text() for path in rooms if path.name != "finding.py")
+    assert not [code.value for code in Code if not re.search(rf"Code\.{code.name}\b", sources)]
 
 
 # ----------------------------------------------------------------------------------------------- states
@@ -62,7 +65,7 @@ def steps(cell: str) -> set[tuple[str, str]]:
 
 
 def test_the_table_of_states_is_that_of_the_code() -> None:
-    rows = {event: steps(cell) for event, _, cell in table(SAFETY, "event", "who", "from → to")}
+    rows = {event: steps(cell) for event, _, cell in table(SAFETY, "event", "cause", "from → to")}
     assert set(rows) == {event.value for event in Event}
     for event, follows in TABLE.items():
         moves = {(start.value, end.value) for start, end in follows.items() if start is not end}
@@ -85,121 +88,120 @@ def unit(key: str, name: str = "twind.service") -> str:
     return f"{found[1]} s"
 
 
-NUMBERS = {
-    "latency (state age + bus round trip): told": ms(GATE.latency_warn),
-    "a hop of a reading or of a setpoint: told": f"{health.LATENCY * 1e3:g} ms",
-    "hop `moved`: a joint that stood is asked for, and shows, a move of": f"{way.VISIBLE:g} rad",
-    "what was told of a hop: over, and may be told again": (
-        f"below {alarm.CALM * 100:g} % of its bound for more than {alarm.CALM_FOR:g} s"
-    ),
-    "latency: motion and arming refused": ms(GATE.latency_block),
-    "joint not heard: motion and arming refused": ms(GATE.stale),
-    "temperature and supply, oldest: motion and arming refused": f"{GATE.health:g} s",
-    "joint silent, armed: told": f"{ms(GUARD.stale_warn)}; 1.5 ticks below 50 Hz",
-    "joint silent, armed: HOLD": ms(GUARD.stale_hold),
-    "joint silent, armed: fault": ms(GUARD.stale_fault),
-    f"joint off its goal, and {ms(GUARD.lag)} of the goal's speed: HOLD where it is, fault": (
+THRESHOLDS = {
+    # requests
+    "Trajectory: duration, points": f"at most {GATE.max_duration:g} s, {GATE.max_points}",
+    "Trajectory points: distance": f"at least {ms(GATE.min_dt)}",
+    "Trajectories or `Mark` calls of one process": f"{server.Front.CALLS_PER_SECOND} per second",
+    "START_JUMP: distance of the first point": f"{GATE.start_jump:g} rad",
+    "BRAKE_DISTANCE: speed always allowed; margin": f"{GATE.brake_floor:g}; {GATE.brake_margin:g} rad/s",
+    "END_NOT_AT_REST: speed": f"{GATE.end_velocity:g} rad/s",
+    "JERK_LIMIT": f"{GATE.jerk_warn:g} rad/s³",
+    "Hard limit beyond the robot file's limit": f"{reach.BEYOND:g} rad",
+    "LATENCY_WARN (state age + bus round trip)": ms(GATE.latency_warn),
+    "LATENCY_BLOCK": ms(GATE.latency_block),
+    "LATENCY_WARN of one hop": f"{health.LATENCY * 1e3:g} ms",
+    "LATENCY_CALM": f"below {alarm.CALM * 100:g} % of the bound for more than {alarm.CALM_FOR:g} s",
+    "Hop `moved`: visible motion of a resting joint": f"{way.VISIBLE:g} rad",
+    "HW_DISCONNECTED: age of a reading": ms(GATE.stale),
+    "THERMAL_HEADROOM, VOLTAGE_LOW: age of a reading": f"{GATE.health:g} s",
+    "Clearance verdict: age": f"at most {submissions.STALE_VERDICT:g} s",
+    "Points checked per tick": f"{submissions.SLICE}",
+    "Lease; while streaming": f"{lease.TRAJECTORY:g} s; {lease.STREAMING:g} s",
+    "STREAM_STALE: age of the newest setpoint": f"{GUARD.setpoint_age:g} s",
+    "Setpoint `valid_for`": f"at most {stream.LONGEST:g} s",
+    # arming
+    "Arming: age of a reading": ms(arming.FRESH),
+    "Arming: wait for temperature and supply": f"{arming.FIRST:g} s",
+    "Arming: joint still moves": f"{arming.STILL:g} encoder counts, {arming.TRIES} tries",
+    "Arming: jump at torque-on": f"{arming.JUMP:g} rad",
+    "Turn: distance beyond the measured travel": f"{binding.ASTRAY:g} rad",
+    # joints
+    "STATE_STALE: warning": f"{ms(GUARD.stale_warn)}; 1.5 ticks below 50 Hz",
+    "STATE_STALE: HOLD; fault": f"{ms(GUARD.stale_hold)}; {ms(GUARD.stale_fault)}",
+    f"FOLLOW_ERR beyond {ms(GUARD.lag)} of the goal's speed: HOLD, fault": (
         f"{GUARD.follow:g} rad for {ms(GUARD.follow_for)}"
     ),
-    "the same: DAMP, fault": f"{GUARD.follow_damp:g} rad",
-    "position that never changes while the motor works: HOLD, fault": f"{ms(GUARD.frozen_for)}, the goal "
-    f"{GUARD.frozen_moved:g} rad further and {GUARD.frozen_turning:g} rad/s told; or the goal "
-    f"{GUARD.frozen_far:g} rad further at {GUARD.frozen_load[0] * 100:g} to "
-    f"{GUARD.frozen_load[1] * 100:g} % load",
-    "joint too fast: HOLD": f"{GUARD.overspeed:g} × its limit + {GUARD.overspeed_slack:g} rad/s, "
+    "FOLLOW_ERR: DAMP": f"{GUARD.follow_damp:g} rad",
+    "SENSE_FROZEN": f"{ms(GUARD.frozen_for)} and goal moved {GUARD.frozen_moved:g} rad while the servo "
+    f"reports {GUARD.frozen_turning:g} rad/s; or goal moved {GUARD.frozen_far:g} rad at "
+    f"{GUARD.frozen_load[0] * 100:g} to {GUARD.frozen_load[1] * 100:g} % load",
+    "SENSE_JUMP: distance": f"{senses.REACH:g} × the motor's top speed × elapsed time "
+    f"+ {senses.TICKS:g} counts",
+    "SENSE_JUMP: HOLD": f"{GUARD.jumps} in a row",
+    "OUT_OF_LIMIT: beyond the hard limit": f"{GUARD.beyond_hard:g} rad",
+    "OVERSPEED": f"{GUARD.overspeed:g} × limit + {GUARD.overspeed_slack:g} rad/s, "
     f"{GUARD.overspeed_row} readings",
-    "robot and simulation apart: told": f"{GUARD.drift:g} rad for {GUARD.drift_for:g} s",
-    "load near the current limit: told": f"{GUARD.load_warn * 100:g} % for {GUARD.load_warn_for:g} s",
-    "load at the current limit: HOLD where it is, fault; after twice that DAMP": (
+    "OVERCURRENT: warning": f"{GUARD.load_warn * 100:g} % for {GUARD.load_warn_for:g} s",
+    "OVERCURRENT: HOLD, fault; after twice that DAMP": (
         f"{GUARD.load_hold * 100:g} % for {GUARD.load_hold_for:g} s"
     ),
-    "tired, share² beyond `heat.continuous`² × time: told, HOLD, SETTLE": f"{GUARD.tired_warn:g} s, "
-    f"{GUARD.tired_hold:g} s, {GUARD.tired_settle:g} s",
-    "temperature as agreed on": f"by {GUARD.votes[0]} of {GUARD.votes[1]} readings",
-    "temperature of one reading above the others: told, not believed": f"{GUARD.spike:g} °C",
-    "temperature rising: told": f"{GUARD.warming:g} °C/s over {GUARD.warming_over:g} s",
-    "a hot joint: pace of motions": f"{GUARD.hot_pace * 100:g} %",
-    "supply low: as two readings agree": f"{ms(GUARD.volt_for)} apart",
-    "temperature and supply not read, armed: told": f"{GUARD.unread:g} s",
-    "way ahead too close: slowest pace before HOLD": f"{GUARD.least_pace * 100:g} %",
-    "no tick, or asleep, armed: fault": ms(GUARD.gap),
-    "held after a stop of ours, `support: free`: SETTLE": f"{GUARD.hold_most:g} s",
-    "what takes long is looked at": f"every {ms(GUARD.look)}",
-    "bad exchanges of a bus in 1 s: told": f"{GUARD.errors_warn * 100:g} %",
-    "bad exchanges of a bus in 1 s: HOLD": f"{GUARD.errors_hold * 100:g} %, at least {GUARD.errors_least}",
-    "bad exchanges of a bus in a row: HOLD": f"{GUARD.errors_row_hold}",
-    "bad exchanges of a bus in a row: fault": f"{GUARD.errors_row_fault}",
-    "packets that nobody asked for, in 1 s: fault, INHIBIT": f"{GUARD.foreign}",
-    "packets in a row without room in the port: fault": f"{GUARD.full}",
-    "nobody on a CAN bus answers, armed or arming: fault": ms(GUARD.line_silent),
-    "a servo's own clock, off between two readings: fault": f"{ms(GUARD.clock_slack)} + "
-    f"{GUARD.clock_drift * 100:g} % of the time between",
-    "a position that cannot be": f"{senses.REACH:g} × the motor's fastest × the time between + "
-    f"{senses.TICKS:g} ticks",
-    "such positions in a row: HOLD": f"{GUARD.jumps}",
-    "tick late: told": ms(GUARD.late),
-    "ticks missed in a row: told": f"{GUARD.missed_warn}",
-    "ticks missed in a row: HOLD": f"{GUARD.missed_hold}, and {ms(GUARD.missed_for)}",
-    "torque read back off in a row: fault": f"{GUARD.disagreements} readings",
-    "ticks failed in a row: inhibit, end": f"{tick.PATIENCE}",
-    "after an inhibit: no packet": f"{tick.QUIET:g} s",
-    "the same is told again of the same joint": f"{GUARD.quiet:g} s",
-    "the same warning, that changes nothing, is told again": f"{GUARD.quiet_warning:g} s",
-    "trajectory, longest": f"{GATE.max_duration:g} s, {GATE.max_points} points",
-    "trajectory points, least distance": ms(GATE.min_dt),
-    "trajectory judged beside the tick": f"{submissions.SLICE} points a tick",
-    "front's share of a verdict, oldest": f"{submissions.STALE_VERDICT:g} s",
-    "hard limit beyond the robot file's": f"{reach.BEYOND:g} rad",
-    "measured beyond the hard limit: fault": f"{GUARD.beyond_hard:g} rad",
-    "start jump": f"{GATE.start_jump:g} rad",
-    "brake: always allowed": f"{GATE.brake_floor:g} rad/s",
-    "brake: kept back": f"{GATE.brake_margin:g} rad/s",
-    "end counts as rest": f"{GATE.end_velocity:g} rad/s",
-    "jerk: told": f"{GATE.jerk_warn:g} rad/s³",
-    "trajectories of one process; marks": f"{server.Front.CALLS_PER_SECOND} a second",
-    "lease": f"{lease.TRAJECTORY:g} s",
-    "lease while streaming": f"{lease.STREAMING:g} s",
-    "newest setpoint, oldest": f"{GUARD.setpoint_age:g} s",
-    "setpoint `valid_for`, longest": f"{stream.LONGEST:g} s",
-    "arming: reading, oldest": ms(arming.FRESH),
-    "arming: first reading of temperature and supply waited for": f"{arming.FIRST:g} s",
-    "arming: still moving": f"{arming.STILL:g} ticks of the encoder, {arming.TRIES} tries",
-    "arming: jump at torque-on": f"{arming.JUMP:g} rad",
-    "turn: beyond the measured travel, at most": f"{binding.ASTRAY:g} rad",
-    "way to the rest pose, wanted within": f"{release.WAY:g} s",
-    "settling, to torque off; then DAMP": f"{release.SETTLE:g} s",
-    "way to the rest pose, given up": f"after {release.WAYS} tries",
-    "way that the limits make longer, given up": f"{release.LATE:g} s after its planned end",
-    "`support: free`: at rest": f"{release.SLOW:g} rad/s for {release.SLOW_FOR:g} s, "
+    "OVERCURRENT, I²t (share² above `heat.continuous`² × time): warning; HOLD; SETTLE": (
+        f"{GUARD.tired_warn:g} s; {GUARD.tired_hold:g} s; {GUARD.tired_settle:g} s"
+    ),
+    "OVERTEMP: agreement": f"{GUARD.votes[0]} of {GUARD.votes[1]} readings",
+    "OVERTEMP: single outlier, warning": f"{GUARD.spike:g} °C",
+    "OVERTEMP: rise, warning": f"{GUARD.warming:g} °C/s over {GUARD.warming_over:g} s",
+    "OVERTEMP: speed of motions of a hot joint": f"{GUARD.hot_pace * 100:g} %",
+    "VOLTAGE: two readings agree": f"{ms(GUARD.volt_for)} apart",
+    "OVERTEMP, VOLTAGE: not read, armed, warning": f"{GUARD.unread:g} s",
+    "LOOKAHEAD_COLLISION: slowest speed before HOLD": f"{GUARD.least_pace * 100:g} %",
+    "MIRROR_DRIFT": f"{GUARD.drift:g} rad for {GUARD.drift_for:g} s",
+    "TORQUE_MISMATCH": f"{GUARD.disagreements} readings in a row",
+    "SERVO_REBOOTED: clock error": f"{ms(GUARD.clock_slack)} + {GUARD.clock_drift * 100:g} % of the "
+    "time between readings",
+    "Interval of slow rules": ms(GUARD.look),
+    # buses
+    "BUS_ERRORS in 1 s: warning": f"{GUARD.errors_warn * 100:g} %",
+    "BUS_ERRORS in 1 s: HOLD": f"{GUARD.errors_hold * 100:g} %, at least {GUARD.errors_least}",
+    "BUS_ERRORS in a row: HOLD; fault": f"{GUARD.errors_row_hold}; {GUARD.errors_row_fault}",
+    "FOREIGN_TRAFFIC in 1 s": f"{GUARD.foreign} packets",
+    "TX_BACKLOG: fault": f"{GUARD.full} packets in a row",
+    "CAN_BUS_STATE: all actuators silent": ms(GUARD.line_silent),
+    "Servo watchdog": "100 ms",  # compared with the register below
+    "Torque, hardware error, watchdog are read": f"at {budget.STATUS_HZ:g} Hz or more",
+    "Voltage, temperature are read": f"at {budget.HEALTH_HZ:g} Hz or more",
+    "Lost port: reopened": f"after {ports.REOPEN_FIRST:g} s, then every {ports.REOPEN_MOST:g} s or sooner",
+    "Missing devices: asked again": f"every {ports.IDENTIFY_AGAIN:g} s",
+    # loop
+    "LOOP_LATE: tick late, warning": ms(GUARD.late),
+    "LOOP_LATE: ticks missed in a row, warning": f"{GUARD.missed_warn}",
+    "LOOP_LATE: HOLD": f"{GUARD.missed_hold} ticks and {ms(GUARD.missed_for)}",
+    "TIME_GAP": ms(GUARD.gap),
+    "INTERNAL: failed ticks in a row, INHIBIT": f"{tick.PATIENCE}",
+    "INHIBIT: no packets for": f"{tick.QUIET:g} s",
+    "Repeated report of one joint": f"after {GUARD.quiet:g} s",
+    "Repeated warning without change": f"after {GUARD.quiet_warning:g} s",
+    # stops
+    "Hold after a stop, `support: free`: SETTLE": f"after {GUARD.hold_most:g} s",
+    "Way to the rest pose: planned duration": f"{release.WAY:g} s",
+    "Settling until torque off, else DAMP": f"{release.SETTLE:g} s",
+    "Way to the rest pose: given up": f"after {release.WAYS} tries",
+    "Longer way because of limits: given up": f"{release.LATE:g} s after its planned end",
+    "At rest, `support: free`": f"{release.SLOW:g} rad/s for {release.SLOW_FOR:g} s, "
     f"within {release.NEAR:g} rad of the rest pose",
-    "damped: at rest": f"{damping.SLOW:g} rad/s for {damping.SLOW_FOR:g} s, {damping.SLOW_MOST:g} s at most",
-    "damped: goals follow at": f"{damping.SINK:g} rad/s",
-    "damped: output, or current": f"{soft.SHARE * 100:g} %",
-    "damped: P gain": f"1/{soft.SOFT}",
-    "servo watchdog": "100 ms",  # compared with the register below
-    "torque, hardware error, watchdog read": f"{budget.STATUS_HZ:g} Hz or more",
-    "voltage, temperature read": f"{budget.HEALTH_HZ:g} Hz or more",
-    "lost port reopened": f"after {ports.REOPEN_FIRST:g} s, then up to every {ports.REOPEN_MOST:g} s",
-    "missing devices asked again": f"every {ports.IDENTIFY_AGAIN:g} s",
-    "front silent: killed, started anew": f"{front_process.HEARTBEAT:g} s",
-    "files of the listening sockets are checked": f"every {ms(server.TEND)}",
-    "`twindctl estop` without a socket: the daemon's end is awaited": f"{estop.LOWERING:g} s",
-    "service manager's watchdog": unit("WatchdogSec"),
-    "fail-safe: ports, devices and their torque waited for": f"{failsafe.WAIT:g} s",
-    "fail-safe: lowered at, wanted within, damped after": f"{failsafe.SPEED * 100:g} % of every limit, "
+    "DAMP: at rest": f"{damping.SLOW:g} rad/s for {damping.SLOW_FOR:g} s, {damping.SLOW_MOST:g} s at most",
+    "DAMP: goals follow at": f"{damping.SINK:g} rad/s",
+    "DAMP: PWM or current; P gain": f"{soft.SHARE * 100:g} %; 1/{soft.SOFT}",
+    # processes
+    "Front process silent: restarted": f"after {front_process.HEARTBEAT:g} s",
+    "Socket files: checked": f"every {ms(server.TEND)}",
+    "`twindctl estop` without a socket: waits for the daemon's end": f"{estop.LOWERING:g} s",
+    "Service manager: watchdog": unit("WatchdogSec"),
+    "Service manager: wait for lowering": f"{unit('TimeoutStopSec')}; {cli.LOWERING:g} s "
+    "after the signal arrived",
+    "Service manager: wait for the fail-safe": f"{unit('TimeoutStartSec', 'twind-failsafe@.service')}; "
+    f"{failsafe.LONGEST:g} s from its first tick ({failsafe.AGAIN:g} + {failsafe.WITHIN:g} + "
+    f"{release.LETTING_GO:g} s until torque is off + {failsafe.WAIT:g} s); longer where limits need it",
+    "Fail-safe: wait for ports and devices": f"{failsafe.WAIT:g} s",
+    "Fail-safe: speed, planned duration, DAMP after": f"{failsafe.SPEED * 100:g} % of every limit, "
     f"{failsafe.WAY:g} s, {failsafe.WITHIN:g} s",
-    "fail-safe: tried": f"{failsafe.TRIES} times, begun within {failsafe.AGAIN:g} s",
-    "service manager waits for the fail-safe": f"{unit('TimeoutStartSec', 'twind-failsafe@.service')}; "
-    f"from its first tick {failsafe.LONGEST:g} s ({failsafe.AGAIN:g} + {failsafe.WITHIN:g} + "
-    f"{release.LETTING_GO:g} s to torque off + {failsafe.WAIT:g} s), "
-    "and more where the limits make the way longer",
-    "service manager waits for the lowering": f"{unit('TimeoutStopSec')}, {cli.LOWERING:g} s once the daemon "
-    "has heard that it shall end",
+    "Fail-safe: tries": f"{failsafe.TRIES}, begun within {failsafe.AGAIN:g} s",
 }
 
 
-def test_every_number_is_that_of_the_code() -> None:
-    assert dict(table(SAFETY, "what", "value")) == NUMBERS
+def test_every_threshold_of_the_page_is_that_of_the_code() -> None:
+    assert dict(table(REASON_CODES, "what", "value")) == THRESHOLDS
 
 
 def test_the_servos_watchdog_is_what_the_page_says(armed: Rig) -> None:
@@ -207,7 +209,7 @@ def test_the_servos_watchdog_is_what_the_page_says(armed: Rig) -> None:
 
 
 def test_the_formulas_of_the_page_are_those_of_the_gate() -> None:
-    text = " ".join(SAFETY.split())
+    text = " ".join(REASON_CODES.split())
     assert f"max({GATE.brake_floor:g}, √(2·a·d) − {GATE.brake_margin:g}) rad/s" in text
     assert f"{GATE.start_jump:g} rad plus velocity limit × time of the first point" in text
     warn, block = settings.LATENCY_WARN_MS, settings.LATENCY_BLOCK_MS
@@ -215,5 +217,5 @@ def test_the_formulas_of_the_page_are_those_of_the_gate() -> None:
 
 
 def test_the_tests_that_prove_it_exist() -> None:
-    named = [path for _, cell in table(SAFETY, "claim", "tests") for path in re.findall(r"`([^`]+)`", cell)]
+    named = [path for _, cell in table(PROOF, "claim", "tests") for path in re.findall(r"`([^`]+)`", cell)]
     assert len(named) > 12 and not [path for path in named if not (ROOT / path).is_file()]

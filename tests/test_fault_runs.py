@@ -1,7 +1,7 @@
 """Fault runs under the fake clock: readings are right, or stale and marked, or absent; never wrong and fresh.
 
 Every fault of the table of orders is walked, so that a new one cannot be forgotten. Faults by the matrix of
-`docs/safety.md`; what a fault does on the wire by `docs/virtual.md`.
+`docs/reason-codes.md`; what a fault does on the wire by `docs/virtual.md`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -186,7 +186,7 @@ def bring_back(rig: Rig, down: type[link.Command], **how: Any) -> None:
 def test_an_armed_robot_tells_what_is_wrong_in_time_and_can_be_armed_again(
     live: Rig, name: str, number: int, down: type[link.Command]
 ) -> None:
-    """Bounds: threshold, refresh period and two ticks (docs/safety.md)."""
+    """Bounds: threshold, refresh period and two ticks (docs/reason-codes.md)."""
     rig = live
     judge, wire, case = Judge(rig), Wire(rig, writes=True), CASES[name][number]
     random = np.random.default_rng([number, *name.encode()])

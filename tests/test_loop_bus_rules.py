@@ -10,7 +10,7 @@ from twind import link
 from twind.loop.ports import Link
 from twind.robot.modes import Mode, Motion, State
 
-HEALTH = 20  # ticks between two readings of a servo's own clock (docs/safety.md)
+HEALTH = 20  # ticks between two readings of a servo's own clock (docs/reason-codes.md)
 PROBE = 110  # ticks until a servo that was silent for a moment is asked again, its boot included
 OVERLOAD = 0b100000
 

@@ -53,7 +53,7 @@ def test_what_is_wrong_is_in_every_picture_whatever_its_size_and_page(width: int
         text = plain(picture(troubled(), width, height, Shown(page)))
         assert "!! FAULT !!" in text
         assert "FAULT  FOLLOW_ERR: l_knee" in text
-        assert "do: what blocks it, its load and gains" in text
+        assert "do: check what blocks it, load and gains" in text
         assert "WARN  lower: the adapter's latency timer is 16 ms" in text
 
 

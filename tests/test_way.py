@@ -14,7 +14,7 @@ from twind.safety.alarm import Alert
 from twind.safety.health import COMMAND, Health
 from twind.safety.way import STREAM, Way
 
-VISIBLE, STILL, PATIENCE = 0.005, 0.05, 1.0  # rad, rad/s, s: as docs/safety.md says
+VISIBLE, STILL, PATIENCE = 0.005, 0.05, 1.0  # rad, rad/s, s: as docs/reason-codes.md says
 # Powers of two, so that sums of them are exact.
 TICK, ANSWER = 2.0**-7, 2.0**-8  # s
 CALLED, JUDGING, WAITING = 2.0**-8, 2.0**-10, 2.0**-11  # s

@@ -16,7 +16,7 @@ class Fault:
     """One row. `virtual` and `real` inject it once, and say by themselves what must be seen.
 
     `codes`: one of them must be told; none: it must go unnoticed, and what it must not do is looked at.
-    `bound`: s, threshold + refresh + 2 ticks (docs/safety.md), from when the threshold is passed.
+    `bound`: s, threshold + refresh + 2 ticks (docs/reason-codes.md), from when the threshold is passed.
     `instead`: why there is no virtual or no real form.
     """
 

@@ -171,7 +171,7 @@ def stall(world: World) -> None:
     world.recover()
 
 
-FROZEN = 0.2  # s with the very same position, and the goal has moved meanwhile (docs/safety.md)
+FROZEN = 0.2  # s with the very same position, and the goal has moved meanwhile (docs/reason-codes.md)
 
 
 def frozen(world: World) -> None:

@@ -15,7 +15,7 @@ from faults.robot import AWAY, BRAKE, LONGEST, QUIET, REST, STILL, TICK, Robot
 from twind import link
 from twind.robot.modes import State
 
-LAG = 0.03  # s that a servo may be behind a goal that moves, besides (docs/safety.md, FOLLOW_ERR)
+LAG = 0.03  # s that a servo may be behind a goal that moves, besides (docs/reason-codes.md, FOLLOW_ERR)
 NEAR = "LOOKAHEAD_COLLISION"  # random motions may bring the feet near each other ...
 SLOWER = ": slower"  # ... and are slowed (R20): who is held by it is not on the way that a row is about
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from twind.robot.arrays import Bools, Floats
 
 SETTLE = 4.0  # s from the first packet to torque off (W6); a robot that stands freely is damped then
-WAY = 3.2  # s for the way to the rest pose, more where the limits need it (docs/safety.md)
+WAY = 3.2  # s for the way to the rest pose, more where the limits need it (docs/reason-codes.md)
 LATE = 1.0  # s beyond a planned way that takes longer than that, before it is given up
 WAYS = 2  # ways that are tried: a fault on the first one ends it where it stands
 OBEYED = 6  # ticks that a goal read back may be behind the one being written

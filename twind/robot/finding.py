@@ -5,7 +5,7 @@ from enum import StrEnum
 
 
 class Code(StrEnum):
-    """Every reason code. Submit time S01–S28, run time R01–R26; causes and remedies in docs/safety.md."""
+    """Every reason code. Submit time S01–S28, run time R01–R26; causes and remedies: docs/reason-codes.md."""
 
     FRAME_TOO_LARGE = "FRAME_TOO_LARGE"  # S01
     RATE_LIMIT = "RATE_LIMIT"  # S01

@@ -1,4 +1,4 @@
-"""The gate at submit time: may this trajectory move this robot, now (S05–S22, S27, S28 of docs/safety.md)?
+"""The gate at submit time: may this trajectory move this robot, now (codes: docs/reason-codes.md)?
 
 Pure: no clock, no device, no globals. A refusal is a value; nothing here raises on any numbers, and whatever
 is NaN, missing or unknown refuses. All failing codes are returned, in the order of the rules. Runs in the

@@ -1,4 +1,4 @@
-"""The per-tick gate: what may be written now, and how to react to what was read (rules R of docs/safety.md).
+"""The per-tick gate: what may be written now, and how to react to what was read (docs/reason-codes.md).
 
 Pure: facts in, a judgement out. A goal may only be turned into a hold; stop, hold and torque-off are never
 refused. The rules stand by subject in the modules `..._rules`; here they are collected, and said. Memory is

@@ -10,51 +10,53 @@ FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
 FILES = (
     Complaint(
         "FILE_REFUSED",
-        "a file of the robot cannot be used",
-        "the daemon does not start with it, and a reload is refused",
-        "correct what the line says; it names file, line and column, and the nearest key that exists",
+        "a file of the robot is not usable",
+        "the daemon does not start; a reload is refused",
+        "correct the line and column in the message; it names the nearest key",
         FAULT,
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
     Complaint(
         "MODEL_UNFIT",
-        "robot file and MuJoCo model do not go together",
-        "the daemon does not start: it would not know which joint of the model a servo moves",
-        "correct the robot file or the model as the message says; `twindctl check robot FILE` tells more",
+        "robot file and MuJoCo model do not match",
+        "the daemon does not start: joints and servos cannot be assigned",
+        "correct the robot file or the model; see `twindctl check robot FILE`",
         FAULT,
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
     Complaint(
         "MODEL_NO_LIMITS",
         "joints of the model have no range",
-        "the limits of the robot file are the only fence: a slip there is checked against nothing",
-        'write `range="LOWER UPPER"` at these joints of the model, as the mechanics allow',
+        "only the robot file limits motion; an error there stays unnoticed",
+        'write `range="LOWER UPPER"` at these joints of the model',
         WARNING,
-        caution="a range that is too wide lets the joint run into its stop: with torque off, move "
-        "it by hand over the range first",
+        caution="torque off, move the joint by hand over the range: a range too wide hits the endstop",
     ),
     Complaint(
         "CALIBRATION_MISSING",
         "this robot has no calibration",
-        "`live` is refused: where a joint's zero is, nobody knows; `mirror` shows a guess",
-        "see calibration/README.md; a file elsewhere is named with `--calibration FILE`",
+        "zeros are unknown: `live` is refused, `mirror` shows an estimate",
+        "see calibration/README.md; another file: `--calibration FILE`",
         WARNING,
     ),
     Complaint(
         "CALIBRATION_UNFIT",
-        "the calibration is another robot's, or was edited",
-        "its zeros would move this robot to wrong places, so the daemon refuses the file",
-        "put the file of this robot back, or calibrate again; "
-        "its path is STATE/calibration/NAME.yaml, NAME as in `individual:` of the settings, else the robot",
+        "the calibration belongs to another robot or was edited",
+        "wrong zeros give wrong positions: the daemon refuses the file",
+        (
+            "restore this robot's file STATE/calibration/NAME.yaml (`individual:` of the settings), or "
+            "calibrate again"
+        ),
         FAULT,
-        caution="zeros of another robot move this one to wrong places: compare with the monitor, "
-        "in mirror, before you arm",
+        caution=(
+            "wrong zeros move the robot to wrong positions: compare with the monitor in mirror before arming"
+        ),
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
     Complaint(
         "FILES_EDITED",
-        "a file was changed since the daemon read it",
-        "the daemon moves the robot by the old file, and refuses to arm until it has read the new one",
+        "a file changed after the daemon read it",
+        "the daemon uses the old file and refuses to arm",
         "`twindctl reload`, or disarm and `sudo systemctl restart twind`",
         WARNING,
         caution=SUPPORT,
@@ -64,99 +66,102 @@ FILES = (
 DAEMON = (
     Complaint(
         "UNIT_FAILED",
-        "the service failed, or the service manager has given it up",
-        "no daemon runs; after 5 starts in 30 s it is not started again by itself",
-        "mend what its last lines say, then `sudo systemctl reset-failed twind` "
-        "and `sudo systemctl start twind`",
+        "the service failed or was given up",
+        "no daemon runs; after 5 starts in 30 s the manager stops trying",
+        (
+            "correct the cause in its last lines, then `sudo systemctl reset-failed twind`, `sudo "
+            "systemctl start twind`"
+        ),
         FAULT,
-        caution="servos may have kept their torque: support the robot before you start the daemon and disarm",
+        caution="servos may have torque: support the robot before you start the daemon and disarm",
         explains=("NO_DAEMON",),
     ),
     Complaint(
         "UNIT_RESTARTED",
-        "the service was restarted by the service manager",
-        "the daemon crashed or hung; each time the robot was left to its servos' own watchdogs",
-        "`journalctl -u twind` says why it ended",
+        "the service manager restarted the service",
+        "the daemon crashed or hung; only the servo watchdogs stopped the robot",
+        "`journalctl -u twind` shows the cause",
         WARNING,
     ),
     Complaint(
         "DAEMON_DENIED",
-        "a daemon runs, but this user may not talk to it",
-        "every `twindctl` of this user fails; only the group of a socket may use it",
-        "`sudo usermod -aG twind-operator $USER`, then log in again (`newgrp twind-operator` for this "
-        "shell); one that root started by hand is root's alone: use the service",
+        "this user may not access the running daemon",
+        "every `twindctl` fails; only the group of a socket may use it",
+        (
+            "`sudo usermod -aG twind-operator $USER`, then log in again (`newgrp twind-operator` for this "
+            "shell); a daemon of root: use the service"
+        ),
         FAULT,
-        caution="members of that group may arm and move the robot; a daemon that is ended lowers "
-        "it: support it",
+        caution="members of that group may move the robot; a daemon that ends lowers it: support it",
         explains=("NO_DAEMON", "PORT_HELD"),
     ),
     Complaint(
         "DAEMON_SILENT",
-        "the daemon takes the connection but does not answer",
-        "nobody can command or watch; an e-stop by this socket does not arrive either",
-        "ask once more, a busy machine answers late; if it stays so, `sudo systemctl restart "
-        "twind`; where the robot must "
-        "stop at once, use its emergency switch; keep `journalctl -u twind` for us",
+        "the daemon accepts the connection but does not answer",
+        "no command arrives, not even an e-stop by this socket",
+        (
+            "retry; then `sudo systemctl restart twind`; in danger use the emergency switch; keep "
+            "`journalctl -u twind`"
+        ),
         FAULT,
-        caution="support the robot: a restart or a cut of power lowers or drops it, and a loop "
-        "that hangs leaves its torque on",
+        caution="support the robot: restart or power-off lowers or drops it; a hung loop keeps torque on",
         explains=("PORT_HELD",),
     ),
     Complaint(
         "NO_DAEMON",
         "no daemon runs",
-        "nothing reads or moves this robot now; what follows was looked up without one",
-        "`twind`, or `sudo systemctl start twind`; one with other sockets is named with `--socket DIR`",
+        "the robot is neither read nor moved; the findings below come without it",
+        "`twind`, or `sudo systemctl start twind`; other sockets: `--socket DIR`",
         NOTE,
     ),
     Complaint(
         "SOCKET_GROUP",
-        "a socket belongs to another group than it should",
-        "members of twind-operator (or twind-observe) cannot use it, or others can",
-        "`sudo groupadd -rf twind-operator`, then `sudo chgrp twind-operator /run/twind/control.sock`; "
-        "for good, install sysusers.d and start the daemon as its service",
+        "a socket has the wrong group",
+        "members of twind-operator (twind-observe) cannot use it, or others can",
+        (
+            "`sudo groupadd -rf twind-operator`, then `sudo chgrp twind-operator "
+            "/run/twind/control.sock`; permanently: sysusers.d and the service"
+        ),
         WARNING,
-        caution="members of that group may arm and move the robot: check its members",
+        caution="members of that group may arm and move the robot: check them",
         explains=("DAEMON_DENIED",),
     ),
     Complaint(
         "SOCKET_OPEN",
-        "everybody on this machine may command the robot",
-        "any program of any user can arm and move it",
-        "`sudo chmod 0660 /run/twind/control.sock`; the folder must not be writable by others: "
-        "`sudo chmod go-w /run/twind`",
+        "every user of this machine may command the robot",
+        "any program can arm and move it",
+        "`sudo chmod 0660 /run/twind/control.sock`; folder: `sudo chmod go-w /run/twind`",
         FAULT,
-        caution="a program of another user that stops the robot loses its way to it: put that user "
-        "into the group first",
+        caution="a program that stops the robot may lose access: add its user to the group first",
     ),
     Complaint(
         "VERSION_DIFFERS",
-        "daemon and twindctl are of different versions",
-        "the daemon still runs what was installed before; what one knows the other may not",
+        "daemon and twindctl differ in version",
+        "the daemon runs an earlier installation and may lack features",
         "disarm, then `sudo systemctl restart twind`; if that does not help, `which -a twind twindctl`",
         WARNING,
         caution=SUPPORT,
     ),
     Complaint(
         "FRONT_RESTARTED",
-        "the daemon's front was started anew",
-        "at that moment leases lapsed and motion held; the front died or did not answer for 2 s",
-        "`journalctl -u twind` tells what it said last; memory, a busy machine",
+        "the front process was restarted",
+        "it died or hung for 2 s: leases ended and motion held",
+        "`journalctl -u twind` shows its last lines; check memory and load",
         WARNING,
     ),
     Complaint(
         "DAEMON_FAULT",
-        "the daemon itself says that something is wrong",
-        "it refuses to arm, or holds the robot, until that is mended and, where it was latched, reset",
-        "mend what its message says; then `twindctl reset`, if `twindctl status` still lists it",
+        "the daemon reports a fault",
+        "it refuses to arm or holds until the cause is corrected",
+        "correct what the message names; then `twindctl reset` if `twindctl status` lists it",
         FAULT,
         caution=SUPPORT,
     ),
     Complaint(
         "TICKS_MISSED",
         "the loop misses ticks",
-        "goals reach the servos late; after 100 ms without a packet they stop by themselves",
-        "real-time rights (NO_REALTIME), fewer programs beside it, `cpu:` in the settings, a lower `rate_hz`",
+        "goals arrive late; after 100 ms without a packet servos stop",
+        "real-time rights (NO_REALTIME), less load, `cpu:` in the settings, a lower `rate_hz`",
         WARNING,
     ),
 )

@@ -11,27 +11,27 @@ MACHINE: tuple[Complaint, ...] = (
         "STATE_UNWRITABLE",
         "the daemon cannot write its state folder",
         "calibrations, recordings and dumps are lost",
-        "`sudo chown twind: /var/lib/twind`, and of what is in it that is the daemon's; as a "
-        "service, `StateDirectory=twind` in the unit does it",
+        (
+            "`sudo chown twind: /var/lib/twind` and the daemon's files there; as a service "
+            "`StateDirectory=twind`"
+        ),
         FAULT,
-        caution="look what is in the folder: it must be the daemon's alone, for other programs "
-        "lose the files that it takes over",
+        caution="the folder must be the daemon's alone: other programs lose files that change owner",
     ),
     Complaint(
         "DISK_FULL",
-        "a disk is full, or nearly",
-        "recordings and dumps after a fault are cut off, a calibration cannot be saved, logs end",
+        "a disk is full or almost full",
+        "recordings, dumps, calibrations and logs are cut off or lost",
         "`df -h`, `du -xh --max-depth=2 / | sort -h | tail`; `sudo journalctl --vacuum-size=500M`",
         WARNING,
-        caution="copy recordings, dumps and logs of a fault first: what is deleted cannot be "
-        "looked into any more",
+        caution="first copy recordings, dumps and logs of a fault",
         explains=("STATE_UNWRITABLE",),
     ),
     Complaint(
         "NO_REALTIME",
         "the loop has no real-time scheduling",
-        "any busy program delays it: late ticks, jerks, in the end the servos' watchdogs",
-        f'as its service it may; by hand, `echo "$USER - rtprio {LIMIT}" | sudo tee -a '
+        "any busy program delays ticks, up to the servo watchdogs",
+        f'the service has it; by hand `echo "$USER - rtprio {LIMIT}" | sudo tee -a '
         "/etc/security/limits.d/twind.conf`, then log in again; in a container `--cap-add SYS_NICE`",
         WARNING,
         explains=("TICKS_MISSED",),
@@ -39,59 +39,58 @@ MACHINE: tuple[Complaint, ...] = (
     Complaint(
         "MEMORY_UNLOCKED",
         "the loop's memory is not locked",
-        "a page that was swapped out costs a tick",
-        'as its service it may; by hand, `echo "$USER - memlock unlimited" | sudo tee -a '
+        "a swapped page costs a tick",
+        'the service has it; by hand `echo "$USER - memlock unlimited" | sudo tee -a '
         "/etc/security/limits.d/twind.conf`, then log in again; in a container `--cap-add IPC_LOCK`",
         WARNING,
     ),
     Complaint(
         "CPU_FEW",
         "too few processors",
-        "loop, front and your own programs take turns: late ticks",
-        "two cores or more; in a virtual machine or container, give it more",
+        "loop, front process and your programs compete: late ticks",
+        "use two cores or more, also in a virtual machine or container",
         NOTE,
     ),
     Complaint(
         "CPU_GOVERNOR",
-        "the processors are told to save power",
-        "a core that sleeps or is clocked down wakes the loop late",
+        "the processors save power",
+        "a sleeping or slow core delays the loop",
         "`echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor`",
         NOTE,
-        caution="a small board needs cooling for it, and a battery gets empty sooner",
+        caution="a small board needs cooling, and a battery empties sooner",
     ),
     Complaint(
         "RT_RIVAL",
-        "another program runs at the loop's real-time priority or above",
-        "when it computes, the loop waits",
-        "give it other cores than the loop (`cpu:` in the settings); where it drives and watches "
-        "nothing, a lower "
-        "priority: `sudo chrt -f -p 10 PID`",
+        "another program has equal or higher real-time priority",
+        "while it computes, the loop waits",
+        (
+            "give it other cores (`cpu:` in the settings); if it drives and monitors nothing: `sudo chrt "
+            "-f -p 10 PID`"
+        ),
         WARNING,
-        caution="find out what it is: a program that drives motors or watches over something must "
-        "not be made slower",
+        caution="find out what it is: a program that drives motors or monitors safety must not be slowed",
         explains=("TICKS_MISSED",),
     ),
     Complaint(
         "CLOCK_UNSYNCED",
         "the clock is not synchronised",
-        "stamps of logs and recordings do not fit those of other machines; the loop itself does not mind",
+        "time stamps differ from other machines; the loop is not affected",
         "`sudo timedatectl set-ntp true`",
         NOTE,
     ),
     Complaint(
         "CLOCK_WRONG",
-        "the clock is wrong: files of the robot come from its future",
-        "logs and recordings get wrong dates and are sorted wrongly; a certificate may be refused",
+        "the clock is wrong: robot files lie in the future",
+        "logs and recordings get wrong dates; certificates may be refused",
         "`sudo timedatectl set-ntp true`, or `sudo date -s 'YYYY-MM-DD HH:MM'`",
         WARNING,
         explains=("CLOCK_UNSYNCED",),
     ),
     Complaint(
         "SOFTWARE_OLD",
-        "a program or library is older than twind needs",
-        "it fails where the newer one works, sometimes only in mid-motion",
-        "`sudo make install` in the sources, or the newer package: both bring their libraries; "
-        "systemd 252, Python 3.11 or newer",
+        "a program or library is too old",
+        "it may fail, sometimes during motion",
+        "`sudo make install`, or the newer package; systemd 252, Python 3.11 or newer",
         WARNING,
         caution=SUPPORT,
     ),

@@ -1,28 +1,52 @@
-"""Writes the doctor's table into a page: `python -m twind_calibration.doctor.page docs/troubleshooting.md`.
+"""Writer of the doctor's table: `python -m twind_calibration.doctor.page docs/troubleshooting.md`.
 
-The page and the doctor say the same, for both have it from the table. A test compares them.
+Page and doctor use the same rows. A test compares them. Why a defect matters is printed by the doctor alone.
 """
 
 import sys
 from pathlib import Path
 
-from twind_calibration.doctor import table
+from twind_calibration.doctor import cautions, table
 
 BEGIN, END = "<!-- from the doctor's table -->", "<!-- end of the doctor's table -->"
 
+# Cautions of several rows stand once in the page, under these labels.
+SHARED = {
+    "support": cautions.SUPPORT,
+    "supply off": cautions.UNPLUGGED,
+    "other program": cautions.OTHER_MASTER,
+    "permanent": cautions.ALONE,
+    "zero changes": cautions.ZERO_MOVES,
+    "meaning changes": cautions.MEANING,
+    "limit": cautions.RAISED,
+    "reboot": cautions.REBOOT,
+    "rated voltage": cautions.RATED,
+    "firmware": cautions.FIRMWARE,
+    "bit rate": cautions.BIT_RATE,
+}
+
+
+def labelled(caution: str) -> str:
+    """The caution with each shared part replaced by its label."""
+    for label, text in SHARED.items():
+        caution = caution.replace(text, f"*{label}*")
+    return caution
+
 
 def rows() -> str:
-    """The table in Markdown, one row a complaint, in the order of looking."""
-    lines = ["| code | what is wrong | why it matters | do |", "|---|---|---|---|"]
+    """Both tables in Markdown: shared cautions, and one row per complaint in the order of the checks."""
+    lines = ["| label | caution |", "|---|---|"]
+    lines += [f"| *{label}* | {text} |" for label, text in SHARED.items()]
+    lines += ["", "| code | defect | caution, remedy |", "|---|---|---|"]
     for row in table.complaints().values():
-        remedy = f"{row.remedy}. **First: {row.caution}**" if row.caution else row.remedy
-        cells = (f"{row.code} ({row.severity.value})", row.title, row.why, remedy)
+        remedy = f"**{labelled(row.caution)}**; {row.remedy}" if row.caution else row.remedy
+        cells = (f"{row.code} ({row.severity.value})", row.title, remedy)
         lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
     return "\n".join(lines)
 
 
 def written(text: str) -> str:
-    """The page with its table as the doctor has it now. Raises ValueError: the page has no place for it."""
+    """The page with its tables of today. Raises ValueError where the page has no place for them."""
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:

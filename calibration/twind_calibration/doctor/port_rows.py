@@ -1,6 +1,6 @@
 """The complaints about ports: serial adapters and CAN interfaces of this machine."""
 
-from twind_calibration.doctor.cautions import OTHER_MASTER, OURS, SUPPORT, UNPLUGGED
+from twind_calibration.doctor.cautions import BIT_RATE, OTHER_MASTER, OURS, SUPPORT, UNPLUGGED
 from twind_calibration.doctor.complaint import Complaint, Severity
 
 FAULT, WARNING, NOTE = Severity.FAULT, Severity.WARNING, Severity.NOTE
@@ -17,28 +17,28 @@ SERIAL = (
     Complaint(
         "PORT_MISSING",
         "the port does not exist",
-        "the robot is not connected; the daemon waits for it",
-        "plug it in; if it has another name now, use the one that stays: `ls -l /dev/serial/by-id/`",
+        "the robot is not connected; the daemon waits",
+        "plug it in, or use its permanent name: `ls -l /dev/serial/by-id/`",
         FAULT,
         caution=UNPLUGGED,
     ),
     Complaint(
         "PORT_UNFIT",
-        "the port is no serial port",
-        "the daemon does not start with it",
+        "the port is not a serial port",
+        "the daemon does not start",
         "give a serial port: `ls -l /dev/serial/by-id/`",
         FAULT,
     ),
     Complaint(
         "PORT_RENUMBERED",
-        "the port's name changes when it is plugged in again",
-        "after a replug another adapter, or none, may have this number: the wrong bus would be driven",
-        "write the name that stays into the settings: `ls -l /dev/serial/by-id/`",
+        "the port name changes after a replug",
+        "the daemon may open another adapter and drive the wrong bus",
+        "put the permanent name into the settings: `ls -l /dev/serial/by-id/`",
         NOTE,
     ),
     Complaint(
         "PORT_DENIED",
-        "the user of the daemon may not open the port",
+        "the daemon's user may not open the port",
         "the daemon cannot reach the robot",
         "`sudo usermod -aG dialout USER`, then log in again; not `chmod 666`, not sudo",
         FAULT,
@@ -46,62 +46,63 @@ SERIAL = (
     Complaint(
         "PORT_HELD",
         "another program has the port",
-        "two talkers on one bus destroy each other's packets; the daemon refuses to start, or hears garbage",
-        "end the program that it names by its own command; another twind is asked by `twindctl "
-        "--socket DIR`, or stopped",
+        "two masters corrupt each other's packets; the daemon does not start",
+        "end that program by its own command; another twind: `twindctl --socket DIR`, or stop it",
         FAULT,
         caution=OTHER_MASTER,
         explains=("UNIT_FAILED", "NO_DAEMON"),
     ),
     Complaint(
         "PORT_PROBED",
-        "ModemManager may take the port for a modem",
-        "it writes to every new serial port: bytes on the bus that nobody asked for",
-        "install twind's udev rules (`sudo make install`), or `sudo systemctl mask --now ModemManager`",
+        "ModemManager may probe the port as a modem",
+        "it writes unexpected bytes to every new serial port",
+        ("install twind's udev rules (`sudo make install`), or `sudo systemctl mask --now ModemManager`"),
         WARNING,
-        caution="where this machine reaches its network by a modem, take the udev rules: without "
-        "ModemManager it is cut off",
+        caution="without ModemManager a modem network fails: use the udev rules there",
         explains=("PORT_HELD",),
     ),
     Complaint(
         "LATENCY_TIMER",
         "the adapter's latency timer is long",
-        "each answer waits up to that long in the adapter: 16 ms allow 50 to 60 readings a second at best",
-        "`echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB0/latency_timer`; "
-        "for good, twind's udev rules (`sudo make install`)",
+        "16 ms allow at most 50 to 60 readings per second",
+        (
+            "`echo 1 | sudo tee /sys/bus/usb-serial/devices/ttyUSB0/latency_timer`; permanently: twind's "
+            "udev rules (`sudo make install`)"
+        ),
         WARNING,
         explains=("LATENCY_FLOOR",),
     ),
     Complaint(
         "LATENCY_FLOOR",
-        "answers come as late as a latency timer would make them",
-        "readings are old and fewer than asked for; the gate refuses to write above 100 ms",
-        "set the timer as in LATENCY_TIMER, by sysfs, not by `setserial`; no hub or virtual "
-        "machine between; "
-        "another adapter",
+        "answers are as late as with a long latency timer",
+        "readings are old and few; above 100 ms motion is refused",
+        (
+            "set the timer (LATENCY_TIMER) by sysfs, not `setserial`; no hub or virtual machine; another "
+            "adapter"
+        ),
         WARNING,
         caution=UNPLUGGED,
     ),
     Complaint(
         "USB_AUTOSUSPEND",
-        "the adapter may be put to sleep",
-        "the first packet after a pause waits for it to wake, or is lost",
-        "`echo on | sudo tee /sys/bus/usb/devices/DEVICE/power/control`; for good, twind's udev rules",
+        "the adapter may be suspended",
+        "the first packet after a pause is delayed or lost",
+        ("`echo on | sudo tee /sys/bus/usb/devices/DEVICE/power/control`; permanently: twind's udev rules"),
         WARNING,
     ),
     Complaint(
         "USB_HUBS",
-        "the adapter hangs behind several hubs, or shares a slow one",
-        "every hub adds delay and a connector, and its other devices share the wire",
-        "plug the adapter into the computer itself",
+        "the adapter is behind several hubs or a slow one",
+        "each hub adds delay and a connector; devices share bandwidth",
+        "plug the adapter into the computer",
         NOTE,
         caution=UNPLUGGED,
     ),
     Complaint(
         "BAUD_UNSUPPORTED",
-        "the adapter cannot do this baud rate",
-        "all servos are silent, or answer garbage",
-        "another adapter (FT232H: 12 Mbaud), or a lower `baud` in the robot file and in the servos",
+        "the adapter does not support this baud rate",
+        "servos are silent or answers are corrupt",
+        "another adapter (FT232H: 12 Mbaud), or a lower `baud` in robot file and servos",
         FAULT,
         caution=UNPLUGGED,
     ),
@@ -110,40 +111,43 @@ SERIAL = (
 CAN = (
     Complaint(
         "CAN_LINK_MISSING",
-        "there is no such CAN interface",
+        "the CAN interface does not exist",
         "the bus is not connected",
-        "plug the adapter in, `sudo modprobe can_raw`, "
-        "then `sudo ip link set can0 up type can bitrate 1000000 restart-ms 100`",
+        (
+            "plug the adapter in, `sudo modprobe can_raw`, `sudo ip link set can0 up type can bitrate "
+            "1000000 restart-ms 100`"
+        ),
         FAULT,
-        caution="make sure which rate the actuators have: an interface with another one destroys "
-        "the frames of all devices",
+        caution=BIT_RATE,
     ),
     Complaint(
         "CAN_LINK_DOWN",
         "the CAN interface is down",
-        "nothing is sent or heard on that bus",
+        "the bus carries no frames",
         "`sudo ip link set can0 up type can bitrate 1000000 restart-ms 100`",
         FAULT,
-        caution="make sure which rate the actuators have: an interface with another one destroys "
-        "the frames of all devices",
+        caution=BIT_RATE,
     ),
     Complaint(
         "CAN_LINK_BITRATE",
-        "the CAN interface has another bit rate than the robot file",
-        "no frame is understood, and an interface with a wrong rate destroys those of the others",
-        "`twindctl disarm`, for who is armed loses the bus; then `sudo ip link set can0 down`, and "
-        "`sudo ip link set can0 up type can bitrate RATE`",
+        "CAN interface and robot file differ in bit rate",
+        "no frame is received; a wrong rate destroys the frames of others",
+        (
+            "`twindctl disarm` (the bus is lost), `sudo ip link set can0 down`, `sudo ip link set can0 up "
+            "type can bitrate RATE`"
+        ),
         FAULT,
-        caution="make sure which rate the actuators have: an interface with another one destroys "
-        f"the frames of all devices; {SUPPORT}",
+        caution=f"{BIT_RATE}; {SUPPORT}",
         explains=("CAN_LINK_STATE",),
     ),
     Complaint(
         "CAN_LINK_STATE",
-        "the CAN controller has left the bus, or is about to",
-        "nobody acknowledges: power of the actuators, termination, wiring or bit rate",
-        "power of the actuators; 60 Ω between the wires with everything off; the bit rate; "
-        "then `twindctl disarm`, `sudo ip link set can0 down` and `up`",
+        "the CAN controller left the bus or soon will",
+        "frames get no acknowledgement: power, termination, wiring or bit rate",
+        (
+            "check power, bit rate, 60 Ω between the wires (all off); `twindctl disarm`, `sudo ip link "
+            "set can0 down`, `up`"
+        ),
         FAULT,
         caution=SUPPORT,
         explains=("CAN_LINK_ERRORS",),
@@ -151,24 +155,26 @@ CAN = (
     Complaint(
         "CAN_LINK_ERRORS",
         "the CAN controller counts errors",
-        "frames are broken and repeated: the bus still works, but late, and it may get worse",
-        "60 Ω between the wires with everything off; plugs, shield, bit rate; counters fall by themselves",
+        "frames are corrupt and repeated: slow, and possibly worse soon",
+        ("60 Ω between the wires (all off); plugs, shield, bit rate; the counters decrease by themselves"),
         WARNING,
         caution=UNPLUGGED,
     ),
     Complaint(
         "CAN_LINK_QUEUE",
         "the queue of the CAN interface is long",
-        "while nobody acknowledges it keeps old commands; when power returns they go out: the robot snaps",
+        "old commands wait and leave when power returns: the robot jerks",
         "`sudo ip link set can0 txqueuelen 48`",
         WARNING,
     ),
     Complaint(
         "CAN_LINK_RESTART",
-        "the CAN controller does not come back by itself",
-        "after one bus-off the bus stays dead until a person takes the interface down and up",
-        "`twindctl disarm`, then `sudo ip link set can0 down`, "
-        "then `sudo ip link set can0 up type can bitrate RATE restart-ms 100`",
+        "the CAN controller does not restart by itself",
+        "after bus-off the bus stays dead until a manual restart",
+        (
+            "`twindctl disarm`, `sudo ip link set can0 down`, `sudo ip link set can0 up type can bitrate "
+            "RATE restart-ms 100`"
+        ),
         WARNING,
         caution=SUPPORT,
     ),

@@ -12,9 +12,9 @@ from twind_calibration.doctor.examined import Examined
 
 CHECK_BROKEN = Complaint(
     "CHECK_BROKEN",
-    "a check of the doctor itself failed",
-    "what it looks for is not known to be well",
-    "tell us, with `twindctl doctor --json`; the other checks went on",
+    "a check of the doctor failed",
+    "its subject was not examined",
+    "report it with `twindctl doctor --json`; the other checks ran",
     Severity.WARNING,
 )
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import acos, asin, atan2, degrees, hypot
 
 from twind.ctl.picture.lines import Line, Span, cut, fitting, length, line, wrapped
-from twind.ctl.picture.remedies import remedy
 from twind.ctl.picture.view import Answer, Said, View
+from twind.ctl.reasons import remedy
 from twind.ctl.table import LOST
 
 STALE = 100.0  # ms, of an IMU's reading

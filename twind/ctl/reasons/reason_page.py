@@ -1,0 +1,44 @@
+"""Writer of the tables of reason codes: `python -m twind.ctl.reasons.reason_page docs/reason-codes.md`."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from twind.ctl.reasons.reason_text import ReasonText
+from twind.ctl.reasons.request_codes import REQUEST_CODES
+from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
+from twind.robot.finding import Code
+
+TABLES = {"request codes": REQUEST_CODES, "runtime codes": RUNTIME_CODES}
+
+
+def rows(codes: Mapping[Code, ReasonText]) -> str:
+    """One table in Markdown, in alphabetical order."""
+    lines = ["| code | effect | cause | remedy |", "|---|---|---|---|"]
+    for code in sorted(codes):
+        text = codes[code]
+        lines.append(f"| `{code}` | {text.effect} | {text.cause} | {text.remedy} |")
+    return "\n".join(lines)
+
+
+def page_with_tables(page: str) -> str:
+    """The page with both tables as the code has them. Raises ValueError without a place for one."""
+    for name, codes in TABLES.items():
+        begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+        before, found, rest = page.partition(begin)
+        _, closed, after = rest.partition(end)
+        if not found or not closed:
+            raise ValueError(f"the page has no {begin} … {end}: add both lines")
+        page = f"{before}{begin}\n\n{rows(codes)}\n\n{end}{after}"
+    return page
+
+
+def main(arguments: list[str]) -> int:
+    """Write the named page. Exit code 0."""
+    path = Path(arguments[0])
+    path.write_text(page_with_tables(path.read_text(encoding="utf-8")), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
