@@ -130,6 +130,26 @@ def test_what_the_service_manager_bound_is_left_to_it_with_the_command(desk: Des
     assert path.exists() is (file is not None)
 
 
+def test_the_command_for_a_socket_of_an_instance_names_the_units_of_that_instance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That of the plain service would lower another robot."""
+    monkeypatch.setattr("twind.front.listening.SYSTEM", str(tmp_path), raising=False)
+    desk = Desk(tmp_path / "arm")
+    try:
+        desk.add(own=False)
+        desk.listening.open()
+        desk.remove()
+        desk.listening.check()
+    finally:
+        desk.listening.close()
+        desk.loop.close()
+    (report,) = desk.wire.sent
+    assert isinstance(report, link.Reachable)
+    units = "twind-control@arm.socket twind-observe@arm.socket twind@arm.service"
+    assert f"`systemctl restart {units}`" in report.missing
+
+
 def test_a_socket_whose_file_is_not_known_is_not_checked(desk: Desk) -> None:
     desk.add(checked=False)
     desk.listening.open()
