@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from twind import link
+from twind import link, sockets
 from twind.front.listening import Listening
 from twind.sockets import Listener, listen
 
@@ -128,6 +128,30 @@ def test_what_the_service_manager_bound_is_left_to_it_with_the_command(desk: Des
     assert isinstance(report, link.Reachable) and str(path) in report.missing
     assert "`systemctl restart twind-control.socket twind-observe.socket twind.service`" in report.missing
     assert path.exists() is (file is not None)
+
+
+def test_a_folder_that_is_removed_while_a_socket_is_bound_again_is_no_loss(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`rm -r` removes the files, then the folder: a check between the two still finds the folder."""
+    desk.add()
+    desk.listening.open()
+    desk.remove("control")
+    desk.remove("observe")
+    check_folder, gone = sockets._check_folder, list[Path]()
+
+    def checked(folder: Path) -> None:
+        check_folder(folder)
+        if not gone:
+            gone.append(folder)
+            folder.rmdir()
+
+    monkeypatch.setattr(sockets, "_check_folder", checked)
+    desk.listening.check()
+    reports = [each for each in desk.wire.sent if isinstance(each, link.Reachable)]
+    assert gone and [(each.missing, len(each.rebound)) for each in reports] == [("", 2)]
+    desk.connect("control")
+    assert desk.accepted == ["operator"]
 
 
 def test_the_command_for_a_socket_of_an_instance_names_the_units_of_that_instance(

@@ -101,7 +101,7 @@ class Listening:
         if not door.listener.own:
             return f"{path}: no client can connect, its file was removed or replaced; {_by_manager(path)}"
         try:
-            made = Listener.of(listen(path.parent, door.name), own=True)
+            made = Listener.of(_bound_again(path.parent, door.name), own=True)
         except (SocketError, OSError) as error:
             return f"no client can connect: {error} (it is tried again)"
         if not self._link.send(Rebound(name=door.name, label=made.label), made.bound.fileno()):
@@ -128,3 +128,14 @@ def _by_manager(path: Path) -> str:
         "only the service manager can bind this socket again: restart its .socket unit together with the "
         f"daemon: `systemctl restart {units}` lowers the robot first"
     )
+
+
+def _bound_again(folder: Path, name: str) -> socket.socket:
+    """A new socket there, tried twice: a folder that is being removed can go between its check and `bind`.
+
+    Raises SocketError, OSError.
+    """
+    try:
+        return listen(folder, name)
+    except SocketError:
+        return listen(folder, name)
