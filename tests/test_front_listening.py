@@ -1,6 +1,8 @@
 """The front's listening sockets: what is checked, bound again and reported. Real sockets, one process."""
 
 import asyncio
+import errno
+import os
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +11,7 @@ import pytest
 
 from twind import link, sockets
 from twind.front.listening import Listening
-from twind.sockets import Listener, listen
+from twind.sockets import Listener, SocketError, listen
 
 
 class Wire:
@@ -172,6 +174,19 @@ def test_the_command_for_a_socket_of_an_instance_names_the_units_of_that_instanc
     assert isinstance(report, link.Reachable)
     units = "twind-control@arm.socket twind-observe@arm.socket twind@arm.service"
     assert f"`systemctl restart {units}`" in report.missing
+
+
+def test_a_folder_that_went_away_from_a_service_is_refused_with_what_brings_it_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A removed folder takes its writable mount along; one that is made in its place is read-only."""
+
+    def mkdir(*_args: object, **_options: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    with pytest.raises(SocketError, match=r"systemd-tmpfiles --create.*restart the service, which lowers"):
+        listen(tmp_path / "run", "control")
 
 
 def test_a_socket_whose_file_is_not_known_is_not_checked(desk: Desk) -> None:

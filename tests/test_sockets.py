@@ -1,6 +1,5 @@
 """The listening sockets: nobody else's are taken, none is ever open to all, and only the dead make room."""
 
-import errno
 import grp
 import json
 import os
@@ -230,19 +229,6 @@ def test_a_folder_that_cannot_be_is_refused_by_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/sys").is_dir(), reason="no /sys, where nobody may make a folder")
-def test_a_folder_that_went_away_from_a_service_is_refused_with_what_brings_it_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A removed folder takes its writable mount along; one that is made in its place is read-only."""
-
-    def mkdir(*_args: object, **_options: object) -> None:
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
-    monkeypatch.setattr(Path, "mkdir", mkdir)
-    with pytest.raises(SocketError, match=r"systemd-tmpfiles --create.*restart the service, which lowers"):
-        listen(tmp_path / "run", "control")
-
-
 def test_a_folder_that_cannot_be_made_is_told_with_the_command_that_makes_it() -> None:
     with pytest.raises(SocketError, match=r"`sudo install -d -o \S+ /sys/twind` makes its folder, or choose"):
         listen(Path("/sys/twind"), "control")
