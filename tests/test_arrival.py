@@ -96,6 +96,13 @@ def test_a_goal_time_of_the_client_counts_for_the_default_tolerance(simulated: R
     assert 4.5 < last.parameters["findings"][0]["time"] < 4.6
 
 
+def test_a_tolerance_erased_for_another_joint_lets_no_blocked_motion_wait_without_end(simulated: Rig) -> None:
+    last = move(simulated, "hand", INSIDE, tolerances=[(HEAD, None, -1.0)])
+    assert last.parameters["phase"] == "aborted"
+    (finding,) = last.parameters["findings"]
+    assert (finding["code"], finding["joint"], finding["bound"]) == (Code.GOAL_TOLERANCE, HAND, 0.2)
+
+
 @pytest.mark.parametrize("mode", SIMULATED)
 def test_a_motion_of_a_humanoid_ends_with_its_last_point(mode: Mode) -> None:
     """Lag and sag of honest motions are within the tolerance: no tick is added. A raised leg sags most."""

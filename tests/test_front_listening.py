@@ -1,15 +1,17 @@
 """The front's listening sockets: what is checked, bound again and reported. Real sockets, one process."""
 
 import asyncio
+import errno
+import os
 import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from twind import link
+from twind import link, sockets
 from twind.front.listening import Listening
-from twind.sockets import Listener, listen
+from twind.sockets import Listener, SocketError, listen
 
 
 class Wire:
@@ -128,6 +130,63 @@ def test_what_the_service_manager_bound_is_left_to_it_with_the_command(desk: Des
     assert isinstance(report, link.Reachable) and str(path) in report.missing
     assert "`systemctl restart twind-control.socket twind-observe.socket twind.service`" in report.missing
     assert path.exists() is (file is not None)
+
+
+def test_a_folder_that_is_removed_while_a_socket_is_bound_again_is_no_loss(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`rm -r` removes the files, then the folder: a check between the two still finds the folder."""
+    desk.add()
+    desk.listening.open()
+    desk.remove("control")
+    desk.remove("observe")
+    check_folder, gone = sockets._check_folder, list[Path]()
+
+    def checked(folder: Path) -> None:
+        check_folder(folder)
+        if not gone:
+            gone.append(folder)
+            folder.rmdir()
+
+    monkeypatch.setattr(sockets, "_check_folder", checked)
+    desk.listening.check()
+    reports = [each for each in desk.wire.sent if isinstance(each, link.Reachable)]
+    assert gone and [(each.missing, len(each.rebound)) for each in reports] == [("", 2)]
+    desk.connect("control")
+    assert desk.accepted == ["operator"]
+
+
+def test_the_command_for_a_socket_of_an_instance_names_the_units_of_that_instance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That of the plain service would lower another robot."""
+    monkeypatch.setattr("twind.front.listening.SYSTEM", str(tmp_path), raising=False)
+    desk = Desk(tmp_path / "arm")
+    try:
+        desk.add(own=False)
+        desk.listening.open()
+        desk.remove()
+        desk.listening.check()
+    finally:
+        desk.listening.close()
+        desk.loop.close()
+    (report,) = desk.wire.sent
+    assert isinstance(report, link.Reachable)
+    units = "twind-control@arm.socket twind-observe@arm.socket twind@arm.service"
+    assert f"`systemctl restart {units}`" in report.missing
+
+
+def test_a_folder_that_went_away_from_a_service_is_refused_with_what_brings_it_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A removed folder takes its writable mount along; one that is made in its place is read-only."""
+
+    def mkdir(*_args: object, **_options: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(Path, "mkdir", mkdir)
+    with pytest.raises(SocketError, match=r"systemd-tmpfiles --create.*restart the service, which lowers"):
+        listen(tmp_path / "run", "control")
 
 
 def test_a_socket_whose_file_is_not_known_is_not_checked(desk: Desk) -> None:

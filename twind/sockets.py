@@ -5,6 +5,7 @@ Standard library only; the loop's process and the front bind by the same rules.
 """
 
 import contextlib
+import errno
 import grp
 import os
 import pwd
@@ -83,6 +84,12 @@ def listen(directory: Path, name: str) -> socket.socket:
         remedy = "choose another folder with --socket DIR"
         if isinstance(error, PermissionError) and not os.path.lexists(directory):
             remedy = f"`sudo install -d -o {_user()} {directory}` makes its folder, or {remedy}"
+        elif error.errno == errno.EROFS:
+            # A removed folder took its writable mount along. One made in its place stays read-only.
+            remedy = (
+                "where a service's folder was removed, `sudo systemd-tmpfiles --create` makes it, "
+                f"then restart the service, which lowers the robot first; or {remedy}"
+            )
         raise SocketError(f"{path}: {error.strerror or error}; {remedy}") from None
     with contextlib.suppress(KeyError, PermissionError):
         os.chown(path, -1, grp.getgrnam(GROUPS[name]).gr_gid)

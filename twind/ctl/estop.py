@@ -38,16 +38,18 @@ def _terminate(options: argparse.Namespace, absent: NoDaemon) -> int:
     from twind.ctl import serving  # a status or an ordinary e-stop does not pay for it
 
     signalled: dict[int, int] = {}
+    denied: serving.Serving | None = None
     for daemon in serving.find(_folders(options.socket)):
         try:
             signalled[daemon.pid] = serving.terminate(daemon)
         except ProcessLookupError:  # it ended by itself
             continue
-        except PermissionError:
-            raise Rejected(_not_allowed(daemon.folder, daemon.uid)) from None
+        except PermissionError:  # another one may be ours to end
+            denied = daemon
+            continue
         if not options.json:
             show(options, None, _signalled(daemon.folder, daemon.pid, cut=options.cut))
-    if not signalled:
+    if not signalled and denied is None:
         raise absent
     remaining = [pid for pid, pidfd in signalled.items() if not serving.ended(pidfd, LOWERING)]
     if remaining:
@@ -56,6 +58,8 @@ def _terminate(options: argparse.Namespace, absent: NoDaemon) -> int:
             f"twind (pid {listed}) received SIGTERM and did not end within {LOWERING:g} s: "
             "use the robot's power switch"
         )
+    if denied is not None:
+        raise Rejected(_not_allowed(denied.folder, denied.uid))
     data = {"signal": "SIGTERM", "pids": list(signalled), "level": "settle", "ended": True}
     show(
         options, data, "twind has ended; torque that it had not switched on itself stays on: check the robot"

@@ -48,6 +48,7 @@ def terminate(serving: Serving) -> int:
     """Send SIGTERM; a pidfd of the daemon, the caller's to close.
 
     Raises PermissionError, and ProcessLookupError where it has ended or no longer serves that folder.
+    An ended process has no files left to look at, and its user may not look at them: that is no permission.
     """
     if not serving.pid:
         raise PermissionError(f"the daemon of {serving.folder} is a process of uid {serving.uid}")
@@ -56,8 +57,9 @@ def terminate(serving: Serving) -> int:
         if not _holds(serving.pid, _inodes(serving.pid, serving.folder)):
             raise ProcessLookupError(f"process {serving.pid} no longer listens in {serving.folder}")
         signal.pidfd_send_signal(pidfd, signal.SIGTERM)
-    except OSError:
-        os.close(pidfd)
+    except OSError as error:
+        if ended(pidfd, 0.0):
+            raise ProcessLookupError(f"process {serving.pid} has ended") from error
         raise
     return pidfd
 
@@ -81,20 +83,25 @@ def _fronts() -> Iterator[int]:
                 if _FRONT[0] not in words:
                     continue
                 at = words.index(_FRONT[0]) + len(_FRONT)
-                if words[at - len(_FRONT) : at] == _FRONT and words[at] == str(_parent(int(name))):
+                if words[at - len(_FRONT) : at + 1] == [*_FRONT, str(_parent(int(name)))]:
                     yield int(name)
 
 
 def _served(front: int, folder: str) -> Serving | None:
-    """The daemon of this front, where both hold a socket that listens in `folder`."""
+    """The daemon of this front: its parent, of the same user, with the same socket that listens in `folder`.
+
+    Any user can bind that path in a mount namespace of its own, and name any parent for its process.
+    """
     with suppress(OSError, ValueError):
         inodes = _inodes(front, folder)
         if not inodes:
             return None
-        uid = os.stat(f"/proc/{front}").st_uid
+        daemon = _parent(front)
+        uid = _user(front)
+        if _user(daemon) != uid:
+            return None
         try:
-            daemon = _parent(front)
-            if _holds(front, inodes) and _holds(daemon, inodes):
+            if any(_holds(front, {inode}) and _holds(daemon, {inode}) for inode in inodes):
                 return Serving(folder, uid, daemon)
         except PermissionError:
             return Serving(folder, uid)
@@ -102,15 +109,19 @@ def _served(front: int, folder: str) -> Serving | None:
 
 
 def _inodes(pid: int, folder: str) -> set[str]:
-    """Socket numbers that listen at a path of `folder`, in the network namespace of that process."""
+    """Socket numbers that listen at a path of `folder`, in the network namespace of that process.
+
+    A name with a line break makes lines of its own, which any user can do: a line that is none is left out.
+    """
     wanted = os.path.realpath(folder)
     found = set()
-    for line in _read(f"/proc/{pid}/net/unix").splitlines()[1:]:
-        _address, _count, _protocol, flags, _kind, _state, inode, *path = line.split(maxsplit=7)
-        if path and int(flags, 16) & _LISTENS:
-            directory, name = os.path.split(path[0])
-            if name in SOCKETS and os.path.realpath(_absolute(pid, directory)) == wanted:
-                found.add(inode)
+    for line in _read(f"/proc/{pid}/net/unix").split("\n")[1:]:
+        with suppress(ValueError):
+            _address, _count, _protocol, flags, _kind, _state, inode, *path = line.split(maxsplit=7)
+            if path and int(flags, 16) & _LISTENS:
+                directory, name = os.path.split(path[0])
+                if name in SOCKETS and os.path.realpath(_absolute(pid, directory)) == wanted:
+                    found.add(inode)
     return found
 
 
@@ -132,6 +143,11 @@ def _holds(pid: int, inodes: set[str]) -> bool:
             if os.readlink(f"/proc/{pid}/fd/{fd}") in wanted:
                 return True
     return False
+
+
+def _user(pid: int) -> int:
+    """Effective user id. The owner of /proc/PID is root for a process that may not be dumped."""
+    return int(_read(f"/proc/{pid}/status").partition("\nUid:")[2].split()[1])
 
 
 def _parent(pid: int) -> int:

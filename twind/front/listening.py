@@ -10,19 +10,17 @@ import asyncio
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twind.link import Reachable, Rebound
+from twind.protocol.places import SYSTEM
 from twind.sockets import Listener, SocketError, listen
 
 if TYPE_CHECKING:
     from twind.front.loop_end import LoopEnd
 
 ROLES = {"control": "operator", "observe": "observer"}
-ONLY_MANAGER = (
-    "only the service manager can bind this socket again: restart its .socket unit together with the daemon: "
-    "`systemctl restart twind-control.socket twind-observe.socket twind.service` lowers the robot first"
-)
 
 
 @dataclass(slots=True)
@@ -101,9 +99,9 @@ class Listening:
         if not door.checked or path is None or door.listener.in_place:
             return ""
         if not door.listener.own:
-            return f"{path}: no client can connect, its file was removed or replaced; {ONLY_MANAGER}"
+            return f"{path}: no client can connect, its file was removed or replaced; {_by_manager(path)}"
         try:
-            made = Listener.of(listen(path.parent, door.name), own=True)
+            made = Listener.of(_bound_again(path.parent, door.name), own=True)
         except (SocketError, OSError) as error:
             return f"no client can connect: {error} (it is tried again)"
         if not self._link.send(Rebound(name=door.name, label=made.label), made.bound.fileno()):
@@ -120,3 +118,24 @@ class Listening:
     def _unwatch(self, door: _Door) -> None:
         self._loop.remove_reader(door.listener.bound)
         door.watched = False
+
+
+def _by_manager(path: Path) -> str:
+    """What brings back a socket of the service manager: the units of this daemon, and of no other robot."""
+    at = f"@{path.parent.name}" if str(path.parent.parent) == SYSTEM else ""
+    units = f"twind-control{at}.socket twind-observe{at}.socket twind{at}.service"
+    return (
+        "only the service manager can bind this socket again: restart its .socket unit together with the "
+        f"daemon: `systemctl restart {units}` lowers the robot first"
+    )
+
+
+def _bound_again(folder: Path, name: str) -> socket.socket:
+    """A new socket there, tried twice: a folder that is being removed can go between its check and `bind`.
+
+    Raises SocketError, OSError.
+    """
+    try:
+        return listen(folder, name)
+    except SocketError:
+        return listen(folder, name)

@@ -161,7 +161,7 @@ class Submissions:
         if loop.mode is Mode.LIVE:
             return (Tolerances.of(count, asked) if asked else None), command.goal_time
         bounds = loop.parts.guard.bounds
-        own = any(goal for _, _, goal in asked)
+        own = any(goal is not None and goal > 0.0 for _, _, goal in asked)
         goal_time = command.goal_time if own else command.goal_time or bounds.drift_for
         return Tolerances.of(count, asked, bounds.follow), goal_time
 

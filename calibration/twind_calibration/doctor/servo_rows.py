@@ -1,5 +1,4 @@
-"""The complaints about how servos are set and how they are: rows of the doctor's table, in order "
-"of cause."""
+"""Complaints about settings and states of servos: rows of the doctor's table, in order of cause."""
 
 from twind_calibration.doctor.cautions import MEANING, RAISED, RATED, REBOOT, SUPPORT, ZERO_MOVES
 from twind_calibration.doctor.complaint import Complaint, Severity
