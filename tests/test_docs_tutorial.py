@@ -186,7 +186,9 @@ def run(script: str, cwd: Path, environment: dict[str, str]) -> str:
             break
         passing = BUSY | LATCHED
         time.sleep(1.0)
-        recovery = "twindctl disarm; twindctl reset; twindctl arm"
+        recovery = "twindctl disarm; twindctl reset"
+        if "twindctl arm" not in script:  # the block begins with an armed robot
+            recovery += "; twindctl arm"
         subprocess.run(["bash", "-c", recovery], cwd=cwd, env=environment, capture_output=True, timeout=90.0)
     assert done.returncode == 0, (script, done.stdout, done.stderr)
     return done.stdout
