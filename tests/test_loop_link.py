@@ -285,7 +285,7 @@ def test_events_and_replies_share_one_order(front: Front, end: Link) -> None:
     end.event(link.Moment(time=0.0, sequence=end.sequence(), id="t", verdict={}))
     end.reply(reply(2))
     end.flush()
-    kinds = [type(news).__name__ for news in front.news()]
+    kinds = [type(news).__struct_config__.tag for news in front.news()]
     assert kinds == ["Reply", "Event", "Moment", "Reply"]
 
 

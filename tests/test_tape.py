@@ -79,7 +79,11 @@ def test_commands_are_written_down_as_they_were_taken_with_their_arrays_behind_t
     rig.front.outer.send(link.encode(link.Gone(client=7)))
     rig.ticks(2)
     found = only(read(ring.fd), Kind.COMMAND, Kind.ARRAYS)
-    kinds = [type(link.decode_command(each.data)).__name__ for each in found if each.kind is Kind.COMMAND]
+    kinds = [
+        type(link.decode_command(each.data)).__struct_config__.tag
+        for each in found
+        if each.kind is Kind.COMMAND
+    ]
     assert kinds == ["AcquireLease", "Arm", "Submit", "Gone"]
     place = [each.kind for each in found].index(Kind.ARRAYS)
     submit = link.decode_command(found[place - 1].data)

@@ -171,7 +171,7 @@ class Mark(Command, frozen=True, kw_only=True):
     annotation: Annotation
 
 
-class Adopt(Command, frozen=True, kw_only=True):
+class Adopt(Command, frozen=True, kw_only=True, tag="Adopt"):
     """Changes that both sides make at one moment (`config/hot.py`); the next front's briefing in the memfd.
 
     Reply: {applied: [key], needs_restart: [key]}.
@@ -183,17 +183,17 @@ class Adopt(Command, frozen=True, kw_only=True):
     reread: bool = True  # by files read again; False: by a client's word
 
 
-class Rereading(Base, frozen=True, kw_only=True):
+class Rereading(Base, frozen=True, kw_only=True, tag="Rereading"):
     """The front begins to read the files again."""
 
 
-class RereadFailed(Base, frozen=True, kw_only=True):
+class RereadFailed(Base, frozen=True, kw_only=True, tag="RereadFailed"):
     """What was wrong with the files; nothing changes."""
 
     message: str
 
 
-class Gone(Base, frozen=True, kw_only=True):
+class Gone(Base, frozen=True, kw_only=True, tag="Gone"):
     """A connection closed: its lease lapses, its unanswered tickets are void."""
 
     client: int
@@ -213,7 +213,7 @@ class Reachable(Base, frozen=True, kw_only=True):
     rebound: Sequence[str] = ()  # paths of the sockets that were bound again since the last message
 
 
-class WreckDone(Base, frozen=True, kw_only=True):
+class WreckDone(Base, frozen=True, kw_only=True, tag="WreckDone"):
     """What a daemon before this one left is written down, or cannot be: it need not be kept any longer."""
 
 

@@ -150,7 +150,7 @@ class Event(Base, frozen=True, kw_only=True):
     stop: str = ""  # the stop that is demanded: hold, settle, damp, cut, inhibit; "": none
 
 
-class Moment(Base, frozen=True, kw_only=True):
+class Moment(Base, frozen=True, kw_only=True, tag="Moment"):
     """A verdict was given: topic `verdicts`. Without refusals it is followed: topic `trajectories`."""
 
     time: float
@@ -160,7 +160,7 @@ class Moment(Base, frozen=True, kw_only=True):
     lead: float = 0.0  # s by which it begins later, on the way to a first point at t = 0
 
 
-class Reread(Base, frozen=True, kw_only=True):
+class Reread(Base, frozen=True, kw_only=True, tag="Reread"):
     """The loop was told to have the files read again (SIGHUP)."""
 
 

@@ -50,7 +50,7 @@ class Asked:
         """As the interface calls it."""
         if isinstance(self.command, Submit):
             return "Check" if self.command.check_only else "SubmitTrajectory"
-        return type(self.command).__name__
+        return str(type(self.command).__struct_config__.tag)
 
 
 @dataclass(frozen=True)
