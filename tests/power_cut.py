@@ -31,7 +31,7 @@ class Call:
 
 
 @dataclass
-class Recorder:
+class SaveRecorder:
     """`os`, as far as a save uses it: does everything, and keeps a list of what changes the folder."""
 
     calls: list[Call] = field(default_factory=list)
@@ -131,7 +131,7 @@ def recorded(
     paths = list(folder.iterdir())
     names = {path.name: path.stat().st_ino for path in paths}
     files = {path.stat().st_ino: path.read_bytes() for path in paths}
-    recorder = Recorder()
+    recorder = SaveRecorder()
     with monkeypatch.context() as patch:
         patch.setattr(module, "os", recorder)
         save()

@@ -22,7 +22,7 @@ from twind.loop.described import Robot
 from twind.loop.link import Link
 from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
-from twind.loop.tape import Recorder
+from twind.loop.tape import FlightRecorder
 from twind.robot.arrays import Floats
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
@@ -112,7 +112,7 @@ class Rig:
         self.one = Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
         self.names = self.one.binding.joint_map.names
         buses = [bus.name for bus in self.one.binding.joint_map.buses]
-        self.recorder = None if ring is None else Recorder(ring, buses, self.clock)
+        self.recorder = None if ring is None else FlightRecorder(ring, buses, self.clock)
         self.front = self.new_front()
         self.loop = self.born(mode)
         self.news: list[Any] = []

@@ -25,7 +25,7 @@ from twind_calibration.doctor.complaint import (
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.gather import examine, real_port
 from twind_calibration.doctor.host import Host
-from twind_calibration.doctor.table import CHECK_BROKEN, Check
+from twind_calibration.doctor.table import CHECK_BROKEN, CheckProbe
 from twind_drivers.clock import MonotonicClock
 
 ROWS = {
@@ -44,16 +44,16 @@ def nothing_examined() -> Examined:
     return Examined(Host(), "twind.service")
 
 
-def check(what: str, *found: Found, error: Exception | None = None) -> Check:
+def check(what: str, *found: Found, error: Exception | None = None) -> CheckProbe:
     def check_it(x: Examined) -> Iterator[Found]:
         yield from found
         if error is not None:
             raise error
 
-    return Check(what, tuple(each.code for each in found), check_it)
+    return CheckProbe(what, tuple(each.code for each in found), check_it)
 
 
-def run(*checks: Check) -> runner.Outcome:
+def run(*checks: CheckProbe) -> runner.Outcome:
     return runner.run(nothing_examined(), checks, ROWS)
 
 
@@ -163,7 +163,7 @@ def test_a_fix_is_done_and_then_looked_for_again() -> None:
         if thing == "lamp":
             broken[thing] = False
 
-    checks = [Check("things", ("FAULT",), look_at)]
+    checks = [CheckProbe("things", ("FAULT",), look_at)]
     outcome = runner.run(nothing_examined(), checks, ROWS)
     tried = runner.mend(outcome, nothing_examined, checks, ROWS)
     assert [(each.found.thing, each.there) for each in tried] == [("lamp", False), ("wheel", True)]
@@ -190,7 +190,7 @@ def test_of_several_servos_told_as_one_those_that_are_left_are_no_success() -> N
                 "FAULT", thing, "broken", fix=Fix("mend it", lambda: told.__setitem__(slice(None), left))
             )
 
-    checks = [Check("things", ("FAULT",), look_at)]
+    checks = [CheckProbe("things", ("FAULT",), look_at)]
     tried = runner.mend(runner.run(nothing_examined(), checks, ROWS), nothing_examined, checks, ROWS)
     assert [each.there for each in tried] == [True, False, True]
 
@@ -209,7 +209,7 @@ def test_a_fix_that_nobody_could_look_at_again_is_no_success(error: Exception, b
             raise error
 
     done: list[int] = []
-    checks = [Check("things", ("FAULT",), look_at)]
+    checks = [CheckProbe("things", ("FAULT",), look_at)]
     outcome = runner.run(nothing_examined(), checks, ROWS)
     (tried,) = runner.mend(outcome, nothing_examined, checks, ROWS)
     if before and isinstance(error, CannotLook):

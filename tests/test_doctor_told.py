@@ -14,7 +14,7 @@ from twind_calibration.doctor.complaint import Devices, Fix, Found
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.host import Host
 from twind_calibration.doctor.runner import Outcome
-from twind_calibration.doctor.table import Check
+from twind_calibration.doctor.table import CheckProbe
 from twind_calibration.doctor.told import told
 
 ROWS = table.complaints()
@@ -115,7 +115,7 @@ def test_of_one_severity_the_machine_comes_after_buses_and_servos() -> None:
         for code in ("CPU_GOVERNOR", "NO_REALTIME", "RETURN_DELAY", "SERVO_MISSING", "PORT_RENUMBERED"):
             yield Found(code, "x", "y")
 
-    outcome = runner.run(Examined(Host(), "twind.service"), [Check("all", (), look)], ROWS)
+    outcome = runner.run(Examined(Host(), "twind.service"), [CheckProbe("all", (), look)], ROWS)
     assert [each.code for each in outcome.found] == [
         "SERVO_MISSING", "RETURN_DELAY", "NO_REALTIME", "PORT_RENUMBERED", "CPU_GOVERNOR",
     ]  # fmt: skip

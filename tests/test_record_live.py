@@ -59,7 +59,7 @@ class Witness:
             time.sleep(0.05)
 
 
-class Recorder:
+class RecordProcess:
     """A `twindctl record` process."""
 
     def __init__(self, running: Daemon, out: Path, *options: str, most: int | None = None) -> None:
@@ -90,7 +90,7 @@ def move(client: Client, path: dict[str, Any]) -> None:
 
 
 @contextmanager
-def ended(recorders: dict[str, Recorder]) -> Iterator[None]:
+def ended(recorders: dict[str, RecordProcess]) -> Iterator[None]:
     """None of them outlives the test."""
     try:
         yield
@@ -117,16 +117,16 @@ class Story:
 @pytest.fixture(scope="module")
 def story() -> Iterator[Story]:
     """Mirror: the motors are measured, and a motion moves the simulation."""
-    recorders: dict[str, Recorder] = {}
+    recorders: dict[str, RecordProcess] = {}
     with robot() as (virtual, folder), ended(recorders):
         with daemon(virtual, folder, mode="mirror") as running:
             running.reach(hw_connected=True)
             told = Story(folder, Witness(running))
             recorders |= {
-                "whole": Recorder(running, folder / "whole", "--task", "wave"),
-                "killed": Recorder(running, folder / "killed"),
-                "small": Recorder(running, folder / "small", most=SMALL),
-                "timed": Recorder(running, folder / "timed" / "one.mcap", "--seconds", "1.5"),
+                "whole": RecordProcess(running, folder / "whole", "--task", "wave"),
+                "killed": RecordProcess(running, folder / "killed"),
+                "small": RecordProcess(running, folder / "small", most=SMALL),
+                "timed": RecordProcess(running, folder / "timed" / "one.mcap", "--seconds", "1.5"),
             }
             for name in ("whole", "killed"):
                 until(lambda name=name: list((folder / name).glob("*.mcap")), 20.0, f"{name} records")

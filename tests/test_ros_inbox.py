@@ -16,7 +16,7 @@ def command(*joints: str, stamp: int = 0, frame: str = "", came: float = 0.0) ->
     return Command(b"", Heading(stamp, 0, frame, joints), came)
 
 
-class Clock:
+class StubClock:
     """Moves when it is told to."""
 
     time = 100.0
@@ -25,7 +25,7 @@ class Clock:
         return self.time
 
 
-def taken(inbox: Inbox, clock: Clock, *, good: bool = True) -> list[Command]:
+def taken(inbox: Inbox, clock: StubClock, *, good: bool = True) -> list[Command]:
     """All that waits, each when it is time for it. `good`: each is accepted."""
     found = []
     while True:
@@ -39,7 +39,7 @@ def taken(inbox: Inbox, clock: Clock, *, good: bool = True) -> list[Command]:
 
 
 def test_a_newer_command_for_the_same_joints_takes_the_place_of_one_that_waits() -> None:
-    clock = Clock()
+    clock = StubClock()
     inbox = Inbox(clock.now)
     old, other, new = command("a"), command("b"), command("a", "c")
     for each in (old, other, new):
@@ -49,7 +49,7 @@ def test_a_newer_command_for_the_same_joints_takes_the_place_of_one_that_waits()
 
 
 def test_a_newer_command_that_is_refused_loses_none_that_waits() -> None:
-    clock = Clock()
+    clock = StubClock()
     inbox = Inbox(clock.now)
     old, other, new = command("a"), command("b"), command("a", "c")
     for each in (old, other, new):
@@ -59,7 +59,7 @@ def test_a_newer_command_that_is_refused_loses_none_that_waits() -> None:
 
 
 def test_what_came_after_it_is_not_void_by_what_was_accepted() -> None:
-    clock = Clock()
+    clock = StubClock()
     inbox = Inbox(clock.now)
     inbox.put(command("a"))
     clock.time += PACE
@@ -71,7 +71,7 @@ def test_what_came_after_it_is_not_void_by_what_was_accepted() -> None:
 
 
 def test_what_begins_later_or_is_waited_for_or_is_no_command_is_kept() -> None:
-    clock = Clock()
+    clock = StubClock()
     inbox = Inbox(clock.now)
     later, followed, malformed, now = (
         command("a", stamp=7),
@@ -90,7 +90,7 @@ def test_what_begins_later_or_is_waited_for_or_is_no_command_is_kept() -> None:
 def test_whatever_comes_few_wait_the_newest_is_among_them_and_all_are_counted(
     asked: list[tuple[tuple[str, ...], int]],
 ) -> None:
-    clock = Clock()
+    clock = StubClock()
     inbox = Inbox(clock.now)
     commands = [command(*joints, stamp=stamp) for joints, stamp in asked]
     for each in commands:
@@ -108,7 +108,7 @@ def test_whatever_comes_few_wait_the_newest_is_among_them_and_all_are_counted(
 
 
 def test_of_those_that_find_no_room_whoever_waits_to_hear_of_them_is_told() -> None:
-    inbox = Inbox(Clock().now)
+    inbox = Inbox(StubClock().now)
     first = command("a", stamp=1)
     first.told = lambda result: None
     gone = [inbox.put(each) for each in [first, *(command("a", stamp=2 + place) for place in range(ROOM))]]
@@ -116,7 +116,7 @@ def test_of_those_that_find_no_room_whoever_waits_to_hear_of_them_is_told() -> N
 
 
 def test_two_are_taken_no_closer_together_than_the_daemon_wants_them() -> None:
-    clock = Clock()
+    clock = StubClock()
     inbox = Inbox(clock.now)
     inbox.put(command("a"))
     inbox.put(command("b"))
@@ -128,7 +128,7 @@ def test_two_are_taken_no_closer_together_than_the_daemon_wants_them() -> None:
 
 
 def test_drops_are_told_once_a_second_at_most() -> None:
-    clock = Clock()
+    clock = StubClock()
     inbox = Inbox(clock.now)
     for place in range(ROOM + 2):
         inbox.put(command("a", stamp=7, frame=str(place)))
@@ -147,7 +147,7 @@ def test_whoever_waits_for_a_command_is_woken() -> None:
 
 
 def test_whoever_waits_for_the_time_of_the_next_is_woken_too_but_not_by_those_that_come() -> None:
-    clock = Clock()  # which stands still: the time never comes
+    clock = StubClock()  # which stands still: the time never comes
     inbox = Inbox(clock.now)
     inbox.put(command("a"))
     assert inbox.take(0.0) is not None

@@ -28,7 +28,7 @@ from twind.loop.hangups import HangUps
 from twind.loop.link import Outside
 from twind.loop.notify import Notifier
 from twind.loop.open_bus import Buses
-from twind.loop.tape import Recorder
+from twind.loop.tape import FlightRecorder
 from twind.loop.tick import Loop
 from twind.loop.virtual_child import VirtualChild, VirtualError
 from twind.loop.wreck import Wreck
@@ -222,7 +222,7 @@ def _flights(settings: Settings, *, virtual: bool = False) -> Path:
     return folder / "sim" if settings.mode == "sim" else folder
 
 
-def _write(described: Described, one: Robot, recorder: Recorder, mode: str) -> None:
+def _write(described: Described, one: Robot, recorder: FlightRecorder, mode: str) -> None:
     """What the fail-safe saw and did: torque is off by now, or the robot left as it is.
 
     Nothing about it is urgent, and nothing that goes wrong with it changes what is told of the robot.
@@ -245,7 +245,7 @@ def _loop(
     buses: Buses,
     link: Outside,
     notifier: Notifier,
-    recorder: Recorder | None,
+    recorder: FlightRecorder | None,
 ) -> Loop:
     settings = described.settings
     if recorder is not None:

@@ -94,7 +94,7 @@ class EepromBehindTheState(Good):
 
 
 @breaks("W2")
-class OperatingMode(Sends):
+class WritesOperatingMode(Sends):
     """Another mode in the middle of everything: the joint would drop."""
 
     def packet(self) -> bytes:
@@ -110,7 +110,7 @@ class NewId(SendsDisarmed):
 
 
 @breaks("W2")
-class Broadcast(Sends):
+class WritesToBroadcastId(Sends):
     """One write to everybody, strangers included."""
 
     def packet(self) -> bytes:

@@ -21,7 +21,7 @@ from twind.loop.notify import Notifier
 from twind.loop.outlook import NEAR, Lookahead
 from twind.loop.ports import Enabler, Opener, Port
 from twind.loop.realtime import Granted
-from twind.loop.tape import Recorder, Tape
+from twind.loop.tape import FlightRecorder, Tape
 from twind.loop.tick import Loop, Parts
 from twind.loop.wreck import Wreck
 from twind.memfd import seal
@@ -193,7 +193,7 @@ def briefing(
 def front(
     briefing: int,
     listeners: Mapping[str, Listener],
-    recorder: Recorder | None,
+    recorder: FlightRecorder | None,
     folder: Path,
     wreck: Wreck | None = None,
 ) -> Link:

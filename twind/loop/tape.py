@@ -39,7 +39,7 @@ class Tape:
         """Who answered has answered; `whole`: everybody did."""
 
 
-class Recorder:
+class FlightRecorder:
     """The loop's side of the flight recorder."""
 
     def __init__(self, ring: Ring, buses: Sequence[str], clock: Clock) -> None:
@@ -66,14 +66,14 @@ class Recorder:
         self._ring.close()
 
 
-def recorder(robot: RobotFile, rate_hz: float, clock: Clock) -> Recorder | None:
+def recorder(robot: RobotFile, rate_hz: float, clock: Clock) -> FlightRecorder | None:
     """One for this robot; None, and why is told: there is no memory for it."""
     try:
         ring = Ring.create(size(robot, rate_hz), buses=len(robot.buses))
     except OSError as error:
         tell(2, "warning", f"twind: no flight recorder, this run leaves nothing behind: {error}")
         return None
-    return Recorder(ring, [bus.name for bus in robot.buses], clock)
+    return FlightRecorder(ring, [bus.name for bus in robot.buses], clock)
 
 
 def size(robot: RobotFile, rate_hz: float) -> int:

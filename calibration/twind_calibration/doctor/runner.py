@@ -9,7 +9,7 @@ from twind.ctl.verb import Rejected
 from twind_calibration.doctor.complaint import CannotLook, Complaint, Devices, Found, NothingThere, Severity
 from twind_calibration.doctor.examined import Examined
 from twind_calibration.doctor.machine_rows import MACHINE
-from twind_calibration.doctor.table import CHECK_BROKEN, Check
+from twind_calibration.doctor.table import CHECK_BROKEN, CheckProbe
 from twind_drivers.bus import PortError
 
 ORDER = {Severity.FAULT: 0, Severity.WARNING: 1, Severity.NOTE: 2}
@@ -40,7 +40,7 @@ class Mended:
     there: bool  # it is still found, of one of its things at least
 
 
-def run(examined: Examined, checks: Iterable[Check], complaints: Mapping[str, Complaint]) -> Outcome:
+def run(examined: Examined, checks: Iterable[CheckProbe], complaints: Mapping[str, Complaint]) -> Outcome:
     """Every check once, in order; what was found sorted: what explains others first, then by severity."""
     outcome = Outcome(examined.about())
     for check in checks:
@@ -49,7 +49,7 @@ def run(examined: Examined, checks: Iterable[Check], complaints: Mapping[str, Co
     return outcome
 
 
-def chosen(checks: Sequence[Check], only: Sequence[str]) -> list[Check]:
+def chosen(checks: Sequence[CheckProbe], only: Sequence[str]) -> list[CheckProbe]:
     """The checks that can find one of these codes; all without any."""
     return [check for check in checks if not only or set(check.codes) & set(only)]
 
@@ -57,7 +57,7 @@ def chosen(checks: Sequence[Check], only: Sequence[str]) -> list[Check]:
 def mend(
     outcome: Outcome,
     again: Callable[[], Examined],
-    checks: Sequence[Check],
+    checks: Sequence[CheckProbe],
     complaints: Mapping[str, Complaint],
 ) -> list[Mended]:
     """Do what can be done, then look again at what was mended, with nothing remembered."""
@@ -95,7 +95,7 @@ def _things(found: Found) -> list[str]:
     return [Devices(thing.bus, [each]) for each in thing.members] if isinstance(thing, Devices) else [thing]
 
 
-def _unseen(before: Outcome, after: Outcome, checks: Sequence[Check]) -> dict[str, str]:
+def _unseen(before: Outcome, after: Outcome, checks: Sequence[CheckProbe]) -> dict[str, str]:
     """By code: why nobody could look again, where somebody could before."""
     reasons = {what: why for what, why in after.unseen if (what, why) not in before.unseen}
     for found in after.found:
@@ -111,7 +111,7 @@ def _unseen(before: Outcome, after: Outcome, checks: Sequence[Check]) -> dict[st
     }
 
 
-def _run_one(examined: Examined, check: Check, outcome: Outcome) -> None:
+def _run_one(examined: Examined, check: CheckProbe, outcome: Outcome) -> None:
     try:
         for found in check.look(examined):  # one by one: what came before a failure counts
             outcome.found.append(found)

@@ -20,7 +20,7 @@ CHECK_BROKEN = Complaint(
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class CheckProbe:
     """One look. `what` is it in a word for the last line ("ports"); `codes`: all that it can find."""
 
     what: str
@@ -34,7 +34,7 @@ def complaints() -> dict[str, Complaint]:
     return {row.code: row for row in rows}
 
 
-def checks() -> tuple[Check, ...]:
+def checks() -> tuple[CheckProbe, ...]:
     """Every check in the order of looking: the host's first, the daemon's own faults last."""
     named = (*host_checks.CHECKS, *robot_checks.CHECKS, *host_checks.AFTER)
-    return tuple(Check(what, codes, look) for what, codes, look in named)
+    return tuple(CheckProbe(what, codes, look) for what, codes, look in named)
