@@ -9,10 +9,19 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from bench.harness import ROUNDS, Figure, Key, Measurement, as_in_the_loop, interleaved, medians, spread
-from bench.indoors import Indoors, indoors
+from bench.harness import (
+    ROUNDS,
+    FigureSpec,
+    MeasuredFigure,
+    Measurement,
+    as_in_the_loop,
+    interleaved,
+    medians,
+    spread,
+)
+from bench.indoors import InProcessDaemon, indoors
 from twind import link
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 from twind.robot.trajectory import Trajectory
 
 HOUR = 3600.0  # s
@@ -21,7 +30,7 @@ ROUND = {"first-order": HOUR / ROUNDS, "mujoco": MOTION}  # s of robot in one ro
 SIZE = 0.05  # rad
 
 
-def take() -> Mapping[str, Figure]:
+def take() -> Mapping[str, MeasuredFigure]:
     """CPU time of an hour: the median round, scaled to the hour."""
     with ExitStack() as stack:
         robots = {
@@ -37,12 +46,12 @@ def take() -> Mapping[str, Figure]:
         for name in found
     }
     return {
-        "loop.virtual_hour": Figure(middle["first-order"], notes["first-order"]),
-        "loop.virtual_hour_mujoco": Figure(middle["mujoco"], notes["mujoco"] + "; scaled to an hour"),
+        "loop.virtual_hour": MeasuredFigure(middle["first-order"], notes["first-order"]),
+        "loop.virtual_hour_mujoco": MeasuredFigure(middle["mujoco"], notes["mujoco"] + "; scaled to an hour"),
     }
 
 
-def _round(robot: Indoors, span: float) -> Callable[[], float]:
+def _round(robot: InProcessDaemon, span: float) -> Callable[[], float]:
     """CPU time (s) that an hour takes, from `span` s of it."""
 
     def take() -> float:
@@ -56,7 +65,7 @@ def _round(robot: Indoors, span: float) -> Callable[[], float]:
             robot.demand(ticket, phase="succeeded")
         used = time.process_time() - before
         missing = round(span / robot.loop.period) - (robot.loop.figures.ticks - ticks)
-        if robot.loop.state is not State.ARMED or missing > 0:
+        if robot.loop.state is not RobotState.ARMED or missing > 0:
             raise RuntimeError(
                 f"state {robot.loop.state}, {missing} ticks missing: this was no hour of moving"
             )
@@ -65,7 +74,7 @@ def _round(robot: Indoors, span: float) -> Callable[[], float]:
     return take
 
 
-def _swing(robot: Indoors) -> Trajectory:
+def _swing(robot: InProcessDaemon) -> Trajectory:
     """All joints to and fro once a second, ending where they began, a little before the next one comes."""
     reference = robot.loop.executor.reference
     assert reference is not None
@@ -78,7 +87,7 @@ def _swing(robot: Indoors) -> Trajectory:
 
 MEASUREMENTS = (
     Measurement(
-        {"loop.virtual_hour": Key("s", "≤ 90"), "loop.virtual_hour_mujoco": Key("s", "≤ 180")},
+        {"loop.virtual_hour": FigureSpec("s", "≤ 90"), "loop.virtual_hour_mujoco": FigureSpec("s", "≤ 180")},
         take,
     ),
 )

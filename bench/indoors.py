@@ -15,14 +15,14 @@ import numpy as np
 from twind import link, memfd
 from twind.config.robot_file import load_robot
 from twind.loop import assembly
-from twind.loop.described import Robot
-from twind.loop.link import Link
+from twind.loop.described import BoundRobot
+from twind.loop.link import FrontLink
 from twind.loop.notify import Notifier
-from twind.loop.open_bus import Buses
+from twind.loop.open_bus import BusOpener
 from twind.loop.tick import Loop
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
-from twind.safety.gate import Thresholds
+from twind.safety.gate import GateThresholds
 from twind.twin.binding import bind
 from twind.virtual.specimen import buses, calibration, specimen
 from twind_drivers.clock import FakeClock
@@ -33,7 +33,7 @@ CHUNK = 0.1  # s between two looks at the news: the pipe takes more than that
 CLIENT = 7
 
 
-class HandFront:
+class InProcessFront:
     """In place of the front's process: a socket pair whose outer end is ours. Never ends, never overdue."""
 
     def __init__(self) -> None:
@@ -69,10 +69,10 @@ class HandFront:
         self.socket = None
 
 
-class Indoors:
+class InProcessDaemon:
     """The loop, its clock, and the calls of one client."""
 
-    def __init__(self, loop: Loop, clock: FakeClock, front: HandFront) -> None:
+    def __init__(self, loop: Loop, clock: FakeClock, front: InProcessFront) -> None:
         self.loop, self.clock, self._front = loop, clock, front
         self._ticket = 0
         self._replies: dict[int, link.Reply] = {}  # the last to each ticket
@@ -145,16 +145,16 @@ class Indoors:
 
 
 @contextmanager
-def indoors(*, physics: bool) -> Iterator[Indoors]:
+def indoors(*, physics: bool) -> Iterator[InProcessDaemon]:
     """`h24` in mode live, armed, holding; MuJoCo muscles with `physics`, else first-order ones."""
     clock = FakeClock(BEGIN)
     robot = load_robot("h24")
     made = specimen(robot)
     virtual = buses(made, physics=physics, now=clock.now())
     measured = calibration(made)
-    one = Robot(robot, measured, bind(robot, measured))
-    opened = Buses(robot, one.binding.joint_map, {}, robot.rate_hz)
-    front = HandFront()
+    one = BoundRobot(robot, measured, bind(robot, measured))
+    opened = BusOpener(robot, one.binding.joint_map, {}, robot.rate_hz)
+    front = InProcessFront()
     loop = assembly.build(
         one,
         mode=Mode.LIVE,
@@ -163,13 +163,13 @@ def indoors(*, physics: bool) -> Iterator[Indoors]:
         where={bus.name: f"virtual:{bus.name}" for bus in robot.buses},
         opener=lambda name: opened.reader(name, Loopback(virtual[name], clock)),
         enabler=opened.enable,
-        link=Link(front),  # type: ignore[arg-type]
+        link=FrontLink(front),  # type: ignore[arg-type]
         notifier=Notifier({}),
-        thresholds=Thresholds(),
+        thresholds=GateThresholds(),
         realtime={},
     )
     try:
-        whole = Indoors(loop, clock, front)
+        whole = InProcessDaemon(loop, clock, front)
         whole.run(3.0)
         whole.call(link.AcquireLease)
         whole.call(link.Arm)

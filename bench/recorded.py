@@ -10,13 +10,13 @@ import sys
 from pathlib import Path
 
 from twind import cli
-from twind.loop.figures import Figures
+from twind.loop.figures import LoopFigures
 
 TICKS = 1 << 17  # room for 20 minutes at 100 Hz
 HEADER, ROW = struct.Struct("<Q"), struct.Struct("<d")
 
 
-class Lateness:
+class LatenessLog:
     """Lateness of ticks in a mapped file: a count, then one float64 (s) per tick."""
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
@@ -42,14 +42,14 @@ class Lateness:
 
 def main() -> int:
     """Run the daemon, recorded."""
-    kept = Lateness(Path(sys.argv[1]), create=True)
-    count = Figures.tick
+    kept = LatenessLog(Path(sys.argv[1]), create=True)
+    count = LoopFigures.tick
 
-    def tick(self: Figures, lateness: float, missed: int) -> None:
+    def tick(self: LoopFigures, lateness: float, missed: int) -> None:
         kept.add(lateness)
         count(self, lateness, missed)
 
-    Figures.tick = tick  # type: ignore[method-assign]
+    LoopFigures.tick = tick  # type: ignore[method-assign]
     return cli.main(sys.argv[2:])
 
 

@@ -17,7 +17,7 @@ HEADER = bytes.fromhex("fffffd00fe")  # a packet to everybody
 SYNC_WRITE = 0x83
 
 
-class Tap:
+class PtyTap:
     """Bytes both ways, at once; `writes` are the daemon's: (s, when the first byte was there, bytes)."""
 
     def __init__(self, port: str, baud: int) -> None:
@@ -88,9 +88,9 @@ def _write(fd: int, data: bytes) -> None:
 
 
 @contextmanager
-def tapped(port: str, baud: int) -> Iterator[Tap]:
+def tapped(port: str, baud: int) -> Iterator[PtyTap]:
     """A tap for as long as the context lasts."""
-    tap = Tap(port, baud)
+    tap = PtyTap(port, baud)
     try:
         yield tap
     finally:

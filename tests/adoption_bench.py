@@ -8,18 +8,18 @@ import numpy as np
 from twind.config.device_check import check_devices
 from twind.config.robot_file import read_robot
 from twind.config.robot_spec import RobotFile
-from twind_calibration.adoption.calibrated import Entry
-from twind_calibration.adoption.carry import Adoption, prepare
-from twind_calibration.adoption.hand import Setter
+from twind_calibration.adoption.calibrated import CalibrationEntryStatus
+from twind_calibration.adoption.carry import AdoptionPlan, prepare
+from twind_calibration.adoption.hand import WritableProber
 from twind_calibration.adoption.places import choose, look
-from twind_calibration.calibrating.draft import Draft
+from twind_calibration.calibrating.draft import CalibrationDraft
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.packet import Framer, Instruction
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.perform import perform
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrder
+from twind_drivers.virtual.muscles import FirstOrderPhysics
 from twind_drivers.virtual.servos import BAUDS, ServoSpec
 
 BAUD = 1_000_000
@@ -81,10 +81,10 @@ class Port(Loopback):
             self.wire.advance(self.clock.now())
             raise Killed
 
-    def at(self, baud: int) -> Setter:
+    def at(self, baud: int) -> WritableProber:
         """The line at a rate."""
         self.wire.line(baud)
-        return Setter(self, self.clock, baud)
+        return WritableProber(self, self.clock, baud)
 
 
 def settled(id: int, **settings: int) -> ServoSpec:
@@ -97,9 +97,9 @@ def fresh(id: int = 1, model: str = "XM430-W350", firmware: int = 47, **settings
     return ServoSpec(id, model, settings, firmware)
 
 
-def uncalibrated(robot: RobotFile, joint: str) -> Entry:
+def uncalibrated(robot: RobotFile, joint: str) -> CalibrationEntryStatus:
     """What is known of a joint of which nothing is."""
-    return Entry(robot, Path("bench.yaml"), None, Draft(), joint)
+    return CalibrationEntryStatus(robot, Path("bench.yaml"), None, CalibrationDraft(), joint)
 
 
 class Bench:
@@ -113,11 +113,13 @@ class Bench:
             ServoSpec(s.id, s.model, s.settings, s.firmware, powered=1.0 + 0.37 * k)
             for k, s in enumerate(specs)
         ]
-        muscles = FirstOrder(np.arange(count) * 97.0 + 2000.0)
+        muscles = FirstOrderPhysics(np.arange(count) * 97.0 + 2000.0)
         self.bus = VirtualBus("main", given, muscles, baud=robot.buses[0].baud)
         self.port = Port(self.bus, self.clock)
 
-    def look(self, name: str | None = None, entry: Entry | None = None) -> Adoption | None:
+    def look(
+        self, name: str | None = None, entry: CalibrationEntryStatus | None = None
+    ) -> AdoptionPlan | None:
         """What `twindctl adopt` finds before it asks."""
         bus = self.robot.buses[0]
         heard = {bus.name: look(self.port.at, self.robot, bus)}
@@ -126,7 +128,9 @@ class Bench:
             return None
         return prepare(chosen, self.port.at, entry or uncalibrated(self.robot, chosen.joint.name))
 
-    def adopt(self, name: str | None = None, entry: Entry | None = None) -> Adoption | None:
+    def adopt(
+        self, name: str | None = None, entry: CalibrationEntryStatus | None = None
+    ) -> AdoptionPlan | None:
         """All of it."""
         adoption = self.look(name, entry)
         if adoption is not None and not adoption.nothing:
@@ -178,7 +182,7 @@ def is_home(bench: Bench, row: int) -> bool:
     return not wrong and bench.value(row, "torque_enable") == 0 and bench.value(row, "id") == 7
 
 
-def there(adoption: Adoption | None) -> Adoption:
+def there(adoption: AdoptionPlan | None) -> AdoptionPlan:
     assert adoption is not None
     return adoption
 

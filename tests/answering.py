@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from twind.observe.viewing.stops import Outcome
+from twind.observe.viewing.stops import StopOutcome
 
 Answers = Callable[[str], Any]
 Daemons = Callable[[str, Answers], "Daemon"]  # the name of a socket, and what it answers
@@ -66,6 +66,6 @@ def answering(folder: Path) -> Iterator[Daemons]:
         each.close()
 
 
-def told(outcomes: "queue.Queue[Outcome]", seconds: float = 5.0) -> Outcome:
+def told(outcomes: "queue.Queue[StopOutcome]", seconds: float = 5.0) -> StopOutcome:
     """The next outcome; `queue.Empty` where none comes."""
     return outcomes.get(timeout=seconds)

@@ -14,7 +14,7 @@ from twind.robot.trajectory import Trajectory
 from twind.virtual.specimen import buses
 from twind.virtual.truth import Truth
 from twind_calibration.wiggling.motion import path
-from twind_calibration.wiggling.trace import Stays, Trace
+from twind_calibration.wiggling.trace import HoldMeans, StateTrace
 
 H24 = load_robot("h24")
 WAY = 0.035  # rad, two degrees
@@ -54,7 +54,7 @@ class BodyRig(Rig):
         self.seconds(seconds + 0.5)
         assert self.replies(ticket)[0].error is None, self.replies(ticket)[0]
 
-    def wiggled(self, name: str, way: float = WAY) -> Stays:
+    def wiggled(self, name: str, way: float = WAY) -> HoldMeans:
         """What is recorded while one joint goes away and home."""
         place = self.names.index(name)
         home = float(self.loop.executor.reference.position[place])
@@ -62,7 +62,7 @@ class BodyRig(Rig):
         assert stays is not None
         return stays
 
-    def traced(self, trajectory: Mapping[str, Any]) -> Trace:
+    def traced(self, trajectory: Mapping[str, Any]) -> StateTrace:
         """What is recorded while one joint goes that way, a little before and after."""
         [name], points = trajectory["joint_names"], trajectory["points"]
         place = self.names.index(name)
@@ -70,7 +70,7 @@ class BodyRig(Rig):
         rows[:, place] = [each["positions"][0] for each in points]
         time = np.array([each["time_from_start"] for each in points])
         commanded = np.arange(len(self.names)) == place
-        trace = Trace(self.names)
+        trace = StateTrace(self.names)
         self.lease()
         self.record(trace, 0.2)
         ticket = self.submit(Trajectory(time, rows, commanded, np.zeros_like(rows)), more=True)
@@ -80,7 +80,7 @@ class BodyRig(Rig):
         self.record(trace, float(time[-1]) + 0.3)
         return trace
 
-    def record(self, trace: Trace, seconds: float) -> None:
+    def record(self, trace: StateTrace, seconds: float) -> None:
         """States as the front sends them, every second tick."""
         for _ in range(round(seconds / self.loop.period / 2)):
             self.ticks(2)

@@ -9,18 +9,18 @@ from twind.config.calibration_file import Calibration, dump_calibration, read_ca
 from twind.config.counts import slot_angles
 from twind.config.device_record import recorded
 from twind.config.robot_file import load_robot
-from twind.loop.described import Robot
+from twind.loop.described import BoundRobot
 from twind.robot.modes import Mode
 from twind.twin.binding import bind
 from twind.virtual.truth import Truth
-from twind_calibration.calibrating.captures import Capture, capture
-from twind_calibration.calibrating.ground import Ground
+from twind_calibration.calibrating.captures import JointCapture, capture
+from twind_calibration.calibrating.ground import CalibrationContext
 from twind_calibration.calibrating.placing import travel_of
 from twind_calibration.calibrating.slots import slots
-from twind_calibration.calibrating.travels import News, Travels
-from twind_calibration.calibrating.unwrap import Sample
+from twind_calibration.calibrating.travels import SweepEvent, SweepTracker
+from twind_calibration.calibrating.unwrap import EncoderSample
 from twind_calibration.calibrating.writing import merged
-from twind_calibration.calibrating.zeroing import Swept, place_slot
+from twind_calibration.calibrating.zeroing import RecordedTravel, place_slot
 
 QUICK = 5.0  # rad/s of a hand
 WELL = 3  # ticks of 4096 that a zero may be off
@@ -46,7 +46,7 @@ def restarted(rig: Rig, calibration: Calibration | None, mode: Mode) -> None:
     """The daemon ends, and another one begins on the same servos."""
     rig.loop.close()
     rig.front.end(rig.clock.now())
-    rig.one = Robot(rig.robot, calibration, bind(rig.robot, calibration))
+    rig.one = BoundRobot(rig.robot, calibration, bind(rig.robot, calibration))
     rig.front = rig.new_front()
     rig.loop = rig.born(mode)
     rig.connect()
@@ -59,27 +59,27 @@ def hands(rig: Rig, pose: Mapping[str, float]) -> None:
         rig.virtual[bus.name].faults.hand(pose=own, speed=QUICK)
 
 
-def heard(rig: Rig) -> dict[str, Sample]:
+def heard(rig: Rig) -> dict[str, EncoderSample]:
     """What topic `raw` tells."""
     raw = rig.loop.hardware.readings.raw
     names = [slot.name for slot in slots(rig.robot)]
     return {
-        name: Sample(float(at), int(ticks))
+        name: EncoderSample(float(at), int(ticks))
         for name, at, ticks in zip(names, raw.heard_at, raw.ticks, strict=True)
         if at > 0.0
     }
 
 
-def swept(rig: Rig, beyond: float = 1.0) -> Travels:
+def swept(rig: Rig, beyond: float = 1.0) -> SweepTracker:
     """Every actuator taken `beyond` (rad) both ends of what is described, or to its stop; a rest at each."""
-    travels = Travels(slots(rig.robot), [slot.name for slot in slots(rig.robot)])
+    travels = SweepTracker(slots(rig.robot), [slot.name for slot in slots(rig.robot)])
     news = moved(rig, travels, beyond)
     assert not [one for one in news if one.what != "done"], news
     assert travels.over
     return travels
 
 
-def moved(rig: Rig, travels: Travels, beyond: float = 1.0) -> list[News]:
+def moved(rig: Rig, travels: SweepTracker, beyond: float = 1.0) -> list[SweepEvent]:
     """What is told while hands do that."""
     every, news = slots(rig.robot), []
     for side, way in (("upper", beyond), ("lower", -beyond)):
@@ -90,7 +90,7 @@ def moved(rig: Rig, travels: Travels, beyond: float = 1.0) -> list[News]:
     return news
 
 
-def held(rig: Rig, pose: Mapping[str, float]) -> dict[str, Capture]:
+def held(rig: Rig, pose: Mapping[str, float]) -> dict[str, JointCapture]:
     """50 readings of every joint in a pose."""
     hands(rig, slot_angles(rig.robot, pose))
     rig.seconds(1.5)
@@ -105,7 +105,7 @@ def held(rig: Rig, pose: Mapping[str, float]) -> dict[str, Capture]:
 
 
 def measured(
-    rig: Rig, travels: Travels, captures: Mapping[str, Capture], pose: Mapping[str, float]
+    rig: Rig, travels: SweepTracker, captures: Mapping[str, JointCapture], pose: Mapping[str, float]
 ) -> Calibration:
     """The file that sweep and zero would have written."""
     found = {(port.name, device.id): device for port in rig.loop.hardware.ports for device in port.devices}
@@ -114,11 +114,11 @@ def measured(
         record = recorded(found[slot.joint.bus, slot.joint.id])
         travel = travels.travel(slot.name)
         assert travel is not None, slot.name
-        known = Swept(record, travel_of(slot, record, travel))
+        known = RecordedTravel(record, travel_of(slot, record, travel))
         placed = place_slot(slot, known, record, captures[slot.name], angles[slot.joint.name])
         assert placed.entry is not None, (slot.name, placed.wrong)
         entries.append(placed.entry)
-    made = merged(Ground(rig.robot, Path("h24.yaml"), named=False), None, entries)
+    made = merged(CalibrationContext(rig.robot, Path("h24.yaml"), named=False), None, entries)
     return read_calibration(dump_calibration(made), "h24.yaml", rig.robot)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from twind_drivers.bus import Floats
-from twind_drivers.can.family import Family, Ranges
+from twind_drivers.can.family import ActuatorFamily, FieldRanges
 from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, payload
 
 GAINS = (500.0, 5.0)
@@ -16,8 +16,8 @@ def column(*values: float) -> Floats:
     return np.array(values, np.float64)
 
 
-def ranges(count: int, position: float = 12.5, velocity: float = 30.0, torque: float = 10.0) -> Ranges:
-    return Ranges(*(np.full(count, value) for value in (position, velocity, torque, *GAINS)))
+def ranges(count: int, position: float = 12.5, velocity: float = 30.0, torque: float = 10.0) -> FieldRanges:
+    return FieldRanges(*(np.full(count, value) for value in (position, velocity, torque, *GAINS)))
 
 
 def frame(id: int, data: str | bytes = b"", size: int | None = None) -> Frames:
@@ -53,7 +53,7 @@ def _noise(chance: np.random.Generator, ids: Sequence[int]) -> Frames:
     return made
 
 
-def decode_all(family: Family, frames: Frames) -> None:
+def decode_all(family: ActuatorFamily, frames: Frames) -> None:
     """Every decoder on `frames`: none raises, all are of one length, and nothing of the frames is changed."""
     before = frames.copy()
     feedback, told = family.feedback(frames)

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from driver_rig import DriverRig
 
-from twind_drivers.bus import Device
-from twind_drivers.can.bus import Actuator, CanReader, CanWriter
+from twind_drivers.bus import IdentifiedDevice
+from twind_drivers.can.bus import CanActuator, CanReader, CanWriter
 from twind_drivers.can.frame import Frames
 from twind_drivers.can.models import model
 from twind_drivers.can.units import COUNT, TURN
@@ -14,7 +14,7 @@ from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.bus import VirtualCanBus
 from twind_drivers.virtual.can.controller import CanAdapter
 from twind_drivers.virtual.can.loopback import CanLoopback
-from twind_drivers.virtual.can.muscles import FirstOrderCan
+from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
 from twind_drivers.virtual.can.spec import NodeSpec
 
 BITRATE = 1_000_000
@@ -22,13 +22,13 @@ EDGE = TURN // 2 - 200  # counts: goals that may be sent, either way
 RANGES = {"ODrive": (12.5, 30.0, 10.0)}  # of models that no source gives ranges of
 
 
-def actuators(models: Sequence[str]) -> list[Actuator]:
+def actuators(models: Sequence[str]) -> list[CanActuator]:
     made = []
     for id, name in enumerate(models, start=1):
         known = model(name)
         position, velocity, torque = RANGES.get(name, (known.position, known.velocity, known.torque))
         made.append(
-            Actuator(id, id + 0x10 if known.family == "damiao" else id, name, position, velocity, torque)
+            CanActuator(id, id + 0x10 if known.family == "damiao" else id, name, position, velocity, torque)
         )
     return made
 
@@ -73,7 +73,7 @@ class CanRig(DriverRig):
             for each in self.actuators
         ]
         self.rate_hz, self.clock = rate_hz, FakeClock()
-        self.muscles = FirstOrderCan(np.full(len(nodes), 0.25))
+        self.muscles = FirstOrderCanPhysics(np.full(len(nodes), 0.25))
         self.bus = VirtualCanBus("arm", nodes, self.muscles, bitrate=BITRATE, adapter=adapter)
         self.faults = self.bus.faults
         families = [model(each.model).family for each in self.actuators]
@@ -100,8 +100,8 @@ class CanRig(DriverRig):
             watchdog=self.watchdog,
         )
 
-    def identify(self) -> tuple[Device, ...]:
-        found: tuple[Device, ...] = self.perform(self.reader.identify())
+    def identify(self) -> tuple[IdentifiedDevice, ...]:
+        found: tuple[IdentifiedDevice, ...] = self.perform(self.reader.identify())
         return found
 
     def places(self) -> np.ndarray:

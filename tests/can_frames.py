@@ -3,7 +3,7 @@
 import can
 import numpy as np
 
-from twind_drivers.can.channel import Channel
+from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.frame import EXTENDED, FRAME, REMOTE, Frames, frames, payload
 from twind_drivers.clock import MonotonicClock
 
@@ -42,7 +42,7 @@ def same(message: can.Message, wanted: can.Message) -> bool:
     return message.equals(wanted, timestamp_delta=None, check_channel=False, check_direction=False)
 
 
-def heard(channel: Channel, count: int) -> Frames:
+def heard(channel: CanChannel, count: int) -> Frames:
     """What a channel hears until `count` frames are there, in real time."""
     clock, parts, total = MonotonicClock(), [cycle(0)], 0
     deadline = clock.now() + 5.0

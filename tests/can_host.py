@@ -8,8 +8,8 @@ from twind_drivers.can.frame import ERROR
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.bus import VirtualCanBus
 from twind_drivers.virtual.can.controller import CanAdapter
-from twind_drivers.virtual.can.message import Message, as_frames, messages
-from twind_drivers.virtual.can.muscles import FirstOrderCan
+from twind_drivers.virtual.can.message import CanMessage, as_frames, messages
+from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
 from twind_drivers.virtual.can.spec import NodeSpec
 
 LIMP = bytes.fromhex("7FFF7FF0000007FF")  # an MIT command of zeros (facts 2, golden)
@@ -32,20 +32,20 @@ class CanHost:
         wire_timing: bool = True,
         opened: bool = True,
     ) -> None:
-        self.muscles = FirstOrderCan(np.full(len(nodes), start))
+        self.muscles = FirstOrderCanPhysics(np.full(len(nodes), start))
         self.bus = VirtualCanBus("test", nodes, self.muscles, adapter=adapter, wire_timing=wire_timing)
         self.clock = FakeClock()
         self.faults = self.bus.faults
-        self.errors: list[Message] = []  # error frames that came
+        self.errors: list[CanMessage] = []  # error frames that came
         if opened:
             self.bus.controller.connect(True)
 
-    def ask(self, *sent: tuple[int, bytes], wait: float = 0.005) -> list[Message]:
+    def ask(self, *sent: tuple[int, bytes], wait: float = 0.005) -> list[CanMessage]:
         """Frames out; what has come after so many s."""
-        self.bus.hear(as_frames([Message(*each) for each in sent]), self.clock.now())
+        self.bus.hear(as_frames([CanMessage(*each) for each in sent]), self.clock.now())
         return self.wait(wait)
 
-    def wait(self, seconds: float) -> list[Message]:
+    def wait(self, seconds: float) -> list[CanMessage]:
         """What has come by then, but for error frames."""
         self.clock.sleep_until(self.clock.now() + seconds)
         self.bus.advance(self.clock.now())

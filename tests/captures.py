@@ -21,11 +21,11 @@ from replayed import Replay, figures
 
 from twind.briefing import Briefing
 from twind.client.errors import as_error
-from twind.flight import Contents, Entry, Flight, Kind, load, save
+from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, load, save
 from twind.link import Overview, Tick, decode_news
 from twind.observe.recording.flight_news import news
-from twind.observe.replaying.calls import INTERFACE, Line, wait
-from twind.observe.replaying.outcome import Outcome, outcome_of
+from twind.observe.replaying.calls import INTERFACE, ReplayConnection, wait
+from twind.observe.replaying.outcome import ReplayOutcome, outcome_of
 from twind.observe.replaying.score import score
 
 HERE = Path(__file__).parent / "data" / "captures"
@@ -42,7 +42,7 @@ class Hand:
 
     def __init__(self, virtual: Virtual, running: Daemon) -> None:
         self.virtual, self.running = virtual, running
-        self._line = Line(running.sockets / "control.sock")
+        self._line = ReplayConnection(running.sockets / "control.sock")
 
     def say(self, method: str, *, more: bool = False, **parameters: Any) -> list[Any]:
         """A call; its answers appear in what is returned."""
@@ -194,13 +194,13 @@ def record(scene: Callable[[Hand], None], file: Path) -> float:
     return begun
 
 
-def cut(flight: Flight, begin: float, end: float = float("inf")) -> Flight:
+def cut(flight: FlightFile, begin: float, end: float = float("inf")) -> FlightFile:
     """From `begin` to `end` (s monotonic), with fewer states."""
     kept = tuple(_thinned([each for each in flight.contents.entries if begin <= each.time <= end]))
-    return Flight(flight.meta, flight.briefing, Contents(flight.contents.kept, kept))
+    return FlightFile(flight.meta, flight.briefing, FlightContents(flight.contents.kept, kept))
 
 
-def _thinned(entries: Sequence[Entry]) -> Iterator[Entry]:
+def _thinned(entries: Sequence[FlightEntry]) -> Iterator[FlightEntry]:
     """Most states tell what the last one told, and are half of all bytes."""
     before, number = None, 0
     last = max((place for place, each in enumerate(entries) if _tick(each)), default=-1)
@@ -212,17 +212,17 @@ def _thinned(entries: Sequence[Entry]) -> Iterator[Entry]:
             if told == before and number % STATES and place != last:
                 continue
             before = told
-        elif each.kind == Kind.NEWS and isinstance(decode_news(each.data), Overview):
+        elif each.kind == EntryKind.NEWS and isinstance(decode_news(each.data), Overview):
             number = STATES - 1  # the state of the same tick explains it
         yield each
 
 
-def _tick(entry: Entry) -> Tick | None:
-    found = decode_news(entry.data) if entry.kind == Kind.NEWS else None
+def _tick(entry: FlightEntry) -> Tick | None:
+    found = decode_news(entry.data) if entry.kind == EntryKind.NEWS else None
     return found if isinstance(found, Tick) else None
 
 
-def nowhere(flight: Flight) -> Flight:
+def nowhere(flight: FlightFile) -> FlightFile:
     """Without the folders of the machine that it was recorded on."""
 
     def plain(value: Any) -> Any:
@@ -232,19 +232,19 @@ def nowhere(flight: Flight) -> Flight:
             return {plain(key): plain(each) for key, each in value.items()}
         return [plain(each) for each in value] if isinstance(value, list | tuple) else value
 
-    def entry(each: Entry) -> Entry:
-        if each.kind == Kind.PORT:
+    def entry(each: FlightEntry) -> FlightEntry:
+        if each.kind == EntryKind.PORT:
             return each._replace(data=plain(each.data.decode()).encode())
-        if each.kind not in (Kind.NEWS, Kind.COMMAND):
+        if each.kind not in (EntryKind.NEWS, EntryKind.COMMAND):
             return each
         return each._replace(data=msgspec.msgpack.encode(plain(msgspec.msgpack.decode(each.data))))
 
     briefing = msgspec.convert(plain(msgspec.to_builtins(flight.briefing)), Briefing)
     entries = tuple(entry(each) for each in flight.contents.entries)
-    return Flight(flight.meta, briefing, Contents(flight.contents.kept, entries))
+    return FlightFile(flight.meta, briefing, FlightContents(flight.contents.kept, entries))
 
 
-def keep(flight: Flight, name: str, why: str) -> None:
+def keep(flight: FlightFile, name: str, why: str) -> None:
     """Write the capture, and what must come out of it: what the recorded daemon said."""
     HERE.mkdir(exist_ok=True)
     flight = nowhere(flight)
@@ -256,7 +256,7 @@ def keep(flight: Flight, name: str, why: str) -> None:
     expect(name)
 
 
-def expected(name: str) -> Outcome:
+def expected(name: str) -> ReplayOutcome:
     """What must come out."""
     return outcome_of(json.loads((HERE / f"{name}.expected.json").read_text()))
 

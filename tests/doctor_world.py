@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from twind_calibration.doctor import add_arguments, runner, table
-from twind_calibration.doctor.complaint import Found
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.complaint import DoctorFinding
+from twind_calibration.doctor.examined import CheckContext
 from twind_calibration.doctor.gather import examine
-from twind_calibration.doctor.host import Host
-from twind_calibration.doctor.runner import Mended, Outcome
+from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor.runner import DoctorReport, FixResult
 from twind_drivers.clock import MonotonicClock
 
 NOBODY = 65534
@@ -30,23 +30,25 @@ def options(*words: str, socket: object = "/nowhere/at/all") -> argparse.Namespa
     return found
 
 
-def host(**changed: Any) -> Host:
+def host(**changed: Any) -> HostInspector:
     """This machine, some of its folders planted."""
-    return replace(Host(), **changed)
+    return replace(HostInspector(), **changed)
 
 
 def look(
-    *words: str, socket: object = "/nowhere/at/all", on: Host | None = None, only: Sequence[str] = ()
-) -> Outcome:
+    *words: str, socket: object = "/nowhere/at/all", on: HostInspector | None = None, only: Sequence[str] = ()
+) -> DoctorReport:
     """What the doctor finds here, of all codes or of some."""
-    examined = examine(options(*words, socket=socket), on or Host(), MonotonicClock())
+    examined = examine(options(*words, socket=socket), on or HostInspector(), MonotonicClock())
     try:
         return runner.run(examined, runner.chosen(table.checks(), only), table.complaints())
     finally:
         examined.close()
 
 
-def found(*words: str, code: str, socket: object = "/nowhere/at/all", on: Host | None = None) -> list[Found]:
+def found(
+    *words: str, code: str, socket: object = "/nowhere/at/all", on: HostInspector | None = None
+) -> list[DoctorFinding]:
     """The findings of one code."""
     outcome = look(*words, socket=socket, on=on, only=[code])
     assert not [each for each in outcome.found if each.code == "CHECK_BROKEN"], outcome.found
@@ -54,19 +56,19 @@ def found(*words: str, code: str, socket: object = "/nowhere/at/all", on: Host |
 
 
 def mended(
-    *words: str, code: str, socket: object = "/nowhere/at/all", on: Host | None = None
-) -> list[Mended]:
+    *words: str, code: str, socket: object = "/nowhere/at/all", on: HostInspector | None = None
+) -> list[FixResult]:
     """What `--fix` does about one code, and what it sees afterwards."""
 
-    def again() -> Examined:
-        return examine(options(*words, socket=socket), on or Host(), MonotonicClock())
+    def again() -> CheckContext:
+        return examine(options(*words, socket=socket), on or HostInspector(), MonotonicClock())
 
     outcome = look(*words, socket=socket, on=on, only=[code])
     outcome.found = [each for each in outcome.found if each.code == code]
     return runner.mend(outcome, again, table.checks(), table.complaints())
 
 
-def wrong(outcome: Outcome) -> set[str]:
+def wrong(outcome: DoctorReport) -> set[str]:
     """Codes that count, notes left out."""
     rows = table.complaints()
     return {each.code for each in outcome.found if rows[each.code].severity.value != "note"}

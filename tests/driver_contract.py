@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 from driver_rig import DriverRig, both
 
-from twind_drivers.bus import BusError, Device, NoReply, PortError, Read, UnknownRegister, WireClamp, Write
+from twind_drivers.bus import (
+    BusError,
+    IdentifiedDevice,
+    NoReply,
+    PortError,
+    ReadRequest,
+    UnknownRegister,
+    WireClamp,
+    WriteRequest,
+)
 from twind_drivers.clock import FakeClock
 
 STEP = 60  # counts that a test moves everybody
@@ -163,13 +172,13 @@ class DriverContract:
     def test_a_reader_does_not_write(self, rig: DriverRig) -> None:
         before = rig.sent()
         with pytest.raises(TypeError):
-            rig.reader.begin(Write({rig.reader.ids[0]: b"\1"}, 64), rig.clock.now())  # type: ignore[arg-type]
+            rig.reader.begin(WriteRequest({rig.reader.ids[0]: b"\1"}, 64), rig.clock.now())  # type: ignore[arg-type]
         assert rig.sent() == before
 
     def test_a_writer_does_not_ask(self, rig: DriverRig) -> None:
         before = rig.sent()
         with pytest.raises(TypeError):
-            rig.writer.begin(Read(rig.reader.ids, 0, 4), rig.clock.now())  # type: ignore[arg-type]
+            rig.writer.begin(ReadRequest(rig.reader.ids, 0, 4), rig.clock.now())  # type: ignore[arg-type]
         assert rig.sent() == before
 
     def test_reading_moves_nothing_and_changes_no_torque(self, rig: DriverRig) -> None:
@@ -184,7 +193,7 @@ class DriverContract:
         found = rig.perform(rig.reader.identify())
         assert [device.id for device in found] == list(rig.reader.ids)
         for device in found:
-            assert isinstance(device, Device)
+            assert isinstance(device, IdentifiedDevice)
             for name in ("homing_offset", "drive_mode", "operating_mode"):
                 assert isinstance(device.settings[name], int), name
             assert device.settings["min_position_limit"] <= device.settings["max_position_limit"]
@@ -279,7 +288,9 @@ class DriverContract:
         rig.writer.cut()
         rig.writer.clear()
         rig.transact(
-            Read((rig.reader.ids[0],), 0x1_0012, 3) if rig.name == "can" else Read(rig.reader.ids, 64, 1)
+            ReadRequest((rig.reader.ids[0],), 0x1_0012, 3)
+            if rig.name == "can"
+            else ReadRequest(rig.reader.ids, 64, 1)
         )
         rig.clock.sleep_until(rig.clock.now() + 0.005)
         rig.read()

@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from twind_drivers.bus import Ping, PortFull, Read, Reader, Request, Sample, Script, Writer
+from twind_drivers.bus import (
+    BusReader,
+    BusSample,
+    BusWriter,
+    OutputQueueFull,
+    PingRequest,
+    ReadRequest,
+    Request,
+    Script,
+)
 from twind_drivers.clock import FakeClock
 from twind_drivers.perform import perform
 
@@ -22,8 +31,8 @@ class DriverRig:
 
     name: str
     clock: FakeClock
-    reader: Reader
-    writer: Writer
+    reader: BusReader
+    writer: BusWriter
     faults: Any  # by name, the same in every virtual bus
     lower: np.ndarray  # (m,) goals that may be sent
     upper: np.ndarray
@@ -57,39 +66,39 @@ class DriverRig:
     def perform(self, script: Script[Any]) -> Any:
         return perform(self.reader, script, self.clock, self.writer)
 
-    def read(self, goal: np.ndarray | None = None) -> Sample:
+    def read(self, goal: np.ndarray | None = None) -> BusSample:
         """The cyclic reading alone."""
         if goal is not None:
             self.writer.goals(goal)
         try:
             self.reader.request(self.clock.now())
-        except PortFull:  # the loop misses the reading
+        except OutputQueueFull:  # the loop misses the reading
             return self.missed()
         self.wait()
         return self.reader.finish(self.clock.now())
 
-    def missed(self) -> Sample:
+    def missed(self) -> BusSample:
         """A reading that was not asked for."""
         now, nothing, nobody = self.clock.now(), np.zeros(self.m, np.int64), np.zeros(self.m, np.bool_)
         error = np.zeros(self.m, np.uint8)
-        return Sample(now, now, nothing, nothing, nothing, error, nobody, ~nobody, 0, 0)
+        return BusSample(now, now, nothing, nothing, nothing, error, nobody, ~nobody, 0, 0)
 
-    def tick(self, goal: np.ndarray | None = None) -> Sample:
+    def tick(self, goal: np.ndarray | None = None) -> BusSample:
         """One cycle of the loop: the reading, then a turn of upkeep."""
         begin = self.clock.now()
         sample = self.read(goal)
         query = self.reader.upkeep(self.clock.now())
-        with suppress(PortFull):
+        with suppress(OutputQueueFull):
             if query is not None:
                 self.transact(query)
         self.clock.sleep_until(begin + 1.0 / self.rate_hz)
         return sample
 
-    def ticks(self, count: int, goal: np.ndarray | None = None) -> list[Sample]:
+    def ticks(self, count: int, goal: np.ndarray | None = None) -> list[BusSample]:
         return [self.tick(goal) for _ in range(count)]
 
     def transact(self, request: Request) -> Any:
-        half: Any = self.reader if isinstance(request, Ping | Read) else self.writer
+        half: Any = self.reader if isinstance(request, PingRequest | ReadRequest) else self.writer
         half.begin(request, self.clock.now())
         self.wait()
         return self.reader.answer(self.clock.now())
@@ -113,7 +122,7 @@ class DriverRig:
                 self.read()
                 try:
                     reply = self.transact(request)
-                except PortFull:  # asked again in the next tick
+                except OutputQueueFull:  # asked again in the next tick
                     self.clock.sleep_until(begin + 1.0 / self.rate_hz)
                     yield
                     continue

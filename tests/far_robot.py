@@ -14,9 +14,9 @@ from typing import Any
 import zenoh
 from zenoh_router import free_port
 
-from twind.bridge.fleet.remote import Own, client
+from twind.bridge.fleet.remote import PrivateSession, client
 from twind.bridge.zenoh.keys import robot_key
-from twind.bridge.zenoh.session import Place, open_now
+from twind.bridge.zenoh.session import NetworkConfig, open_now
 from twind.client import CallError, Client
 
 Answer = Callable[[dict[str, Any]], dict[str, Any] | None]
@@ -31,15 +31,15 @@ class FarRobot:
         self.name, self.slow = name, 0.0  # s before each answer
         self.asked: list[tuple[float, str, dict[str, Any]]] = []
         self.answers: dict[str, Answer] = {"lease": self.grant}
-        self.place = Place(connect=(f"tcp/127.0.0.1:{free_port()}",))
-        self.session = open_now(Place(listen=self.place.connect), 5.0)
+        self.place = NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",))
+        self.session = open_now(NetworkConfig(listen=self.place.connect), 5.0)
         for part in PARTS:
             self.session.declare_queryable(robot_key(name, part), self._queried)
         self.alive = self.session.liveliness().declare_token(robot_key(name, "alive"))
 
     def client(self, timeout: float = 20.0) -> Client:
         """Of this robot, by a session of its own."""
-        return client(self.name, Own(self.place), timeout)
+        return client(self.name, PrivateSession(self.place), timeout)
 
     def tell(self, part: str, told: Any) -> None:
         """News, or what became of a goal."""

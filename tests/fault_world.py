@@ -18,7 +18,7 @@ from twind.robot.state import JointState
 from twind.robot.trajectory import Trajectory
 from twind_drivers.dynamixel.packet import Framer, Instruction
 from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.muscles import RPM, FirstOrder
+from twind_drivers.virtual.muscles import RPM, FirstOrderPhysics
 from twind_drivers.virtual.servos import REFRESH
 
 EPS = 1e-6  # s
@@ -39,7 +39,7 @@ SPEED = 600.0  # ticks/s of a joint that a hand moves: 6 of them between two rea
 REACH = 300.0  # ticks either way
 
 
-class Moved(FirstOrder):
+class Moved(FirstOrderPhysics):
     """Joints that hands move to and fro, each at its own pace, with torque or without; not blocked ones."""
 
     def advance(self, now: float) -> None:

@@ -13,24 +13,26 @@ import numpy as np
 from hypothesis import strategies as st
 
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code
-from twind.robot.limits import Limits
-from twind.robot.modes import Mode, Motion, State
-from twind.robot.ratings import Ratings
+from twind.robot.finding import ReasonCode
+from twind.robot.limits import JointLimits
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.robot.ratings import ActuatorRatings
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import Demand, Judged, Snapshot, Thresholds, check
-from twind.safety.headroom import Condition
+from twind.safety.gate import GateResult, GateSnapshot, GateThresholds, TrajectoryRequest, check
+from twind.safety.headroom import JointCondition
 
-TH = Thresholds()
+TH = GateThresholds()
 CAREFUL = Fraction(1, 10**11)  # rounding of the product's doubles; the oracle itself has none
 REST = Fraction(0.05)  # rad/s, counts as rest (docs/reason-codes.md)
 
 
-def limits(n: int = 2, **over: float | Floats) -> Limits:
+def limits(n: int = 2, **over: float | Floats) -> JointLimits:
     """Equal limits for n joints: ±2 rad, hard ±2.05, 4 rad/s, 20 rad/s²."""
     values = {"lower": -2.0, "upper": 2.0, "velocity": 4.0, "acceleration": 20.0, "effort": np.nan} | over
     values = {"hard_lower": values["lower"] - 0.05, "hard_upper": values["upper"] + 0.05} | values
-    return Limits(**{name: np.broadcast_to(np.float64(value), n).copy() for name, value in values.items()})
+    return JointLimits(
+        **{name: np.broadcast_to(np.float64(value), n).copy() for name, value in values.items()}
+    )
 
 
 def at_rest(position: list[float] | Floats) -> Reference:
@@ -38,10 +40,10 @@ def at_rest(position: list[float] | Floats) -> Reference:
     return Reference(position, np.zeros_like(position), np.zeros_like(position))
 
 
-def snapshot(n: int = 2, mode: Mode = Mode.LIVE, **over: object) -> Snapshot:
+def snapshot(n: int = 2, mode: Mode = Mode.LIVE, **over: object) -> GateSnapshot:
     """Armed, holding at zero, all well."""
-    state = State.ARMED if mode is Mode.LIVE else State.DISCONNECTED
-    usual = Snapshot(
+    state = RobotState.ARMED if mode is Mode.LIVE else RobotState.DISCONNECTED
+    usual = GateSnapshot(
         now=5.0,
         mode=mode,
         state=state,
@@ -59,16 +61,18 @@ def snapshot(n: int = 2, mode: Mode = Mode.LIVE, **over: object) -> Snapshot:
     return replace(usual, **over)
 
 
-def ratings(n: int = 2) -> Ratings:
+def ratings(n: int = 2) -> ActuatorRatings:
     """Of XM430s at 12 V."""
     bounds = {"low_warn": 11.1, "low_settle": 10.5, "low_fault": 10.0, "high_warn": 14.8}
     bounds |= {"warm": 60.0, "hot": 65.0, "shut": 70.0, "cool": 55.0, "continuous": 0.5}
-    return Ratings(**{name: np.full(n, bound) for name, bound in bounds.items()}, leg=np.zeros(n, np.bool_))
+    return ActuatorRatings(
+        **{name: np.full(n, bound) for name, bound in bounds.items()}, leg=np.zeros(n, np.bool_)
+    )
 
 
-def condition(n: int = 2, **over: object) -> Condition:
+def condition(n: int = 2, **over: object) -> JointCondition:
     """Cool, with a full battery, read just now."""
-    return replace(Condition(np.full(n, 35.0), np.full(n, 12.0), np.full(n, 0.1), ratings(n)), **over)
+    return replace(JointCondition(np.full(n, 35.0), np.full(n, 12.0), np.full(n, 0.1), ratings(n)), **over)
 
 
 def path(time: list[float], position: list, velocity: list | None = None, acceleration: list | None = None):
@@ -82,15 +86,18 @@ def path(time: list[float], position: list, velocity: list | None = None, accele
 
 
 def ask(
-    given: Trajectory, limit: Limits, before: Reference | None = None, demand: Demand | None = None
-) -> Judged:
+    given: Trajectory,
+    limit: JointLimits,
+    before: Reference | None = None,
+    demand: TrajectoryRequest | None = None,
+) -> GateResult:
     """The verdict of an armed robot that holds at `before` (the path's first point where not said)."""
     n = given.position.shape[1]
     before = at_rest(given.position[0]) if before is None else before
-    return check(given, snapshot(n, reference=before), limit, demand or Demand(), TH)
+    return check(given, snapshot(n, reference=before), limit, demand or TrajectoryRequest(), TH)
 
 
-def codes(judged: Judged) -> set[Code]:
+def codes(judged: GateResult) -> set[ReasonCode]:
     return {finding.code for finding in judged.verdict.refusals}
 
 
@@ -157,9 +164,11 @@ def _value(coefficients: list[Fraction], s: Fraction, d: int = 0) -> Fraction:
     )
 
 
-def oracle_faults(given: Trajectory, before: Reference, limit: Limits, samples: int = 16) -> set[Code]:
+def oracle_faults(
+    given: Trajectory, before: Reference, limit: JointLimits, samples: int = 16
+) -> set[ReasonCode]:
     """The rules of the curve that the oracle sees broken by more than rounding, in any commanded joint."""
-    faults: set[Code] = set()
+    faults: set[ReasonCode] = set()
     for joint in np.flatnonzero(given.commanded):
         bound = [
             Fraction(float(row[joint]))
@@ -178,15 +187,15 @@ def oracle_faults(given: Trajectory, before: Reference, limit: Limits, samples: 
                 s = T * k / samples
                 p, v, a = (_value(coefficients, s, d) for d in range(3))
                 if not low - CAREFUL <= p <= high + CAREFUL:
-                    faults.add(Code.POS_LIMIT)
+                    faults.add(ReasonCode.POS_LIMIT)
                 if abs(v) > fastest * (1 + CAREFUL) + CAREFUL:
-                    faults.add(Code.VEL_LIMIT)
+                    faults.add(ReasonCode.VEL_LIMIT)
                 if abs(a) > strongest * (1 + CAREFUL) + CAREFUL * 10**3:
-                    faults.add(Code.ACC_LIMIT)
+                    faults.add(ReasonCode.ACC_LIMIT)
                 if not _stops(p, v, hard, strongest):
-                    faults.add(Code.BRAKE_DISTANCE)
+                    faults.add(ReasonCode.BRAKE_DISTANCE)
         if any(not lower <= Fraction(float(p)) <= upper for p in given.position[:, joint]):
-            faults.add(Code.POS_LIMIT)
+            faults.add(ReasonCode.POS_LIMIT)
         speed = Fraction(float(before.velocity[joint]))
         if given.time[0] == 0.0 and (len(given.time) == 1 or given.velocity is not None):
             faults |= _entry_faults(given, speed, int(joint), strongest)
@@ -203,7 +212,7 @@ def _stops(p: Fraction, v: Fraction, hard: tuple[Fraction, Fraction], a: Fractio
     return (speed + Fraction(0.2)) ** 2 <= 2 * a * d + CAREFUL * 100
 
 
-def _entry_faults(given: Trajectory, before: Fraction, joint: int, strongest: Fraction) -> set[Code]:
+def _entry_faults(given: Trajectory, before: Fraction, joint: int, strongest: Fraction) -> set[ReasonCode]:
     """S20 at t = 0: there the reference's speed gives way to the path's, over half of the first segment.
 
     Where there is none, it has no time at all: the change must be within what counts as rest.
@@ -212,18 +221,18 @@ def _entry_faults(given: Trajectory, before: Fraction, joint: int, strongest: Fr
     change, most = abs(entry - before), REST
     if len(given.time) > 1:
         most = strongest * (Fraction(float(given.time[1])) - Fraction(float(given.time[0]))) / 2
-    return {Code.ACC_LIMIT} if change > most * (1 + CAREFUL) + CAREFUL else set()
+    return {ReasonCode.ACC_LIMIT} if change > most * (1 + CAREFUL) + CAREFUL else set()
 
 
 def _corner_faults(
     segments: list[tuple[Fraction, list[Fraction]]], before: Fraction, strongest: Fraction
-) -> set[Code]:
+) -> set[ReasonCode]:
     slopes = [before, *(coefficients[1] for _, coefficients in segments), Fraction(0)]
     spans = [Fraction(0), *(T for T, _ in segments), Fraction(0)]
     for i in range(len(slopes) - 1):
         change = abs(slopes[i + 1] - slopes[i])
         if change > strongest * (spans[i] + spans[i + 1]) / 2 * (1 + CAREFUL) + CAREFUL:
-            return {Code.ACC_LIMIT}
+            return {ReasonCode.ACC_LIMIT}
     return set()
 
 

@@ -7,17 +7,17 @@ import numpy as np
 from gate_world import at_rest, limits
 
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.state import JointState
-from twind.safety.guard import Facts, Guard, Judgement
+from twind.safety.guard import Guard, GuardDecision, GuardInput
 
 N = 3
 LIMITS = limits(N)  # ±2 rad, hard ±2.05, 4 rad/s
 PERIOD = 0.01
 STEP = 4.0 * PERIOD
 TINY = 1e-6
-FINE = Judgement()
+FINE = GuardDecision()
 
 
 def reading(
@@ -34,12 +34,12 @@ def reading(
     )
 
 
-def facts(**over: object) -> Facts:
+def facts(**over: object) -> GuardInput:
     """Live, armed, following a trajectory, all well."""
-    usual = Facts(
+    usual = GuardInput(
         now=10.0,
         mode=Mode.LIVE,
-        state=State.ARMED,
+        state=RobotState.ARMED,
         motion=Motion.ACTIVE,
         period=PERIOD,
         lateness=0.0001,
@@ -68,11 +68,11 @@ def facts(**over: object) -> Facts:
     return replace(usual, **over)
 
 
-def judge(**over: object) -> Judgement:
+def judge(**over: object) -> GuardDecision:
     return Guard(LIMITS).judge(facts(**over))
 
 
-def codes(judgement: Judgement) -> list[Code]:
+def codes(judgement: GuardDecision) -> list[ReasonCode]:
     return [finding.code for finding in judgement.findings]
 
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 import twind.robots
-from twind.learn.randomise.physics import Places
+from twind.learn.randomise.physics import ModelAddresses
 
 MJCF = Path(twind.robots.__file__).with_name("h24.xml")
 ROOM = 8  # samples of history
@@ -21,10 +21,10 @@ def body(history: int = ROOM) -> Any:
     return spec.compile()
 
 
-def places(model: Any) -> Places:
+def places(model: Any) -> ModelAddresses:
     """All joints but the free one, in the model's order."""
     joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
-    return Places(
+    return ModelAddresses(
         links=np.arange(1, model.nbody),
         base=1,
         joints=joints,

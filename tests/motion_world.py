@@ -5,7 +5,7 @@ from math import nan
 import numpy as np
 from gate_world import limits, path
 
-from twind.motion.executor import Executor
+from twind.motion.executor import TrajectoryExecutor
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference, Trajectory
 
@@ -13,13 +13,13 @@ PERIOD = 0.01
 LIMITS = limits(2)
 
 
-def holding(position: list[float] | None = None) -> Executor:
-    executor = Executor(LIMITS, PERIOD)
+def holding(position: list[float] | None = None) -> TrajectoryExecutor:
+    executor = TrajectoryExecutor(LIMITS, PERIOD)
     executor.begin(np.array([0.0, 0.0] if position is None else position))
     return executor
 
 
-def run(executor: Executor, seconds: float) -> list[Reference]:
+def run(executor: TrajectoryExecutor, seconds: float) -> list[Reference]:
     track = [executor.goal(PERIOD * tick) for tick in range(round(seconds / PERIOD))]
     assert all(reference is not None for reference in track)
     return [reference for reference in track if reference is not None]
@@ -40,5 +40,5 @@ def smooth(to: list[float], seconds: float = 1.0) -> Trajectory:
     return path([seconds], [to], [[0.0] * len(to)], [[0.0] * len(to)])
 
 
-def phases(executor: Executor) -> list[tuple[str, str]]:
+def phases(executor: TrajectoryExecutor) -> list[tuple[str, str]]:
     return [(outcome.id, outcome.phase) for outcome in executor.outcomes()]

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from twind.ctl.picture.view import View, Watched
+from twind.ctl.picture.view import MonitorCollector, PictureState
 
 SIDED = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
 NAMES = (
@@ -128,7 +128,7 @@ def event(code: str, text: str, level: str = "info", **annotation: Any) -> dict[
     return {"level": level, "code": code, "message": text, "findings": [], "annotation": marked}
 
 
-def told(watched: Watched, topic: str, what: Any, now: float) -> None:
+def told(watched: MonitorCollector, topic: str, what: Any, now: float) -> None:
     """A message of Monitor."""
     key = {"state": "joints", "verdicts": "verdict", "events": "event"}.get(topic, topic)
     watched.take({"topic": topic, "dropped": 0, key: what}, now)
@@ -140,10 +140,10 @@ def robot() -> dict[str, Any]:
     return {"joints": [{"name": name, "lower": -3.0, "upper": 3.0, "type": kind} for name in NAMES]}
 
 
-def watched(now: float = 100.0, **other: Any) -> Watched:
+def watched(now: float = 100.0, **other: Any) -> MonitorCollector:
     """Somebody who has seen it all; `joints=`: other joints, the rest goes into the status."""
     shown = other.pop("joints", None) or joints()
-    one = Watched()
+    one = MonitorCollector()
     one.robot(robot())
     told(one, "events", event("EPISODE_BEGIN", "pick", kind="begin", task="pick the cup"), now - 95.0)
     told(one, "events", event("EPISODE_END", "pick", kind="end", success=True), now - 61.0)
@@ -157,7 +157,7 @@ def watched(now: float = 100.0, **other: Any) -> Watched:
     return one
 
 
-def view(now: float = 100.0, **other: Any) -> View:
+def view(now: float = 100.0, **other: Any) -> PictureState:
     """What it makes of all that."""
     return watched(now, **other).view(now)
 
@@ -169,7 +169,7 @@ TROUBLED = {
 }
 
 
-def troubled(now: float = 100.0) -> View:
+def troubled(now: float = 100.0) -> PictureState:
     """A fault, a warning of a port, three joints that need a look."""
     message = "l_knee: distance from the goal 0.25 rad, bound 0.2 rad; held where it is"
     slow = "the adapter's latency timer is 16 ms; `sudo setserial /dev/twind/lower low_latency`"

@@ -22,7 +22,7 @@ from processes import Daemon, arm, daemon, go, robot, until
 
 from twind.client import Client, ClientError, Refused
 from twind.ctl.motions import load_motion
-from twind.ctl.picture.live import Feed
+from twind.ctl.picture.live import MonitorFeed
 from twind.ctl.picture.paint import svg
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures"
@@ -102,7 +102,7 @@ def waving(running: Daemon) -> Iterator[None]:
 
 def shown(running: Daemon, out: Path) -> None:
     """What `twindctl monitor` shows in a terminal that is tall enough."""
-    feed = Feed(lambda: Client(str(running.sockets), name="observe"), rate=20.0)
+    feed = MonitorFeed(lambda: Client(str(running.sockets), name="observe"), rate=20.0)
     time.sleep(1.5)  # histograms come once a second
     out.write_text(svg(feed.watched.view(time.monotonic()), title="twindctl monitor", width=120, height=60))
     feed.close()

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from processes import Daemon, favour
 
-from twind.learn.policy.card import Card
-from twind.learn.policy.file import Layer, save
+from twind.learn.policy.card import PolicyCard
+from twind.learn.policy.file import NetworkLayer, save
 from twind.learn.policy.graph import Rows
-from twind.learn.shaping import Shaping
+from twind.learn.shaping import ActionShaping
 
-TWO = Card(
+TWO = PolicyCard(
     task="Stand",
     robot="two",
     joints=("hip", "knee"),
@@ -25,11 +25,13 @@ TWO = Card(
     upper=(1.0, 1.0),
     velocity=(4.0, 4.0),
     acceleration=(20.0, 20.0),
-    shaping=Shaping(),
+    shaping=ActionShaping(),
 )
 
 
-def network(card: Card, hidden: tuple[int, ...] = (16, 16), seed: int = 0, scale: float = 1.0) -> list[Layer]:
+def network(
+    card: PolicyCard, hidden: tuple[int, ...] = (16, 16), seed: int = 0, scale: float = 1.0
+) -> list[NetworkLayer]:
     """Random weights, tanh between, as a PPO policy has them."""
     rng, width, layers = np.random.default_rng(seed), card.observations, []
     for count in hidden:
@@ -38,23 +40,25 @@ def network(card: Card, hidden: tuple[int, ...] = (16, 16), seed: int = 0, scale
     return [*layers, _layer(rng, width, len(card.joints), "none", scale)]
 
 
-def constant(card: Card, action: Any) -> list[Layer]:
+def constant(card: PolicyCard, action: Any) -> list[NetworkLayer]:
     """Gives `action` (n,) whatever it sees."""
     weight = np.zeros((len(card.joints), card.observations), np.float32)
-    return [Layer(weight, np.broadcast_to(np.float32(action), len(card.joints)).copy())]
+    return [NetworkLayer(weight, np.broadcast_to(np.float32(action), len(card.joints)).copy())]
 
 
-def _layer(rng: np.random.Generator, width: int, count: int, activation: str, scale: float) -> Layer:
+def _layer(rng: np.random.Generator, width: int, count: int, activation: str, scale: float) -> NetworkLayer:
     weight = rng.normal(0.0, scale / np.sqrt(width), (count, width))
-    return Layer(weight.astype(np.float32), rng.normal(0.0, 0.1, count).astype(np.float32), activation)
+    return NetworkLayer(weight.astype(np.float32), rng.normal(0.0, 0.1, count).astype(np.float32), activation)
 
 
-def plain(card: Card) -> tuple[Rows, Rows, float]:
+def plain(card: PolicyCard) -> tuple[Rows, Rows, float]:
     """mean, std and clip of a normalisation that changes nothing."""
     return np.zeros(card.observations, np.float32), np.ones(card.observations, np.float32), 100.0
 
 
-def written(folder: Path, card: Card = TWO, layers: list[Layer] | None = None, **changed: Any) -> Path:
+def written(
+    folder: Path, card: PolicyCard = TWO, layers: list[NetworkLayer] | None = None, **changed: Any
+) -> Path:
     """A file of `card`, changed."""
     card = replace(card, **changed)
     path = folder / "policy.onnx"

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import JointCalibration
 from twind.config.robot_file import load_robot
 from twind.robot.arrays import Floats
-from twind_calibration.proving.expected import Expected
+from twind_calibration.proving.expected import ExpectedLoads
 from twind_calibration.proving.expected import swept as at_places
-from twind_calibration.proving.judge import Judged, judge, slack
+from twind_calibration.proving.judge import LoadVerdict, judge, slack
 from twind_calibration.proving.mirror import mirror
-from twind_calibration.proving.sweep import Swept
-from twind_calibration.wiggling.body import Body
-from twind_calibration.wiggling.trace import Stay, Stays
+from twind_calibration.proving.sweep import MeasuredLoads
+from twind_calibration.wiggling.body import PosedModel
+from twind_calibration.wiggling.trace import HoldMean, HoldMeans
 
 H24 = load_robot("h24")
 LSB, FRICTION = 0.0048, 0.1  # N·m
@@ -26,8 +26,8 @@ TORQUE = st.floats(0.61, 1.39)
 
 
 @cache
-def body() -> Body:
-    return Body(H24)
+def body() -> PosedModel:
+    return PosedModel(H24)
 
 
 def place(name: str) -> int:
@@ -45,7 +45,7 @@ def judged(
     noise: Floats | None = None,
     at: float = 0.0,
     entry: JointCalibration | None = None,
-) -> Judged:
+) -> LoadVerdict:
     """A joint whose zero is `off` (rad) and whose servo tells `stretch` of its torque, less friction.
 
     `at` (rad): around which it is taken through its places; the others stand at nought.
@@ -60,13 +60,13 @@ def judged(
     else:
         loads = np.array([one.torque(each)[joint] for each in true])
     rough = np.zeros(len(PLACES)) if noise is None else 0.98 * slack(FRICTION, LSB) * noise
-    told, expected = stretch * loads + rough, Expected(one, poses, joint)
+    told, expected = stretch * loads + rough, ExpectedLoads(one, poses, joint)
     found = expected.wrong(mirror(H24.joints[joint], entry))
     return judge(told + rubs, told - rubs, expected.right(), found, FRICTION, LSB)
 
 
-def measured_by(loads: Floats, poses: Floats) -> Swept:
+def measured_by(loads: Floats, poses: Floats) -> MeasuredLoads:
     """Told loads (k, n) at told poses (k, n)."""
-    nothing = Stay(poses[0], poses[0], loads[0])
+    nothing = HoldMean(poses[0], poses[0], loads[0])
     rubs = np.full_like(loads, 0.04)
-    return Swept(poses, loads, loads + rubs, loads - rubs, Stays(nothing, nothing, nothing))
+    return MeasuredLoads(poses, loads, loads + rubs, loads - rubs, HoldMeans(nothing, nothing, nothing))

@@ -6,15 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from twind.client.clocks import Clocks
-from twind.observe.writing.file import Disk, RecordFile
+from twind.client.clocks import ClockPair
+from twind.observe.writing.file import BufferedFile, RecordFile
 from twind.observe.writing.head import clock_words
-from twind.observe.writing.lines import Scribe
-from twind.observe.writing.writer import RecordWriter, Session
+from twind.observe.writing.lines import RecordEncoder
+from twind.observe.writing.writer import RecordSession, RecordWriter
 
 JOINTS = ("hip", "knee")
-CLOCKS = Clocks(100.0, 1_795_000_000_000_000_000)
-SESSION = Session(
+CLOCKS = ClockPair(100.0, 1_795_000_000_000_000_000)
+SESSION = RecordSession(
     "two",
     CLOCKS,
     {"version": "0", "robot": "two", **clock_words(CLOCKS)},
@@ -58,7 +58,7 @@ class Told:
     def __init__(self, make: Callable[[Callable[[], float]], RecordWriter]) -> None:
         self.time = 100.0
         self.writer = make(lambda: self.time)
-        self.scribe = Scribe(JOINTS, CLOCKS)
+        self.scribe = RecordEncoder(JOINTS, CLOCKS)
         self.writer.begin(SESSION)
 
     def tell(self, *answers: dict[str, Any]) -> None:
@@ -78,7 +78,7 @@ class Told:
 def write(path: Path, seconds: float = 1.0, rate: float = 100.0) -> Path:
     """A small whole recording with a chunk every half a second."""
     file = RecordFile(path, SESSION.about, SESSION.attachments, CLOCKS.wall_ns)
-    scribe = Scribe(JOINTS, CLOCKS)
+    scribe = RecordEncoder(JOINTS, CLOCKS)
     for place in range(round(seconds * rate)):
         for line in scribe.take(state(100.0 + place / rate, goal=0.1)):
             file.write(line.topic, line.time_ns, line.data)
@@ -88,7 +88,7 @@ def write(path: Path, seconds: float = 1.0, rate: float = 100.0) -> Path:
     return path
 
 
-class FullDisk(Disk):
+class FullDisk(BufferedFile):
     """Takes so many bytes, the last of them in part, as a real one does."""
 
     def __init__(self, path: Path, room: int) -> None:

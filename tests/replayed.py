@@ -17,24 +17,24 @@ from twind import link, memfd
 from twind.briefing import Briefing
 from twind.config.calibration_file import save_calibration
 from twind.config.edited import fingerprints
-from twind.config.files import Sources, describe
-from twind.flight import Flight, Ring, read
-from twind.front.naming import Names
+from twind.config.files import ConfigSources, describe
+from twind.flight import FlightFile, FlightRing, read
+from twind.front.naming import JointNames
 from twind.loop import assembly
-from twind.loop.described import Robot
-from twind.loop.link import Link
+from twind.loop.described import BoundRobot
+from twind.loop.link import FrontLink
 from twind.loop.notify import Notifier
-from twind.loop.open_bus import Buses
-from twind.observe.replaying.bus import ToldBus
-from twind.observe.replaying.outcome import Outcome
-from twind.observe.replaying.score import SIM, STAY, Asked, Score, outcome, score
-from twind.observe.replaying.servos import Passage
+from twind.loop.open_bus import BusOpener
+from twind.observe.replaying.bus import ReplayBus
+from twind.observe.replaying.outcome import ReplayOutcome
+from twind.observe.replaying.score import SIM, STAY, RecordedCommand, ReplayScript, outcome, score
+from twind.observe.replaying.servos import ReplayPosition
 from twind.observe.replaying.stage import lay_out
 from twind.observe.replaying.story import story
 from twind.robot.modes import Mode
-from twind.safety.gate import Thresholds
+from twind.safety.gate import GateThresholds
 from twind.twin.binding import bind
-from twind_drivers.bus import PortError, Reader
+from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.loopback import Loopback
 
@@ -47,10 +47,10 @@ AFTER = 0.05  # s that the replay goes on beyond the recording, for answers that
 
 def recording(robot: str = "h24", **options: Any) -> Rig:
     """A rig that writes a flight recorder."""
-    return Rig(robot, ring=Ring.create(16 << 20), **options)
+    return Rig(robot, ring=FlightRing.create(16 << 20), **options)
 
 
-def flight(rig: Rig, folder: Path) -> Flight:
+def flight(rig: Rig, folder: Path) -> FlightFile:
     """What it holds by now, as a file of it would."""
     calibrated = save_calibration(rig.calibration, folder, rig.robot.name)
     files = fingerprints([rig.robot.path, rig.robot.mjcf_path, calibrated])
@@ -58,10 +58,12 @@ def flight(rig: Rig, folder: Path) -> Flight:
     briefing = msgspec.msgpack.decode(memfd.unseal(fd), type=Briefing)
     os.close(fd)
     assert rig.recorder is not None
-    return Flight({}, msgspec.structs.replace(briefing, binding=b"", described=b""), read(rig.recorder.fd))
+    return FlightFile(
+        {}, msgspec.structs.replace(briefing, binding=b"", described=b""), read(rig.recorder.fd)
+    )
 
 
-def figures(asked: Score, begin: float, news: Sequence[Any]) -> dict[str, Any]:
+def figures(asked: ReplayScript, begin: float, news: Sequence[Any]) -> dict[str, Any]:
     """What a loop said in numbers since `begin` (s): of findings, of its buses, of its last goals."""
     tickets = {each.command.ticket for each in asked.commands if isinstance(each.command, link.Command)}
     replies = [each for each in news if isinstance(each, link.Reply) and each.ticket in tickets]
@@ -107,12 +109,12 @@ def unlike(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
 class Replay:
     """`run` plays a recording into a loop and says what came out."""
 
-    def __init__(self, flight: Flight, folder: Path) -> None:
-        self.score: Score = score(flight)
+    def __init__(self, flight: FlightFile, folder: Path) -> None:
+        self.score: ReplayScript = score(flight)
         files = lay_out(flight.briefing, folder)
         ports = tuple(f"{bus['name']}=/dev/null" for bus in flight.briefing.description["buses"])
         self.described = describe(
-            Sources(
+            ConfigSources(
                 config=str(files.config),
                 mode=self.score.mode,
                 robot=str(files.robot),
@@ -122,9 +124,9 @@ class Replay:
         )
         robot = self.described.robot
         self.clock = FakeClock(1000.0)
-        self.passage = Passage(self.score.begin, LEAD)
-        self.told: Mapping[str, ToldBus] = {
-            bus.name: ToldBus(
+        self.passage = ReplayPosition(self.score.begin, LEAD)
+        self.told: Mapping[str, ReplayBus] = {
+            bus.name: ReplayBus(
                 story(bus.name, place, flight.contents),
                 self.passage,
                 baud=bus.baud,
@@ -136,8 +138,8 @@ class Replay:
             for place, bus in enumerate(robot.buses)
             if self.score.mode != SIM
         }
-        one = Robot(robot, self.described.calibration, bind(robot, self.described.calibration))
-        self.buses = Buses(robot, one.binding.joint_map, {}, self.described.rate_hz)
+        one = BoundRobot(robot, self.described.calibration, bind(robot, self.described.calibration))
+        self.buses = BusOpener(robot, one.binding.joint_map, {}, self.described.rate_hz)
         self.front = HandFront()
         self.loop = assembly.build(
             one,
@@ -147,21 +149,21 @@ class Replay:
             where={bus.name: f"told:{bus.name}" for bus in robot.buses},
             opener=self._open,
             enabler=self.buses.enable,
-            link=Link(self.front),  # type: ignore[arg-type]
+            link=FrontLink(self.front),  # type: ignore[arg-type]
             notifier=Notifier({}),
-            thresholds=Thresholds(),
+            thresholds=GateThresholds(),
             realtime={},
         )
         self.news: list[Any] = []
         self._deadline = self.clock.now()
         self._ticket = 1 << 40  # of calls that were not recorded
 
-    def _open(self, name: str) -> Reader:
+    def _open(self, name: str) -> BusReader:
         if not self.told[name].plugged:
             raise PortError(name, "no such port")
         return self.buses.reader(name, Loopback(self.told[name], self.clock))
 
-    def run(self) -> Outcome:
+    def run(self) -> ReplayOutcome:
         """Prepare, play, and what came of it."""
         self._until(lambda: self.loop.state in ("connected", "disconnected") and self._known())
         client = self.score.holder or 1 << 40
@@ -187,7 +189,7 @@ class Replay:
         begin = self.score.begin + self.passage.shift
         news = [each for each in self.news if getattr(each, "time", begin) >= begin]
         commands = [each.command for each in self.score.asked if isinstance(each.command, link.Command)]
-        return outcome(Names(self.score.names), begin, commands, news)
+        return outcome(JointNames(self.score.names), begin, commands, news)
 
     @property
     def verbatim(self) -> float:
@@ -234,14 +236,14 @@ class Replay:
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)
 
-    def _stays(self, asked: Asked, moment: float) -> bool:
+    def _stays(self, asked: RecordedCommand, moment: float) -> bool:
         """A client does not hang up yet: it had answers by then that may come a little later now."""
-        if not isinstance(asked.command, link.Gone) or moment >= asked.time + STAY:
+        if not isinstance(asked.command, link.ConnectionClosed) or moment >= asked.time + STAY:
             return False
         heard = {each.ticket: not each.continues for each in self.news if isinstance(each, link.Reply)}
         return self.score.stays(asked.command.client, heard)
 
-    def _ask(self, asked: Asked) -> None:
+    def _ask(self, asked: RecordedCommand) -> None:
         command = asked.command
         if isinstance(command, link.Submit):
             checked = command.front_checked and command.front_checked + self.passage.shift

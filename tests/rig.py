@@ -16,29 +16,29 @@ from twind.config.actuator import CAN
 from twind.config.calibration_file import Calibration
 from twind.config.counts import joint_angles, slot_angles, ticks_of
 from twind.config.robot_file import load_robot
-from twind.flight import Ring
+from twind.flight import FlightRing
 from twind.loop import assembly
-from twind.loop.described import Robot
-from twind.loop.link import Link
+from twind.loop.described import BoundRobot
+from twind.loop.link import FrontLink
 from twind.loop.notify import Notifier
-from twind.loop.open_bus import Buses
+from twind.loop.open_bus import BusOpener
 from twind.loop.tape import FlightRecorder
 from twind.robot.arrays import Floats
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
-from twind.safety.gate import Thresholds
+from twind.safety.gate import GateThresholds
 from twind.twin.binding import bind
-from twind.virtual.bench import Line, can_bus
+from twind.virtual.bench import BusTiming, can_bus
 from twind.virtual.inertial import sensor_of
 from twind.virtual.nodes import unloaded
 from twind.virtual.specimen import calibration, fence, specimen
 from twind.virtual.truth import Truth
-from twind_drivers.bus import PortError, Reader
+from twind_drivers.bus import BusReader, PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.can.loopback import CanLoopback
 from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrder
+from twind_drivers.virtual.muscles import FirstOrderPhysics
 
 CLIENT = 7
 
@@ -89,12 +89,12 @@ class Rig:
         mode: Mode = Mode.LIVE,
         *,
         start: Mapping[str, float] | None = None,
-        muscles: type[FirstOrder] = FirstOrder,
+        muscles: type[FirstOrderPhysics] = FirstOrderPhysics,
         rate_hz: float | None = None,
         support: str | None = None,
         truth: Truth | None = None,
         calibrated: Calibration | None = None,
-        ring: Ring | None = None,
+        ring: FlightRing | None = None,
     ) -> None:
         """`calibrated`: before now, and not as these servos would be. `ring`: where it is written down."""
         self._muscles = muscles
@@ -109,7 +109,7 @@ class Rig:
         start = start if start is not None else self.robot.poses["rest"]
         self.virtual = {bus.name: self._virtual(bus.name, start) for bus in self.robot.buses}
         self.calibration = calibration(self.made) if calibrated is None else calibrated
-        self.one = Robot(self.robot, self.calibration, bind(self.robot, self.calibration))
+        self.one = BoundRobot(self.robot, self.calibration, bind(self.robot, self.calibration))
         self.names = self.one.binding.joint_map.names
         buses = [bus.name for bus in self.one.binding.joint_map.buses]
         self.recorder = None if ring is None else FlightRecorder(ring, buses, self.clock)
@@ -127,7 +127,7 @@ class Rig:
         """A daemon that begins on these servos as they are."""
         recorded = self.recorder
         tapes = {} if recorded is None else dict(recorded.tapes)
-        self.buses = Buses(self.robot, self.one.binding.joint_map, {}, self.robot.rate_hz, tapes)
+        self.buses = BusOpener(self.robot, self.one.binding.joint_map, {}, self.robot.rate_hz, tapes)
         return assembly.build(
             self.one,
             mode=mode,
@@ -136,15 +136,15 @@ class Rig:
             where={bus.name: f"virtual:{bus.name}" for bus in self.robot.buses},
             opener=self._open,
             enabler=self.buses.enable,
-            link=Link(self.front, *([] if recorded is None else [recorded.link])),  # type: ignore[arg-type]
+            link=FrontLink(self.front, *([] if recorded is None else [recorded.link])),  # type: ignore[arg-type]
             notifier=Notifier({}),
-            thresholds=Thresholds(),
+            thresholds=GateThresholds(),
             realtime={},
             rewire=self._rewire,
             tapes=tapes,
         )
 
-    def _rewire(self, one: Robot) -> Any:
+    def _rewire(self, one: BoundRobot) -> Any:
         self.buses = replace(self.buses, robot=one.file, joints=one.binding.joint_map)
         return self.buses.enable
 
@@ -161,7 +161,7 @@ class Rig:
             shafts = unloaded(ticks, now=self.clock.now())
             fence(shafts, [spec.hinge for spec in self.made.nodes[bus]])
             rate, nodes = self.robot.bus(bus).baud, self.made.nodes[bus]
-            return can_bus(bus, nodes, shafts, Line(), bitrate=rate, now=self.clock.now())
+            return can_bus(bus, nodes, shafts, BusTiming(), bitrate=rate, now=self.clock.now())
         muscles = self._muscles(np.array(ticks, np.float64), now=self.clock.now())
         if self._stops:  # a body of MuJoCo has its own
             fence(muscles, [spec.hinge for spec in self.made.servos[bus]])
@@ -169,7 +169,7 @@ class Rig:
         sensor = sensor_of(self.robot, bus, None)
         return VirtualBus(bus, self.made.servos[bus], muscles, baud=baud, now=now, sensor=sensor)
 
-    def _open(self, name: str) -> Reader:
+    def _open(self, name: str) -> BusReader:
         if not self.virtual[name].plugged:
             raise PortError(f"virtual:{name}", "no such port")
         if self.robot.bus(name).kind == CAN:
@@ -237,10 +237,10 @@ class Rig:
     def adopt(self, changes: Mapping[str, Any], *, announced: bool = True, **parameters: Any) -> link.Reply:
         """Changes of the front's, with the next briefing; what the loop answers."""
         if parameters.get("reread", True) and announced:
-            self.front.outer.send(link.encode(link.Rereading()))
+            self.front.outer.send(link.encode(link.ReloadStarted()))
         self._ticket += 1
         given = {"generation": self.loop.reloads.generation + 1} | parameters
-        command = link.Adopt(ticket=self._ticket, client=0, changes=dict(changes), **given)
+        command = link.ApplyChanges(ticket=self._ticket, client=0, changes=dict(changes), **given)
         fd = memfd.seal("briefing", b"for the next front")
         socket.send_fds(self.front.outer, [link.encode(command)], [fd])
         os.close(fd)

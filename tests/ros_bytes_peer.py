@@ -13,9 +13,9 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
-from twind.bridge.ros.discovery import Discovery
-from twind.bridge.ros.endpoints import TOPICS, Topic
-from twind.bridge.ros.zenoh import Zenoh
+from twind.bridge.ros.discovery import DiscoverySettings
+from twind.bridge.ros.endpoints import TOPICS, RosTopic
+from twind.bridge.ros.zenoh import ZenohTransport
 from twind.ros import decode, encode
 
 THEIRS = {topic.name: replace(topic, out=not topic.out) for topic in TOPICS}  # as a peer has them
@@ -62,7 +62,7 @@ class Node:
 
     def __init__(self, endpoint: str) -> None:
         self._heard: dict[str, deque[bytes]] = {name: deque(maxlen=10_000) for name in THEIRS}
-        self._graph = Zenoh(Discovery(), lambda line: None, endpoint)
+        self._graph = ZenohTransport(DiscoverySettings(), lambda line: None, endpoint)
         self._graph.open(list(THEIRS.values()), (), self._hear, lambda *_: (False, ""))
 
     def heard(self, topic: str) -> list[Any]:
@@ -92,7 +92,7 @@ class Node:
 
         threading.Thread(target=run, daemon=True).start()
 
-    def _hear(self, topic: Topic, data: bytes) -> None:
+    def _hear(self, topic: RosTopic, data: bytes) -> None:
         self._heard[topic.name].append(data)
 
 

@@ -6,15 +6,15 @@ from contextlib import contextmanager
 
 from processes import PATIENCE
 
-from twind.bridge.ros.discovery import Discovery
+from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.endpoints import (
     SERVICES,
     SET_LIVE,
     TOPICS,
-    Service,
-    Topic,
+    RosService,
+    RosTopic,
 )
-from twind.bridge.ros.zenoh import Zenoh
+from twind.bridge.ros.zenoh import ZenohTransport
 from twind.ros import STRING, encode
 
 
@@ -22,27 +22,27 @@ class Us:
     """Our node, and what came to it."""
 
     def __init__(self, endpoint: str) -> None:
-        self.heard: list[tuple[Topic, bytes]] = []
-        self.asked: list[tuple[Service, bool | None]] = []
+        self.heard: list[tuple[RosTopic, bytes]] = []
+        self.asked: list[tuple[RosService, bool | None]] = []
         self.told: list[str] = []
         self.hold = threading.Event()  # set: requests are answered
         self.hold.set()
         self.held = SET_LIVE  # whose requests wait for that
         self.fails = False  # what comes and is asked for
-        self.node = Zenoh(Discovery(), self.told.append, endpoint)
+        self.node = ZenohTransport(DiscoverySettings(), self.told.append, endpoint)
 
     def join(self) -> None:
         self.node.open(TOPICS, SERVICES, self._hear, self._answer)
 
-    def say(self, topic: Topic, text: str) -> None:
+    def say(self, topic: RosTopic, text: str) -> None:
         self.node.publish(topic, encode(STRING, {"data": text}))
 
-    def _hear(self, topic: Topic, data: bytes) -> None:
+    def _hear(self, topic: RosTopic, data: bytes) -> None:
         self.heard.append((topic, data))
         if self.fails:
             raise OSError("a fault of ours")
 
-    def _answer(self, service: Service, data: bool | None) -> tuple[bool, str]:
+    def _answer(self, service: RosService, data: bool | None) -> tuple[bool, str]:
         self.asked.append((service, data))
         if self.fails:
             raise OSError("a fault of ours")

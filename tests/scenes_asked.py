@@ -7,29 +7,29 @@ from rig import CLIENT, Rig
 from stage import ask, faults, leads_to, move
 
 from twind import link
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 from twind_drivers.bus import PortError
 
 
-@leads_to(Code.LEASE_MISSING)
+@leads_to(ReasonCode.LEASE_MISSING)
 def somebody_else_moves_it(made: Rig) -> None:
     ask(made, client=CLIENT + 1)
 
 
-@leads_to(Code.ESTOP)
+@leads_to(ReasonCode.ESTOP)
 def somebody_stops_it(made: Rig) -> None:
     made.call(link.EStop, level="cut", reason="test")
 
 
-@leads_to(Code.ESTOP_LATCHED)
+@leads_to(ReasonCode.ESTOP_LATCHED)
 def it_shall_move_after_an_estop(made: Rig) -> None:
     made.call(link.EStop, level="cut", reason="test")
     made.lease()
     ask(made)
 
 
-@leads_to(Code.FAULT_LATCHED)
+@leads_to(ReasonCode.FAULT_LATCHED)
 def it_shall_move_after_a_fault(made: Rig) -> None:
     made.virtual["main"].servos.torque(3, False)
     made.seconds(0.3)
@@ -37,28 +37,28 @@ def it_shall_move_after_a_fault(made: Rig) -> None:
     ask(made)
 
 
-@leads_to(Code.SOCKETS_GONE)
+@leads_to(ReasonCode.SOCKETS_GONE)
 def it_shall_move_without_a_socket_for_a_stop(made: Rig) -> None:
     made.front.outer.send(link.encode(link.Reachable(missing="control.sock: removed")))
     made.lease()
     ask(made)
 
 
-@leads_to(Code.MODE_DENIES, arm=False, mode=Mode.MIRROR)
+@leads_to(ReasonCode.MODE_DENIES, arm=False, mode=Mode.MIRROR)
 def a_mirror_shall_be_armed(made: Rig) -> None:
     made.connect()
     made.lease()
     made.call(link.Arm)
 
 
-@leads_to(Code.NOT_ARMED, arm=False)
+@leads_to(ReasonCode.NOT_ARMED, arm=False)
 def it_shall_move_without_torque(made: Rig) -> None:
     made.connect()
     made.lease()
     ask(made)
 
 
-@leads_to(Code.CALIB_MISSING, arm=False)
+@leads_to(ReasonCode.CALIB_MISSING, arm=False)
 def a_joint_without_a_zero_shall_be_armed(made: Rig) -> None:
     made.connect()
     known = (False, *made.loop.joints.calibrated[1:])
@@ -67,7 +67,7 @@ def a_joint_without_a_zero_shall_be_armed(made: Rig) -> None:
     made.call(link.Arm)
 
 
-@leads_to(Code.CALIB_MISMATCH, arm=False)
+@leads_to(ReasonCode.CALIB_MISMATCH, arm=False)
 def a_servo_was_given_another_offset(made: Rig) -> None:
     memory = made.virtual["main"].servos.memory
     memory.store(4, memory.tables[4]["homing_offset"], 77)
@@ -76,7 +76,7 @@ def a_servo_was_given_another_offset(made: Rig) -> None:
     made.call(link.Arm)
 
 
-@leads_to(Code.HW_DISCONNECTED, arm=False)
+@leads_to(ReasonCode.HW_DISCONNECTED, arm=False)
 def a_silent_servo_shall_be_armed(made: Rig) -> None:
     made.connect()
     faults(made).silence(7)
@@ -85,12 +85,12 @@ def a_silent_servo_shall_be_armed(made: Rig) -> None:
     made.call(link.Arm)
 
 
-@leads_to(Code.LATENCY_WARN, arm=False)
+@leads_to(ReasonCode.LATENCY_WARN, arm=False)
 def the_adapter_waits_60_ms(made: Rig) -> None:
     late(made, 0.06)
 
 
-@leads_to(Code.LATENCY_BLOCK, arm=False)
+@leads_to(ReasonCode.LATENCY_BLOCK, arm=False)
 def the_loop_is_120_ms_behind(made: Rig) -> None:
     late(made, 0.12)
     made.lease()
@@ -110,7 +110,7 @@ def late(made: Rig, seconds: float) -> None:
     made.seconds(0.6)
 
 
-@leads_to(Code.THERMAL_HEADROOM, arm=False)
+@leads_to(ReasonCode.THERMAL_HEADROOM, arm=False)
 def a_hot_servo_shall_be_armed(made: Rig) -> None:
     made.connect()
     faults(made).heat(5, 68.0)
@@ -119,7 +119,7 @@ def a_hot_servo_shall_be_armed(made: Rig) -> None:
     made.call(link.Arm)
 
 
-@leads_to(Code.VOLTAGE_LOW, arm=False)
+@leads_to(ReasonCode.VOLTAGE_LOW, arm=False)
 def an_empty_battery_shall_arm(made: Rig) -> None:
     made.connect()
     faults(made).supply(10.3)
@@ -128,14 +128,14 @@ def an_empty_battery_shall_arm(made: Rig) -> None:
     made.call(link.Arm)
 
 
-@leads_to(Code.BUSY)
+@leads_to(ReasonCode.BUSY)
 def two_motions_shall_wait(made: Rig) -> None:
     for _ in range(2):
         made.submit(made.path("head_yaw", [0.2], [1.0]), start_in=5.0)
     made.ticks(3)
 
 
-@leads_to(Code.CONFIG_REFUSED, arm=False)
+@leads_to(ReasonCode.CONFIG_REFUSED, arm=False)
 def a_limit_shall_widen_while_the_daemon_runs(made: Rig) -> None:
     made.adopt({"joints.head_yaw.limits_rad": [-20.0, 20.0]})
 
@@ -143,13 +143,13 @@ def a_limit_shall_widen_while_the_daemon_runs(made: Rig) -> None:
 # ------------------------------------------------------------------------------- ports, devices, arming
 
 
-@leads_to(Code.PORT_LOST)
+@leads_to(ReasonCode.PORT_LOST)
 def the_cable_is_pulled(made: Rig) -> None:
     faults(made).unplug()
     made.ticks(5)
 
 
-@leads_to(Code.PORT_UNAVAILABLE, arm=False)
+@leads_to(ReasonCode.PORT_UNAVAILABLE, arm=False)
 def the_port_cannot_be_opened(made: Rig) -> None:
     def closed(name: str) -> Any:
         raise PortError(f"virtual:{name}", "no such port")
@@ -158,7 +158,7 @@ def the_port_cannot_be_opened(made: Rig) -> None:
     made.seconds(0.5)
 
 
-@leads_to(Code.DEVICE_MISSING, arm=False)
+@leads_to(ReasonCode.DEVICE_MISSING, arm=False)
 def an_id_never_answers(made: Rig) -> None:
     faults(made).silence(5)
     made.seconds(1.0)
@@ -166,7 +166,7 @@ def an_id_never_answers(made: Rig) -> None:
     made.call(link.Arm)
 
 
-@leads_to(Code.DEVICE_MISMATCH, arm=False)
+@leads_to(ReasonCode.DEVICE_MISMATCH, arm=False)
 def another_model_sits_on_the_wire(made: Rig) -> None:
     memory = made.virtual["main"].servos.memory
     memory.store(4, memory.tables[4]["model_number"], 1060)
@@ -175,7 +175,7 @@ def another_model_sits_on_the_wire(made: Rig) -> None:
     made.call(link.Arm)
 
 
-@leads_to(Code.ARM_FAILED, arm=False)
+@leads_to(ReasonCode.ARM_FAILED, arm=False)
 def it_was_found_half_energised(made: Rig) -> None:
     made.virtual["main"].servos.torque(0, True)
     made.connect()
@@ -183,7 +183,7 @@ def it_was_found_half_energised(made: Rig) -> None:
     made.call(link.Arm)
 
 
-@leads_to(Code.STOP_NOT_FOUND, arm=False, robot="h24-split")
+@leads_to(ReasonCode.STOP_NOT_FOUND, arm=False, robot="h24-split")
 def nobody_said_where_the_stop_is(made: Rig) -> None:
     made.connect()
     made.lease()
@@ -191,7 +191,7 @@ def nobody_said_where_the_stop_is(made: Rig) -> None:
     made.call(link.FindStop, joint=0, side="lower")
 
 
-@leads_to(Code.TORQUE_INHERITED, arm=False)
+@leads_to(ReasonCode.TORQUE_INHERITED, arm=False)
 def torque_was_found_on(made: Rig) -> None:
     for row in range(24):
         made.virtual["main"].servos.torque(row, True)
@@ -199,14 +199,14 @@ def torque_was_found_on(made: Rig) -> None:
     made.seconds(0.2)
 
 
-@leads_to(Code.PATH_TOLERANCE)
+@leads_to(ReasonCode.PATH_TOLERANCE)
 def a_joint_leaves_its_path(made: Rig) -> None:
     faults(made).lock(1)
     made.submit(made.path("head_yaw", [1.0], [4.0]), more=True, tolerances=[(0, 0.02, None)])
     made.seconds(1.0)
 
 
-@leads_to(Code.GOAL_TOLERANCE)
+@leads_to(ReasonCode.GOAL_TOLERANCE)
 def a_joint_does_not_arrive(made: Rig) -> None:
     faults(made).lock(1)
     move(made, to=0.1, seconds=1.0, tolerances=[(0, None, 0.01)], goal_time=0.2)

@@ -7,11 +7,11 @@ from pathlib import Path
 from stand_in import NAMES, StandIn
 from test_front_server import Raw
 
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 
 Told = Iterable[str]
 Scene = Callable[[StandIn], Told]
-SCENES: dict[Code, Callable[[Path], Told]] = {}
+SCENES: dict[ReasonCode, Callable[[Path], Told]] = {}
 
 
 @contextmanager
@@ -23,7 +23,7 @@ def front(folder: Path) -> Iterator[StandIn]:
         assert stand_in.close() == 0
 
 
-def leads_to(code: Code) -> Callable[[Scene], Scene]:
+def leads_to(code: ReasonCode) -> Callable[[Scene], Scene]:
     def keep(scene: Scene) -> Scene:
         def run(folder: Path) -> Told:
             with front(folder) as stand_in:
@@ -40,7 +40,7 @@ def refusals(answer: dict) -> list[str]:
     return [finding["code"] for finding in answer["parameters"]["findings"]]
 
 
-@leads_to(Code.FRAME_TOO_LARGE)
+@leads_to(ReasonCode.FRAME_TOO_LARGE)
 def a_message_is_too_large(loop: StandIn) -> Told:
     with Raw(loop, "observe") as client:
         with suppress(BrokenPipeError, ConnectionResetError):
@@ -48,14 +48,14 @@ def a_message_is_too_large(loop: StandIn) -> Told:
         return refusals(client.receive())
 
 
-@leads_to(Code.BAD_JSON)
+@leads_to(ReasonCode.BAD_JSON)
 def a_key_stands_twice(loop: StandIn) -> Told:
     with Raw(loop) as client:
         client.bytes(b'{"method":"a","method":"b"}\0')
         return refusals(client.receive())
 
 
-@leads_to(Code.RATE_LIMIT)
+@leads_to(ReasonCode.RATE_LIMIT)
 def too_many_trajectories_come(loop: StandIn) -> Told:
     path = {"joint_names": [NAMES[0]], "points": []}
     with Raw(loop) as client:
@@ -63,7 +63,7 @@ def too_many_trajectories_come(loop: StandIn) -> Told:
     return [code for answer in answers for code in refusals(answer)]
 
 
-@leads_to(Code.AUTH_ROLE)
+@leads_to(ReasonCode.AUTH_ROLE)
 def an_observer_disarms(loop: StandIn) -> Told:
     with Raw(loop, "observe") as watcher, Raw(loop, "observe") as client:
         watcher.send("Monitor", parameters={"topics": ["verdicts"]}, more=True)

@@ -8,12 +8,12 @@ from typing import Any
 from rig import CLIENT, Rig
 
 from twind import link
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion
 
 Told = Iterable[str]
 Scene = Callable[[Rig], None]
-SCENES: dict[Code, Callable[[Path], Told]] = {}
+SCENES: dict[ReasonCode, Callable[[Path], Told]] = {}
 
 
 @contextmanager
@@ -35,10 +35,10 @@ def told(made: Rig) -> set[str]:
             found |= {finding["code"] for finding in (news.parameters or {}).get("findings", ())}
         elif isinstance(news, link.Overview):
             found |= {str(finding.code) for finding in news.faults}
-    return found & {code.value for code in Code}
+    return found & {code.value for code in ReasonCode}
 
 
-def leads_to(code: Code, *, arm: bool = True, **how: Any) -> Callable[[Scene], Scene]:
+def leads_to(code: ReasonCode, *, arm: bool = True, **how: Any) -> Callable[[Scene], Scene]:
     """Keep a situation of a robot that is armed, or only connected."""
 
     def keep(scene: Scene) -> Scene:

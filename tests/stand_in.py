@@ -20,7 +20,7 @@ import numpy as np
 from twind import link, memfd
 from twind.briefing import Briefing, JointInfo
 from twind.config.robot_file import load_robot
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.sockets import BACKLOG
 from twind.twin.binding import bind
 from twind.twin.handover import packed
@@ -92,7 +92,7 @@ def overview(now: float, ticks: int = 0, count: int = 24) -> link.Overview:
         sim_connected=True,
         lease=None,
         lease_client=0,
-        faults=[Finding(Code.STATE_STALE, joint=3, value=0.2, bound=0.1)],
+        faults=[Finding(ReasonCode.STATE_STALE, joint=3, value=0.2, bound=0.1)],
         buses=[link.BusInfo("main", "/dev/ttyUSB0", True, 1.5, None, 0.4, 1000, 2)],
         loop=link.LoopInfo(100.0, ticks, 0, 1.0, 40.0, 80.0, 200.0, {"policy": "other"}, *runs),
         latencies=[link.LatencyInfo("bus", 1.5, 1.5, 0.1, 1.4, 1.9, 1.5, 1.8, 0, *runs)],

@@ -13,16 +13,16 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.learn.judge import Judge
-from twind.learn.live.estimate import Estimate
-from twind.learn.live.heard import Heard, Inertial
+from twind.learn.judge import RewardFunction
+from twind.learn.live.estimate import BaseEstimator
+from twind.learn.live.heard import ImuReading, StateMessage
 from twind.learn.model import plant_of
-from twind.learn.observation import Reading
-from twind.learn.policy.pilot import End, Hold, Pilot, Setpoint
+from twind.learn.observation import BodyReading
+from twind.learn.policy.pilot import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
 from twind.learn.tasks import task_of
 from twind.link import Tick
 from twind.robot.modes import Mode
-from twind.twin.muscles import MujocoMuscles
+from twind.twin.muscles import MujocoPhysics
 from twind.virtual.specimen import body_for, buses
 
 VALID = 0.06  # s, as `live/reins.py`
@@ -34,13 +34,13 @@ class StandingRig(Rig):
     def __init__(self, robot: str = "h24-standing", mode: Mode = Mode.LIVE) -> None:
         self._made_buses: dict[str, Any] = {}
         super().__init__(robot, mode)
-        self.pilot: Pilot | None = None
+        self.pilot: PolicyController | None = None
         self.refused: Counter[str] = Counter()
         self.told: list[str] = []  # why it held or ended
 
     def _virtual(self, bus: str, start: Any) -> Any:
         if not self._made_buses:
-            self.body: MujocoMuscles = body_for(self.made, now=self.clock.now())
+            self.body: MujocoPhysics = body_for(self.made, now=self.clock.now())
             self._made_buses = buses(self.made, physics=False, body=self.body, now=self.clock.now())
         return self._made_buses[bus]
 
@@ -56,19 +56,19 @@ class StandingRig(Rig):
         """What held it; it pushes, too."""
         return self.body.crane
 
-    def heard(self) -> Heard:
+    def heard(self) -> StateMessage:
         """The newest state, as `Monitor` would have told it."""
         tick = next(news for news in reversed(self.news) if isinstance(news, Tick))
         return of_tick(tick, self.clock.now())
 
-    def pilots(self, policy: Any) -> Pilot:
+    def pilots(self, policy: Any) -> PolicyController:
         """The policy, at the reins of this robot."""
         plant = plant_of(self.robot, period=policy.card.shaping.period)
         task = task_of(policy.card.task)
-        self.pilot = Pilot(
+        self.pilot = PolicyController(
             policy,
-            Estimate(plant),
-            Judge(task, plant).fallen,
+            BaseEstimator(plant),
+            RewardFunction(task, plant).fallen,
             task.phases(policy.card.shaping.period),
             np.zeros(3),
             self.clock.now,
@@ -84,7 +84,7 @@ class StandingRig(Rig):
                 each(step)
             self.news = self.news[-50:]  # half a minute has some thousands
             done = self.pilot.step(self.heard(), self.clock.now())
-            if isinstance(done, End):
+            if isinstance(done, PolicyEnd):
                 self.told.append(done.reason)
                 return done.reason
             ticket = self._sent(done)
@@ -92,8 +92,8 @@ class StandingRig(Rig):
             self._answered(ticket)
         return None
 
-    def _sent(self, done: Setpoint | Hold) -> int:
-        if isinstance(done, Hold):
+    def _sent(self, done: PolicySetpoint | PolicyHold) -> int:
+        if isinstance(done, PolicyHold):
             self.told.append(done.reason)
             return self.send(link.RenewLease)
         return self.send(
@@ -130,17 +130,17 @@ def soft(folder: Path, gain: int) -> str:
     return str(path)
 
 
-def of_tick(tick: Tick, now: float) -> Heard:
+def of_tick(tick: Tick, now: float) -> StateMessage:
     """What a tick says, as a client hears it."""
     row = [np.frombuffer(each) for each in (tick.position, tick.velocity, tick.goal, tick.age)]
     imu = np.frombuffer(tick.imu)
-    felt = Inertial(imu[:3], imu[3:6], imu[6:], tick.imu_age) if len(imu) else None
-    return Heard(tick.time, now, tick.sequence, row[0], row[1], row[2], row[3], felt)
+    felt = ImuReading(imu[:3], imu[3:6], imu[6:], tick.imu_age) if len(imu) else None
+    return StateMessage(tick.time, now, tick.sequence, row[0], row[1], row[2], row[3], felt)
 
 
-def truth(rig: StandingRig) -> Reading:
+def truth(rig: StandingRig) -> BodyReading:
     """What a simulation would read of the body as it stands."""
-    base, reading = rig.base(), Reading.empty(len(rig.names))
+    base, reading = rig.base(), BodyReading.empty(len(rig.names))
     reading.base_velocity[...] = rotation(base["quaternion"]).T @ np.array(base["velocity"])
     return reading
 

@@ -11,7 +11,7 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import Rejected
 from twind.robot.finding import Verdict
-from twind_calibration.adoption.places import RATES, Place, delivered, joint_of, ways
+from twind_calibration.adoption.places import RATES, ServoLocation, delivered, joint_of, ways
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.perform import perform
 from twind_drivers.virtual.servos import BAUDS
@@ -29,7 +29,7 @@ def test_a_servo_as_delivered_becomes_the_one_missing_joint(robot: RobotFile) ->
     bench = Bench(robot, [settled(1), settled(9), fresh()])
     others = [bench.eeprom(0), bench.eeprom(1)]
     adoption = there(bench.adopt())
-    assert (adoption.chosen.joint.name, adoption.chosen.place) == ("wrist", Place(1, 57_600))
+    assert (adoption.chosen.joint.name, adoption.chosen.place) == ("wrist", ServoLocation(1, 57_600))
     assert is_home(bench, 2)
     assert bench.value(2, "return_delay_time") == 10
     assert bench.value(2, "shutdown") == 53
@@ -88,7 +88,7 @@ def test_at_the_factorys_own_rate_it_only_gets_its_id_and_settings(tmp_path: Pat
     robot = robot_of(tmp_path, {"elbow": 3, "wrist": 7}, baud=57_600)
     bench = Bench(robot, [settled(3, baud_rate=1), fresh()])
     adoption = there(bench.adopt())
-    assert adoption.chosen.home == Place(7, 57_600)
+    assert adoption.chosen.home == ServoLocation(7, 57_600)
     assert (bench.value(1, "id"), bench.value(1, "baud_rate")) == (7, 1)
     assert bench.adopt() is None
 
@@ -291,5 +291,5 @@ def test_the_rates_are_those_of_the_register() -> None:
 def test_every_joint_of_the_built_in_robots_has_a_way_home(name: str) -> None:
     robot = load_robot(name)
     for joint in robot.joints:
-        assert delivered(joint) == Place(1, 57_600)
-        assert ways(robot, joint)[-1] == Place(joint.id, robot.bus(joint.bus).baud)
+        assert delivered(joint) == ServoLocation(1, 57_600)
+        assert ways(robot, joint)[-1] == ServoLocation(joint.id, robot.bus(joint.bus).baud)

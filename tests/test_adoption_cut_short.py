@@ -13,13 +13,13 @@ from twind.config.calibration_file import fitting, load_calibration, save_calibr
 from twind.config.device_check import compare
 from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import Rejected
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind_calibration.adoption.calibrated import entry_of
-from twind_calibration.adoption.places import RATES, Place, joint_of, ways
+from twind_calibration.adoption.places import RATES, ServoLocation, joint_of, ways
 from twind_calibration.calibrating import draft as drafts
-from twind_calibration.calibrating.draft import Swept
+from twind_calibration.calibrating.draft import DraftTravel
 from twind_calibration.described import read
-from twind_drivers.bus import Device
+from twind_drivers.bus import IdentifiedDevice
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_killed_at_any_write_the_same_command_ends_the_job(
         bench = Bench(robot, [settled(1), settled(9), fresh()])
         others = [bench.eeprom(0), bench.eeprom(1)]
         ended = not bench.killed(writes, "wrist", after=after)
-        place = Place(bench.value(2, "id"), RATES[bench.value(2, "baud_rate")])
+        place = ServoLocation(bench.value(2, "id"), RATES[bench.value(2, "baud_rate")])
         assert place in ways(robot, joint_of(robot, "wrist"))
         if power:
             bench.power_cycle()
@@ -72,7 +72,7 @@ def test_whatever_goes_wrong_it_is_at_one_of_its_places_and_the_next_run_ends_it
         bench.bus.faults.clear()
         if data.draw(st.booleans()):
             bench.power_cycle()
-        place = Place(bench.value(2, "id"), RATES[bench.value(2, "baud_rate")])
+        place = ServoLocation(bench.value(2, "id"), RATES[bench.value(2, "baud_rate")])
         assert place in ways(robot, joint_of(robot, "wrist"))
         assert bench.value(2, "torque_enable") == 0
     bench.adopt()
@@ -103,7 +103,7 @@ def calibrated(robot: RobotFile, folder: Path) -> Path:
         "min_position_limit": 0,
         "max_position_limit": 4095,
     }
-    devices = {("main", j.id): Device(j.id, 1020, "XM430-W350", 47, held) for j in robot.joints}
+    devices = {("main", j.id): IdentifiedDevice(j.id, 1020, "XM430-W350", 47, held) for j in robot.joints}
     zeros = dict.fromkeys(robot.names, 2048)
     made = fitting(robot, zeros, devices, created="2026-11-21T09:14:03Z", tool="a test")
     return save_calibration(made, folder, "bench")
@@ -127,10 +127,13 @@ def test_the_old_servos_calibration_goes_before_the_first_write(robot: RobotFile
     held = {"homing_offset": 0, "drive_mode": 0, "operating_mode": 3, "secondary_shadow_id": 255}
     ends = {"min_position_limit": 0, "max_position_limit": 4095}
     devices = {
-        ("main", j.id): Device(j.id, 1020, "XM430-W350", 47, {**same, **held, **ends}) for j in robot.joints
+        ("main", j.id): IdentifiedDevice(j.id, 1020, "XM430-W350", 47, {**same, **held, **ends})
+        for j in robot.joints
     }
     refused = compare(robot, left, devices).refusals
-    assert [(each.code, robot.names[each.joint or 0]) for each in refused] == [(Code.CALIB_MISSING, "wrist")]
+    assert [(each.code, robot.names[each.joint or 0]) for each in refused] == [
+        (ReasonCode.CALIB_MISSING, "wrist")
+    ]
 
 
 @pytest.mark.parametrize("calibrated_too", [True, False])
@@ -140,7 +143,7 @@ def test_what_was_swept_of_the_old_servo_goes_with_it(
     """Of the same model and settings: nothing else keeps `zero` from taking it for that of the new one."""
     path = calibrated(robot, tmp_path)
     device = load_calibration(path, robot).by_name["wrist"].device
-    swept = Swept(device, (1000, 3000), "2026-11-21T09:14:03Z")
+    swept = DraftTravel(device, (1000, 3000), "2026-11-21T09:14:03Z")
     drafts.change(path, robot, lambda known: known.joined("wrist", swept).joined("elbow", swept))
     if not calibrated_too:
         path.unlink()

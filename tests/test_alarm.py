@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.safety.alarm import Alarm, Alert
+from twind.safety.alarm import LatencyAlarm, LatencyAlert
 
 CALM, CALM_FOR = 0.8, 1.0  # of the bound; s: as docs/reason-codes.md says
 BOUND = 0.05
@@ -15,17 +15,17 @@ LOW, MIDDLE, HIGH = 0.01, 0.045, 0.06
 
 def told(*values: tuple[float, float], bound: float = BOUND) -> list[tuple[float, bool]]:
     """(time, calm) of what is told of (time, value)."""
-    alarm = Alarm("reply")
+    alarm = LatencyAlarm("reply")
     alerts = [(time, alarm.judge(value, bound, time)) for time, value in values]
     return [(time, alert.calm) for time, alert in alerts if alert is not None]
 
 
 def test_it_says_of_which_hop_by_how_much_and_what_is_allowed() -> None:
-    alarm = Alarm("reply")
+    alarm = LatencyAlarm("reply")
     assert alarm.judge(BOUND, BOUND, 1.0) is None
-    assert alarm.judge(HIGH, BOUND, 2.0) == Alert("reply", HIGH, BOUND)
+    assert alarm.judge(HIGH, BOUND, 2.0) == LatencyAlert("reply", HIGH, BOUND)
     assert alarm.judge(HIGH, BOUND, 3.0) is None
-    assert alarm.judge(LOW, BOUND, 5.0) == Alert("reply", LOW, BOUND, calm=True)
+    assert alarm.judge(LOW, BOUND, 5.0) == LatencyAlert("reply", LOW, BOUND, calm=True)
     assert alarm.judge(LOW, BOUND, 7.0) is None
 
 
@@ -55,7 +55,7 @@ def test_one_that_comes_back_before_it_was_calm_is_not_told_again() -> None:
 
 
 def test_what_is_not_measured_any_longer_is_over_once_and_may_be_told_anew() -> None:
-    alarm = Alarm("reply")
+    alarm = LatencyAlarm("reply")
     assert alarm.drop() is None
     assert alarm.judge(HIGH, BOUND, 1.0) is not None
     over = alarm.drop()
@@ -63,7 +63,7 @@ def test_what_is_not_measured_any_longer_is_over_once_and_may_be_told_anew() -> 
     assert (over.hop, over.calm) == ("reply", True)
     assert isnan(over.value) and isnan(over.bound)
     assert alarm.drop() is None
-    assert alarm.judge(HIGH, BOUND, 1.1) == Alert("reply", HIGH, BOUND)
+    assert alarm.judge(HIGH, BOUND, 1.1) == LatencyAlert("reply", HIGH, BOUND)
 
 
 steps = st.tuples(
@@ -75,7 +75,7 @@ steps = st.tuples(
 def test_whatever_comes_too_slow_and_calm_take_turns_and_calm_was_earned(
     steps: list[tuple[float, float]],
 ) -> None:
-    alarm, now, last, wrong_at = Alarm("reply"), 0.0, True, -inf
+    alarm, now, last, wrong_at = LatencyAlarm("reply"), 0.0, True, -inf
     for wait, value in steps:
         now += wait
         alert = alarm.judge(value, BOUND, now)

@@ -9,7 +9,7 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 
 HEAD, TAIL, HAND = 0, 1, 3
@@ -62,7 +62,7 @@ def test_a_motion_whose_simulation_is_blocked_is_aborted_with_joint_value_bound_
     assert place > -1.0
     assert last.parameters["phase"] == "aborted"
     (finding,) = last.parameters["findings"]
-    assert (finding["code"], finding["joint"], finding["bound"]) == (Code.GOAL_TOLERANCE, HAND, 0.2)
+    assert (finding["code"], finding["joint"], finding["bound"]) == (ReasonCode.GOAL_TOLERANCE, HAND, 0.2)
     assert finding["value"] == pytest.approx(place - INSIDE, abs=0.05)
     assert 2.5 + 0.5 < finding["time"] < 2.5 + 0.6
     assert "hand and torso touch in the simulation" in finding["message"]
@@ -87,7 +87,7 @@ def test_a_goal_tolerance_of_the_client_replaces_the_default(simulated: Rig) -> 
     simulated.lease()
     narrow = move(simulated, "hand", INSIDE, tolerances=[(HAND, None, 0.01)], goal_time=1.0)
     (finding,) = narrow.parameters["findings"]
-    assert (finding["code"], finding["bound"]) == (Code.GOAL_TOLERANCE, 0.01)
+    assert (finding["code"], finding["bound"]) == (ReasonCode.GOAL_TOLERANCE, 0.01)
     assert 3.5 < finding["time"] < 3.6
 
 

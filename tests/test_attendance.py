@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from twind_drivers.attendance import FIRST, MISSES, PROBE, Attendance
+from twind_drivers.attendance import FIRST, MISSES, PROBE, DevicePresence
 
 ALL = np.ones(3, np.bool_)
 
@@ -15,7 +15,7 @@ def heard(*flags: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
 
 
 def test_misses_count_in_a_row_only() -> None:
-    roll = Attendance(3)
+    roll = DevicePresence(3)
     for _ in range(5):
         for _ in range(MISSES - 1):
             assert not roll.missed(heard(1, 0, 1), ALL, 0.0)
@@ -27,7 +27,7 @@ def test_misses_count_in_a_row_only() -> None:
 
 
 def test_who_could_not_be_heard_is_not_missed() -> None:
-    roll = Attendance(3)
+    roll = DevicePresence(3)
     for _ in range(9):
         assert not roll.missed(heard(1, 0, 0), heard(1, 0, 0), 0.0)
     for _ in range(MISSES - 1):
@@ -37,12 +37,12 @@ def test_who_could_not_be_heard_is_not_missed() -> None:
 
 
 def test_a_reading_that_nobody_answered_parks_nobody() -> None:
-    roll = Attendance(3)
+    roll = DevicePresence(3)
     assert not any(roll.missed(heard(0, 0, 0), ALL, 0.0) for _ in range(9))
 
 
 def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> None:
-    roll, now = Attendance(3), 5.0
+    roll, now = DevicePresence(3), 5.0
     assert roll.due(1e9) is None
     for _ in range(MISSES):
         roll.missed(heard(1, 0, 1), ALL, now)
@@ -61,7 +61,7 @@ def test_probes_begin_soon_and_come_ever_more_rarely_up_to_a_second_apart() -> N
 
 
 def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
-    roll, now = Attendance(2), 0.0
+    roll, now = DevicePresence(2), 0.0
     pauses = []
     for _ in range(8):
         for _ in range(MISSES):
@@ -77,7 +77,7 @@ def test_who_comes_and_goes_is_probed_ever_more_rarely() -> None:
 
 
 def test_who_was_there_for_a_while_since_it_came_back_is_probed_soon_again() -> None:
-    roll, now = Attendance(2), 0.0
+    roll, now = DevicePresence(2), 0.0
     for _ in range(MISSES):
         roll.missed(heard(1, 0), np.ones(2, np.bool_), now)
     for _ in range(9):
@@ -90,7 +90,7 @@ def test_who_was_there_for_a_while_since_it_came_back_is_probed_soon_again() -> 
 
 
 def test_all_parked_are_probed_at_once_when_another_came_back() -> None:
-    roll = Attendance(3)
+    roll = DevicePresence(3)
     for _ in range(MISSES):
         roll.missed(heard(1, 0, 0), ALL, 5.0)
     before = roll.asked
@@ -106,7 +106,7 @@ def test_all_parked_are_probed_at_once_when_another_came_back() -> None:
 
 
 def test_who_came_back_is_missed_anew_before_it_is_parked_again() -> None:
-    roll = Attendance(3)
+    roll = DevicePresence(3)
     for _ in range(MISSES):
         roll.missed(heard(1, 0, 1), ALL, 0.0)
     roll.back(1, 1.0)

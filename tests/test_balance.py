@@ -10,7 +10,7 @@ from free_h24 import free_h24
 from test_dynamics import judge, pose
 
 from twind.config.robot_file import load_robot
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.twin.balance import INSIDE, Balance, inside, tipping
 from twind.twin.binding import Binding, bind
 from twind.twin.mirror import index
@@ -97,7 +97,7 @@ def test_leaning_too_far_is_told_once_with_first_and_worst_time(free: Binding) -
     lean = np.array([pose(free, l_ankle_pitch=a, r_ankle_pitch=a) for a in np.linspace(0.0, 0.3, 31)])
     verdict = judge(free, np.concatenate([lean, lean[::-1]]))
     (found,) = verdict.warnings
-    assert verdict.accepted and found.code is Code.UNSTABLE_POSE
+    assert verdict.accepted and found.code is ReasonCode.UNSTABLE_POSE
     assert found.time is not None and 0.0 < found.time < 0.5
     assert found.value is not None and found.value < 0.0 and found.bound == INSIDE
     assert "least at 0.49" in found.message or "least at 0.5" in found.message
@@ -119,7 +119,7 @@ def test_a_robot_with_nothing_to_stand_on_cannot_be_judged_and_says_so(tmp_path:
     binding = bind(load_robot(str(path)), None)
     verdict = judge(binding, np.tile(binding.rest, (20, 1)))
     (found,) = verdict.warnings
-    assert found.code is Code.UNSTABLE_POSE and "cannot be judged" in found.message
+    assert found.code is ReasonCode.UNSTABLE_POSE and "cannot be judged" in found.message
 
 
 SHAPES = {

@@ -5,16 +5,16 @@ import pytest
 
 from twind.config.robot_file import load_robot
 from twind.twin.base_pose import BASES, UPRIGHT, gravity
-from twind.twin.muscles import MujocoMuscles, body_of
+from twind.twin.muscles import MujocoPhysics, body_of
 
 H24 = load_robot("h24")
 
 
-def body(base: str) -> MujocoMuscles:
+def body(base: str) -> MujocoPhysics:
     return body_of(H24, dict.fromkeys(H24.names, 2048), base=base)
 
 
-def angles(one: MujocoMuscles) -> dict[str, float]:
+def angles(one: MujocoPhysics) -> dict[str, float]:
     return {name: float(one.data.joint(name).qpos[0]) for name in H24.names}
 
 

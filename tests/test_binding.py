@@ -14,7 +14,7 @@ from twind.config.calibration_file import Calibration, fitting
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.twin.binding import Binding, BindingError, bind
-from twind_drivers.bus import Device
+from twind_drivers.bus import IdentifiedDevice
 
 H24 = load_robot("h24")
 SPLIT = load_robot("h24-split")
@@ -24,7 +24,7 @@ TICK = 2 * math.pi / 4096
 def calibrated(robot: RobotFile, zero: int = 2048, low: int = 0, high: int = 4095) -> Calibration:
     registers = {"homing_offset": 0, "drive_mode": 0, "operating_mode": 3}
     registers |= {"min_position_limit": low, "max_position_limit": high}
-    devices = {(j.bus, j.id): Device(j.id, 1020, "XM430-W350", 46, registers) for j in robot.joints}
+    devices = {(j.bus, j.id): IdentifiedDevice(j.id, 1020, "XM430-W350", 46, registers) for j in robot.joints}
     zeros = dict.fromkeys(robot.names, zero)
     return fitting(robot, zeros, devices, created="2026-11-21T09:14:03Z", tool="twind")
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from told_line import ToldDaemon, ended, ended_in_words, moving
 
-from twind.bridge.driving import BROKEN, LATE, LINGER, LOST, RENEW, UNREADABLE, Driving, Ended
+from twind.bridge.driving import BROKEN, LATE, LINGER, LOST, RENEW, UNREADABLE, MotionEnd, MotionSession
 from twind.client import CallError, Disconnected, NoDaemon, Refused
 from twind.safety.lease import TRAJECTORY
 
@@ -19,9 +19,9 @@ class Hand:
 
     def __init__(self) -> None:
         self.time, self.daemon = 100.0, ToldDaemon()
-        self.driving = Driving(self.daemon.client, lambda: self.time)
+        self.driving = MotionSession(self.daemon.client, lambda: self.time)
 
-    def after(self, seconds: float) -> list[Ended]:
+    def after(self, seconds: float) -> list[MotionEnd]:
         """What ended after so long, looked at ten times a second."""
         over = []
         for _ in range(round(seconds / 0.1)):
@@ -45,7 +45,7 @@ def test_a_motion_has_the_lease_until_it_ends_and_no_longer(hand: Hand) -> None:
     hand.daemon.meanwhile = lambda method: None
     assert max(after - before for before, after in pairwise([*kept, hand.time])) < TRAJECTORY / 2.0
     hand.driving.heard(ended("m1", "succeeded"))
-    assert hand.after(LINGER + 0.3) == [Ended("m1", "succeeded", [])]
+    assert hand.after(LINGER + 0.3) == [MotionEnd("m1", "succeeded", [])]
     assert hand.daemon.calls[-1][0] == "ReleaseLease" and hand.daemon.open == 0
 
 
@@ -54,7 +54,7 @@ def test_a_newer_motion_goes_on_the_same_connection(hand: Hand) -> None:
     hand.after(0.2)
     hand.driving.submit(PATH)
     hand.driving.heard(ended("m1", "replaced"))
-    assert hand.after(0.2) == [Ended("m1", "replaced", [])]
+    assert hand.after(0.2) == [MotionEnd("m1", "replaced", [])]
     assert hand.driving.driving == ("m2",) and len(hand.daemon.lines) == 1
 
 
@@ -63,7 +63,7 @@ def test_an_end_that_is_heard_before_the_answer_counts(hand: Hand) -> None:
         hand.driving.heard(ended("m1", "succeeded")) if method == "SubmitTrajectory" else None
     )
     hand.driving.submit(PATH)
-    assert hand.after(0.1) == [Ended("m1", "succeeded", [])]
+    assert hand.after(0.1) == [MotionEnd("m1", "succeeded", [])]
 
 
 def test_ends_of_others_are_not_ours_and_are_forgotten(hand: Hand) -> None:
@@ -126,7 +126,7 @@ def test_a_motion_whose_end_nobody_heard_is_lost_when_nothing_moves_any_more(han
     for _ in range(3):
         hand.driving.heard(moving("holding"))
         lost += hand.after(LATE)
-    assert lost == [Ended("m2", LOST)]
+    assert lost == [MotionEnd("m2", LOST)]
 
 
 def test_one_that_is_to_begin_later_is_not_lost_before(hand: Hand) -> None:
@@ -144,7 +144,7 @@ def test_with_its_connection_a_motion_is_lost_unless_its_end_is_heard_soon(hand:
     hand.driving.heard(ended("m1", "aborted", {"code": "LEASE_LOST", "message": "gone"}))
     first, second = hand.after(LATE + 0.2)
     assert (first.id, first.phase) == ("m1", "aborted")
-    assert second == Ended("m2", LOST, BROKEN)  # and it is said why nobody knows
+    assert second == MotionEnd("m2", LOST, BROKEN)  # and it is said why nobody knows
 
 
 def test_without_a_daemon_nothing_is_under_way(hand: Hand) -> None:
@@ -173,7 +173,7 @@ def test_an_end_counts_by_its_fields_whatever_its_text_says(hand: Hand, text: st
     end = ended("m1", "succeeded")
     end["event"]["message"] = text
     hand.driving.heard(end)
-    assert hand.after(0.1) == [Ended("m1", "succeeded", [])]
+    assert hand.after(0.1) == [MotionEnd("m1", "succeeded", [])]
     assert hand.driving.driving == ("m2",)
 
 
@@ -184,7 +184,7 @@ def test_an_end_that_only_a_text_tells_is_the_end_of_every_motion_and_gives_the_
     hand.driving.submit(PATH)
     hand.driving.submit(PATH)
     hand.driving.heard(ended_in_words("m1", "replaced"))
-    assert hand.after(0.1) == [Ended("m1", LOST, UNREADABLE), Ended("m2", LOST, UNREADABLE)]
+    assert hand.after(0.1) == [MotionEnd("m1", LOST, UNREADABLE), MotionEnd("m2", LOST, UNREADABLE)]
     assert hand.driving.driving == () and not hand.driving.held
     assert hand.daemon.calls[-1][0] == "ReleaseLease" and hand.daemon.open == 0
 
@@ -200,5 +200,5 @@ def test_a_phase_that_is_not_known_ends_its_own_motion_as_lost_and_no_other(hand
     hand.driving.submit(PATH)
     hand.driving.submit(PATH)
     hand.driving.heard(ended("m1", "vanished"))
-    assert hand.after(0.5) == [Ended("m1", LOST, UNREADABLE)]
+    assert hand.after(0.5) == [MotionEnd("m1", LOST, UNREADABLE)]
     assert hand.driving.driving == ("m2",) and not hand.daemon.named("ReleaseLease")

@@ -8,13 +8,13 @@ from twind_drivers.bus import (
     BusError,
     DeviceRefused,
     NoReply,
-    Ping,
+    PingRequest,
     PortError,
-    Read,
-    Registers,
+    ReadRequest,
     Script,
+    SlowRegisterValues,
     WireClamp,
-    Write,
+    WriteRequest,
 )
 from twind_drivers.perform import perform
 
@@ -45,7 +45,7 @@ def test_a_port_that_cannot_be_opened_is_not_a_lost_one() -> None:
 
 
 def test_registers_never_read_are_unknown_and_infinitely_old() -> None:
-    unknown = Registers.unknown(3)
+    unknown = SlowRegisterValues.unknown(3)
     for array in (unknown.torque, unknown.fault, unknown.watchdog):
         assert array.tolist() == [-1] * 3
     assert np.isnan(unknown.voltage).all()
@@ -53,7 +53,7 @@ def test_registers_never_read_are_unknown_and_infinitely_old() -> None:
     assert (unknown.status_time == -np.inf).all()
     assert (unknown.health_time == -np.inf).all()
     unknown.torque[0] = 1
-    assert Registers.unknown(3).torque[0] == -1
+    assert SlowRegisterValues.unknown(3).torque[0] == -1
 
 
 # ------------------------------------------------------------------------------------- perform
@@ -74,7 +74,7 @@ def test_a_silent_device_costs_its_timeout_and_no_more(world: TwoBuses) -> None:
     def script() -> Script[list[int]]:
         found = []
         for id in (1, 9, 2):
-            found += list((yield Ping(id)).data)
+            found += list((yield PingRequest(id)).data)
         return found
 
     reader, begin = world.open("left"), world.clock.now()
@@ -84,8 +84,8 @@ def test_a_silent_device_costs_its_timeout_and_no_more(world: TwoBuses) -> None:
 
 def test_a_script_that_writes_needs_a_writer(world: TwoBuses) -> None:
     def script() -> Script[bytes]:
-        yield Write({1: b"\1"}, 65)  # LED
-        return (yield Read((1,), 65, 1)).data[1]
+        yield WriteRequest({1: b"\1"}, 65)  # LED
+        return (yield ReadRequest((1,), 65, 1)).data[1]
 
     reader = world.open("left")
     with pytest.raises(TypeError, match=r"left: Write.* opened read-only"):

@@ -7,20 +7,20 @@ from guard_world import LIMITS, PERIOD, codes, facts, reading
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
-from twind.safety.guard import Guard, Judgement, Reaction, Traffic
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.guard import BusTraffic, Guard, GuardDecision, Reaction
 
-GOOD = Traffic(asked=True, answered=True)
-BAD = Traffic(asked=True, bad=True, answered=True)
-NOT_ASKED = Traffic()
-FULL = Traffic(full=1)
-DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
-MIRROR = {"mode": Mode.MIRROR, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
+GOOD = BusTraffic(asked=True, answered=True)
+BAD = BusTraffic(asked=True, bad=True, answered=True)
+NOT_ASKED = BusTraffic()
+FULL = BusTraffic(full=1)
+DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": RobotState.CONNECTED}
+MIRROR = {"mode": Mode.MIRROR, "motion": Motion.IDLE, "goal": None, "state": RobotState.CONNECTED}
 
 
-def foreign(count: int) -> Traffic:
-    return Traffic(asked=True, answered=True, foreign=count)
+def foreign(count: int) -> BusTraffic:
+    return BusTraffic(asked=True, answered=True, foreign=count)
 
 
 class Watch:
@@ -29,16 +29,16 @@ class Watch:
     def __init__(self, period: float = PERIOD) -> None:
         self.guard = Guard(LIMITS, buses=("left", "right"))
         self.now, self.period = 10.0, period
-        self.told: list[Code] = []
+        self.told: list[ReasonCode] = []
 
-    def see(self, left: Traffic, right: Traffic = GOOD, **over: object) -> Judgement:
+    def see(self, left: BusTraffic, right: BusTraffic = GOOD, **over: object) -> GuardDecision:
         self.now += self.period
         given = {"now": self.now, "measured": reading(time=self.now), "period": self.period} | over
         judgement = self.guard.judge(facts(traffic=(left, right), **given))
         self.told += codes(judgement)
         return judgement
 
-    def all(self, row: Sequence[Traffic], **over: object) -> list[Judgement]:
+    def all(self, row: Sequence[BusTraffic], **over: object) -> list[GuardDecision]:
         return [self.see(each, **over) for each in row]
 
 
@@ -47,7 +47,7 @@ class Watch:
 
 def test_a_good_bus_says_nothing() -> None:
     watch = Watch()
-    assert all(judgement == Judgement() for judgement in watch.all([GOOD] * 300))
+    assert all(judgement == GuardDecision() for judgement in watch.all([GOOD] * 300))
 
 
 @pytest.mark.parametrize("rate", [100.0, 200.0, 500.0, 1000.0])
@@ -59,7 +59,7 @@ def test_r06_one_per_cent_of_a_second_is_told_and_five_hold(rate: float) -> None
         watch.see(GOOD)  # never two in a row
         assert judgement.reaction is (Reaction.HOLD if count >= most else Reaction.NONE)
         assert not judgement.latches
-        assert (Code.BUS_ERRORS in watch.told) == (count >= warn)
+        assert (ReasonCode.BUS_ERRORS in watch.told) == (count >= warn)
 
 
 def test_r06_what_is_just_a_second_ago_is_over() -> None:
@@ -93,7 +93,7 @@ def test_r06_who_would_hold_at_once_does_not_arm() -> None:
     assert not watch.guard.bars
     for _ in range(20):
         watch.see(BAD, **DISARMED)
-        assert [one.code for one in watch.guard.bars] == [Code.BUS_ERRORS]
+        assert [one.code for one in watch.guard.bars] == [ReasonCode.BUS_ERRORS]
     watch.all([GOOD] * 94, **DISARMED)  # no longer in a row, but 5 % of a second
     assert watch.guard.bars
     watch.all([GOOD] * 4, **DISARMED)
@@ -106,7 +106,7 @@ def test_r06_what_is_a_second_ago_does_not_count_any_more(period: float, extra: 
     watch = Watch(period)
     watch.all([BAD, GOOD] * 12)
     judgements = watch.all([GOOD] * (int(1.0 / period) + 2 + extra))
-    assert judgements[-1] == Judgement()
+    assert judgements[-1] == GuardDecision()
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_r06_the_fault_leaves_torque_and_names_the_bus() -> None:
     assert (judgement.reaction, judgement.latches, codes(judgement)) == (
         Reaction.HOLD,
         True,
-        [Code.BUS_ERRORS],
+        [ReasonCode.BUS_ERRORS],
     )
     assert "bus right" in judgement.findings[0].message
     assert (judgement.findings[0].value, judgement.findings[0].bound) == (20.0, 20.0)
@@ -149,7 +149,7 @@ def test_r06_errors_of_two_buses_are_not_added_up_and_both_are_told() -> None:
     watch = Watch()
     watch.see(BAD, GOOD)
     watch.see(GOOD, BAD)
-    assert watch.told == [Code.BUS_ERRORS] * 2
+    assert watch.told == [ReasonCode.BUS_ERRORS] * 2
     for _ in range(3):
         assert watch.see(BAD, GOOD).reaction is Reaction.NONE
         assert watch.see(GOOD, BAD).reaction is Reaction.NONE
@@ -159,7 +159,7 @@ def test_r06_errors_of_two_buses_are_not_added_up_and_both_are_told() -> None:
 def test_r06_without_our_torque_it_is_only_told(over: dict[str, object]) -> None:
     watch = Watch()
     assert {(one.reaction, one.latches) for one in watch.all([BAD] * 100, **over)} == {(Reaction.NONE, False)}
-    assert Code.BUS_ERRORS in watch.told
+    assert ReasonCode.BUS_ERRORS in watch.told
 
 
 # ----------------------------------------------------------------------------------------------- R08
@@ -185,24 +185,27 @@ def test_r08_what_is_just_a_second_ago_is_over() -> None:
 
 def test_r08_under_a_latched_fault_a_stranger_on_either_bus_is_latched_and_named() -> None:
     watch = Watch()
-    found = [watch.see(foreign(3), state=State.FAULT), watch.see(GOOD, foreign(3), state=State.FAULT)]
+    found = [
+        watch.see(foreign(3), state=RobotState.FAULT),
+        watch.see(GOOD, foreign(3), state=RobotState.FAULT),
+    ]
     assert [(one.reaction, one.latches) for one in found] == [(Reaction.INHIBIT, True)] * 2
     assert ["left" in found[0].findings[0].message, "right" in found[1].findings[0].message] == [True] * 2
 
 
 def test_r08_while_arming_too() -> None:
     watch = Watch()
-    over = DISARMED | {"state": State.ARMING, "torque_settled": False}
+    over = DISARMED | {"state": RobotState.ARMING, "torque_settled": False}
     assert watch.see(foreign(3), **over).reaction is Reaction.INHIBIT
-    assert [one.code for one in watch.guard.bars] == [Code.FOREIGN_TRAFFIC]
+    assert [one.code for one in watch.guard.bars] == [ReasonCode.FOREIGN_TRAFFIC]
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
 def test_r08_without_our_torque_it_is_told_and_nobody_may_arm_for_a_second(over: dict[str, object]) -> None:
     watch = Watch()
     judgement = watch.see(foreign(3), **over)
-    assert (judgement.reaction, codes(judgement)) == (Reaction.NONE, [Code.FOREIGN_TRAFFIC])
-    assert [finding.code for finding in watch.guard.bars] == [Code.FOREIGN_TRAFFIC]
+    assert (judgement.reaction, codes(judgement)) == (Reaction.NONE, [ReasonCode.FOREIGN_TRAFFIC])
+    assert [finding.code for finding in watch.guard.bars] == [ReasonCode.FOREIGN_TRAFFIC]
     watch.all([GOOD] * 98, **over)
     assert watch.guard.bars
     watch.all([GOOD] * 4, **over)
@@ -212,7 +215,7 @@ def test_r08_without_our_torque_it_is_told_and_nobody_may_arm_for_a_second(over:
 def test_r08_an_inhibited_robot_is_not_inhibited_again_and_again() -> None:
     watch = Watch()
     assert watch.see(foreign(3)).reaction is Reaction.INHIBIT
-    over = {"state": State.INHIBITED, "goal": None, "motion": Motion.IDLE}
+    over = {"state": RobotState.INHIBITED, "goal": None, "motion": Motion.IDLE}
     assert {judgement.reaction for judgement in watch.all([NOT_ASKED] * 50, **over)} == {Reaction.NONE}
 
 
@@ -225,13 +228,17 @@ def test_r23_three_full_ones_in_a_row_are_a_fault_that_holds() -> None:
     assert [(one.reaction, one.latches) for one in found[:2]] == [(Reaction.NONE, False)] * 2
     told = [(one.value, one.bound) for each in found for one in each.findings]
     assert told == [(1.0, 1.0), (3.0, 3.0)]
-    assert (found[2].reaction, found[2].latches, codes(found[2])) == (Reaction.HOLD, True, [Code.TX_BACKLOG])
+    assert (found[2].reaction, found[2].latches, codes(found[2])) == (
+        Reaction.HOLD,
+        True,
+        [ReasonCode.TX_BACKLOG],
+    )
     assert "bus left" in found[2].findings[0].message
 
 
 def test_r23_an_answer_ends_a_row_and_a_tick_without_one_does_not() -> None:
     watch = Watch()
-    silent = Traffic(asked=True, bad=True)  # sent after the port was emptied, and never heard of
+    silent = BusTraffic(asked=True, bad=True)  # sent after the port was emptied, and never heard of
     assert watch.all([FULL, silent, FULL, silent, FULL])[-1].latches
     watch = Watch()
     assert not any(one.latches for one in watch.all([FULL, FULL, GOOD] * 10))
@@ -239,16 +246,16 @@ def test_r23_an_answer_ends_a_row_and_a_tick_without_one_does_not() -> None:
 
 def test_r23_an_answer_in_a_tick_that_was_full_too_proves_nothing() -> None:
     watch = Watch()
-    assert watch.all([Traffic(asked=True, answered=True, full=1)] * 3)[-1].latches
+    assert watch.all([BusTraffic(asked=True, answered=True, full=1)] * 3)[-1].latches
 
 
 def test_r23_both_packets_of_a_tick_count() -> None:
     watch = Watch()
-    assert [one.latches for one in watch.all([Traffic(full=2), FULL])] == [False, True]
+    assert [one.latches for one in watch.all([BusTraffic(full=2), FULL])] == [False, True]
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
 def test_r23_without_our_torque_it_is_only_told(over: dict[str, object]) -> None:
     watch = Watch()
     assert {(one.reaction, one.latches) for one in watch.all([FULL] * 9, **over)} == {(Reaction.NONE, False)}
-    assert Code.TX_BACKLOG in watch.told
+    assert ReasonCode.TX_BACKLOG in watch.told

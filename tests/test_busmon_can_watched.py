@@ -10,7 +10,7 @@ from busmon.watched import Watched
 from rig import Rig
 
 from twind import link
-from twind.robot.modes import Mode, State
+from twind.robot.modes import Mode, RobotState
 from twind.virtual.specimen import save
 
 LEGS = ("l_leg", "r_leg")
@@ -74,6 +74,6 @@ def test_a_daemon_whose_goals_are_moved_on_their_way_is_caught(tmp_path: Path, l
     assert not found.monitors["l_leg"].violations
     bus.hear = touched
     rig.ticks(3)
-    assert rig.loop.state in (State.ARMED, State.FAULT)
+    assert rig.loop.state in (RobotState.ARMED, RobotState.FAULT)
     assert "W3" in rules(found)
     rig.close()

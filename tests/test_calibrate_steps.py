@@ -18,15 +18,15 @@ from twind.ctl.verb import DONE, REFUSED, Rejected
 from twind.virtual.specimen import calibration, specimen
 from twind_calibration.calibrating import draft as drafts
 from twind_calibration.calibrating import fencing, limits, past, sweeping, zero, zeroing
-from twind_calibration.calibrating.captures import Capture
-from twind_calibration.calibrating.ground import Ground
+from twind_calibration.calibrating.captures import JointCapture
+from twind_calibration.calibrating.ground import CalibrationContext
 from twind_calibration.calibrating.limp import limp
 from twind_calibration.calibrating.placing import by_ends, travel_of
-from twind_calibration.calibrating.raw import Reading
+from twind_calibration.calibrating.raw import RawReading
 from twind_calibration.calibrating.slots import slots
-from twind_calibration.calibrating.sweeping import Session
-from twind_calibration.calibrating.unwrap import Sample
-from twind_calibration.calibrating.zeroing import Swept, place_slot, travels_of
+from twind_calibration.calibrating.sweeping import SweepSession
+from twind_calibration.calibrating.unwrap import EncoderSample
+from twind_calibration.calibrating.zeroing import RecordedTravel, place_slot, travels_of
 from twind_drivers.clock import FakeClock
 
 ROBOT = load_robot("h24")
@@ -83,19 +83,21 @@ class Hands:
     """A session of one joint or more, and its readings; the draft holds an earlier travel of each."""
 
     def __init__(self, folder: Path, *names: str, again: bool = False) -> None:
-        self.place = Ground(ROBOT, folder / "h24.yaml", named=True)
-        old = drafts.Swept(DEVICE, (100, 1700), AT)
-        made = drafts.Draft(dict.fromkeys((*names, "head_yaw"), old))
+        self.place = CalibrationContext(ROBOT, folder / "h24.yaml", named=True)
+        old = drafts.DraftTravel(DEVICE, (100, 1700), AT)
+        made = drafts.CalibrationDraft(dict.fromkeys((*names, "head_yaw"), old))
         self.draft(lambda _: made)
         options = argparse.Namespace(
             json=False, wide=False, timeout=None, calibration=None, socket=None, joints=names, again=again
         )
-        self.session = Session(options, self.place, slots(ROBOT), list(names), FakeClock(0.0))
+        self.session = SweepSession(options, self.place, slots(ROBOT), list(names), FakeClock(0.0))
         self.session.records, self.session.draft = dict.fromkeys(names, DEVICE), made
         self.time, self.at = 0.0, 1500
         self.session.begin()
 
-    def draft(self, act: Callable[[drafts.Draft], drafts.Draft]) -> drafts.Draft:
+    def draft(
+        self, act: Callable[[drafts.CalibrationDraft], drafts.CalibrationDraft]
+    ) -> drafts.CalibrationDraft:
         return drafts.change(self.place.path, ROBOT, act)
 
     @property
@@ -108,7 +110,7 @@ class Hands:
         step = 20 if ticks > self.at else -20
         for place in [*range(self.at, ticks, step), *[ticks] * 50]:
             self.time += 0.02
-            self.session.take(Reading(self.time, {"l_knee": Sample(self.time, place)}))
+            self.session.take(RawReading(self.time, {"l_knee": EncoderSample(self.time, place)}))
         self.at = ticks
         return self
 
@@ -170,7 +172,7 @@ def test_nobody_arms_however_long_the_readings_take(
 
 
 def test_a_draft_is_newer_than_the_file() -> None:
-    draft = drafts.Draft({"l_knee": drafts.Swept(DEVICE, (7, 1600), AT)})
+    draft = drafts.CalibrationDraft({"l_knee": drafts.DraftTravel(DEVICE, (7, 1600), AT)})
     known = travels_of(draft, FITTING)
     assert known["l_knee"].sweep == (7, 1600)
     assert known["l_elbow"].sweep == FITTING.by_name["l_elbow"].sweep_ticks
@@ -179,9 +181,11 @@ def test_a_draft_is_newer_than_the_file() -> None:
 def test_a_joint_that_stands_outside_its_travel_has_no_zero() -> None:
     """In a pose a little beyond its limits, so that the limits alone would fit."""
     sweep, far = (1000, 2600), 2600 + KNEE.ticks(0.2)
-    placed = place_slot(KNEE, Swept(DEVICE, sweep), DEVICE, Capture(50, far, 0.5), KNEE.upper + 0.14)
+    placed = place_slot(
+        KNEE, RecordedTravel(DEVICE, sweep), DEVICE, JointCapture(50, far, 0.5), KNEE.upper + 0.14
+    )
     assert placed.entry is None and [wrong.split(",")[0] for wrong in placed.wrong] == [f"it stands at {far}"]
-    near = place_slot(KNEE, Swept(DEVICE, sweep), DEVICE, Capture(50, 2600, 0.5), KNEE.upper)
+    near = place_slot(KNEE, RecordedTravel(DEVICE, sweep), DEVICE, JointCapture(50, 2600, 0.5), KNEE.upper)
     assert near.entry is not None
 
 
@@ -209,11 +213,11 @@ def test_of_one_stop_nobody_knows_how_coarse_the_zero_is(capsys: Captured) -> No
     stops = replace(KNEE.joint.stops, upper=None)
     slot = replace(KNEE, joint=replace(KNEE.joint, stops=stops))
     sweep = FITTING.by_name["l_knee"].sweep_ticks
-    one = place_slot(slot, Swept(DEVICE, sweep), DEVICE, None, None)
+    one = place_slot(slot, RecordedTravel(DEVICE, sweep), DEVICE, None, None)
     assert one.entry is not None and one.entry.captures == 1
     assert one.spread is None and one.told()["sigma_ticks"] is None
     assert "spread unknown" in one.line(6)
-    two = place_slot(KNEE, Swept(DEVICE, sweep), DEVICE, None, None)
+    two = place_slot(KNEE, RecordedTravel(DEVICE, sweep), DEVICE, None, None)
     assert two.spread == by_ends(KNEE, sweep, *KNEE.joint.stops.described.values()).sigma
     said = zeroing._coarse([one, two])
     assert "+-" in said and "nobody knows how coarse where one end alone is known: l_knee" in said
@@ -222,7 +226,7 @@ def test_of_one_stop_nobody_knows_how_coarse_the_zero_is(capsys: Captured) -> No
 
 def test_a_pose_that_an_actuator_cannot_stand_in_is_told_by_its_joints(tmp_path: Path) -> None:
     robot = linked.linked(tmp_path)
-    place = Ground(robot, tmp_path / "linked.yaml", named=True)
+    place = CalibrationContext(robot, tmp_path / "linked.yaml", named=True)
     options = options_of(zero, "--at", "waist_roll=0.6", "--at", "waist_yaw=2.0")
     with pytest.raises(Rejected, match="`--at waist_roll=RAD --at waist_yaw=RAD` gives waist_roll and"):
         zeroing._angles(options, place, slots(robot))
@@ -363,7 +367,7 @@ def test_rollback_past_a_fence_says_what_brings_them_to_agreement(
         options = argparse.Namespace(
             json=False, yes=True, which="1", socket=None, calibration=None, config=None, robot=None, port=None
         )
-        place = Ground(ROBOT, daemon.file, named=True)
+        place = CalibrationContext(ROBOT, daemon.file, named=True)
         monkeypatch.setattr(past, "_place", lambda options: place)
         assert past.STEPS["rollback"](options) == DONE
         return capsys.readouterr().out

@@ -16,14 +16,14 @@ from test_calibration_file import ROBOT, made
 from twind.config import saving
 from twind.config.calibration_file import Calibration, load_calibration, save_calibration
 from twind.config.device_record import DeviceRecord
-from twind.config.saving import Rights, alone, draft_of, save_text
+from twind.config.saving import FileOwnership, alone, draft_of, save_text
 from twind.ctl.main import main
 from twind.ctl.verb import Rejected
 from twind_calibration.calibrating import draft as drafts
 from twind_calibration.calibrating import fencing, importing, imports, kept, limits, past
-from twind_calibration.calibrating.draft import Draft, Swept
-from twind_calibration.calibrating.folding import Folded
-from twind_calibration.calibrating.ground import Ground
+from twind_calibration.calibrating.draft import CalibrationDraft, DraftTravel
+from twind_calibration.calibrating.folding import ImportResult
+from twind_calibration.calibrating.ground import CalibrationContext
 from twind_calibration.calibrating.writing import written
 
 Captured = pytest.CaptureFixture[str]
@@ -32,12 +32,12 @@ AT = "2026-11-21T09:14:03Z"
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Ground:
+def place(tmp_path: Path) -> CalibrationContext:
     """A robot that is calibrated."""
-    return Ground(ROBOT, save_calibration(made(), tmp_path, "h24"), named=True)
+    return CalibrationContext(ROBOT, save_calibration(made(), tmp_path, "h24"), named=True)
 
 
-def known(place: Ground) -> Calibration:
+def known(place: CalibrationContext) -> Calibration:
     calibration = place.calibration()
     assert calibration is not None
     return calibration
@@ -49,15 +49,15 @@ def moved(calibration: Calibration, name: str, ticks: int) -> Any:
     return replace(entry, zero_ticks=entry.zero_ticks + ticks)
 
 
-def swept(name: str, calibration: Calibration, longer: int = 0) -> Swept:
+def swept(name: str, calibration: Calibration, longer: int = 0) -> DraftTravel:
     entry = calibration.by_name[name]
-    return Swept(entry.device, (entry.sweep_ticks[0], entry.sweep_ticks[1] + longer), AT)
+    return DraftTravel(entry.device, (entry.sweep_ticks[0], entry.sweep_ticks[1] + longer), AT)
 
 
 # ------------------------------------------------------------------------------------------- two people
 
 
-def test_what_another_calibrated_while_one_was_asked_stays(place: Ground) -> None:
+def test_what_another_calibrated_while_one_was_asked_stays(place: CalibrationContext) -> None:
     mine = known(place)
     theirs = known(place)
     written(place, theirs, [moved(theirs, ELBOW, 50)])
@@ -68,7 +68,9 @@ def test_what_another_calibrated_while_one_was_asked_stays(place: Ground) -> Non
 
 
 @pytest.mark.parametrize("theirs", ["replaced", "struck out", "no file any more"])
-def test_an_entry_that_another_changed_meanwhile_is_not_replaced(place: Ground, theirs: str) -> None:
+def test_an_entry_that_another_changed_meanwhile_is_not_replaced(
+    place: CalibrationContext, theirs: str
+) -> None:
     mine = known(place)
     if theirs == "replaced":
         written(place, mine, [moved(mine, KNEE, 50)])
@@ -83,7 +85,7 @@ def test_an_entry_that_another_changed_meanwhile_is_not_replaced(place: Ground, 
 
 
 def test_what_another_wrote_while_one_was_asked_is_not_rolled_back_unseen(
-    place: Ground, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+    place: CalibrationContext, monkeypatch: pytest.MonkeyPatch, capsys: Captured
 ) -> None:
     kept.save(made(2050), place.path)
     rollback = ["calibrate", "rollback", "1", "--robot", "h24", "--calibration", str(place.path), "--yes"]
@@ -102,7 +104,7 @@ def test_what_another_wrote_while_one_was_asked_is_not_rolled_back_unseen(
 
 
 def test_no_servo_is_fenced_from_a_zero_that_another_replaced(
-    place: Ground, monkeypatch: pytest.MonkeyPatch
+    place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mine, calls = known(place), list[str]()
 
@@ -131,7 +133,9 @@ def test_no_servo_is_fenced_from_a_zero_that_another_replaced(
     assert known(place).by_name[KNEE] == moved(mine, KNEE, 50)
 
 
-def test_the_folder_is_held_while_servos_are_fenced(place: Ground, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_folder_is_held_while_servos_are_fenced(
+    place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """From the last look at the zero until the limits are recorded."""
     mine, refused = known(place), list[str]()
     monkeypatch.setattr(saving, "PATIENCE", 0.0)
@@ -172,27 +176,27 @@ def options(step: Any, *words: str) -> Namespace:
 # ------------------------------------------------------------------------------------------- drafts
 
 
-def test_what_two_sweep_at_once_is_both_in_the_draft(place: Ground) -> None:
+def test_what_two_sweep_at_once_is_both_in_the_draft(place: CalibrationContext) -> None:
     one, two = swept(KNEE, known(place)), swept(ELBOW, known(place))
     drafts.change(place.path, ROBOT, lambda found: found.joined(KNEE, one))
     held = drafts.change(place.path, ROBOT, lambda found: found.joined(ELBOW, two))
-    assert held == drafts.load(place.path, ROBOT) == Draft({KNEE: one, ELBOW: two})
+    assert held == drafts.load(place.path, ROBOT) == CalibrationDraft({KNEE: one, ELBOW: two})
 
 
 def test_what_was_swept_anew_since_stays_in_the_draft() -> None:
     calibration = made()
-    then = Draft({KNEE: swept(KNEE, calibration), ELBOW: swept(ELBOW, calibration)})
+    then = CalibrationDraft({KNEE: swept(KNEE, calibration), ELBOW: swept(ELBOW, calibration)})
     since = then.joined(KNEE, swept(KNEE, calibration, longer=9))
-    assert since.after(then, [KNEE, ELBOW]) == Draft({KNEE: swept(KNEE, calibration, longer=9)})
+    assert since.after(then, [KNEE, ELBOW]) == CalibrationDraft({KNEE: swept(KNEE, calibration, longer=9)})
 
 
 @pytest.mark.parametrize("mode", [0o604, 0o660])
-def test_a_draft_has_the_rights_of_the_calibration_file(place: Ground, mode: int) -> None:
+def test_a_draft_has_the_rights_of_the_calibration_file(place: CalibrationContext, mode: int) -> None:
     """Or one of `sudo twindctl calibrate sweep` could not be read without it."""
     place.path.chmod(mode)
     if os.geteuid() == 0:
         os.chown(place.path, 65534, 65533)
-    drafts.change(place.path, ROBOT, lambda _: Draft({KNEE: swept(KNEE, made())}))
+    drafts.change(place.path, ROBOT, lambda _: CalibrationDraft({KNEE: swept(KNEE, made())}))
     file, draft = place.path.stat(), draft_of(place.path.parent, "h24").stat()
     assert (draft.st_uid, draft.st_gid) == (file.st_uid, file.st_gid)
     assert stat.S_IMODE(draft.st_mode) == mode
@@ -201,13 +205,13 @@ def test_a_draft_has_the_rights_of_the_calibration_file(place: Ground, mode: int
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files away")
 def test_the_first_draft_of_root_belongs_to_whom_the_folder_belongs(tmp_path: Path) -> None:
     os.chown(tmp_path, 65534, 65533)
-    drafts.change(tmp_path / "h24.yaml", ROBOT, lambda _: Draft({KNEE: swept(KNEE, made())}))
+    drafts.change(tmp_path / "h24.yaml", ROBOT, lambda _: CalibrationDraft({KNEE: swept(KNEE, made())}))
     left = draft_of(tmp_path, "h24").stat()
     assert (left.st_uid, left.st_gid) == (65534, 65533)
 
 
 def test_what_this_user_may_not_read_asks_for_sudo_and_is_not_said_to_be_broken(
-    place: Ground, monkeypatch: pytest.MonkeyPatch
+    place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def denied(*_: Any) -> bytes:
         raise PermissionError(13, "Permission denied")
@@ -252,7 +256,7 @@ def test_of_two_who_save_at_once_one_waits_and_both_are_kept(
 
 
 def test_who_calibrates_while_another_saves_goes_by_what_was_saved(
-    place: Ground, monkeypatch: pytest.MonkeyPatch
+    place: CalibrationContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mine = known(place)
     with saving_beside(monkeypatch, lambda: written(place, mine, [moved(mine, ELBOW, 50)])):
@@ -262,7 +266,7 @@ def test_who_calibrates_while_another_saves_goes_by_what_was_saved(
     assert after.by_name[ELBOW] == moved(mine, ELBOW, 50)
 
 
-def test_who_waits_too_long_is_told_why(place: Ground, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_waits_too_long_is_told_why(place: CalibrationContext, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(saving, "PATIENCE", 0.05)
     before = place.path.read_bytes()
     with alone(place.path.parent), pytest.raises(Rejected, match=r"h24\.yaml cannot be written: another"):
@@ -280,7 +284,7 @@ def test_a_folder_is_free_again_whatever_ended_a_save(
     with pytest.raises(IsADirectoryError):
         save_text(tmp_path, "h24", "text\n", 20)
     (tmp_path / ".h24.yaml.new").rmdir()
-    save_text(tmp_path, "h24", "text\n", 20, Rights(0o600))
+    save_text(tmp_path, "h24", "text\n", 20, FileOwnership(0o600))
 
 
 # ------------------------------------------------------------------------------------------- import
@@ -307,10 +311,12 @@ def test_the_travel_of_a_servo_that_changed_since_is_not_taken_and_it_is_said(
     travel: tuple[int, int],
     said: str,
 ) -> None:
-    place = Ground(ROBOT, tmp_path / "h24.yaml", named=True)
+    place = CalibrationContext(ROBOT, tmp_path / "h24.yaml", named=True)
     if change is not None:
         then = replace(OTHERWISE, **change)
-        drafts.change(place.path, ROBOT, lambda found: found.joined(KNEE, Swept(then, (1910, 3390), AT)))
+        drafts.change(
+            place.path, ROBOT, lambda found: found.joined(KNEE, DraftTravel(then, (1910, 3390), AT))
+        )
     for name, stands in {
         "operator": lambda _: nullcontext(None),
         "ground": lambda *_: place,
@@ -331,8 +337,8 @@ def test_what_is_refused_says_as_well_that_a_sweep_was_left_out(
 ) -> None:
     now = replace(OTHERWISE, min_ticks=0, max_ticks=4095)
     slot = next(each for each in imports.slots(ROBOT) if each.name == KNEE)
-    then = Draft({KNEE: Swept(OTHERWISE, (1910, 3390), AT)})
-    folded: Folded = imports._fold(slot, {KNEE: now}, {}, then, {KNEE: 2000}, wide=False)
+    then = CalibrationDraft({KNEE: DraftTravel(OTHERWISE, (1910, 3390), AT)})
+    folded: ImportResult = imports._fold(slot, {KNEE: now}, {}, then, {KNEE: 2000}, wide=False)
     assert folded.entry is None
     assert "as delivered" in "; ".join(folded.wrong)
     assert "not what was swept" in folded.note

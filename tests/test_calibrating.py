@@ -9,9 +9,9 @@ from rig import CLIENT, Rig
 
 from twind import link
 from twind.loop import requests
-from twind.loop.procedures import Procedure, Rank
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, State
+from twind.loop.procedures import Priority, Procedure
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, RobotState
 
 OTHER = 9  # another client
 
@@ -46,7 +46,7 @@ def test_it_is_begun_in_mirror_and_live_shown_in_the_status_and_ended(either: Ri
     calibrate(either)
     assert [news for news in either.news if isinstance(news, link.Tick)][-1].state == "calibrating"
     assert off(either).parameters == {"state": "connected"}
-    assert either.loop.state is State.CONNECTED
+    assert either.loop.state is RobotState.CONNECTED
 
 
 def test_what_is_so_already_is_no_error(connected: Rig) -> None:
@@ -59,7 +59,7 @@ def test_without_the_lease_it_is_refused(connected: Rig) -> None:
     assert codes(connected.call(link.Calibrate, on=True)) == {"LEASE_MISSING"}
     calibrate(connected)
     assert codes(connected.call(link.Calibrate, client=OTHER, on=False)) == {"LEASE_MISSING"}
-    assert connected.loop.state is State.CALIBRATING
+    assert connected.loop.state is RobotState.CALIBRATING
 
 
 def test_in_sim_and_while_armed_it_is_refused_with_what_it_needs(armed: Rig) -> None:
@@ -90,7 +90,7 @@ def test_while_a_fault_is_latched_it_is_refused(connected: Rig) -> None:
     connected.lease()
     reply = connected.call(link.Calibrate, on=True)
     assert reply.error == "WrongState"
-    assert connected.loop.state is State.ESTOP
+    assert connected.loop.state is RobotState.ESTOP
 
 
 def test_while_somebody_is_about_to_have_torque_it_is_busy(connected: Rig) -> None:
@@ -100,13 +100,13 @@ def test_while_somebody_is_about_to_have_torque_it_is_busy(connected: Rig) -> No
         while True:
             yield
 
-    assert connected.loop.procedures.own(Rank.ARM, forever)
+    assert connected.loop.procedures.own(Priority.ARM, forever)
     assert off(connected).error == "Busy"
     connected.seconds(3.0)  # the lease has lapsed: still whoever has torque ends first
-    assert connected.loop.state is State.CALIBRATING
+    assert connected.loop.state is RobotState.CALIBRATING
     connected.loop.procedures.abandon()
     connected.ticks(2)
-    assert connected.loop.state is State.CONNECTED
+    assert connected.loop.state is RobotState.CONNECTED
 
 
 # --------------------------------------------------------------------------------- what it keeps from
@@ -134,7 +134,7 @@ def lapsed(rig: Rig) -> None:
 
 
 def hung_up(rig: Rig) -> None:
-    rig.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+    rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
 
 
 def front_lost(rig: Rig) -> None:
@@ -154,8 +154,8 @@ def test_it_ends_with_the_lease_it_was_begun_under(connected: Rig, lose: Callabl
     calibrate(connected)
     lose(connected)
     connected.ticks(3)
-    assert connected.loop.state is State.CONNECTED
-    assert connected.events(Code.LEASE_LOST)
+    assert connected.loop.state is RobotState.CONNECTED
+    assert connected.events(ReasonCode.LEASE_LOST)
 
 
 def test_it_lasts_as_long_as_the_lease_is_renewed(connected: Rig) -> None:
@@ -163,7 +163,7 @@ def test_it_lasts_as_long_as_the_lease_is_renewed(connected: Rig) -> None:
     for _ in range(8):
         connected.seconds(0.6)
         assert connected.call(link.RenewLease).error is None
-    assert connected.loop.state is State.CALIBRATING
+    assert connected.loop.state is RobotState.CALIBRATING
 
 
 @pytest.mark.parametrize("bus", ["left", "right", None])
@@ -175,7 +175,7 @@ def test_it_ends_with_a_port_be_it_one_of_several(bus: str | None) -> None:
     for name in names if bus is None else [names[bus == "right"]]:
         rig.virtual[name].faults.unplug()
     rig.ticks(5)
-    assert rig.loop.state in (State.DISCONNECTED, State.IDENTIFYING)
+    assert rig.loop.state in (RobotState.DISCONNECTED, RobotState.IDENTIFYING)
     rig.close()
 
 
@@ -183,7 +183,7 @@ def test_an_e_stop_ends_it_and_latches(connected: Rig) -> None:
     calibrate(connected)
     connected.call(link.EStop)
     connected.ticks(3)
-    assert connected.loop.state is State.ESTOP
+    assert connected.loop.state is RobotState.ESTOP
 
 
 # --------------------------------------------------------------------------------- EEPROM
@@ -230,7 +230,7 @@ def test_a_write_keeps_the_lease(connected: Rig) -> None:
     for value in range(1, 6):
         connected.seconds(0.6)
         assert write(connected, "homing_offset", value).error is None
-    assert connected.loop.state is State.CALIBRATING
+    assert connected.loop.state is RobotState.CALIBRATING
 
 
 def test_everybody_is_known_again_when_it_is_over(connected: Rig) -> None:
@@ -277,4 +277,4 @@ def test_time_that_goes_on_within_a_tick_does_not_end_it(
     monkeypatch.setattr(requests, "begin", later)
     for value in range(1, 6):
         assert write(connected, "homing_offset", value).error is None
-        assert connected.loop.state is State.CALIBRATING
+        assert connected.loop.state is RobotState.CALIBRATING

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from terminal_cast import PROMPT, load, rendered, save, shortened
 
-from twind_calibration.calibrating.board import Board
+from twind_calibration.calibrating.board import SweepDisplay
 
 words = st.text(st.sampled_from("ab █"), max_size=8).map(str.rstrip)
 
@@ -30,7 +30,7 @@ def test_the_recording_goes_the_whole_way() -> None:
 @given(st.lists(st.lists(words, min_size=1, max_size=5), min_size=1, max_size=6), st.booleans())
 def test_a_board_leaves_the_last_of_what_it_drew(pictures: list[list[str]], said: bool) -> None:
     out = io.StringIO()
-    board = Board(out, live=True, rows=24, columns=80)
+    board = SweepDisplay(out, live=True, rows=24, columns=80)
     for picture in pictures:
         if said:
             board.say("told")
@@ -43,14 +43,14 @@ def test_a_board_leaves_the_last_of_what_it_drew(pictures: list[list[str]], said
 
 def test_a_terminal_that_is_too_low_says_so_and_one_that_is_none_draws_nothing() -> None:
     out = io.StringIO()
-    Board(out, live=True, rows=5, columns=40).draw([f"joint {number}" for number in range(9)])
+    SweepDisplay(out, live=True, rows=5, columns=40).draw([f"joint {number}" for number in range(9)])
     assert rendered(out.getvalue().replace("\n", "\r\n"))[:3] == [
         "joint 0",
         "joint 1",
         "... 7 more: make the terminal taller",
     ]
     silent = io.StringIO()
-    board = Board(silent, live=False)
+    board = SweepDisplay(silent, live=False)
     board.draw(["joint"])
     board.say("told")
     assert silent.getvalue() == "told\n"

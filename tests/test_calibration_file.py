@@ -21,7 +21,7 @@ from twind.config.calibration_file import (
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.section import Plain
-from twind_drivers.bus import Device
+from twind_drivers.bus import IdentifiedDevice
 
 ROBOT = load_robot("h24")
 SETTINGS = {
@@ -32,7 +32,8 @@ SETTINGS = {
     "max_position_limit": 4095,
 }
 DEVICES = {
-    (joint.bus, joint.id): Device(joint.id, 1020, "XM430-W350", 46, SETTINGS) for joint in ROBOT.joints
+    (joint.bus, joint.id): IdentifiedDevice(joint.id, 1020, "XM430-W350", 46, SETTINGS)
+    for joint in ROBOT.joints
 }
 
 

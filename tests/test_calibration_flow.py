@@ -30,7 +30,7 @@ from twind.robot.modes import Mode
 from twind.virtual.truth import JointTruth, Truth, random_truth
 from twind_calibration.calibrating.placing import by_pose, misfits
 from twind_calibration.calibrating.slots import slots
-from twind_calibration.calibrating.travels import Travels
+from twind_calibration.calibrating.travels import SweepTracker
 from twind_calibration.calibrating.unwrap import framed
 
 pytestmark = pytest.mark.slow
@@ -125,7 +125,7 @@ def test_swapped_ids_are_named_while_one_joint_is_moved_and_a_flipped_sign_by_it
     )
     rig = uncalibrated("h24", truth)
     try:
-        travels = Travels(slots(rig.robot), ["l_elbow"])
+        travels = SweepTracker(slots(rig.robot), ["l_elbow"])
         news = []
         rig.virtual["main"].faults.hand(pose={"l_elbow": -2.0}, speed=QUICK)
         for _ in range(80):
@@ -134,7 +134,7 @@ def test_swapped_ids_are_named_while_one_joint_is_moved_and_a_flipped_sign_by_it
         assert [each.text.split(",")[0] for each in news] == ["l_hip_roll moved while l_elbow"]
         rig.virtual["main"].faults.hand(off=True)
         hip = next(slot for slot in slots(rig.robot) if slot.name == "r_hip_pitch")
-        whole = Travels(slots(rig.robot), rig.robot.names)
+        whole = SweepTracker(slots(rig.robot), rig.robot.names)
         told = {each.name: each for each in moved(rig, whole)}
         assert told["l_hip_roll"].what == "wrong"
         assert "the wrong joint: it goes as far as" in told["l_hip_roll"].text

@@ -175,7 +175,7 @@ def test_with_sudo_is_said_where_the_folder_may_not_be_written(
     def refused(*_: Any, **__: Any) -> Path:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("twind.config.saving.Folder.save_text", refused)
+    monkeypatch.setattr("twind.config.saving.LockedFolder.save_text", refused)
     code, _, err = verb("rollback", "1", "--yes")
     assert (code, "try with sudo" in err) == (1, True)
 

@@ -17,8 +17,15 @@ from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.servo_check import MAX_OFFSET
 from twind.ctl.verb import Rejected
-from twind_calibration.calibrating.folding import DYNAMIXEL, FEETECH, Folded, fold, of_motor, of_registers
-from twind_calibration.calibrating.lerobot import FIELDS, Motor, read
+from twind_calibration.calibrating.folding import (
+    DYNAMIXEL,
+    FEETECH,
+    ImportResult,
+    fold,
+    of_motor,
+    of_registers,
+)
+from twind_calibration.calibrating.lerobot import FIELDS, LeRobotMotor, read
 from twind_calibration.calibrating.matching import matched, read_map
 from twind_calibration.calibrating.slots import slots
 
@@ -40,12 +47,12 @@ def span(slot: Any, zero: int) -> tuple[int, int]:
     return low - 40, high + 40
 
 
-def taken(folded: Folded) -> JointCalibration:
+def taken(folded: ImportResult) -> JointCalibration:
     assert folded.entry is not None, folded.wrong
     return folded.entry
 
 
-def refused(folded: Folded) -> str:
+def refused(folded: ImportResult) -> str:
     assert folded.entry is None
     return "; ".join(folded.wrong)
 
@@ -61,7 +68,7 @@ def test_a_count_under_one_offset_is_the_same_place_under_another(
 ) -> None:
     """`zero` is of the encoder itself: what it tells is that and the offset, whichever is written."""
     low, high = span(slot, zero + then)
-    motor = Motor("m", slot.joint.id, 0, then, low, high)
+    motor = LeRobotMotor("m", slot.joint.id, 0, then, low, high)
     folded = fold(slot, of_motor(motor, DYNAMIXEL), device(now), zero + then)
     assume(not BEYOND.search("; ".join(folded.wrong)))
     entry = taken(folded)
@@ -75,7 +82,7 @@ def test_a_count_under_one_offset_is_the_same_place_under_another(
 @given(st.integers(1500, 2500), OFFSETS)
 def test_the_offset_that_is_on_the_servo_needs_nobody_s_word(zero: int, offset: int) -> None:
     low, high = span(KNEE, zero)
-    motor = Motor("m", KNEE.joint.id, 0, offset, low, high)
+    motor = LeRobotMotor("m", KNEE.joint.id, 0, offset, low, high)
     folded = fold(KNEE, of_motor(motor, None), device(offset), zero)
     assume(not BEYOND.search("; ".join(folded.wrong)))
     assert taken(folded).zero_ticks == zero
@@ -84,7 +91,9 @@ def test_the_offset_that_is_on_the_servo_needs_nobody_s_word(zero: int, offset: 
 def test_the_middle_of_the_travel_may_be_the_zero() -> None:
     slot = next(slot for slot in SLOTS if slot.lower == -slot.upper)
     low, high = span(slot, 2048)
-    entry = taken(fold(slot, of_motor(Motor("m", slot.joint.id, 0, 0, low, high), None), device(), None))
+    entry = taken(
+        fold(slot, of_motor(LeRobotMotor("m", slot.joint.id, 0, 0, low, high), None), device(), None)
+    )
     assert abs(entry.zero_ticks - 2048) <= 1
 
 
@@ -100,8 +109,8 @@ def test_a_servo_s_own_limits_are_its_travel_unless_it_was_swept() -> None:
 # ------------------------------------------------------------------------------------------- refused
 
 
-def knee(offset: int = 0, drive: int = 0, travel: tuple[int, int] | None = None) -> Motor:
-    return Motor("m", KNEE.joint.id, drive, offset, *(travel or span(KNEE, 2048)))
+def knee(offset: int = 0, drive: int = 0, travel: tuple[int, int] | None = None) -> LeRobotMotor:
+    return LeRobotMotor("m", KNEE.joint.id, drive, offset, *(travel or span(KNEE, 2048)))
 
 
 @pytest.mark.parametrize(
@@ -120,7 +129,7 @@ def knee(offset: int = 0, drive: int = 0, travel: tuple[int, int] | None = None)
     ],
 )
 def test_what_cannot_be_folded_in_is_refused_with_the_reason(
-    motor: Motor, make: str | None, now: DeviceRecord, why: str
+    motor: LeRobotMotor, make: str | None, now: DeviceRecord, why: str
 ) -> None:
     assert why in refused(fold(KNEE, of_motor(motor, make), now, 2048))
 
@@ -161,7 +170,9 @@ def file(told: Any) -> bytes:
 
 
 def test_a_file_is_read_whole() -> None:
-    assert read(file({"shoulder": GOOD}), "a.json") == {"shoulder": Motor("shoulder", 1, 0, -12, 700, 3200)}
+    assert read(file({"shoulder": GOOD}), "a.json") == {
+        "shoulder": LeRobotMotor("shoulder", 1, 0, -12, 700, 3200)
+    }
 
 
 def told(data: bytes) -> str:
@@ -222,14 +233,14 @@ def test_another_shape_is_refused_with_words(data: bytes, why: str) -> None:
 @given(st.binary(max_size=60) | st.recursive(st.none() | st.integers() | st.text(), st.lists).map(file))
 def test_whatever_the_file_holds_it_is_read_or_refused(data: bytes) -> None:
     with contextlib.suppress(Rejected):
-        assert all(isinstance(each, Motor) for each in read(data, "a.json").values())
+        assert all(isinstance(each, LeRobotMotor) for each in read(data, "a.json").values())
 
 
 # ------------------------------------------------------------------------------------------- whose it is
 
 
-def motor(name: str, id: int) -> Motor:
-    return Motor(name, id, 0, 0, 700, 3200)
+def motor(name: str, id: int) -> LeRobotMotor:
+    return LeRobotMotor(name, id, 0, 0, 700, 3200)
 
 
 def test_motors_are_matched_by_id_or_by_a_map() -> None:

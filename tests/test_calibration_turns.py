@@ -12,7 +12,7 @@ from planted import KNEE, OPEN, PLAIN, TURN, floating, names_it, plant
 
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 from twind.virtual.specimen import specimen
 from twind.virtual.truth import JointTruth
 
@@ -72,7 +72,7 @@ def test_a_count_that_jumps_at_torque_on_all_the_same_loses_it_again(
     rig.seconds(0.5)
     assert names_it(rig.said(reply.parameters["findings"]), "ARM_FAILED", KNEE, "jumped at torque-on")
     assert (rig.register("torque_enable") == 0).all()
-    assert rig.loop.state is State.CONNECTED
+    assert rig.loop.state is RobotState.CONNECTED
 
 
 # ------------------------------------------------------------------- 3, 4: turns that are lost or found
@@ -126,7 +126,7 @@ def test_a_boot_one_tick_beside_the_seam_makes_no_turn(plant: Any, floating: str
     for _ in range(4):
         rig.virtual["main"].faults.brown_out(rig.id_of(KNEE))
         rig.seconds(0.7)
-        assert rig.loop.state is State.CONNECTED
+        assert rig.loop.state is RobotState.CONNECTED
         seen.add(int(rig.loop.hardware.readings.raw.ticks[row]) // TURN)
         assert rig.loop.measured.position == pytest.approx(rig.truth, abs=0.01)
     assert len(seen) == 2, "both sides of the seam were seen"

@@ -7,12 +7,12 @@ import pytest
 
 from tests.can_codec_frames import GAINS, column
 from twind_drivers.can.families import make
-from twind_drivers.can.family import Family, Feedback, Ranges, Special
+from twind_drivers.can.family import ActuatorFamily, ActuatorFeedback, FieldRanges, ValuelessCommand
 from twind_drivers.can.frame import Frames
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.bus import VirtualCanBus
 from twind_drivers.virtual.can.loopback import CanLoopback
-from twind_drivers.virtual.can.muscles import FirstOrderCan
+from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
 from twind_drivers.virtual.can.spec import NodeSpec
 
 MODELS = {"damiao": "DM4310", "cubemars": "AK70-10", "robstride": "RS01", "odrive": "ODrive"}
@@ -27,10 +27,10 @@ class Bench:
         self.clock = FakeClock()
         model = MODELS[name]
         nodes = [NodeSpec(id, model, feedback_id=id + 0x10 if name == "damiao" else 0) for id in (1, 2)]
-        self.muscles = FirstOrderCan(column(*START))
+        self.muscles = FirstOrderCanPhysics(column(*START))
         self.wire = CanLoopback(VirtualCanBus("leg", nodes, self.muscles), self.clock)
-        spans = Ranges(*(np.full(2, most) for most in (12.5, 30.0, 10.0, *GAINS)))
-        self.codec: Family = make(name, "virtual", [1, 2], [model] * 2, ranges=spans)
+        spans = FieldRanges(*(np.full(2, most) for most in (12.5, 30.0, 10.0, *GAINS)))
+        self.codec: ActuatorFamily = make(name, "virtual", [1, 2], [model] * 2, ranges=spans)
         self.run(1.0)  # awake
 
     def run(self, seconds: float) -> Frames:
@@ -55,7 +55,7 @@ class Bench:
         }
 
 
-def _last(feedback: Feedback, name: str) -> list[float]:
+def _last(feedback: ActuatorFeedback, name: str) -> list[float]:
     told = [np.nan, np.nan]
     for row, value in zip(feedback.rows, getattr(feedback, name), strict=True):
         if not np.isnan(value) and not (name in ("enabled", "fault") and value == -1):
@@ -80,7 +80,7 @@ def test_they_hold_still_until_enabled_and_then_go_where_they_are_sent(name: str
     assert list(bench.muscles.position) == pytest.approx(START, abs=1e-6)
     gains = bench.codec.gains(np.full(2, 40.0), np.full(2, 2.0))
     heard = [bench.tell(gains)] if len(gains) else []
-    heard += [bench.tell(bench.codec.special(row, Special.ENABLE)) for row in range(2)]
+    heard += [bench.tell(bench.codec.special(row, ValuelessCommand.ENABLE)) for row in range(2)]
     heard += [bench.tell(bench.command(goal)) for _ in range(250)]
     told = bench.newest(np.concatenate(heard))
     assert list(bench.muscles.position) == pytest.approx(goal, abs=0.02)
@@ -90,7 +90,7 @@ def test_they_hold_still_until_enabled_and_then_go_where_they_are_sent(name: str
     if name != "cubemars":  # does not tell
         assert told["enabled"] == [1.0, 1.0]
     assert told["fault"] == [0.0, 0.0]
-    off = [bench.tell(bench.codec.special(row, Special.DISABLE)) for row in range(2)]
+    off = [bench.tell(bench.codec.special(row, ValuelessCommand.DISABLE)) for row in range(2)]
     off += [bench.tell(bench.codec.question()) for _ in range(50)]
     if name != "cubemars":
         assert bench.newest(np.concatenate(off))["enabled"] == [0.0, 0.0]

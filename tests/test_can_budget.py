@@ -11,11 +11,11 @@ from twind.config.budget import budgets, require_rate
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind_drivers.can.budget import budget, frame_bits, registers_at_once
-from twind_drivers.can.bus import Actuator, CanReader
+from twind_drivers.can.bus import CanActuator, CanReader
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.bus import VirtualCanBus
 from twind_drivers.virtual.can.loopback import CanLoopback
-from twind_drivers.virtual.can.muscles import FirstOrderCan
+from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
 from twind_drivers.virtual.can.spec import NodeSpec
 
 MIXED = load_robot("h24-mixed")
@@ -81,9 +81,9 @@ def test_a_rate_out_of_reach_is_refused_with_the_arithmetic() -> None:
 @pytest.mark.parametrize("bitrate", [125_000, 1_000_000])
 def test_the_upkeep_that_is_reckoned_is_that_of_the_reader(bitrate: int, rate: float) -> None:
     clock = FakeClock(0.0)
-    node = Actuator(1, 17, "DM4310", 12.5, 30.0, 10.0)
+    node = CanActuator(1, 17, "DM4310", 12.5, 30.0, 10.0)
     line = VirtualCanBus(
-        "leg", [NodeSpec(1, "DM4310", feedback_id=17)], FirstOrderCan(np.zeros(1)), bitrate=bitrate
+        "leg", [NodeSpec(1, "DM4310", feedback_id=17)], FirstOrderCanPhysics(np.zeros(1)), bitrate=bitrate
     )
     reader = CanReader("leg", CanLoopback(line, clock), [node], bitrate=bitrate, rate_hz=rate)
     assert reader.at_once == registers_at_once(bitrate, rate)

@@ -8,10 +8,17 @@ from can_driver import EDGE, CanRig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.bus import Burst, DeviceRefused, PortError, PortFull, WireClamp, Write
-from twind_drivers.can.bus import Actuator, CanReader, CanWriter
-from twind_drivers.can.channel import Line
-from twind_drivers.can.family import HEAT, Special
+from twind_drivers.bus import (
+    BurstWriteRequest,
+    DeviceRefused,
+    OutputQueueFull,
+    PortError,
+    WireClamp,
+    WriteRequest,
+)
+from twind_drivers.can.bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.channel import CanErrorState
+from twind_drivers.can.family import HEAT, ValuelessCommand
 from twind_drivers.can.orders import ADDRESS, COMMAND, STATE, whole_command
 from twind_drivers.can.units import COUNT
 from twind_drivers.virtual.can.controller import CanAdapter
@@ -72,12 +79,12 @@ def test_a_bus_cut_for_longer_than_a_watchdog_gets_no_goal_until_it_is_prepared(
     rig.ticks(10, here)
     rig.faults.unacknowledged()
     lines = [rig.tick(here + 500).line for _ in range(40)]
-    assert lines[-1] == Line.OFF
+    assert lines[-1] == CanErrorState.OFF
     rig.faults.unacknowledged(False)
     before, places = len(rig.channel.trains), rig.places()
     samples = rig.ticks(40, here + 500)
     assert samples[-1].heard.all()
-    assert samples[-1].line == Line.ACTIVE
+    assert samples[-1].line == CanErrorState.ACTIVE
     late = [rig.reader.fleet.commands_to(train) for train in rig.channel.trains[before:]]
     assert not any((rows >= 0).any() for rows in late), "a goal left after the line was dead"
     assert abs(rig.places() - places).max() <= 3
@@ -111,7 +118,7 @@ def test_a_goal_that_found_the_port_full_is_never_sent_later() -> None:
         rig.writer.goals(here + 300 + step)
         try:
             rig.reader.request(rig.clock.now())
-        except PortFull:
+        except OutputQueueFull:
             full += 1
             assert rig.reader.line.goals is None
         rig.clock.sleep_until(rig.clock.now() + 0.01)
@@ -159,7 +166,7 @@ def test_torque_comes_soft_first_and_only_then_stiff() -> None:
     before = len(rig.channel.trains)
     rig.perform(rig.writer.torque(True))
     first = rig.channel.trains[before]
-    enable = rig.reader.fleet.special(0, Special.ENABLE)
+    enable = rig.reader.fleet.special(0, ValuelessCommand.ENABLE)
     assert first[0].tobytes() == enable[0].tobytes()
     gains = [int(frame["data"][3] & 0xF) << 8 | int(frame["data"][4]) for frame in first[3:6]]
     assert gains == [0, 0, 0], "stiffness before anybody has said where he is"
@@ -310,11 +317,13 @@ def test_the_last_check_refuses_an_order_that_is_outside_or_to_nobody() -> None:
     before = rig.sent()
     outside = whole_command(np.array([(EDGE + 3) * COUNT, 0, 10, 1, 0]))
     with pytest.raises(WireClamp):
-        rig.writer.begin(Write({1: outside}, COMMAND), rig.clock.now())
+        rig.writer.begin(WriteRequest({1: outside}, COMMAND), rig.clock.now())
     with pytest.raises(DeviceRefused, match="99"):
-        rig.writer.begin(Burst((Write({99: b""}, ADDRESS[Special.ENABLE]),)), rig.clock.now())
+        rig.writer.begin(
+            BurstWriteRequest((WriteRequest({99: b""}, ADDRESS[ValuelessCommand.ENABLE]),)), rig.clock.now()
+        )
     with pytest.raises(DeviceRefused):
-        rig.writer.begin(Write({1: b""}, STATE), rig.clock.now())
+        rig.writer.begin(WriteRequest({1: b""}, STATE), rig.clock.now())
     assert rig.sent() == before
 
 
@@ -351,7 +360,7 @@ def test_a_bus_that_cannot_be_is_refused() -> None:
         with pytest.raises(ValueError):
             CanReader("arm", rig.channel, actuators, bitrate=1_000_000)
     with pytest.raises(KeyError):
-        CanReader("arm", rig.channel, [Actuator(1, 17, "DM99", 12.5, 30, 10)], bitrate=1_000_000)
+        CanReader("arm", rig.channel, [CanActuator(1, 17, "DM99", 12.5, 30, 10)], bitrate=1_000_000)
     three = np.full(3, 10.0)
     for bad in (
         {"lower": np.zeros(2, np.int64)},

@@ -14,9 +14,9 @@ import pytest
 from can.interfaces.slcan import slcanBus
 from can_frames import cycle, heard, messages_of, mixed, same
 
-from twind_drivers.bus import PortError, PortFull
+from twind_drivers.bus import OutputQueueFull, PortError
 from twind_drivers.can import ports
-from twind_drivers.can.channel import Line
+from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import frames
 from twind_drivers.can.ports import CanPort, open_channel, parse, present
 from twind_drivers.can.python_can import PythonCanChannel
@@ -25,7 +25,7 @@ from twind_drivers.can.slcan_lines import encode
 from twind_drivers.clock import FakeClock, MonotonicClock
 from twind_drivers.dynamixel.serial_port import SerialTransport
 from twind_drivers.virtual.can.bus import VirtualCanBus
-from twind_drivers.virtual.can.muscles import FirstOrderCan
+from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
 from twind_drivers.virtual.can.spec import NodeSpec
 from twind_drivers.virtual.loopback import Loopback
 
@@ -124,7 +124,7 @@ def test_an_adapter_that_reads_nothing_fills_up_and_is_lost_after_a_second(termi
             if error.lost:
                 break
     first, last = full[0], full[-1]
-    assert isinstance(first[1], PortFull)
+    assert isinstance(first[1], OutputQueueFull)
     assert last[1].lost
     assert 100 <= last[0] - first[0] <= 150
     channel.close()
@@ -165,7 +165,7 @@ class Body:
     def __init__(self) -> None:
         self.clock = FakeClock()
         nodes = [NodeSpec(id=id, model="DM4340", feedback_id=0x10 + id) for id in range(1, 5)]
-        self.bus = VirtualCanBus("arm", nodes, FirstOrderCan(np.zeros(4)))
+        self.bus = VirtualCanBus("arm", nodes, FirstOrderCanPhysics(np.zeros(4)))
         self.channel = SlcanChannel(Loopback(self.bus, self.clock), 1_000_000)
 
     def tick(self) -> list[int]:
@@ -183,7 +183,7 @@ class Body:
 def test_a_virtual_adapter_in_process_answers_under_a_fake_clock() -> None:
     body = Body()
     assert [body.tick() for _ in range(50)] == [[0x11, 0x12, 0x13, 0x14]] * 50
-    assert (body.channel.condition.line, body.channel.condition.refused) == (Line.ACTIVE, 0)
+    assert (body.channel.condition.line, body.channel.condition.refused) == (CanErrorState.ACTIVE, 0)
     body.channel.close()
 
 
@@ -192,17 +192,17 @@ def test_motors_without_power_are_a_line_that_is_off_and_come_back_when_they_ans
     body.tick()
     body.bus.faults.power(False)
     began = body.clock.now()
-    while body.channel.condition.line is not Line.OFF:
+    while body.channel.condition.line is not CanErrorState.OFF:
         assert not body.tick()
         assert body.clock.now() < began + 1.0
     body.channel.purge()
     body.bus.faults.power(True)
     while not body.tick():
         assert body.clock.now() < began + 3.0
-    assert body.channel.condition.line is Line.PASSIVE  # as its flags said while nobody was there
+    assert body.channel.condition.line is CanErrorState.PASSIVE  # as its flags said while nobody was there
     ticks = [body.tick() for _ in range(30)]  # what waited while they started is answered first
     assert ticks[-1] == [0x11, 0x12, 0x13, 0x14]
-    assert body.channel.condition.line is Line.ACTIVE
+    assert body.channel.condition.line is CanErrorState.ACTIVE
 
 
 def test_a_virtual_adapter_that_is_pulled_out_is_lost() -> None:

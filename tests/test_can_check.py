@@ -8,8 +8,8 @@ import pytest
 from twind.config.calibration_file import dump_calibration, fitting, read_calibration
 from twind.config.device_check import compare
 from twind.config.robot_file import load_robot
-from twind.robot.finding import Code, Verdict
-from twind_drivers.bus import Device
+from twind.robot.finding import ReasonCode, Verdict
+from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.can.models import number_of as can_number
 
 ROBOT = load_robot("h24-mixed")
@@ -32,9 +32,9 @@ NODE = {
     **TOLD,
 }
 DEVICES = {
-    (j.bus, j.id): Device(j.id, 1020, "XM430-W350", 46, SERVO)
+    (j.bus, j.id): IdentifiedDevice(j.id, 1020, "XM430-W350", 46, SERVO)
     if j.bus == "upper"
-    else Device(j.id, can_number("DM4310"), None, 1, NODE)
+    else IdentifiedDevice(j.id, can_number("DM4310"), None, 1, NODE)
     for j in ROBOT.joints
 }
 ZEROS = {j.name: 2048 if j.bus == "upper" else 100 for j in ROBOT.joints}
@@ -43,11 +43,11 @@ KNEE = ROBOT.names.index("l_knee")
 KEY = ("l_leg", 4)
 
 
-def with_knee(change: Callable[[Device], Device]) -> Verdict:
+def with_knee(change: Callable[[IdentifiedDevice], IdentifiedDevice]) -> Verdict:
     return compare(ROBOT, CALIBRATION, {**DEVICES, KEY: change(DEVICES[KEY])})
 
 
-def set_to(**settings: int) -> Callable[[Device], Device]:
+def set_to(**settings: int) -> Callable[[IdentifiedDevice], IdentifiedDevice]:
     return lambda device: replace(device, settings={**device.settings, **settings})
 
 
@@ -78,7 +78,7 @@ def test_what_a_device_tells_otherwise_than_the_file_refuses_with_both(
     settings: dict[str, int], words: str
 ) -> None:
     verdict = with_knee(set_to(**settings))
-    found = [each for each in verdict.refusals if each.code is Code.DEVICE_MISMATCH]
+    found = [each for each in verdict.refusals if each.code is ReasonCode.DEVICE_MISMATCH]
     assert [each.joint for each in found] == [KNEE]
     assert words in found[0].message
 
@@ -97,7 +97,7 @@ def test_a_model_that_is_told_is_compared() -> None:
         lambda device: replace(device, model_name="DM4340", model_number=can_number("DM4340"))
     )
     assert "is DM4340 (model number 71004), the robot file says DM4310" in verdict.refusals[0].message
-    assert any(each.code is Code.CALIB_MISMATCH for each in verdict.refusals)
+    assert any(each.code is ReasonCode.CALIB_MISMATCH for each in verdict.refusals)
 
 
 def test_an_unread_operating_mode_refuses() -> None:
@@ -107,7 +107,7 @@ def test_an_unread_operating_mode_refuses() -> None:
 
 def test_ranges_that_changed_since_the_calibration_refuse() -> None:
     verdict = with_knee(set_to(max_position_limit=32767))
-    assert [each.code for each in verdict.refusals] == [Code.CALIB_MISMATCH]
+    assert [each.code for each in verdict.refusals] == [ReasonCode.CALIB_MISMATCH]
     assert "max_position_limit is 32767, was 32595 when calibrated" in verdict.refusals[0].message
 
 
@@ -120,4 +120,4 @@ def test_other_firmware_warns() -> None:
 def test_one_that_does_not_answer_is_missing() -> None:
     devices = {key: device for key, device in DEVICES.items() if key != KEY}
     found = [each for each in compare(ROBOT, CALIBRATION, devices).refusals if each.joint == KNEE]
-    assert [each.code for each in found] == [Code.DEVICE_MISSING]
+    assert [each.code for each in found] == [ReasonCode.DEVICE_MISSING]

@@ -7,16 +7,16 @@ from hypothesis import given, settings
 from tests.can_codec_frames import column, decode_all, frame, noise, ranges, wire
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import family as bits
-from twind_drivers.can.cubemars import CubeMars
-from twind_drivers.can.family import Kind, Parameter, Special
+from twind_drivers.can.cubemars import CubeMarsCodec
+from twind_drivers.can.family import FamilyRegister, RegisterType, ValuelessCommand
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
 
 IDS = (1, 0x68)
 MIDDLE = "7F FF 7F F7 FF"
 
 
-def drive() -> CubeMars:
-    return CubeMars("can0", IDS, ranges(2))
+def drive() -> CubeMarsCodec:
+    return CubeMarsCodec("can0", IDS, ranges(2))
 
 
 def test_the_command_has_the_bytes_of_the_manual() -> None:
@@ -26,17 +26,17 @@ def test_the_command_has_the_bytes_of_the_manual() -> None:
 
 @pytest.mark.parametrize(("what", "last"), [("ENABLE", "FC"), ("DISABLE", "FD"), ("ZERO", "FE")])
 def test_special_frames(what: str, last: str) -> None:
-    assert wire(drive().special(1, Special[what])) == [(0x68, "FF FF FF FF FF FF FF " + last)]
+    assert wire(drive().special(1, ValuelessCommand[what])) == [(0x68, "FF FF FF FF FF FF FF " + last)]
 
 
-@pytest.mark.parametrize("what", [Special.CLEAR, Special.REBOOT])
-def test_what_no_source_has_is_refused(what: Special) -> None:
+@pytest.mark.parametrize("what", [ValuelessCommand.CLEAR, ValuelessCommand.REBOOT])
+def test_what_no_source_has_is_refused(what: ValuelessCommand) -> None:
     with pytest.raises(ValueError, match=what.name.lower()):
         drive().special(0, what)
 
 
 def test_it_has_no_registers_and_nothing_to_ask() -> None:
-    register = Parameter("any", 1, Kind.U32, writable=True)
+    register = FamilyRegister("any", 1, RegisterType.U32, writable=True)
     for order in (lambda: drive().read(0, register), lambda: drive().write(0, register, bytes(4))):
         with pytest.raises(ValueError, match="no registers"):
             order()
@@ -127,7 +127,7 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
     made = motors.command(column(3.0, -3.0), zero, zero, zero, zero)
     assert list(motors.commands_to(made)) == [0, 1]
     assert motors.commanded(made) == pytest.approx([3.0, -3.0], abs=25 / 65535)
-    for what in (Special.ENABLE, Special.DISABLE, Special.ZERO):
+    for what in (ValuelessCommand.ENABLE, ValuelessCommand.DISABLE, ValuelessCommand.ZERO):
         assert list(motors.commands_to(motors.special(1, what))) == [1]
         assert np.isnan(motors.commanded(motors.special(1, what))).all()
     assert list(motors.commands_to(frame(2, bytes(8)))) == [-1]
@@ -142,4 +142,4 @@ def test_what_a_field_cannot_hold_is_refused() -> None:
 def test_ids_must_differ_and_fit_a_byte() -> None:
     for ids in ((1, 1), (0, 1), (1, 0x100)):
         with pytest.raises(ValueError, match="cubemars id"):
-            CubeMars("can0", ids, ranges(2))
+            CubeMarsCodec("can0", ids, ranges(2))

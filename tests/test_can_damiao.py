@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from tests.can_codec_frames import column, decode_all, frame, noise, ranges, wire
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import family as bits
-from twind_drivers.can.damiao import IDENTITY, PARAMETERS, TIMEOUT, Damiao
-from twind_drivers.can.family import Kind, Parameter, Special
+from twind_drivers.can.damiao import IDENTITY, PARAMETERS, TIMEOUT, DamiaoCodec
+from twind_drivers.can.family import FamilyRegister, RegisterType, ValuelessCommand
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
 
 IDS, MASTERS = (1, 2, 0x15), (0x11, 0x12, 0x11)  # the third shares a master id, not a low nibble
 MIDDLE = "7F FF 7F F7 FF"  # D1 to D5: nothing moves, nothing pulls
 
 
-def damiao() -> Damiao:
-    return Damiao("can0", IDS, ranges(3), MASTERS)
+def damiao() -> DamiaoCodec:
+    return DamiaoCodec("can0", IDS, ranges(3), MASTERS)
 
 
 def reply(
@@ -43,12 +43,12 @@ def test_the_command_has_the_bytes_of_the_manual() -> None:
     ("what", "last"), [("ENABLE", "FC"), ("DISABLE", "FD"), ("ZERO", "FE"), ("CLEAR", "FB")]
 )
 def test_special_frames(what: str, last: str) -> None:
-    assert wire(damiao().special(2, Special[what])) == [(0x15, "FF FF FF FF FF FF FF " + last)]
+    assert wire(damiao().special(2, ValuelessCommand[what])) == [(0x15, "FF FF FF FF FF FF FF " + last)]
 
 
 def test_there_is_no_reboot() -> None:
     with pytest.raises(ValueError, match="id 2: a Damiao actuator has no reboot"):
-        damiao().special(1, Special.REBOOT)
+        damiao().special(1, ValuelessCommand.REBOOT)
 
 
 def test_the_question_asks_each_for_one_frame() -> None:
@@ -80,7 +80,7 @@ def test_identity_is_of_the_parameters_and_holds_what_the_checks_need() -> None:
     assert numbers == {0, 2, 7, 8, 9, 10, 13, 14, 15, 21, 22, 23, 29}
     whole = {7, 8, 9, 10, 13, 14, 15, 35}
     for parameter in PARAMETERS.values():
-        assert (parameter.kind is Kind.U32) == (parameter.address in whole)
+        assert (parameter.kind is RegisterType.U32) == (parameter.address in whole)
 
 
 STATUS = {
@@ -198,7 +198,12 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
     zero = np.zeros(3)
     assert list(motor.commands_to(motor.command(zero, zero, zero, zero, zero))) == [0, 1, 2]
     for row in range(3):
-        for what in (Special.ENABLE, Special.DISABLE, Special.ZERO, Special.CLEAR):
+        for what in (
+            ValuelessCommand.ENABLE,
+            ValuelessCommand.DISABLE,
+            ValuelessCommand.ZERO,
+            ValuelessCommand.CLEAR,
+        ):
             assert list(motor.commands_to(motor.special(row, what))) == [row]
         for parameter in PARAMETERS.values():
             assert list(motor.commands_to(motor.read(row, parameter))) == [-1]
@@ -217,7 +222,7 @@ def test_the_position_of_a_command_is_read_back() -> None:
     zero, wanted = np.zeros(3), column(-12.5, 0.3, 12.5)
     made = motor.command(wanted, zero, zero, zero, zero)
     assert motor.commanded(made) == pytest.approx(wanted, abs=25 / 65535)
-    assert np.isnan(motor.commanded(motor.special(0, Special.ENABLE))).all()
+    assert np.isnan(motor.commanded(motor.special(0, ValuelessCommand.ENABLE))).all()
     assert np.isnan(motor.commanded(motor.question())).all()
     assert np.isnan(motor.commanded(frame(0x101, bytes(8)))).all()  # another mode: no MIT fields
 
@@ -262,7 +267,7 @@ def test_actuators_that_cannot_be_told_apart_are_refused() -> None:
         ((1, 2), (0x11,), "1 master ids for 2"),
     ):
         with pytest.raises(ValueError, match=why):
-            Damiao("can0", ids, ranges(2), masters)
+            DamiaoCodec("can0", ids, ranges(2), masters)
 
 
 @given(st.floats(-1e6, 1e6, width=32))
@@ -270,7 +275,7 @@ def test_actuators_that_cannot_be_told_apart_are_refused() -> None:
 def test_a_float_register_comes_back_as_its_four_bytes(value: float) -> None:
     made = frame(0x12, b"\x02\x00\x33\x15" + struct.pack("<f", value))
     (answer,), _ = damiao().answered(made)
-    parameter: Parameter = PARAMETERS["position_range"]
+    parameter: FamilyRegister = PARAMETERS["position_range"]
     assert answer.address == parameter.address
     assert struct.unpack(parameter.kind.value, answer.data)[0] == value
 

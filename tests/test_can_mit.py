@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.can_codec_frames import column, frame, ranges
 from twind_drivers.bus import Floats, WireClamp
 from twind_drivers.can.frame import Octets
-from twind_drivers.can.mit import BITS, NAMES, WIDE, Scale, commands, special, unpack
+from twind_drivers.can.mit import BITS, NAMES, WIDE, FieldScale, commands, special, unpack
 from twind_drivers.can.models import MODELS
 
 TOLD = (16, 12, 12)
@@ -23,11 +23,11 @@ GOLDEN = {
 }
 
 
-def scale(position: float = 12.5, velocity: float = 30.0, torque: float = 10.0) -> Scale:
-    return Scale("can0", [7], ranges(1, position, velocity, torque), BITS, TOLD)
+def scale(position: float = 12.5, velocity: float = 30.0, torque: float = 10.0) -> FieldScale:
+    return FieldScale("can0", [7], ranges(1, position, velocity, torque), BITS, TOLD)
 
 
-def encoded(values: tuple[float, ...], by: Scale) -> Octets:
+def encoded(values: tuple[float, ...], by: FieldScale) -> Octets:
     return commands(by, by.fields(*(column(value) for value in values)))
 
 
@@ -72,7 +72,7 @@ def test_each_field_is_truncated_and_within_one_count(
         share * top if field in (2, 3) else (2.0 * share - 1.0) * top
         for field, (share, top) in enumerate(zip(shares, most, strict=True))
     ]
-    fields = Scale("can0", [7], span, bits, TOLD).fields(*(column(value) for value in values))[:, 0]
+    fields = FieldScale("can0", [7], span, bits, TOLD).fields(*(column(value) for value in values))[:, 0]
     for number, (field, value, top, width) in enumerate(zip(fields, values, most, bits, strict=True)):
         wanted = exact(value, top, width, gain=number in (2, 3))
         assert 0 <= int(field) <= 2**width - 1
@@ -124,7 +124,7 @@ def test_the_upper_end_of_every_model_is_the_highest_count(name: str) -> None:
     model = MODELS[name]
     span = ranges(1, 12.5 if np.isnan(model.position) else model.position, model.velocity, model.torque)
     for bits in (BITS, WIDE):
-        by = Scale("can0", [7], span, bits, TOLD)
+        by = FieldScale("can0", [7], span, bits, TOLD)
         fields = by.fields(span.position, span.velocity, span.kp, span.kd, span.torque)[:, 0]
         assert [int(field) for field in fields] == [2**width - 1 for width in bits]
 
@@ -139,7 +139,7 @@ def test_a_command_that_would_be_an_order_is_refused() -> None:
 
 
 def test_the_one_outside_is_named_and_nothing_is_made() -> None:
-    by = Scale("can0", [3, 9], ranges(2), BITS, TOLD)
+    by = FieldScale("can0", [3, 9], ranges(2), BITS, TOLD)
     zero: Floats = np.zeros(2)
     with pytest.raises(WireClamp, match=r"can0: id 9: velocity 30.1 outside -30.0..30.0"):
         by.fields(zero, column(0.0, 30.1), zero, zero, zero)
@@ -147,7 +147,7 @@ def test_the_one_outside_is_named_and_nothing_is_made() -> None:
 
 @pytest.mark.parametrize("wrong", [(1,), (3,), (2, 1)])
 def test_values_of_another_shape_are_an_error(wrong: tuple[int, ...]) -> None:
-    by = Scale("can0", [3, 9], ranges(2), BITS, TOLD)
+    by = FieldScale("can0", [3, 9], ranges(2), BITS, TOLD)
     with pytest.raises(ValueError):
         by.fields(np.zeros(wrong), *[np.zeros(2)] * 4)
     with pytest.raises(ValueError, match=r"can0: \(5, .* values for \(5, 2\) fields"):
@@ -162,7 +162,7 @@ def test_a_range_must_be_a_positive_number(bad: float) -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 24, 63, 64, 65, 200])
 def test_any_number_of_actuators_is_packed_alike(count: int) -> None:
-    by = Scale("can0", range(count), ranges(count), BITS, TOLD)
+    by = FieldScale("can0", range(count), ranges(count), BITS, TOLD)
     wanted = bytes.fromhex(GOLDEN["everything"][1])
     made = commands(by, by.fields(*(np.full(count, value) for value in GOLDEN["everything"][0])))
     assert made.tobytes() == wanted * count

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from tests.can_codec_frames import ranges
-from twind_drivers.can.damiao import Damiao
+from twind_drivers.can.damiao import DamiaoCodec
 from twind_drivers.can.families import FAMILIES, apart, make, ranges_of
-from twind_drivers.can.family import Family, Special
+from twind_drivers.can.family import ActuatorFamily, ValuelessCommand
 from twind_drivers.can.frame import STANDARD_MASK
 from twind_drivers.can.models import MODELS, model, named, number_of
-from twind_drivers.can.odrive import ODrive
+from twind_drivers.can.odrive import ODriveCodec
 
 # As the project's facts have them: rad, rad/s, N·m.
 TABLE = {
@@ -101,7 +101,7 @@ def test_large_robstrides_have_wider_gains() -> None:
 def test_a_damiao_speaks_on_its_id_and_10h_unless_told() -> None:
     beside = make("damiao", "can0", [1, 2], ["DM4310", "DM4340"])
     given = make("damiao", "can0", [1, 2], ["DM4310", "DM4340"], feedback_ids=[0x21, 0x21])
-    assert isinstance(beside, Damiao)
+    assert isinstance(beside, DamiaoCodec)
     assert list(beside.ranges.velocity) == [30.0, 8.0]
     for id, family in ((0x12, beside), (0x21, given)):
         heard = np.zeros(1, beside.question().dtype)
@@ -117,7 +117,7 @@ def test_the_host_id_reaches_a_robstride() -> None:
 
 def test_the_name_tells_which_board_an_odrive_is() -> None:
     family = make("odrive", "can0", [1, 2], ["ODrive", "ODrive-S1"], ranges=ranges(2))
-    assert isinstance(family, ODrive)
+    assert isinstance(family, ODriveCodec)
     family.read(0, family.parameters["motor_error"])
     with pytest.raises(ValueError, match="node 2"):
         family.read(1, family.parameters["motor_error"])
@@ -145,7 +145,7 @@ def test_a_bus_without_one_of_them_is_no_special_case(family: str) -> None:
     assert list(empty.commands_to(strange)) == [-1, -1, -1]
 
 
-def of(family: str, *ids: int, masters: tuple[int, ...] | None = None) -> Family:
+def of(family: str, *ids: int, masters: tuple[int, ...] | None = None) -> ActuatorFamily:
     name = {"damiao": "DM4310", "cubemars": "AK70-10", "robstride": "RS01", "odrive": "ODrive"}[family]
     spans = ranges(len(ids))
     return make(family, "can0", ids, [name] * len(ids), ranges=spans, feedback_ids=masters)
@@ -179,7 +179,10 @@ def test_families_that_share_a_frame_id_are_refused(
 def test_every_frame_of_ours_has_an_id_that_is_claimed(family: str) -> None:
     codec, zero = of(family, 1, 2), np.zeros(2)
     made = [codec.question(), codec.command(zero, zero, zero, zero, zero), codec.gains(zero + 1, zero + 1)]
-    made += [codec.special(0, what) for what in (Special.ENABLE, Special.DISABLE, Special.ZERO)]
+    made += [
+        codec.special(0, what)
+        for what in (ValuelessCommand.ENABLE, ValuelessCommand.DISABLE, ValuelessCommand.ZERO)
+    ]
     made += [codec.read(0, parameter) for parameter in codec.parameters.values()]
     ids = {int(id) & STANDARD_MASK for frames in made for id in frames["id"]}
     assert ids <= codec.claims

@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from tests.can_codec_frames import column, decode_all, frame, noise, ranges, wire
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import family as bits
-from twind_drivers.can.family import Parameter, Special
+from twind_drivers.can.family import FamilyRegister, ValuelessCommand
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
-from twind_drivers.can.odrive import PARAMETERS, ODrive, limits
+from twind_drivers.can.odrive import PARAMETERS, ODriveCodec, limits
 
 IDS = (3, 0x3F)
 TURN = 2.0 * math.pi
 
 
-def axes(torque: float = 40.0, velocity: float = 300.0) -> ODrive:
+def axes(torque: float = 40.0, velocity: float = 300.0) -> ODriveCodec:
     """The first is an ODrive 3.x, the second a later board."""
-    return ODrive("can0", IDS, ranges(2, 600.0, velocity, torque), [False, True])
+    return ODriveCodec("can0", IDS, ranges(2, 600.0, velocity, torque), [False, True])
 
 
 def command(position: float, velocity: float = 0.0, torque: float = 0.0) -> Frames:
@@ -43,14 +43,14 @@ def test_the_command_has_the_bytes_of_the_csv() -> None:
 @pytest.mark.parametrize(
     ("what", "id", "data"),
     [
-        (Special.ENABLE, 0x067, "08 00 00 00"),
-        (Special.DISABLE, 0x067, "01 00 00 00"),
-        (Special.CLEAR, 0x078, "00 00 00 00 00 00 00 00"),
-        (Special.ZERO, 0x079, "00 00 00 00"),
-        (Special.REBOOT, 0x076, "00 00 00 00 00 00 00 00"),
+        (ValuelessCommand.ENABLE, 0x067, "08 00 00 00"),
+        (ValuelessCommand.DISABLE, 0x067, "01 00 00 00"),
+        (ValuelessCommand.CLEAR, 0x078, "00 00 00 00 00 00 00 00"),
+        (ValuelessCommand.ZERO, 0x079, "00 00 00 00"),
+        (ValuelessCommand.REBOOT, 0x076, "00 00 00 00 00 00 00 00"),
     ],
 )
-def test_special_frames(what: Special, id: int, data: str) -> None:
+def test_special_frames(what: ValuelessCommand, id: int, data: str) -> None:
     assert wire(axes().special(0, what)) == [(id, data)]
 
 
@@ -206,7 +206,7 @@ def test_a_later_board_is_not_asked_what_it_does_not_know(name: str) -> None:
 def test_nothing_can_be_written_and_no_watchdog_read() -> None:
     with pytest.raises(ValueError, match="bus_voltage"):
         axes().write(0, PARAMETERS["bus_voltage"], bytes(4))
-    watchdog: Parameter | None = axes().watchdog
+    watchdog: FamilyRegister | None = axes().watchdog
     assert watchdog is None
     assert axes().operating_mode({}) == 1
     assert not axes().replies.any()
@@ -243,7 +243,7 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
     assert list(axis.commands_to(axis.gains(column(1, 1), column(1, 1)))) == [0, 1] * 3
     assert list(axis.commands_to(limits(IDS, column(1, 1), column(1, 1)))) == [0, 1]
     for row in range(2):
-        for what in Special:
+        for what in ValuelessCommand:
             order = axis.special(row, what)
             assert list(axis.commands_to(order)) == [row]
             assert np.isnan(axis.commanded(order)).all()
@@ -268,4 +268,4 @@ def test_every_command_number_moves_or_changes_unless_it_is_known_to_tell() -> N
 def test_nodes_must_differ_and_fit_six_bits() -> None:
     for ids in ((1, 1), (0, 0x40), (-1, 1)):
         with pytest.raises(ValueError, match="odrive id"):
-            ODrive("can0", ids, ranges(2), [False, False])
+            ODriveCodec("can0", ids, ranges(2), [False, False])

@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 from tests.can_codec_frames import column, decode_all, frame, noise, ranges, wire
 from twind_drivers.bus import WireClamp
 from twind_drivers.can import family as bits
-from twind_drivers.can.family import Kind, Special
+from twind_drivers.can.family import RegisterType, ValuelessCommand
 from twind_drivers.can.frame import ERROR, EXTENDED, REMOTE, Frames
-from twind_drivers.can.robstride import IDENTITY, PARAMETERS, POSITION, TIMEOUT, VELOCITY, RobStride
+from twind_drivers.can.robstride import IDENTITY, PARAMETERS, POSITION, TIMEOUT, VELOCITY, RobStrideCodec
 
 IDS, HOST = (0x7F, 1), 0xFD
 MIDDLE = "7F FF 7F FF 7F FF 01 2C"  # nothing moves, 30.0 °C
 
 
-def motors() -> RobStride:
-    return RobStride("can0", IDS, ranges(2, 12.57, 33.0, 14.0))
+def motors() -> RobStrideCodec:
+    return RobStrideCodec("can0", IDS, ranges(2, 12.57, 33.0, 14.0))
 
 
 def told(id: int, data: str = MIDDLE, faults: int = 0, mode: int = 2, host: int = HOST) -> Frames:
@@ -45,13 +45,13 @@ def test_the_command_carries_its_torque_in_the_id() -> None:
 @pytest.mark.parametrize(
     ("what", "id", "first"),
     [
-        (Special.ENABLE, 0x0300FD7F, "00"),
-        (Special.DISABLE, 0x0400FD7F, "00"),
-        (Special.CLEAR, 0x0400FD7F, "01"),
-        (Special.ZERO, 0x0600FD7F, "01"),
+        (ValuelessCommand.ENABLE, 0x0300FD7F, "00"),
+        (ValuelessCommand.DISABLE, 0x0400FD7F, "00"),
+        (ValuelessCommand.CLEAR, 0x0400FD7F, "01"),
+        (ValuelessCommand.ZERO, 0x0600FD7F, "01"),
     ],
 )
-def test_special_frames(what: Special, id: int, first: str) -> None:
+def test_special_frames(what: ValuelessCommand, id: int, first: str) -> None:
     made = motors().special(0, what)
     assert wire(made) == [(id, first + " 00" * 7)]
     assert int(made["id"][0]) & EXTENDED
@@ -59,7 +59,7 @@ def test_special_frames(what: Special, id: int, first: str) -> None:
 
 def test_there_is_no_reboot() -> None:
     with pytest.raises(ValueError, match="id 127: a RobStride has no reboot"):
-        motors().special(0, Special.REBOOT)
+        motors().special(0, ValuelessCommand.REBOOT)
 
 
 def test_requests_of_parameters() -> None:
@@ -203,7 +203,12 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
     assert list(motor.commands_to(made)) == [0, 1]
     assert motor.commanded(made) == pytest.approx([-12.57, 0.25], abs=2 * 12.57 / 65535)
     for row in range(2):
-        for what in (Special.ENABLE, Special.DISABLE, Special.CLEAR, Special.ZERO):
+        for what in (
+            ValuelessCommand.ENABLE,
+            ValuelessCommand.DISABLE,
+            ValuelessCommand.CLEAR,
+            ValuelessCommand.ZERO,
+        ):
             order = motor.special(row, what)
             assert list(motor.commands_to(order)) == [row]
             assert np.isnan(motor.commanded(order)).all()
@@ -220,7 +225,7 @@ def test_everything_of_ours_that_can_do_something_is_known() -> None:
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFFFF))
 @settings(max_examples=50)
 def test_what_was_told_can_be_commanded_again_within_one_count(position: int, torque: int) -> None:
-    motor = RobStride("can0", [1], ranges(1, 12.57, 33.0, 14.0))
+    motor = RobStrideCodec("can0", [1], ranges(1, 12.57, 33.0, 14.0))
     data = struct.pack(">HHHH", position, 0, torque, 300)
     feedback, _ = motor.feedback(frame(EXTENDED | 2 << 24 | 2 << 22 | 1 << 8 | HOST, data))
     zero = np.zeros(1)
@@ -245,7 +250,7 @@ def test_the_mode_is_motion_control_or_its_number_above_100() -> None:
 def test_identity_is_of_the_parameters() -> None:
     assert set(IDENTITY) <= set(PARAMETERS)
     assert len({parameter.address for parameter in PARAMETERS.values()}) == len(PARAMETERS)
-    assert PARAMETERS["run_mode"].kind is Kind.U8
+    assert PARAMETERS["run_mode"].kind is RegisterType.U8
     assert motors().watchdog is TIMEOUT
 
 
@@ -255,11 +260,11 @@ def test_identity_is_of_the_parameters() -> None:
 )
 def test_ids_that_cannot_be_told_apart_are_refused(ids: tuple[int, int], host: int, why: str) -> None:
     with pytest.raises(ValueError, match=why):
-        RobStride("can0", ids, ranges(2), host)
+        RobStrideCodec("can0", ids, ranges(2), host)
 
 
 def test_another_host_id_is_used_both_ways() -> None:
-    motor = RobStride("can0", IDS, ranges(2), host=0x1F)
-    assert wire(motor.special(1, Special.ENABLE))[0][0] == 0x03001F01
+    motor = RobStrideCodec("can0", IDS, ranges(2), host=0x1F)
+    assert wire(motor.special(1, ValuelessCommand.ENABLE))[0][0] == 0x03001F01
     assert motor.feedback(told(1, host=0x1F))[1].all()
     assert not motor.feedback(told(1))[1].any()

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.bus import PortError, PortFull
-from twind_drivers.can.channel import Line
+from twind_drivers.bus import OutputQueueFull, PortError
+from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR, EXTENDED, FRAME, REMOTE, Frames, frames
 from twind_drivers.can.slcan import RATES, SlcanChannel, opening
-from twind_drivers.can.slcan_lines import PATIENCE, Lines, encode
-from twind_drivers.can.stall import Stall
+from twind_drivers.can.slcan_lines import PATIENCE, SlcanDecoder, encode
+from twind_drivers.can.stall import TransmitStall
 
 MANY = settings(max_examples=100, deadline=None)
 
@@ -58,7 +58,7 @@ def test_lines_are_as_the_adapters_manual_prints_them() -> None:
 def test_every_frame_comes_through_in_its_order_however_the_bytes_are_cut(
     rows: list[tuple[int, bytes, int]], cuts: list[int]
 ) -> None:
-    sent, lines = made(rows), Lines()
+    sent, lines = made(rows), SlcanDecoder()
     text, places = encode(sent), sorted({0, *cuts, 2000})
     parts = [lines.take(text[begin:end]) for begin, end in pairwise(places)]
     assert np.concatenate(parts).tobytes() == sent.tobytes()
@@ -69,10 +69,10 @@ def test_every_frame_comes_through_in_its_order_however_the_bytes_are_cut(
 @pytest.mark.parametrize("count", [1, 2, 24])
 def test_a_cycle_of_one_kind_is_the_same_as_its_lines_one_by_one(count: int, extended: bool) -> None:
     sent = cycle(count, extended=extended)
-    text, together = encode(sent), Lines()
+    text, together = encode(sent), SlcanDecoder()
     assert text == b"".join(encode(sent[place : place + 1]) for place in range(count))
     assert together.take(text.lower().replace(b"t", b"T" if extended else b"t")).tobytes() == sent.tobytes()
-    one_by_one = Lines()
+    one_by_one = SlcanDecoder()
     assert b"".join(one_by_one.take(bytes([each])).tobytes() for each in text) == sent.tobytes()
 
 
@@ -80,7 +80,7 @@ def test_a_cycle_of_one_kind_is_the_same_as_its_lines_one_by_one(count: int, ext
 @example([b"t" * 2000, b"\r"])
 @settings(max_examples=100, deadline=None)
 def test_no_bytes_raise_and_none_are_kept_for_long(chunks: list[bytes]) -> None:
-    lines = Lines()
+    lines = SlcanDecoder()
     for chunk in chunks:
         for frame in lines.take(chunk):
             assert frame["size"] <= 8
@@ -96,7 +96,7 @@ LINE = st.text("tTrR0123456789ABCDEFabcdefzF \x80", max_size=30).map(lambda text
 @given(st.lists(LINE, max_size=30))
 @settings(max_examples=100, deadline=None)
 def test_whatever_is_taken_for_a_frame_is_that_frame_to_the_last_character(texts: list[bytes]) -> None:
-    lines = Lines()
+    lines = SlcanDecoder()
     found = lines.take(b"".join(text + b"\r" for text in texts))
     said = [text[:1] + text[1:].upper() for text in texts]
     for line in encode(found).split(b"\r")[:-1]:
@@ -131,14 +131,14 @@ def test_whatever_is_taken_for_a_frame_is_that_frame_to_the_last_character(texts
 def test_a_line_that_is_no_frame_is_dropped_and_counted_and_harms_no_other(
     line: bytes, company: bytes
 ) -> None:
-    lines = Lines()
+    lines = SlcanDecoder()
     found = lines.take(company + line + b"\r" + company)
     assert encode(found) == company * 2
     assert (lines.errors, lines.held) == (1, 0)
 
 
 def test_a_line_without_end_is_given_up_and_its_tail_is_no_line() -> None:
-    lines = Lines()
+    lines = SlcanDecoder()
     assert not len(lines.take(b"x" * (PATIENCE + 1)))
     assert (lines.held, lines.errors) == (0, 1)
     assert not len(lines.take(b"t1231AA"))  # still the same line
@@ -147,7 +147,7 @@ def test_a_line_without_end_is_given_up_and_its_tail_is_no_line() -> None:
 
 
 def test_answers_of_the_adapter_are_told_apart_from_frames() -> None:
-    lines = Lines()
+    lines = SlcanDecoder()
     found = lines.take(b"\rz\rZ\r\x07t1231AA\r\x07V1013\rN1234\rFA4\rF\r")
     assert len(found) == 1
     assert (lines.acknowledged, lines.refused, lines.flags) == (3, 2, 0xA4)
@@ -155,7 +155,7 @@ def test_answers_of_the_adapter_are_told_apart_from_frames() -> None:
 
 
 def test_acknowledgements_around_a_cycle_are_counted_and_taken_off() -> None:
-    lines = Lines()
+    lines = SlcanDecoder()
     assert lines.take(b"z\r" * 23 + b"z").tobytes() == b""
     assert lines.take(b"\r\rZ\r" + encode(cycle(24))).tobytes() == cycle(24).tobytes()
     assert (lines.acknowledged, lines.errors) == (26, 0)
@@ -206,7 +206,7 @@ class Adapter:
             if self.waiting + len(data) > self.capacity:
                 waiting = self.waiting
                 self.flush()
-                raise PortFull(self.name, waiting, len(data))
+                raise OutputQueueFull(self.name, waiting, len(data))
             self.waiting += len(data)
         self.told += bytes(data)
 
@@ -303,7 +303,7 @@ def test_a_packet_that_has_not_left_when_the_next_but_one_is_due_is_thrown_away_
     channel.send(cycle(24), 0.01)
     channel.send(cycle(24), 0.02)
     adapter.told = b""
-    with pytest.raises(PortFull) as full:
+    with pytest.raises(OutputQueueFull) as full:
         channel.send(cycle(24), 0.03)
     assert not full.value.lost
     assert adapter.told == b"\r\rC\rS8\rO\r"  # nothing of the cycle; the adapter's own queue is emptied too
@@ -327,14 +327,14 @@ def test_an_adapter_that_refuses_while_nobody_speaks_is_off_the_wire_and_lost_af
     adapter = Adapter()
     channel = opened(adapter)
 
-    def tick(now: float) -> Line:
+    def tick(now: float) -> CanErrorState:
         channel.send(cycle(4), now)
         adapter.says = b"\x07" * 4
         channel.receive(now)
         return channel.condition.line
 
     lines = [tick(0.2 + place * 0.01) for place in range(100)]
-    assert lines.index(Line.OFF) in (10, 11)  # refused for 0.1 s
+    assert lines.index(CanErrorState.OFF) in (10, 11)  # refused for 0.1 s
     with pytest.raises(PortError, match="powered") as lost:
         tick(1.21)
     assert lost.value.lost
@@ -348,7 +348,7 @@ def test_refusals_among_frames_are_congestion_and_no_more() -> None:
     for tick in range(20, 400):
         adapter.says = b"\x07" + encode(cycle(2))
         channel.receive(tick * 0.01)
-        assert channel.condition.line is Line.ACTIVE
+        assert channel.condition.line is CanErrorState.ACTIVE
     assert channel.condition.refused == 380
 
 
@@ -358,10 +358,10 @@ def test_who_is_heard_again_is_back_on_the_wire() -> None:
     for tick in range(20, 40):
         adapter.says = b"\x07"
         channel.receive(tick * 0.01)
-    assert channel.condition.line is Line.OFF
+    assert channel.condition.line is CanErrorState.OFF
     adapter.says = encode(cycle(1))
     channel.receive(0.4)
-    assert channel.condition.line is Line.ACTIVE
+    assert channel.condition.line is CanErrorState.ACTIVE
 
 
 def test_refusals_of_the_opening_itself_say_nothing_of_the_line() -> None:
@@ -390,10 +390,10 @@ def test_the_passive_flag_is_told_and_taken_back_and_a_wire_error_is_counted() -
     channel = opened(adapter)
     adapter.says = b"F20\r"
     channel.receive(0.1)
-    assert (channel.condition.line, channel.condition.errors) == (Line.PASSIVE, 0)
+    assert (channel.condition.line, channel.condition.errors) == (CanErrorState.PASSIVE, 0)
     adapter.says = b"F84\r"  # warning level, and errors on the wire: neither is a state
     channel.receive(0.2)
-    assert (channel.condition.line, channel.condition.errors) == (Line.ACTIVE, 1)
+    assert (channel.condition.line, channel.condition.errors) == (CanErrorState.ACTIVE, 1)
 
 
 def test_an_adapter_that_was_still_starting_is_opened_again_until_it_speaks() -> None:
@@ -448,7 +448,7 @@ def test_an_adapter_that_went_away_is_said_to_be_lost(act: Callable[[SlcanChanne
 
 @given(st.lists(st.floats(0.001, 0.9), min_size=1, max_size=50))
 def test_a_stall_is_as_long_as_since_something_was_taken(gaps: list[float]) -> None:
-    stall, now, waited = Stall(), 0.0, 0.0
+    stall, now, waited = TransmitStall(), 0.0, 0.0
     for gap in gaps:
         now += gap
         waited = stall.refused(now)
@@ -460,7 +460,7 @@ def test_a_stall_is_as_long_as_since_something_was_taken(gaps: list[float]) -> N
 
 
 def test_what_an_emptied_queue_takes_says_nothing_until_somebody_is_heard() -> None:
-    stall = Stall()
+    stall = TransmitStall()
     for tick in range(20):
         stall.refused(tick * 0.01)
     assert stall.blocked
@@ -475,7 +475,7 @@ def test_what_an_emptied_queue_takes_says_nothing_until_somebody_is_heard() -> N
 
 
 def test_a_refusal_long_ago_is_another_story() -> None:
-    stall = Stall()
+    stall = TransmitStall()
     assert stall.refused(0.0) == 0.0
     assert stall.refused(5.0) == 0.0
     assert not stall.blocked

@@ -15,10 +15,10 @@ import pytest
 from can.interfaces.socketcan import socketcan
 from can_frames import cycle, mixed
 
-from twind_calibration.doctor.host import Host
-from twind_drivers.bus import PortError, PortFull, PortTaken
+from twind_calibration.doctor.host import HostInspector
+from twind_drivers.bus import OutputQueueFull, PortError, PortInUse
 from twind_drivers.can import link, python_can
-from twind_drivers.can.channel import Line
+from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import REMOTE, payload
 from twind_drivers.can.owner import owners
 from twind_drivers.can.ports import open_channel
@@ -125,10 +125,10 @@ def test_a_full_queue_is_congestion_for_a_second_then_the_bus_is_dead_and_emptie
     channel = opened()
     wire.refuses = errno.ENOBUFS
     for tick in range(100):
-        with pytest.raises(PortFull, match="full after 0 of 24 frames") as full:
+        with pytest.raises(OutputQueueFull, match="full after 0 of 24 frames") as full:
             channel.send(cycle(24), tick * 0.01)
         assert not full.value.lost
-        assert channel.condition.line is (Line.OFF if tick >= 10 else Line.ACTIVE)
+        assert channel.condition.line is (CanErrorState.OFF if tick >= 10 else CanErrorState.ACTIVE)
     assert channel.condition.refused == 2400
     with pytest.raises(PortError, match=r"taken nothing for 1\.0 s.*powered") as lost:
         channel.send(cycle(24), 1.001)
@@ -210,11 +210,11 @@ def test_a_queue_that_drains_in_time_is_never_lost(wire: Wire) -> None:
         wire.refuses = errno.ENOBUFS if tick % 50 < 40 else 0
         try:
             channel.send(cycle(24), tick * 0.01)
-        except PortFull:
+        except OutputQueueFull:
             dropped += 1
     assert dropped == 400
     assert channel.condition.refused == 400 * 24
-    assert channel.condition.line is Line.ACTIVE
+    assert channel.condition.line is CanErrorState.ACTIVE
     channel.close()
 
 
@@ -222,7 +222,7 @@ def test_a_queue_that_takes_a_part_of_a_cycle_is_no_dead_one(wire: Wire) -> None
     channel = opened()
     for tick in range(300):
         wire.room = len(wire.sent) + 3
-        with pytest.raises(PortFull, match="full after 3 of 24"):
+        with pytest.raises(OutputQueueFull, match="full after 3 of 24"):
             channel.send(cycle(24), tick * 0.01)
     assert channel.condition.refused == 300 * 21
     channel.close()
@@ -233,7 +233,7 @@ def test_full_without_a_number_is_full_as_well(wire: Wire, monkeypatch: pytest.M
     never = lambda reading, writing, failing, timeout: (reading, [], [])  # noqa: E731 - a socket nobody may write
     with monkeypatch.context() as patch:
         patch.setattr(socketcan.select, "select", never)
-        with pytest.raises(PortFull):
+        with pytest.raises(OutputQueueFull):
             channel.send(cycle(1), 0.0)
     channel.send(cycle(1), 0.01)
     assert len(wire.sent) == 1
@@ -277,18 +277,18 @@ ERROR_FLAG = 0x20000000
 @pytest.mark.parametrize(
     ("id", "data", "line"),
     [
-        (0x004, {1: 0x10}, Line.PASSIVE),
-        (0x004, {1: 0x20}, Line.PASSIVE),
-        (0x004, {1: 0x3C}, Line.PASSIVE),
-        (0x004, {1: 0x08}, Line.ACTIVE),  # the warning level alone
-        (0x004, {1: 0x01}, Line.ACTIVE),  # an overflow says nothing
-        (0x040, {}, Line.OFF),
-        (0x044, {1: 0x20}, Line.OFF),
-        (0x080, {}, Line.ACTIVE),
+        (0x004, {1: 0x10}, CanErrorState.PASSIVE),
+        (0x004, {1: 0x20}, CanErrorState.PASSIVE),
+        (0x004, {1: 0x3C}, CanErrorState.PASSIVE),
+        (0x004, {1: 0x08}, CanErrorState.ACTIVE),  # the warning level alone
+        (0x004, {1: 0x01}, CanErrorState.ACTIVE),  # an overflow says nothing
+        (0x040, {}, CanErrorState.OFF),
+        (0x044, {1: 0x20}, CanErrorState.OFF),
+        (0x080, {}, CanErrorState.ACTIVE),
     ],
 )
 def test_error_frames_are_the_condition_and_never_data(
-    wire: Wire, id: int, data: dict[int, int], line: Line
+    wire: Wire, id: int, data: dict[int, int], line: CanErrorState
 ) -> None:
     channel = opened()
     wire.say(ERROR_FLAG | id, bytes(data.get(place, 0) for place in range(8)))
@@ -303,13 +303,13 @@ def test_a_controller_that_is_back_is_told(wire: Wire, id: int, place: int, bits
     channel = opened()
     wire.say(ERROR_FLAG | 0x040, bytes(8))
     channel.receive(0.0)
-    assert channel.condition.line is Line.OFF
+    assert channel.condition.line is CanErrorState.OFF
     wire.say(0x11, b"\1")  # a frame that was taken before says nothing of a controller that has left
     channel.receive(0.0)
-    assert channel.condition.line is Line.OFF
+    assert channel.condition.line is CanErrorState.OFF
     wire.say(ERROR_FLAG | id, bytes(bits if each == place else 0 for each in range(8)))
     channel.receive(0.0)
-    assert channel.condition.line is Line.ACTIVE
+    assert channel.condition.line is CanErrorState.ACTIVE
     channel.close()
 
 
@@ -336,13 +336,13 @@ def test_a_bus_that_does_not_come_back_from_a_purge_is_lost(wire: Wire) -> None:
 def test_an_interface_has_one_owner_until_it_lets_go(wire: Wire) -> None:
     first = opened()
     with pytest.raises(
-        PortTaken, match=rf"{NOWHERE}: in use by pid {os.getpid()} \(.+\); stop it first"
+        PortInUse, match=rf"{NOWHERE}: in use by pid {os.getpid()} \(.+\); stop it first"
     ) as taken:
         opened()
     assert not taken.value.lost
     assert len(wire.sockets) == 1  # who may not have it does not listen to it either
     first.purge()
-    with pytest.raises(PortTaken):
+    with pytest.raises(PortInUse):
         opened()
     first.close()
     first.close()
@@ -360,17 +360,15 @@ def test_one_that_cannot_be_opened_is_owned_by_nobody(wire: Wire) -> None:
 
 @pytest.mark.realtime
 def test_an_owner_that_is_killed_owns_nothing_any_more(wire: Wire) -> None:
-    program = (
-        f"from twind_drivers.can.owner import Owner; sign = Owner({NOWHERE!r}); print(flush=True); input()"
-    )
+    program = f"from twind_drivers.can.owner import CanInterfaceLock; sign = CanInterfaceLock({NOWHERE!r}); print(flush=True); input()"
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "\n"
         assert list(owners(NOWHERE)) == [other.pid]
-        assert [each.pid for each in Host().owners(NOWHERE)] == [other.pid]
-        with pytest.raises(PortTaken, match=f"in use by pid {other.pid} "):
+        assert [each.pid for each in HostInspector().owners(NOWHERE)] == [other.pid]
+        with pytest.raises(PortInUse, match=f"in use by pid {other.pid} "):
             opened()
         other.kill()
     opened().close()

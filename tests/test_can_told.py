@@ -3,9 +3,9 @@
 import numpy as np
 from can_driver import CanRig
 
-from twind_drivers.bus import Read
+from twind_drivers.bus import ReadRequest
 from twind_drivers.can.bus import CanWriter
-from twind_drivers.virtual.can.message import Message
+from twind_drivers.virtual.can.message import CanMessage
 
 MODELS = ("DM4310", "DM4340", "DM8009")
 
@@ -14,9 +14,9 @@ def test_the_acknowledgement_of_a_write_is_no_reading_of_the_register() -> None:
     rig = CanRig(MODELS)
     rig.heard()
     timeout = rig.reader.fleet.families[0][0].parameters["timeout"]
-    rig.reader.begin(Read((1,), timeout.address, 4), rig.clock.now())
+    rig.reader.begin(ReadRequest((1,), timeout.address, 4), rig.clock.now())
     forged = bytes([1, 0, 0x55, timeout.address]) + (2000).to_bytes(4, "little")
-    rig.bus.controller.hear(Message(0x11, forged), rig.clock.now())
+    rig.bus.controller.hear(CanMessage(0x11, forged), rig.clock.now())
     rig.wait()
     reply = rig.reader.answer(rig.clock.now())
     assert reply.data == {1: bytes(4)}, "a watchdog that is off reads as armed"

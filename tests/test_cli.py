@@ -14,17 +14,17 @@ import pytest
 
 from twind import cli
 from twind.cli import FAILED, USAGE, wrong_groups
-from twind.config.files import Sources, UsageError, bus_ports, describe, live_denied, refuse_wrong
+from twind.config.files import CommandLineError, ConfigSources, bus_ports, describe, live_denied, refuse_wrong
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
-from twind.config.settings import Settings, load_settings
-from twind.robot.finding import Code
+from twind.config.settings import DaemonSettings, load_settings
+from twind.robot.finding import ReasonCode
 from twind.virtual.specimen import save, specimen
 
 TWO = ["legs", "arms"]
 
 
-def settings(*ports: str, file: dict[str, str] | None = None) -> Settings:
+def settings(*ports: str, file: dict[str, str] | None = None) -> DaemonSettings:
     """Settings of nowhere in particular, with ports of a file below those of the command line."""
     found = load_settings(None, {"HOME": "/nowhere"}, uid=12345)
     return found.override(ports=[f"{bus}={port}" for bus, port in (file or {}).items()]).override(ports=ports)
@@ -38,7 +38,7 @@ def test_a_bare_port_is_that_of_the_only_bus() -> None:
 
 
 def test_a_bare_port_of_several_buses_is_refused_with_what_to_type() -> None:
-    with pytest.raises(UsageError, match="2 buses, say which: --port legs=PORT --port arms=PORT"):
+    with pytest.raises(CommandLineError, match="2 buses, say which: --port legs=PORT --port arms=PORT"):
         bus_ports(settings("/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
 
 
@@ -48,7 +48,7 @@ def test_each_bus_of_several_has_its_port() -> None:
 
 
 def test_a_bus_that_the_robot_does_not_have_is_answered_with_those_it_has() -> None:
-    with pytest.raises(UsageError, match="no bus 'leg'; the buses of this robot: legs, arms"):
+    with pytest.raises(CommandLineError, match="no bus 'leg'; the buses of this robot: legs, arms"):
         bus_ports(settings("leg=/dev/ttyUSB0"), TWO, dict.fromkeys(TWO))
 
 
@@ -118,7 +118,7 @@ def test_a_can_port_may_be_given_bare_or_for_a_bus(given: str) -> None:
 def test_a_port_of_the_other_kind_is_refused_with_what_is_right(bus: str, port: str, message: str) -> None:
     robot = load_robot("h24-mixed")
     refuse_wrong(robot, {"upper": "/dev/ttyUSB0", "l_leg": "can:slcan:/dev/ttyACM0", "r_leg": None})
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises(CommandLineError, match=message):
         refuse_wrong(robot, {bus: port})
 
 
@@ -132,14 +132,14 @@ def test_live_needs_a_port_for_every_bus() -> None:
     ports = {"legs": "/dev/ttyUSB0", "arms": None}
     denied = live_denied("h24", ports, USUAL, calibrated=True)
     assert denied is not None
-    assert denied.code is Code.HW_DISCONNECTED
+    assert denied.code is ReasonCode.HW_DISCONNECTED
     assert "--port arms=PORT" in denied.message
 
 
 def test_live_needs_a_calibration() -> None:
     denied = live_denied("h24", {"main": "/dev/ttyUSB0"}, USUAL, calibrated=False)
     assert denied is not None
-    assert denied.code is Code.CALIB_MISSING
+    assert denied.code is ReasonCode.CALIB_MISSING
     assert "--calibration FILE" in denied.message
     assert str(USUAL) in denied.message  # where to put it
     (told,) = re.findall(r"how to make one: (\S+)$", denied.message)
@@ -227,9 +227,9 @@ def test_a_virtual_robot_is_told_nothing_of_the_sockets_that_were_handed_over(
     class Child:
         def __init__(self, robot: str) -> None:
             seen.append([key for key in os.environ if key.startswith("LISTEN_")])
-            raise cli.VirtualError(f"{robot}: far enough")
+            raise cli.VirtualRobotError(f"{robot}: far enough")
 
-    monkeypatch.setattr(cli, "VirtualChild", Child)
+    monkeypatch.setattr(cli, "VirtualRobotProcess", Child)
     for key, value in (("FDS", "2"), ("PID", "1"), ("FDNAMES", "control:observe")):
         monkeypatch.setenv(f"LISTEN_{key}", value)
     code, said = ended(capfd, "--virtual")
@@ -249,7 +249,7 @@ def test_where_a_virtual_robot_takes_orders_is_told_as_it_begins(
 
         def __exit__(self, *_why: object) -> None: ...
 
-    monkeypatch.setattr(cli, "VirtualChild", Child)
+    monkeypatch.setattr(cli, "VirtualRobotProcess", Child)
     code, said = ended(capfd, "--virtual")
     assert code == USAGE and "none.yaml" in said  # no calibration of its own: far enough
     assert "takes orders" in said.splitlines()[0] and said.splitlines()[0].endswith("at /x/faults.sock")
@@ -349,9 +349,9 @@ def test_an_instance_has_its_own_settings_robots_and_sockets_and_the_state_of_al
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "etc"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
     monkeypatch.setenv("STATE_DIRECTORY", str(state))
-    found = describe(Sources(config=str(etc / "arm.yaml"), socket=str(tmp_path / "run/twind/arm")))
+    found = describe(ConfigSources(config=str(etc / "arm.yaml"), socket=str(tmp_path / "run/twind/arm")))
     assert found.robot.name == "arm"
     assert found.robot.path == etc / "robots" / "arm.yaml"
     assert found.calibration is not None
     assert found.settings.socket_dir == tmp_path / "run" / "twind" / "arm"
-    assert Sources(config=str(etc / "arm.yaml")).settings().socket_dir == tmp_path / "run" / "twind"
+    assert ConfigSources(config=str(etc / "arm.yaml")).settings().socket_dir == tmp_path / "run" / "twind"

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from clearance_world import Oracle, arm, arm_file, h24
 
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.twin.binding import Binding, BindingError, bind
-from twind.twin.collision import Bodies, candidates
+from twind.twin.collision import CollisionModel, candidates
 
 FLOOR = '<geom name="floor" type="plane" size="2 2 0.1"/>'
 WALL = '<geom name="wall" type="box" pos="0.6 0 0.3" size="0.02 0.5 0.5"/>'
@@ -37,13 +37,13 @@ def test_the_pairs_are_those_that_mujoco_itself_looks_at(robot: Binding) -> None
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)
     theirs = {frozenset(model.geom(int(g)).name for g in pair) for pair in data.contact.geom}
-    ours = {frozenset(robot.model.geom(g).name for g in pair.geoms) for pair in Bodies(robot).pairs}
+    ours = {frozenset(robot.model.geom(g).name for g in pair.geoms) for pair in CollisionModel(robot).pairs}
     assert ours == theirs
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7])
 def test_a_distance_is_what_mujoco_measures_up_to_the_reach(robot: Binding, share: float) -> None:
-    bodies = Bodies(robot)
+    bodies = CollisionModel(robot)
     oracle = Oracle(robot, [pair.geoms for pair in bodies.pairs])
     places = poses(robot, 150, share)
     found = bodies.distances(places)
@@ -63,7 +63,7 @@ def test_a_distance_is_what_mujoco_measures_up_to_the_reach(robot: Binding, shar
 
 
 def test_no_pair_comes_closer_than_its_levers_allow(robot: Binding) -> None:
-    bodies = Bodies(robot)
+    bodies = CollisionModel(robot)
     oracle = Oracle(robot, [pair.geoms for pair in bodies.pairs])
     starts = poses(robot, 60, 1.0)
     ends = poses(robot, 120, 1.0)[60:]
@@ -83,7 +83,7 @@ def test_no_pair_comes_closer_than_its_levers_allow(robot: Binding) -> None:
 def test_each_lever_is_reached_by_some_pose(tmp_path: Path) -> None:
     """Stretched out, the tip of an arm moves as far as its levers say: they are bounds, and tight ones."""
     binding = arm(tmp_path)
-    bodies = Bodies(binding)
+    bodies = CollisionModel(binding)
     pair = next(k for k, pair in enumerate(bodies.pairs) if pair.bodies == ("base", "tip"))
     assert bodies.levers[pair] == pytest.approx([0.43, 0.23, 0.03])
     elbow = next(k for k, pair in enumerate(bodies.pairs) if pair.bodies == ("base", "middle"))
@@ -91,11 +91,13 @@ def test_each_lever_is_reached_by_some_pose(tmp_path: Path) -> None:
 
 
 def test_what_is_allowed_is_not_judged(tmp_path: Path) -> None:
-    everything = {pair.bodies for pair in Bodies(arm(tmp_path)).pairs}
+    everything = {pair.bodies for pair in CollisionModel(arm(tmp_path)).pairs}
     assert everything == {("base", "upper"), ("base", "middle"), ("base", "tip"), ("upper", "tip")}
-    some = {pair.bodies for pair in Bodies(arm(tmp_path, "{allow: [[tip, base]]}")).pairs}
+    some = {pair.bodies for pair in CollisionModel(arm(tmp_path, "{allow: [[tip, base]]}")).pairs}
     assert some == everything - {("base", "tip")}
-    only = {pair.bodies for pair in Bodies(arm(tmp_path, "{pairs: [[tip, base], [upper, tip]]}")).pairs}
+    only = {
+        pair.bodies for pair in CollisionModel(arm(tmp_path, "{pairs: [[tip, base], [upper, tip]]}")).pairs
+    }
     assert only == {("base", "tip"), ("upper", "tip")}
 
 
@@ -112,27 +114,31 @@ def test_what_is_allowed_is_not_judged(tmp_path: Path) -> None:
 )
 def test_names_that_mean_nothing_are_refused(tmp_path: Path, collision: str, message: str) -> None:
     with pytest.raises(BindingError) as caught:
-        Bodies(arm(tmp_path, collision))
+        CollisionModel(arm(tmp_path, collision))
     assert message in str(caught.value)
 
 
 def test_the_world_counts_where_the_base_has_a_place_in_it(tmp_path: Path) -> None:
-    def codes(support: str, collision: str = "{}") -> set[Code]:
+    def codes(support: str, collision: str = "{}") -> set[ReasonCode]:
         binding = arm(tmp_path, collision, support=support, world=FLOOR + WALL)
-        return {pair.code for pair in Bodies(binding).pairs}
+        return {pair.code for pair in CollisionModel(binding).pairs}
 
-    assert codes("gantry") == {Code.SELF_COLLISION}
-    assert codes("fixed") == {Code.SELF_COLLISION, Code.FLOOR, Code.KEEP_OUT}
-    assert codes("gantry", "{world: true}") == {Code.SELF_COLLISION, Code.FLOOR, Code.KEEP_OUT}
-    assert codes("fixed", "{world: false}") == {Code.SELF_COLLISION}
+    assert codes("gantry") == {ReasonCode.SELF_COLLISION}
+    assert codes("fixed") == {ReasonCode.SELF_COLLISION, ReasonCode.FLOOR, ReasonCode.KEEP_OUT}
+    assert codes("gantry", "{world: true}") == {
+        ReasonCode.SELF_COLLISION,
+        ReasonCode.FLOOR,
+        ReasonCode.KEEP_OUT,
+    }
+    assert codes("fixed", "{world: false}") == {ReasonCode.SELF_COLLISION}
     assert codes("fixed", "{allow: [[floor, tip], [floor, middle], [floor, upper]]}") == {
-        Code.SELF_COLLISION,
-        Code.KEEP_OUT,
+        ReasonCode.SELF_COLLISION,
+        ReasonCode.KEEP_OUT,
     }
 
 
 def test_a_wall_has_the_distance_of_the_world(tmp_path: Path) -> None:
-    bodies = Bodies(arm(tmp_path, "{world_m: 0.03}", support="fixed", world=WALL))
+    bodies = CollisionModel(arm(tmp_path, "{world_m: 0.03}", support="fixed", world=WALL))
     found = {pair.bodies: pair.block for pair in bodies.pairs}
     assert found["wall", "tip"] == 0.03
     assert found["base", "tip"] == 0.002
@@ -154,11 +160,11 @@ def test_a_height_field_of_the_world_must_be_allowed(tmp_path: Path) -> None:
     asset = '<asset><hfield name="ground" nrow="2" ncol="2" size="1 1 0.1 0.1"/></asset><worldbody>'
     (tmp_path / "arm.xml").write_text(xml.replace("<worldbody>", asset))
     with pytest.raises(BindingError, match="height field"):
-        Bodies(bind(robot, None))
+        CollisionModel(bind(robot, None))
 
 
 def test_the_model_that_is_shared_stays_as_it_is(robot: Binding) -> None:
     before = robot.model.geom_margin.copy()
-    Bodies(robot)
+    CollisionModel(robot)
     assert np.array_equal(robot.model.geom_margin, before)
     assert not robot.model.geom_margin.any()

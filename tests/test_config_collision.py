@@ -7,11 +7,11 @@ import pytest
 from twind.config.collision import Clearance, clearance
 from twind.config.located import ConfigError, parse
 from twind.config.robot_file import load_robot
-from twind.config.section import Section
+from twind.config.section import ConfigSection
 
 
 def read(text: str, support: str = "gantry") -> Clearance:
-    return clearance(Section("robot.yaml", parse(text, "robot.yaml")), support)
+    return clearance(ConfigSection("robot.yaml", parse(text, "robot.yaml")), support)
 
 
 def test_what_is_not_given_has_its_default() -> None:

@@ -11,7 +11,7 @@ from twind.config.report import check_robot
 from twind.config.robot_file import load_robot
 from twind.twin.binding import bind
 from twind.virtual.specimen import calibration, specimen
-from twind_drivers.bus import Device
+from twind_drivers.bus import IdentifiedDevice
 
 ROBOT = load_robot("h24")
 SETTINGS = {
@@ -22,7 +22,8 @@ SETTINGS = {
     "max_position_limit": 4095,
 }
 DEVICES = {
-    (joint.bus, joint.id): Device(joint.id, 1020, "XM430-W350", 46, SETTINGS) for joint in ROBOT.joints
+    (joint.bus, joint.id): IdentifiedDevice(joint.id, 1020, "XM430-W350", 46, SETTINGS)
+    for joint in ROBOT.joints
 }
 
 

@@ -9,42 +9,42 @@ import pytest
 
 from twind.config.robot_file import load_robot
 from twind.twin.crane import BY_ORDER, BY_TORQUE, NEVER
-from twind.twin.muscles import MujocoMuscles, body_of
-from twind.virtual.orders import OrderError
-from twind.virtual.serve import Server, ServoClock
+from twind.twin.muscles import MujocoPhysics, body_of
+from twind.virtual.orders import FaultCommandError
+from twind.virtual.serve import ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.muscles import Drive
+from twind_drivers.virtual.muscles import DriveState
 
 ROBOT = load_robot("h24-standing")
 LEGS = np.array([name in ROBOT.legs for name in ROBOT.names])
 STANDING = 0.444  # m, of the base in the rest pose: 0.455 m straight, less what bent knees take
 
 
-def body(hold: str = BY_TORQUE) -> MujocoMuscles:
+def body(hold: str = BY_TORQUE) -> MujocoPhysics:
     return body_of(ROBOT, dict.fromkeys(ROBOT.names, 2048), hold=hold)
 
 
-def torque(muscles: MujocoMuscles, on: Any) -> None:
+def torque(muscles: MujocoPhysics, on: Any) -> None:
     """Torque where `on` says, holding what is there."""
     one = np.ones(len(ROBOT.names))
     gains = dict.fromkeys(("i", "d", "velocity_p", "velocity_i"), 0.0 * one)
     caps = {"pwm_cap": 885 * one, "current_cap": 1193 * one, "supply": one}
-    muscles.drive(Drive(on=one * on > 0, mode=np.full(one.size, 3), p=1600 * one, **gains, **caps))
+    muscles.drive(DriveState(on=one * on > 0, mode=np.full(one.size, 3), p=1600 * one, **gains, **caps))
     muscles.aim(muscles.position.copy())
 
 
-def height(muscles: MujocoMuscles) -> float:
+def height(muscles: MujocoPhysics) -> float:
     assert muscles.crane is not None
     return float(muscles.crane.place[2])
 
 
-def tilt(muscles: MujocoMuscles) -> float:
+def tilt(muscles: MujocoPhysics) -> float:
     """Sine of half the angle by which the base leans."""
     assert muscles.crane is not None
     return hypot(*muscles.crane.place[4:6])
 
 
-def run(muscles: MujocoMuscles, since: float, until: float, on: Any = None) -> None:
+def run(muscles: MujocoPhysics, since: float, until: float, on: Any = None) -> None:
     if on is not None:
         torque(muscles, on)
     for step in range(round((until - since) * 100)):
@@ -158,8 +158,10 @@ def test_a_push_that_is_a_typing_error_is_refused(wrong: dict[str, float]) -> No
         crane.push(**wrong)
 
 
-def server(muscles: MujocoMuscles | None) -> Server:
-    return Server({}, {}, ServoClock(FakeClock()), lambda name, path: None, muscles and muscles.crane)
+def server(muscles: MujocoPhysics | None) -> VirtualBusServer:
+    return VirtualBusServer(
+        {}, {}, ServoClock(FakeClock()), lambda name, path: None, muscles and muscles.crane
+    )
 
 
 def test_orders_reach_the_body_without_a_bus() -> None:
@@ -167,7 +169,7 @@ def test_orders_reach_the_body_without_a_bus() -> None:
     assert server(muscles).obey({"fault": "hold", "on": False}) == {"ok": True}
     told = server(muscles).obey({"query": "state"})["body"]
     assert told["held"] is False and told["position"][2] == pytest.approx(STANDING, abs=0.001)
-    with pytest.raises(OrderError, match="push takes forward, left, up, seconds, not 'right'"):
+    with pytest.raises(FaultCommandError, match="push takes forward, left, up, seconds, not 'right'"):
         server(muscles).obey({"fault": "push", "right": 1.0})
 
 
@@ -175,7 +177,7 @@ def test_a_robot_that_hangs_or_lies_has_nobody_to_let_go_of() -> None:
     hung = body_of(load_robot("h24"), dict.fromkeys(ROBOT.names, 2048))
     lying = body_of(ROBOT, dict.fromkeys(ROBOT.names, 2048), base="back")
     assert hung.crane is None and lying.crane is None and body().crane is not None
-    with pytest.raises(OrderError, match="hold: no body stands here freely"):
+    with pytest.raises(FaultCommandError, match="hold: no body stands here freely"):
         server(hung).obey({"fault": "hold", "on": False})
     with pytest.raises(ValueError, match="'rope' is none of torque, order, never"):
         body("rope")

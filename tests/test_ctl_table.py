@@ -7,7 +7,7 @@ import pytest
 from stand_in import briefing, overview, tick
 
 from twind.ctl.table import joint_lines, render, status_lines
-from twind.front.world import World
+from twind.front.world import StateCache
 from twind.link import BusInfo
 
 SLOW = "the adapter's latency timer is 16 ms; `sudo setserial /dev/ttyUSB0 low_latency`"
@@ -20,7 +20,7 @@ def status(*warnings: str | None) -> dict[str, Any]:
         BusInfo(f"bus_{place}", f"/dev/ttyUSB{place}", True, 1.5, None, 0.4, 1000, 2, warning=warning)
         for place, warning in enumerate(warnings)
     ]
-    world = World(briefing())
+    world = StateCache(briefing())
     world.take(msgspec.structs.replace(overview(100.0), buses=buses))
     world.take(tick(100.0, 1))
     answer: dict[str, Any] = msgspec.json.decode(world.status())
@@ -57,7 +57,7 @@ def test_faults_come_after_the_warnings_and_joints_after_both() -> None:
 
 
 def test_who_is_not_verified_is_marked_and_who_is_not_calibrated_is_that_first() -> None:
-    world = World(briefing())
+    world = StateCache(briefing())
     world.take(overview(100.0))
     world.take(tick(100.0, 1))
     joints = msgspec.json.decode(world.joints())
@@ -71,7 +71,7 @@ def test_who_is_not_verified_is_marked_and_who_is_not_calibrated_is_that_first()
 
 
 def test_where_no_robot_is_looked_at_nobody_says_who_is_verified() -> None:
-    world = World(briefing())
+    world = StateCache(briefing())
     world.take(msgspec.structs.replace(overview(100.0), verified=b""))
     world.take(tick(100.0, 1))
     joints = msgspec.json.decode(world.joints())

@@ -10,8 +10,8 @@ from twind.config.calibration_file import fitting
 from twind.config.device_check import check_devices, compare
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
-from twind.robot.finding import Code, Finding, Verdict
-from twind_drivers.bus import Device
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind_drivers.bus import IdentifiedDevice
 
 ROBOT = load_robot("h24")
 SETTINGS = {
@@ -24,7 +24,8 @@ SETTINGS = {
     "return_delay_time": 5,
 }
 DEVICES = {
-    (joint.bus, joint.id): Device(joint.id, 1020, "XM430-W350", 46, SETTINGS) for joint in ROBOT.joints
+    (joint.bus, joint.id): IdentifiedDevice(joint.id, 1020, "XM430-W350", 46, SETTINGS)
+    for joint in ROBOT.joints
 }
 CALIBRATION = fitting(
     ROBOT, dict.fromkeys(ROBOT.names, 2048), DEVICES, created="2026-11-21T09:14:03Z", tool="twind"
@@ -33,15 +34,15 @@ KNEE = ROBOT.names.index("l_knee")
 KEY = (ROBOT.joints[KNEE].bus, ROBOT.joints[KNEE].id)
 
 
-def with_knee(change: Callable[[Device], Device]) -> Verdict:
+def with_knee(change: Callable[[IdentifiedDevice], IdentifiedDevice]) -> Verdict:
     return compare(ROBOT, CALIBRATION, {**DEVICES, KEY: change(DEVICES[KEY])})
 
 
-def set_to(**settings: int) -> Callable[[Device], Device]:
+def set_to(**settings: int) -> Callable[[IdentifiedDevice], IdentifiedDevice]:
     return lambda device: replace(device, settings={**device.settings, **settings})
 
 
-def without(name: str) -> Callable[[Device], Device]:
+def without(name: str) -> Callable[[IdentifiedDevice], IdentifiedDevice]:
     return lambda device: replace(device, settings={k: v for k, v in device.settings.items() if k != name})
 
 
@@ -63,7 +64,7 @@ def test_servos_as_they_were_calibrated_pass_without_a_word() -> None:
 )
 def test_every_recorded_register_is_compared_with_both_values_named(register: str, value: int) -> None:
     verdict = with_knee(set_to(**{register: value}))
-    found = [each for each in verdict.refusals if each.code is Code.CALIB_MISMATCH]
+    found = [each for each in verdict.refusals if each.code is ReasonCode.CALIB_MISMATCH]
     assert [(each.joint, each.value, each.bound) for each in found] == [
         (KNEE, float(value), float(SETTINGS[register]))
     ]
@@ -86,7 +87,7 @@ def test_a_servo_without_the_tag_of_its_calibration_is_refused_and_one_with_it_i
 
     assert refusals(moving_threshold=613) == []
     (one,) = refusals() if found is None else refusals(moving_threshold=found)
-    assert (one.code, one.joint, one.bound) == (Code.CALIB_MISMATCH, KNEE, 613.0)
+    assert (one.code, one.joint, one.bound) == (ReasonCode.CALIB_MISMATCH, KNEE, 613.0)
     said = "was not read" if found is None else f"is {found}"
     assert f"moving_threshold (24) {said}, its tag was 613" in one.message
 
@@ -121,10 +122,10 @@ def test_a_register_that_was_not_read_refuses(register: str) -> None:
     ],
 )
 def test_what_makes_a_servo_unusable_is_refused_whatever_the_calibration_says(
-    change: Callable[[Device], Device], words: str
+    change: Callable[[IdentifiedDevice], IdentifiedDevice], words: str
 ) -> None:
     verdict = check_devices(ROBOT, {**DEVICES, KEY: change(DEVICES[KEY])})
-    assert [(each.code, each.joint) for each in verdict.refusals] == [(Code.DEVICE_MISMATCH, KNEE)]
+    assert [(each.code, each.joint) for each in verdict.refusals] == [(ReasonCode.DEVICE_MISMATCH, KNEE)]
     assert words in verdict.refusals[0].message
     assert "id 16 on bus main" in verdict.refusals[0].message
 
@@ -151,7 +152,7 @@ def test_another_firmware_and_a_slow_return_delay_are_warned_of() -> None:
 
 def test_another_model_of_the_same_size_is_refused_by_both_files() -> None:
     verdict = with_knee(lambda device: replace(device, model_number=1030, model_name="XM430-W210"))
-    assert [each.code for each in verdict.refusals] == [Code.DEVICE_MISMATCH, Code.CALIB_MISMATCH]
+    assert [each.code for each in verdict.refusals] == [ReasonCode.DEVICE_MISMATCH, ReasonCode.CALIB_MISMATCH]
 
 
 def test_what_was_not_read_is_refused_and_not_called_wrong() -> None:
@@ -165,14 +166,14 @@ def test_what_was_not_read_is_refused_and_not_called_wrong() -> None:
 
 def test_a_missing_servo_is_refused_by_name() -> None:
     verdict = compare(ROBOT, CALIBRATION, {key: each for key, each in DEVICES.items() if key != KEY})
-    assert [(each.code, each.joint) for each in verdict.refusals] == [(Code.DEVICE_MISSING, KNEE)]
+    assert [(each.code, each.joint) for each in verdict.refusals] == [(ReasonCode.DEVICE_MISSING, KNEE)]
     assert "nothing answers as id 16 on bus main" in verdict.refusals[0].message
 
 
 @pytest.mark.parametrize("calibration", [None, replace(CALIBRATION, joints=())])
 def test_without_calibration_every_joint_refuses(calibration: Any) -> None:
     verdict = compare(ROBOT, calibration, DEVICES)
-    assert [each.code for each in verdict.refusals] == [Code.CALIB_MISSING] * 24
+    assert [each.code for each in verdict.refusals] == [ReasonCode.CALIB_MISSING] * 24
     assert [each.joint for each in verdict.refusals] == list(range(24))
 
 

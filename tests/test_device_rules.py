@@ -8,18 +8,18 @@ from guard_world import FINE, LIMITS, N, codes, facts
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
-from twind.robot.ratings import Ratings
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.robot.ratings import ActuatorRatings
 from twind.safety.device_rules import words
-from twind.safety.guard import Guard, Judgement, Reaction, Traffic
+from twind.safety.guard import BusTraffic, Guard, GuardDecision, Reaction
 from twind_drivers.can import family
 
 CLOCK = 32768  # ms, e-manual: Realtime Tick (120)
-DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
-ARMING = DISARMED | {"state": State.ARMING, "torque_settled": False}
-MIRROR = {"mode": Mode.MIRROR, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
-SIM = {"mode": Mode.SIM, "motion": Motion.IDLE, "goal": None, "state": State.DISCONNECTED}
+DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": RobotState.CONNECTED}
+ARMING = DISARMED | {"state": RobotState.ARMING, "torque_settled": False}
+MIRROR = {"mode": Mode.MIRROR, "motion": Motion.IDLE, "goal": None, "state": RobotState.CONNECTED}
+SIM = {"mode": Mode.SIM, "motion": Motion.IDLE, "goal": None, "state": RobotState.DISCONNECTED}
 
 
 def at(joint: int, value: int, usual: int = 0, kind: type = np.uint8) -> np.ndarray:
@@ -40,7 +40,7 @@ def guard(support: str = "gantry") -> Guard:
 def test_r09_the_alert_bit_alone_faults_the_joint_at_once(error: int, alert: bool) -> None:
     judgement = guard().judge(facts(alerts=at(1, error)))
     assert judgement.latches == alert
-    assert [(one.code, one.joint) for one in judgement.findings] == [(Code.SERVO_ALERT, 1)] * alert
+    assert [(one.code, one.joint) for one in judgement.findings] == [(ReasonCode.SERVO_ALERT, 1)] * alert
 
 
 @pytest.mark.parametrize(("support", "reaction"), [
@@ -73,7 +73,7 @@ def test_r09_the_bits_of_register_70_are_named_in_words(bits: int, said: str) ->
 def test_r09_on_can_more_bits_have_a_name_and_only_there(bits: int, said: str) -> None:
     """The contract's bits of every CAN family (`twind_drivers.can.family`)."""
     judge = Guard(LIMITS, support="gantry", buses=("arm",), can={"arm": [0, 2]})
-    told = facts(traffic=(Traffic(),), alerts=np.full(N, 128, np.uint8), fault=np.full(N, bits, np.int16))
+    told = facts(traffic=(BusTraffic(),), alerts=np.full(N, 128, np.uint8), fault=np.full(N, bits, np.int16))
     first, second, third = (finding.message for finding in judge.judge(told).findings)
     assert first == third
     assert f"hardware error: {words(bits, can=True)}: " in first
@@ -104,16 +104,16 @@ def test_r09_the_bits_on_can_are_those_of_its_families() -> None:
 def test_r09_a_leg_that_shut_itself_down_damps_what_stands_on_it(
     torque: int, joint: int, support: str, reaction: Reaction
 ) -> None:
-    legs = replace(Ratings.unknown(N), leg=np.array([True, False, False]))
+    legs = replace(ActuatorRatings.unknown(N), leg=np.array([True, False, False]))
     judge = Guard(LIMITS, support=support, ratings=legs)
     judgement = judge.judge(facts(alerts=at(joint, 128), torque=at(joint, torque, 1, np.int8)))
-    assert [one.code for one in judgement.findings] == [Code.SERVO_ALERT]
+    assert [one.code for one in judgement.findings] == [ReasonCode.SERVO_ALERT]
     assert judgement.reaction is reaction
 
 
 @pytest.mark.parametrize("torque", [0, 1])
 def test_r09_before_there_is_torque_no_leg_has_let_go(torque: int) -> None:
-    legs = replace(Ratings.unknown(N), leg=np.ones(N, np.bool_))
+    legs = replace(ActuatorRatings.unknown(N), leg=np.ones(N, np.bool_))
     judge = Guard(LIMITS, support="free", ratings=legs)
     row = at(0, torque, 0, np.int8)
     assert judge.judge(facts(alerts=at(0, 128), torque=row, **ARMING)).reaction is Reaction.SETTLE
@@ -121,16 +121,16 @@ def test_r09_before_there_is_torque_no_leg_has_let_go(torque: int) -> None:
 
 def test_r09_it_is_told_again_when_its_bits_have_been_read_and_then_no_more() -> None:
     judge = guard()
-    over = {"alerts": at(0, 128), "state": State.FAULT}
+    over = {"alerts": at(0, 128), "state": RobotState.FAULT}
     told = [codes(judge.judge(facts(fault=at(0, bits, 0, np.int16), **over))) for bits in (0, 0, 32, 32)]
-    assert told == [[Code.SERVO_ALERT], [], [Code.SERVO_ALERT], []]
+    assert told == [[ReasonCode.SERVO_ALERT], [], [ReasonCode.SERVO_ALERT], []]
 
 
 @pytest.mark.parametrize("over", [{}, ARMING])
 def test_r09_while_arming_or_armed_it_is_a_fault_and_bars_arming(over: dict[str, object]) -> None:
     judge = guard()
     assert judge.judge(facts(alerts=at(0, 128), **over)).latches
-    assert [one.code for one in judge.bars] == [Code.SERVO_ALERT]
+    assert [one.code for one in judge.bars] == [ReasonCode.SERVO_ALERT]
 
 
 @pytest.mark.parametrize("over", [DISARMED, MIRROR])
@@ -140,7 +140,7 @@ def test_r09_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
     judge = guard()
     judgement = judge.judge(facts(alerts=at(0, 128), **over))
     assert (judgement.reaction, judgement.latches) == (Reaction.NONE, False)
-    assert [one.code for one in judge.bars] == [Code.SERVO_ALERT]
+    assert [one.code for one in judge.bars] == [ReasonCode.SERVO_ALERT]
     assert judge.judge(facts(alerts=at(0, 128), **over)) == FINE  # told once
     assert judge.bars
     judge.judge(facts(**over))
@@ -162,16 +162,16 @@ class Clocks:
         self.ticks = np.full(N, start, np.int64)
         self.read()
 
-    def read(self) -> Judgement:
+    def read(self) -> GuardDecision:
         tick = (self.ticks % CLOCK).astype(np.int32)
         return self.guard.judge(facts(tick=tick, health_time=np.full(N, self.now), **self.over))
 
-    def later(self, seconds: float, drift: float = 0.0) -> Judgement:
+    def later(self, seconds: float, drift: float = 0.0) -> GuardDecision:
         self.now += seconds
         self.ticks += round(seconds * (1.0 + drift) * 1e3)
         return self.read()
 
-    def restart(self, seconds: float, uptime: float) -> Judgement:
+    def restart(self, seconds: float, uptime: float) -> GuardDecision:
         """`seconds` after the last reading joint 1 has been up for `uptime` s."""
         self.now += seconds
         self.ticks += round(seconds * 1e3)
@@ -197,7 +197,7 @@ def test_r11_a_restart_is_seen_unless_the_clock_stands_where_it_would_have(
     off = abs((uptime - expected + CLOCK / 2) % CLOCK - CLOCK / 2)
     assume(off > 52.0 + 0.05 * gap * 1e3)
     judgement = clocks.restart(gap, gap * share)
-    assert [(one.code, one.joint) for one in judgement.findings] == [(Code.SERVO_REBOOTED, 1)]
+    assert [(one.code, one.joint) for one in judgement.findings] == [(ReasonCode.SERVO_REBOOTED, 1)]
     assert (judgement.latches, judgement.reaction) == (True, Reaction.HOLD)
 
 
@@ -232,7 +232,7 @@ def test_r11_a_clock_that_is_older_than_the_time_since_it_was_read_was_read_late
 
 def test_r11_who_was_not_read_for_minutes_is_not_known_to_be_the_same() -> None:
     clocks = Clocks(0)
-    assert codes(clocks.later(400.0)) == [Code.SERVO_REBOOTED] * N
+    assert codes(clocks.later(400.0)) == [ReasonCode.SERVO_REBOOTED] * N
 
 
 def test_r11_a_forgotten_clock_begins_anew() -> None:
@@ -253,8 +253,8 @@ def test_r11_a_clock_that_is_not_known_for_a_while_says_nothing() -> None:
 def test_r11_a_restart_is_one_event_and_the_next_reading_is_fine() -> None:
     clocks = Clocks(20_000, **DISARMED)
     judgement = clocks.restart(0.4, 0.2)
-    assert (judgement.latches, codes(judgement)) == (False, [Code.SERVO_REBOOTED])
-    assert [one.code for one in clocks.guard.bars] == [Code.SERVO_REBOOTED]
+    assert (judgement.latches, codes(judgement)) == (False, [ReasonCode.SERVO_REBOOTED])
+    assert [one.code for one in clocks.guard.bars] == [ReasonCode.SERVO_REBOOTED]
     assert clocks.later(0.2) == FINE
 
 
@@ -262,14 +262,14 @@ def test_r11_a_restart_is_one_event_and_the_next_reading_is_fine() -> None:
 def test_r11_while_arming_or_armed_it_is_a_fault_and_bars_arming(over: dict[str, object]) -> None:
     clocks = Clocks(20_000, **over)
     assert clocks.restart(0.4, 0.2).latches
-    assert [one.code for one in clocks.guard.bars] == [Code.SERVO_REBOOTED]
+    assert [one.code for one in clocks.guard.bars] == [ReasonCode.SERVO_REBOOTED]
 
 
 @pytest.mark.parametrize(("joint", "reaction"), [(0, Reaction.DAMP), (1, Reaction.SETTLE)])
 def test_r11_a_leg_that_went_limp_is_damped_and_an_arm_is_lowered_with_the_rest(
     joint: int, reaction: Reaction
 ) -> None:
-    legs = replace(Ratings.unknown(N), leg=np.array([True, False, False]))
+    legs = replace(ActuatorRatings.unknown(N), leg=np.array([True, False, False]))
     judge = Guard(LIMITS, support="free", ratings=legs)
     assert judge.judge(facts(watchdog=at(joint, 0, 5, np.int16))).reaction is reaction
 
@@ -279,7 +279,7 @@ def test_r11_an_armed_watchdog_that_reads_zero_is_a_restart(watchdog: int, resta
     judgement = guard().judge(facts(watchdog=at(2, watchdog, 5, np.int16)))
     assert judgement.latches == restarted
     told = [(one.code, one.joint, one.value, "restarted" in one.message) for one in judgement.findings]
-    assert told == [(Code.SERVO_REBOOTED, 2, 0.0, True)] * restarted
+    assert told == [(ReasonCode.SERVO_REBOOTED, 2, 0.0, True)] * restarted
 
 
 def test_r11_a_watchdog_read_before_the_arming_or_during_it_says_nothing() -> None:
@@ -332,9 +332,9 @@ def test_r10_what_is_forgotten_while_a_procedure_runs_is_nobody_s_restart() -> N
     for time in (10.2, 10.3):
         stamps = np.where(np.arange(N) == 1, time, stamps)
         last = judge.judge(facts(now=time + 0.01, status_time=stamps, **off))
-    assert [(one.code, one.joint) for one in last.findings] == [(Code.TORQUE_MISMATCH, 1)]
+    assert [(one.code, one.joint) for one in last.findings] == [(ReasonCode.TORQUE_MISMATCH, 1)]
 
 
 def test_r11_torque_off_and_watchdog_off_is_a_restart_at_the_first_reading() -> None:
     off, zero = at(0, 0, 1, np.int8), at(0, 0, 5, np.int16)
-    assert codes(guard().judge(facts(torque=off, watchdog=zero))) == [Code.SERVO_REBOOTED]
+    assert codes(guard().judge(facts(torque=off, watchdog=zero))) == [ReasonCode.SERVO_REBOOTED]

@@ -7,8 +7,8 @@ from test_device_check import CALIBRATION, DEVICES, KEY, KNEE, ROBOT
 
 from twind.config.calibration_file import Calibration
 from twind.config.device_check import check_devices, compare
-from twind.robot.finding import Code, Finding
-from twind_drivers.bus import Device
+from twind.robot.finding import Finding, ReasonCode
+from twind_drivers.bus import IdentifiedDevice
 
 ID, OTHER = "0011223344556677", "8899aabbccddeeff"
 
@@ -21,14 +21,14 @@ def recorded(**record: object) -> Calibration:
     return replace(CALIBRATION, joints=joints)
 
 
-def refusals(calibration: Calibration, device: Device) -> tuple[Finding, ...]:
+def refusals(calibration: Calibration, device: IdentifiedDevice) -> tuple[Finding, ...]:
     return compare(ROBOT, calibration, {**DEVICES, KEY: device}).refusals
 
 
 @pytest.mark.parametrize("told", [OTHER, None, ""])
 def test_another_unique_id_or_none_is_another_device(told: str | None) -> None:
     [finding] = refusals(recorded(unique_id=ID), replace(DEVICES[KEY], unique_id=told))
-    assert (finding.code, finding.joint) == (Code.CALIB_MISMATCH, KNEE)
+    assert (finding.code, finding.joint) == (ReasonCode.CALIB_MISMATCH, KNEE)
     assert f"its unique id is {told}, was {ID} when calibrated" in finding.message
 
 
@@ -42,14 +42,14 @@ def test_another_stamp_or_none_is_another_servo(stamp: int | None) -> None:
     settings = {k: v for k, v in DEVICES[KEY].settings.items() if k != "moving_threshold"}
     settings |= {} if stamp is None else {"moving_threshold": stamp}
     [finding] = refusals(recorded(tag=613), replace(DEVICES[KEY], settings=settings))
-    assert (finding.code, finding.joint, finding.bound) == (Code.CALIB_MISMATCH, KNEE, 613.0)
+    assert (finding.code, finding.joint, finding.bound) == (ReasonCode.CALIB_MISMATCH, KNEE, 613.0)
     assert "moving_threshold" in finding.message
     assert not refusals(
         recorded(tag=613), replace(DEVICES[KEY], settings={**settings, "moving_threshold": 613})
     )
 
 
-def with_bits(**settings: int) -> Device:
+def with_bits(**settings: int) -> IdentifiedDevice:
     return replace(DEVICES[KEY], settings={**DEVICES[KEY].settings, **settings})
 
 

@@ -72,13 +72,13 @@ def defaults(rows: list[list[str]]) -> dict[str, str]:
 def asked(monkeypatch: pytest.MonkeyPatch, read: object) -> set[str]:
     """Every key that is asked for, as the page spells it, while `read` reads a file."""
     found: set[str] = set()
-    given = section.Section._given
+    given = section.ConfigSection._given
 
-    def spy(self: section.Section, key: str) -> str | None:
+    def spy(self: section.ConfigSection, key: str) -> str | None:
         found.add(f"{self.path}.{key}".strip("."))
         return given(self, key)
 
-    monkeypatch.setattr(section.Section, "_given", spy)
+    monkeypatch.setattr(section.ConfigSection, "_given", spy)
     read()  # type: ignore[operator]
     return {_spelled(path) for path in found if not path.endswith(".")}
 

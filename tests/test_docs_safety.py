@@ -14,10 +14,10 @@ from twind.ctl.reasons.request_codes import REQUEST_CODES
 from twind.ctl.reasons.runtime_codes import RUNTIME_CODES
 from twind.front import server
 from twind.loop import arming, damping, failsafe, front_process, ports, release, submissions, tick
-from twind.robot.finding import Code
-from twind.robot.modes import State
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import RobotState
 from twind.safety import alarm, gate, guard, health, lease, senses, stream, way
-from twind.safety.states import TABLE, Event
+from twind.safety.states import TABLE, RobotEvent
 from twind.twin import binding, reach
 from twind_drivers.dynamixel import budget
 from twind_drivers.dynamixel import damping as soft
@@ -37,7 +37,7 @@ def test_a_page_without_a_place_for_the_tables_is_refused() -> None:
 
 def test_every_reason_code_has_one_row_with_effect_cause_and_remedy() -> None:
     found = re.findall(r"^\| `([A-Z_]+)` \| (.+) \| (.+) \| (.+) \|$", REASON_CODES, re.MULTILINE)
-    assert sorted(code for code, *_ in found) == sorted(code.value for code in Code)
+    assert sorted(code for code, *_ in found) == sorted(code.value for code in ReasonCode)
     assert not set(REQUEST_CODES) & set(RUNTIME_CODES)
     assert all(len(text.cause) > 15 and len(text.remedy) > 5 for text in REASONS.values())
 
@@ -45,7 +45,7 @@ def test_every_reason_code_has_one_row_with_effect_cause_and_remedy() -> None:
 def test_every_reason_code_is_raised_by_the_program() -> None:
     rooms = [path for path in (ROOT / "twind").rglob("*.py") if "reasons" not in path.parts]
     sources = "".join(path.read_text() for path in rooms if path.name != "finding.py")
-    assert not [code.value for code in Code if not re.search(rf"Code\.{code.name}\b", sources)]
+    assert not [code.value for code in ReasonCode if not re.search(rf"Code\.{code.name}\b", sources)]
 
 
 # ----------------------------------------------------------------------------------------------- states
@@ -58,7 +58,9 @@ def steps(cell: str) -> set[tuple[str, str]]:
         before, _, after = one.partition("→")
         end, named = after.strip().strip("`"), set(re.findall(r"`(\w+)`", before))
         starts = (
-            {state.value for state in State} - named - {end} if before.strip().startswith("any") else named
+            {state.value for state in RobotState} - named - {end}
+            if before.strip().startswith("any")
+            else named
         )
         found |= {(start, end) for start in starts}
     return found
@@ -66,7 +68,7 @@ def steps(cell: str) -> set[tuple[str, str]]:
 
 def test_the_table_of_states_is_that_of_the_code() -> None:
     rows = {event: steps(cell) for event, _, cell in table(SAFETY, "event", "cause", "from → to")}
-    assert set(rows) == {event.value for event in Event}
+    assert set(rows) == {event.value for event in RobotEvent}
     for event, follows in TABLE.items():
         moves = {(start.value, end.value) for start, end in follows.items() if start is not end}
         assert rows[event.value] == moves, event
@@ -74,7 +76,7 @@ def test_the_table_of_states_is_that_of_the_code() -> None:
 
 # ----------------------------------------------------------------------------------------------- numbers
 
-GATE, GUARD = gate.Thresholds(), guard.Thresholds()
+GATE, GUARD = gate.GateThresholds(), guard.GuardThresholds()
 
 
 def ms(seconds: float) -> str:
@@ -92,7 +94,7 @@ THRESHOLDS = {
     # requests
     "Trajectory: duration, points": f"at most {GATE.max_duration:g} s, {GATE.max_points}",
     "Trajectory points: distance": f"at least {ms(GATE.min_dt)}",
-    "Trajectories or `Mark` calls of one process": f"{server.Front.CALLS_PER_SECOND} per second",
+    "Trajectories or `Mark` calls of one process": f"{server.FrontServer.CALLS_PER_SECOND} per second",
     "START_JUMP: distance of the first point": f"{GATE.start_jump:g} rad",
     "BRAKE_DISTANCE: speed always allowed; margin": f"{GATE.brake_floor:g}; {GATE.brake_margin:g} rad/s",
     "END_NOT_AT_REST: speed": f"{GATE.end_velocity:g} rad/s",

@@ -10,9 +10,9 @@ import pytest
 from doctor_world import found, host, mended, plant
 
 from twind_calibration.doctor import table
-from twind_calibration.doctor.can_links import Link, judge, read_link, with_details
+from twind_calibration.doctor.can_links import CanNetworkInterface, judge, read_link, with_details
 from twind_calibration.doctor.complaint import Severity
-from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.host import HostInspector
 from twind_drivers.can.link import CAN_TYPE
 
 LEGS = ("--robot", "h24-mixed", "--port", "l_leg=can:socketcan:can0")
@@ -32,12 +32,12 @@ def told(state: str = "ERROR-ACTIVE", bitrate: int = 1_000_000, restart: int = 1
     return json.dumps([entry | {"linkinfo": {"info_kind": "can", "info_data": about}}])
 
 
-def link(text: str, *, up: bool = True, queue: int = 10) -> Link:
-    return with_details(Link("can0", CAN_TYPE, up, queue), text)
+def link(text: str, *, up: bool = True, queue: int = 10) -> CanNetworkInterface:
+    return with_details(CanNetworkInterface("can0", CAN_TYPE, up, queue), text)
 
 
-def codes(one: Link) -> list[str]:
-    return [each.code for each in judge(Host(), one, 1_000_000)]
+def codes(one: CanNetworkInterface) -> list[str]:
+    return [each.code for each in judge(HostInspector(), one, 1_000_000)]
 
 
 def test_a_well_interface_gives_no_alarm() -> None:
@@ -46,13 +46,13 @@ def test_a_well_interface_gives_no_alarm() -> None:
 
 @pytest.mark.parametrize("state", ["BUS-OFF", "ERROR-PASSIVE"])
 def test_a_controller_that_counts_errors_is_told_with_its_counters(state: str) -> None:
-    (finding,) = judge(Host(), link(told(state)), 1_000_000)
+    (finding,) = judge(HostInspector(), link(told(state)), 1_000_000)
     assert (finding.code, finding.measured) == ("CAN_LINK_STATE", f"{state}, errors tx 128, rx 3")
     assert finding.command.splitlines()[1] == "sudo ip link set can0 down"
 
 
 def test_a_controller_that_counts_some_errors_still_works_and_is_not_taken_down() -> None:
-    (finding,) = judge(Host(), link(told("ERROR-WARNING")), 1_000_000)
+    (finding,) = judge(HostInspector(), link(told("ERROR-WARNING")), 1_000_000)
     assert (finding.code, finding.measured) == ("CAN_LINK_ERRORS", "ERROR-WARNING, tx 128, rx 3")
     assert finding.command == ""
     assert table.complaints()[finding.code].severity is Severity.WARNING
@@ -60,18 +60,18 @@ def test_a_controller_that_counts_some_errors_still_works_and_is_not_taken_down(
 
 @pytest.mark.parametrize("told_", [told("BUS-OFF"), told(bitrate=500_000), told(restart=0)])
 def test_a_link_that_is_up_is_taken_down_only_after_a_disarming(told_: str) -> None:
-    (finding,) = judge(Host(), link(told_), 1_000_000)
+    (finding,) = judge(HostInspector(), link(told_), 1_000_000)
     first, second, third = finding.command.splitlines()
     assert (first, second) == ("twindctl disarm", "sudo ip link set can0 down")
     assert third.startswith("sudo ip link set can0 up ")
     row = table.complaints()[finding.code].remedy
     assert row.index("`twindctl disarm`") < row.index("`sudo ip link set can0 down`")
-    (down, *_) = judge(Host(), link(told_, up=False), 1_000_000)
+    (down, *_) = judge(HostInspector(), link(told_, up=False), 1_000_000)
     assert "disarm" not in down.command, "it is down already"
 
 
 def test_another_bit_rate_is_told_with_both() -> None:
-    (finding,) = judge(Host(), link(told(bitrate=500_000)), 1_000_000)
+    (finding,) = judge(HostInspector(), link(told(bitrate=500_000)), 1_000_000)
     assert (finding.code, finding.measured, finding.expected) == (
         "CAN_LINK_BITRATE",
         "500000 bit/s",
@@ -100,19 +100,19 @@ def test_a_virtual_can_has_no_controller_to_complain_of() -> None:
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "[1]", "[{}, {}]", '[{"linkinfo": null}]', "no json"])
 def test_a_text_that_says_nothing_leaves_what_the_kernel_said(text: str) -> None:
-    assert link(text) == Link("can0", CAN_TYPE, True, 10)
+    assert link(text) == CanNetworkInterface("can0", CAN_TYPE, True, 10)
 
 
 def test_an_interface_of_this_machine_is_read_as_it_is() -> None:
     """Every Linux has `lo`: a loopback of type 772 (ARPHRD_LOOPBACK), up, and no CAN."""
     if not Path("/sys/class/net/lo").exists():
         pytest.skip("no /sys/class/net/lo here")
-    one = read_link(Host(), "lo")
+    one = read_link(HostInspector(), "lo")
     assert one is not None
     assert (one.kind, one.up) == (772, True)
     assert one.queue == int(Path("/sys/class/net/lo/tx_queue_len").read_text())
     assert (one.bitrate, one.state, one.restart_ms) == (None, None, None)
-    assert read_link(Host(), "nosuch9") is None
+    assert read_link(HostInspector(), "nosuch9") is None
 
 
 def test_an_interface_that_is_not_there_is_found_with_the_command_that_makes_it() -> None:
@@ -145,7 +145,7 @@ def test_a_long_queue_in_sys_is_found_and_shortened(tmp_path: Path) -> None:
 @pytest.mark.realtime
 def test_who_owns_an_interface_is_named_though_it_has_no_node() -> None:
     name = f"doct{os.getpid()}"
-    program = f"from twind_drivers.can.owner import Owner; sign = Owner({name!r}); print(flush=True); input()"
+    program = f"from twind_drivers.can.owner import CanInterfaceLock; sign = CanInterfaceLock({name!r}); print(flush=True); input()"
     words = (*LEGS[:2], "--port", f"l_leg=can:socketcan:{name}")
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -18,12 +18,12 @@ from twind.config.robot_spec import JointSpec
 from twind.ctl.main import main
 from twind_calibration.doctor import daemon_look, mend, robot_checks, runner, service, table
 from twind_calibration.doctor.bench import together
-from twind_calibration.doctor.complaint import CannotLook, Devices, Fix, Found
-from twind_calibration.doctor.daemon import Daemon
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.host import Host
-from twind_calibration.doctor.line import Line
-from twind_calibration.doctor.survey import SerialSurvey, Servo, asked
+from twind_calibration.doctor.complaint import CheckUnavailable, Devices, DoctorFinding, Fix
+from twind_calibration.doctor.daemon import DaemonInspector
+from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor.line import SerialBusInspector
+from twind_calibration.doctor.survey import SerialSurvey, SurveyedServo, asked
 from twind_drivers.clock import MonotonicClock
 
 ROBOT = load_robot("h24")
@@ -51,28 +51,32 @@ WELL = {
     "present_input_voltage": 120,
     "present_temperature": 30,
 }
-LINE = Line("/dev/ttyUSB0", 2_000_000, Host(), MonotonicClock())  # opened by who uses it, which nobody does
+LINE = SerialBusInspector(
+    "/dev/ttyUSB0", 2_000_000, HostInspector(), MonotonicClock()
+)  # opened by who uses it, which nobody does
 CHECKS = runner.chosen(table.checks(), [code for _, codes, _ in robot_checks.CHECKS for code in codes])
 
 
-def servo(joint: JointSpec, **changed: int | None) -> Servo:
+def servo(joint: JointSpec, **changed: int | None) -> SurveyedServo:
     """One that is well, but for what is given; None: it could not be read."""
     values = {name: value for name, value in {**WELL, **changed}.items() if value is not None}
-    return Servo("main", joint.id, joint, 1020, "XM430-W350", 47, values, "", 1e-4)
+    return SurveyedServo("main", joint.id, joint, 1020, "XM430-W350", 47, values, "", 1e-4)
 
 
-def found(*servos: Servo, calibration: Calibration | None = None) -> list[Found]:
+def found(*servos: SurveyedServo, calibration: Calibration | None = None) -> list[DoctorFinding]:
     """What is wrong with a bus where the rest is well."""
     others = {each.id for each in servos}
     rest = [servo(joint) for joint in ROBOT.joints if joint.id not in others]
     survey = SerialSurvey(ROBOT.buses[0], "/dev/ttyUSB0", (*servos, *rest), ())
-    seen = Examined(Host(), "twind.service", robot=ROBOT, calibration=calibration, surveys={"main": survey})
+    seen = CheckContext(
+        HostInspector(), "twind.service", robot=ROBOT, calibration=calibration, surveys={"main": survey}
+    )
     outcome = runner.run(seen, CHECKS, table.complaints())
     assert "CHECK_BROKEN" not in {each.code for each in outcome.found}, outcome.found
     return outcome.found
 
 
-def codes(*servos: Servo) -> set[str]:
+def codes(*servos: SurveyedServo) -> set[str]:
     return {each.code for each in found(*servos)}
 
 
@@ -151,7 +155,7 @@ def test_a_mask_that_the_robot_file_demands_is_no_complaint_and_another_is_not_m
 
 
 def test_nothing_is_written_that_the_robot_file_demands_otherwise() -> None:
-    seen = Examined(Host(), "twind.service", robot=ROBOT, lines={"main": LINE})
+    seen = CheckContext(HostInspector(), "twind.service", robot=ROBOT, lines={"main": LINE})
     assert mend.register(seen, servo(KNEE), "return_delay_time", 5) is not None
     demanded = replace(KNEE, registers={"return_delay_time": 9})
     assert mend.register(seen, servo(demanded), "return_delay_time", 5) is None
@@ -225,13 +229,13 @@ def test_who_is_there_is_looked_for_where_the_port_is_free_and_else_by_the_daemo
     spec, joints = ROBOT.buses[0], ROBOT.joints
     for servos, code in (((), "BUS_SILENT"), ((servo(joints[1]),), "SERVO_MISSING")):
         survey = SerialSurvey(spec, "/dev/ttyUSB0", servos, joints[:1])
-        seen = Examined(Host(), "twind.service", robot=ROBOT, surveys={"main": survey})
+        seen = CheckContext(HostInspector(), "twind.service", robot=ROBOT, surveys={"main": survey})
         checks = [check for check in CHECKS if code in check.codes]
         (alone,) = runner.run(seen, checks, table.complaints()).found
         assert alone.code == code and "`twindctl scan --port /dev/ttyUSB0` looks for" in alone.advice
         told = {"status": dict.fromkeys(("version", "robot", "mode", "state"), "mirror"), "joints": []}
         with answering(tmp_path / f"{code}.sock", told):
-            seen.daemon = Daemon(Client(tmp_path / f"{code}.sock"))
+            seen.daemon = DaemonInspector(Client(tmp_path / f"{code}.sock"))
             (beside,) = runner.run(seen, checks, table.complaints()).found
             seen.close()
         assert beside.code == code and "`twindctl scan main`" in beside.advice
@@ -242,7 +246,7 @@ def test_who_is_there_is_looked_for_where_the_port_is_free_and_else_by_the_daemo
 def test_one_complaint_about_many_servos_is_told_once_and_mended_for_all() -> None:
     done: list[int] = []
     same = [
-        Found(
+        DoctorFinding(
             "RETURN_DELAY",
             Devices("main", [(id, f"j{id}")]),
             "500 us",
@@ -252,7 +256,7 @@ def test_one_complaint_about_many_servos_is_told_once_and_mended_for_all() -> No
         )
         for id in range(1, 6)
     ]
-    apart = Found("RETURN_DELAY", Devices("main", [(9, "j9")]), "500 us", "10 us", "write 9")
+    apart = DoctorFinding("RETURN_DELAY", Devices("main", [(9, "j9")]), "500 us", "10 us", "write 9")
     one, other = together([*same, apart])
     assert one.thing == "bus main ids 1 (j1), 2 (j2), 3 (j3), 4 (j4), 5 (j5)"
     assert one.command.splitlines() == [f"write {id}" for id in range(1, 6)]
@@ -279,7 +283,7 @@ def test_a_bus_on_which_no_device_answers_is_known_by_its_field(message: str, si
     if silent:
         assert daemon_look._scan(client, "main") == {}
     else:
-        with pytest.raises(CannotLook, match="bus main"):
+        with pytest.raises(CheckUnavailable, match="bus main"):
             daemon_look._scan(client, "main")
 
 
@@ -296,7 +300,7 @@ def test_why_no_daemon_answers_is_known_without_its_words(
     tmp_path: Path, full: bool, asleep: str, other: bool, code: str
 ) -> None:
     (tmp_path / "control.sock").touch()
-    world = Examined(host=Host(), unit="twind.service")
+    world = CheckContext(host=HostInspector(), unit="twind.service")
     world.sockets = str(tmp_path)
     world.no_daemon = NoDaemon("x", full=full)
     world.asleep = asleep

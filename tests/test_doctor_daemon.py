@@ -24,9 +24,9 @@ from twind.ctl.main import main
 from twind.version import __version__
 from twind_calibration.doctor import machine_rows, service
 from twind_calibration.doctor.daemon import PATIENCE
-from twind_calibration.doctor.daemon import Daemon as Asked
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.daemon import DaemonInspector as Asked
+from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.host import HostInspector
 from twind_calibration.doctor.service import ENOUGH, MISSED
 
 pytestmark = pytest.mark.realtime
@@ -311,7 +311,7 @@ def test_the_daemons_own_faults_are_named_with_what_they_keep_from_arming(tmp_pa
     faults = [fault("DEVICE_MISSING", f"j{number}", "no answer") for number in range(24)]
     faults += [fault("FOREIGN_TRAFFIC", None, "packets on bus main that nobody asked for")]
     with answering(tmp_path / "control.sock", {"status": {"faults": faults}, "joints": []}):
-        seen = Examined(Host(), "twind.service", daemon=Asked(Client(tmp_path)))
+        seen = CheckContext(HostInspector(), "twind.service", daemon=Asked(Client(tmp_path)))
         missing, foreign = service.faults(seen)
         seen.close()
     assert missing.code == "DAEMON_FAULT" and missing.measured == "no answer"

@@ -14,38 +14,38 @@ from twind.ctl.verb import UsageError
 from twind_calibration import doctor
 from twind_calibration.doctor import host_rows, page, report, robot_rows, runner, table
 from twind_calibration.doctor.complaint import (
-    CannotLook,
-    Complaint,
+    Check,
+    CheckNotApplicable,
+    CheckUnavailable,
     Devices,
+    DoctorFinding,
     Fix,
-    Found,
-    NothingThere,
     Severity,
 )
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.examined import CheckContext
 from twind_calibration.doctor.gather import examine, real_port
-from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.host import HostInspector
 from twind_calibration.doctor.table import CHECK_BROKEN, CheckProbe
 from twind_drivers.clock import MonotonicClock
 
 ROWS = {
     row.code: row
     for row in (
-        Complaint("CAUSE", "the cause", "it causes", "end it", Severity.WARNING, explains=("EFFECT",)),
-        Complaint("EFFECT", "the effect", "it hurts", "see cause", Severity.FAULT),
-        Complaint("FAULT", "a fault", "it is broken", "mend it", Severity.FAULT),
-        Complaint("NOTE", "a note", "nice to know", "nothing", Severity.NOTE),
+        Check("CAUSE", "the cause", "it causes", "end it", Severity.WARNING, explains=("EFFECT",)),
+        Check("EFFECT", "the effect", "it hurts", "see cause", Severity.FAULT),
+        Check("FAULT", "a fault", "it is broken", "mend it", Severity.FAULT),
+        Check("NOTE", "a note", "nice to know", "nothing", Severity.NOTE),
         CHECK_BROKEN,
     )
 }
 
 
-def nothing_examined() -> Examined:
-    return Examined(Host(), "twind.service")
+def nothing_examined() -> CheckContext:
+    return CheckContext(HostInspector(), "twind.service")
 
 
-def check(what: str, *found: Found, error: Exception | None = None) -> CheckProbe:
-    def check_it(x: Examined) -> Iterator[Found]:
+def check(what: str, *found: DoctorFinding, error: Exception | None = None) -> CheckProbe:
+    def check_it(x: CheckContext) -> Iterator[DoctorFinding]:
         yield from found
         if error is not None:
             raise error
@@ -53,7 +53,7 @@ def check(what: str, *found: Found, error: Exception | None = None) -> CheckProb
     return CheckProbe(what, tuple(each.code for each in found), check_it)
 
 
-def run(*checks: CheckProbe) -> runner.Outcome:
+def run(*checks: CheckProbe) -> runner.DoctorReport:
     return runner.run(nothing_examined(), checks, ROWS)
 
 
@@ -108,15 +108,17 @@ def test_a_page_without_a_place_for_the_table_is_refused(tmp_path: Path) -> None
 
 
 def test_a_check_that_breaks_becomes_a_finding_and_the_others_go_on() -> None:
-    broken = check("moons", Found("NOTE", "a", "b"), error=ZeroDivisionError("of Jupiter"))
-    outcome = run(broken, check("suns", Found("FAULT", "c", "d")))
+    broken = check("moons", DoctorFinding("NOTE", "a", "b"), error=ZeroDivisionError("of Jupiter"))
+    outcome = run(broken, check("suns", DoctorFinding("FAULT", "c", "d")))
     assert [each.code for each in outcome.found] == ["FAULT", "CHECK_BROKEN", "NOTE"]
     assert outcome.found[1].measured == "could not look: ZeroDivisionError: of Jupiter"
     assert outcome.looked == ["suns"]
 
 
 def test_what_could_not_be_looked_at_is_said_and_what_is_not_there_is_not() -> None:
-    outcome = run(check("moons", error=CannotLook("clouds")), check("CAN", error=NothingThere("no CAN")))
+    outcome = run(
+        check("moons", error=CheckUnavailable("clouds")), check("CAN", error=CheckNotApplicable("no CAN"))
+    )
     assert (outcome.found, outcome.looked, outcome.unseen) == ([], [], [("moons", "clouds")])
     assert report.text(outcome, ROWS, None, verbose=True).splitlines()[-1] == (
         "nothing is known; looked at: nothing; could not look at: moons (clouds)"
@@ -125,7 +127,9 @@ def test_what_could_not_be_looked_at_is_said_and_what_is_not_there_is_not() -> N
 
 
 def test_a_finding_comes_right_after_the_one_that_explains_it_and_says_so() -> None:
-    outcome = run(check("all", *[Found(code, "x", "y") for code in ("NOTE", "EFFECT", "CAUSE", "FAULT")]))
+    outcome = run(
+        check("all", *[DoctorFinding(code, "x", "y") for code in ("NOTE", "EFFECT", "CAUSE", "FAULT")])
+    )
     assert [each.code for each in outcome.found] == ["FAULT", "CAUSE", "EFFECT", "NOTE"]
     assert outcome.because == {2: "CAUSE"}
     assert "probably because of CAUSE, above" in report.text(outcome, ROWS, None)
@@ -137,13 +141,15 @@ def test_two_complaints_that_explain_each_other_are_both_told() -> None:
         "CAUSE": replace(ROWS["CAUSE"], explains=("FAULT",)),
     }
     outcome = runner.run(
-        nothing_examined(), [check("x", Found("FAULT", "a", "b"), Found("CAUSE", "c", "d"))], rows
+        nothing_examined(),
+        [check("x", DoctorFinding("FAULT", "a", "b"), DoctorFinding("CAUSE", "c", "d"))],
+        rows,
     )
     assert sorted(each.code for each in outcome.found) == ["CAUSE", "FAULT"]
 
 
 def test_notes_alone_are_nothing_wrong() -> None:
-    outcome = run(check("all", Found("NOTE", "x", "y")))
+    outcome = run(check("all", DoctorFinding("NOTE", "x", "y")))
     assert report.wrong(outcome, ROWS, None) == 0
     assert report.text(outcome, ROWS, None).endswith("nothing wrong; looked at 1 thing")
     assert report.text(outcome, ROWS, None, verbose=True).endswith("nothing wrong; looked at: all")
@@ -152,10 +158,10 @@ def test_notes_alone_are_nothing_wrong() -> None:
 def test_a_fix_is_done_and_then_looked_for_again() -> None:
     broken = {"lamp": True, "wheel": True}
 
-    def look_at(x: Examined) -> Iterator[Found]:
+    def look_at(x: CheckContext) -> Iterator[DoctorFinding]:
         for thing, is_so in broken.items():
             if is_so:
-                yield Found(
+                yield DoctorFinding(
                     "FAULT", thing, "broken", fix=Fix(f"mend the {thing}", lambda thing=thing: mend(thing))
                 )  # type: ignore[misc]
 
@@ -184,9 +190,9 @@ def test_of_several_servos_told_as_one_those_that_are_left_are_no_success() -> N
         Devices("main", [(8, "hand"), (9, "x"), (10, "y"), (11, "z")]),
     ]
 
-    def look_at(x: Examined) -> Iterator[Found]:
+    def look_at(x: CheckContext) -> Iterator[DoctorFinding]:
         for thing in told:
-            yield Found(
+            yield DoctorFinding(
                 "FAULT", thing, "broken", fix=Fix("mend it", lambda: told.__setitem__(slice(None), left))
             )
 
@@ -196,15 +202,17 @@ def test_of_several_servos_told_as_one_those_that_are_left_are_no_success() -> N
 
 
 @pytest.mark.parametrize("before", [True, False], ids=["there already", "new"])
-@pytest.mark.parametrize("error", [CannotLook("held"), NothingThere("gone"), ZeroDivisionError("of Jupiter")])
+@pytest.mark.parametrize(
+    "error", [CheckUnavailable("held"), CheckNotApplicable("gone"), ZeroDivisionError("of Jupiter")]
+)
 def test_a_fix_that_nobody_could_look_at_again_is_no_success(error: Exception, before: bool) -> None:
     """Unless the same was in the way before, as a bus without a port is: then all was found beside it."""
-    looks = iter([before and isinstance(error, CannotLook), True])
+    looks = iter([before and isinstance(error, CheckUnavailable), True])
 
-    def look_at(x: Examined) -> Iterator[Found]:
+    def look_at(x: CheckContext) -> Iterator[DoctorFinding]:
         again = done
         if not again:
-            yield Found("FAULT", "x", "y", fix=Fix("mend it", lambda: done.append(1)))
+            yield DoctorFinding("FAULT", "x", "y", fix=Fix("mend it", lambda: done.append(1)))
         if next(looks):
             raise error
 
@@ -212,7 +220,7 @@ def test_a_fix_that_nobody_could_look_at_again_is_no_success(error: Exception, b
     checks = [CheckProbe("things", ("FAULT",), look_at)]
     outcome = runner.run(nothing_examined(), checks, ROWS)
     (tried,) = runner.mend(outcome, nothing_examined, checks, ROWS)
-    if before and isinstance(error, CannotLook):
+    if before and isinstance(error, CheckUnavailable):
         assert (tried.error, tried.there, report.wrong(outcome, ROWS, [tried])) == ("", False, 0)
         return
     assert tried.error.startswith("it was done, but could not be looked at again: ")
@@ -223,7 +231,7 @@ def test_a_fix_that_fails_says_why_and_still_counts() -> None:
     def fail() -> None:
         raise PermissionError(13, "Permission denied", "/sys/x")
 
-    checks = [check("all", Found("FAULT", "x", "y", fix=Fix("write it", fail)))]
+    checks = [check("all", DoctorFinding("FAULT", "x", "y", fix=Fix("write it", fail)))]
     outcome = run(*checks)
     tried = runner.mend(outcome, nothing_examined, checks, ROWS)
     assert report.wrong(outcome, ROWS, tried) == 1
@@ -312,7 +320,7 @@ def test_an_instance_is_known_by_its_settings_or_by_its_sockets(tmp_path: Path) 
     (tmp_path / "twind").mkdir()
     file = tmp_path / "twind/body.yaml"
     file.write_text("robot: h24-split\n")
-    on = replace(Host(), etc=tmp_path)
+    on = replace(HostInspector(), etc=tmp_path)
     by_settings = options("--config", str(file))
     by_settings.socket = None
     for asked in (by_settings, options(socket="/run/twind/body")):

@@ -14,7 +14,7 @@ from doctor_world import ROOT, found, host, mended, nobody, options, plant, way_
 
 from twind.loop.realtime import LIMIT, PRIORITY
 from twind_calibration.doctor import account, systemd
-from twind_calibration.doctor.complaint import CannotLook
+from twind_calibration.doctor.complaint import CheckUnavailable
 from twind_calibration.doctor.gather import examine
 from twind_calibration.doctor.host import is_daemon
 from twind_calibration.doctor.machine import synchronised
@@ -182,21 +182,21 @@ def test_a_folder_that_may_not_be_entered_hides_what_is_in_it(tmp_path: Path) ->
     path = plant(tmp_path / "closed/file", "")
     path.chmod(0o666)
     path.parent.chmod(0o700)
-    assert not account.Account(65534, frozenset({65534})).may(path, os.R_OK)
+    assert not account.UserAccount(65534, frozenset({65534})).may(path, os.R_OK)
     path.parent.chmod(0o711)
-    assert account.Account(65534, frozenset({65534})).may(path, os.R_OK)
+    assert account.UserAccount(65534, frozenset({65534})).may(path, os.R_OK)
 
 
 def test_the_account_of_a_process_is_the_kernels() -> None:
     assert account.of_process(Path("/proc"), os.getpid()) == account.own()
-    with pytest.raises(CannotLook):
+    with pytest.raises(CheckUnavailable):
         account.of_process(Path("/proc"), 2**30)
 
 
 def test_the_account_of_a_service_has_its_groups() -> None:
     root = account.of_service("", "tty")
     assert root.uid == 0 and account.group_id("tty") in root.gids
-    with pytest.raises(CannotLook, match="no user 'nosuchuser'"):
+    with pytest.raises(CheckUnavailable, match="no user 'nosuchuser'"):
         account.of_service("nosuchuser", "")
 
 

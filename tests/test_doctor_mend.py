@@ -14,10 +14,10 @@ from twind.config.robot_file import load_robot
 from twind.ctl.verb import Rejected
 from twind_calibration.doctor import mend
 from twind_calibration.doctor.bench import servos
-from twind_calibration.doctor.complaint import CannotLook
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.host import Host
-from twind_calibration.doctor.line import Line
+from twind_calibration.doctor.complaint import CheckUnavailable
+from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor.line import SerialBusInspector
 from twind_calibration.doctor.port_look import survey_port
 from twind_drivers.clock import MonotonicClock
 
@@ -39,8 +39,8 @@ def fix(ground: Ground) -> Iterator[Any]:
     with Vendor(ground.port) as vendor:
         ground.set(vendor, 1, *MASK)
     spec = load_robot(ground.virtual.robot)
-    line = Line(ground.port, BAUD, Host(), MonotonicClock())
-    seen = Examined(Host(), "twind.service", robot=spec, lines={"main": line})
+    line = SerialBusInspector(ground.port, BAUD, HostInspector(), MonotonicClock())
+    seen = CheckContext(HostInspector(), "twind.service", robot=spec, lines={"main": line})
     seen.surveys["main"] = survey_port(line, spec.buses[0], spec, range(13))
     seen.close()
     found = next(servo for _, servo in servos(seen) if servo.id == 1)
@@ -89,7 +89,7 @@ def test_a_port_that_somebody_has_by_now_is_not_written_to(ground: Ground, fix: 
         assert holder.stdout is not None
         assert holder.stdin is not None
         holder.stdout.readline()
-        with pytest.raises(CannotLook, match=f"held by pid {holder.pid}"):
+        with pytest.raises(CheckUnavailable, match=f"held by pid {holder.pid}"):
             fix()
         holder.stdin.close()
     assert mask(ground) == MASK[1]

@@ -13,13 +13,13 @@ import pytest
 from doctor_world import ROOT, found, host, look, mended, nobody, plant, way_to
 
 from twind_calibration.doctor import latency
-from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.host import HostInspector
 
 needs_root = pytest.mark.skipif(not ROOT, reason="makes device nodes and looks as another user: needs root")
 MINOR = 250  # of a node that no driver serves: opening it would fail, and nobody opens it
 
 
-def codes(path: object, code: str, on: Host | None = None) -> list[str]:
+def codes(path: object, code: str, on: HostInspector | None = None) -> list[str]:
     return [each.thing for each in found("--port", str(path), code=code, on=on)]
 
 
@@ -344,8 +344,8 @@ def test_the_holders_of_a_locked_node_are_read_from_the_kernels_list(pty: str) -
     fd = os.open(pty, os.O_RDWR | os.O_NOCTTY)
     fcntl.flock(fd, fcntl.LOCK_EX)
     try:
-        assert Host().holders(pty) == []
-        assert list(Host()._lockers(pty)) == [os.getpid()]
+        assert HostInspector().holders(pty) == []
+        assert list(HostInspector()._lockers(pty)) == [os.getpid()]
     finally:
         os.close(fd)
 

@@ -9,10 +9,10 @@ from test_doctor_checks import KNEE, found, servo
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.device_record import DeviceRecord
 from twind_calibration import doctor
-from twind_calibration.again import Again
+from twind_calibration.again import CommandHint
 from twind_calibration.doctor import report, table
-from twind_calibration.doctor.complaint import Fix, Found
-from twind_calibration.doctor.runner import Outcome
+from twind_calibration.doctor.complaint import DoctorFinding, Fix
+from twind_calibration.doctor.runner import DoctorReport
 from twind_calibration.doctor.told import told
 
 ROWS = table.complaints()
@@ -30,10 +30,10 @@ HARMLESS = {
 }
 
 
-def printed(finding: Found) -> str:
+def printed(finding: DoctorFinding) -> str:
     """The finding as the doctor prints it to a call beside a daemon."""
-    ready, fix = told([finding], ROWS, Again(), daemon=True)
-    return report.text(Outcome(found=ready, fix=fix), ROWS, None)
+    ready, fix = told([finding], ROWS, CommandHint(), daemon=True)
+    return report.text(DoctorReport(found=ready, fix=fix), ROWS, None)
 
 
 def only(code: str, *servos: object, **more: object) -> str:
@@ -49,11 +49,11 @@ def test_a_remedy_that_can_harm_has_a_caution(code: str) -> None:
 
 @pytest.mark.parametrize("code", [code for code, row in ROWS.items() if row.caution])
 def test_the_caution_is_printed_before_the_remedy_and_before_the_command(code: str) -> None:
-    said = printed(Found(code, "thing", "measured", command="COMMAND", advice="ADVICE"))
+    said = printed(DoctorFinding(code, "thing", "measured", command="COMMAND", advice="ADVICE"))
     assert said.index(ROWS[code].caution) < said.index("ADVICE") < said.index("COMMAND")
-    said = printed(Found(code, "thing", "measured"))
+    said = printed(DoctorFinding(code, "thing", "measured"))
     assert said.index(ROWS[code].caution) < said.index("do: ")
-    (data,) = report.data(Outcome(found=[Found(code, "thing", "measured")]), ROWS, None)["found"]
+    (data,) = report.data(DoctorReport(found=[DoctorFinding(code, "thing", "measured")]), ROWS, None)["found"]
     assert data["caution"] == ROWS[code].caution
 
 
@@ -62,9 +62,10 @@ def test_what_fix_would_do_is_asked_with_the_cautions(
 ) -> None:
     monkeypatch.setattr("sys.stdin.readline", lambda: "n\n")
     mends = [
-        Found("RETURN_DELAY", f"id {id}", "500 us", fix=Fix("delay := 5", lambda: None)) for id in (1, 2)
+        DoctorFinding("RETURN_DELAY", f"id {id}", "500 us", fix=Fix("delay := 5", lambda: None))
+        for id in (1, 2)
     ]
-    assert not doctor._agreed(Outcome(found=mends), ROWS, asks=True)
+    assert not doctor._agreed(DoctorReport(found=mends), ROWS, asks=True)
     assert capsys.readouterr().out.count(ROWS["RETURN_DELAY"].caution) == 1
 
 
@@ -112,7 +113,7 @@ def test_torque_of_another_program_is_not_taken_off_before_the_robot_is_supporte
 
 
 def test_the_watchdog_of_an_actuator_is_not_to_be_tried_out_with_hands_on_the_robot() -> None:
-    said = printed(Found("CAN_WATCHDOG_UNVERIFIED", "bus l_leg id 1", "`watchdog: unverified`"))
+    said = printed(DoctorFinding("CAN_WATCHDOG_UNVERIFIED", "bus l_leg id 1", "`watchdog: unverified`"))
     assert "kill -9" not in said
     assert "hold the joint by hand" not in said
     assert "do not try it out by killing the daemon" in said
@@ -120,4 +121,6 @@ def test_the_watchdog_of_an_actuator_is_not_to_be_tried_out_with_hands_on_the_ro
 
 def test_a_silent_bus_is_not_to_be_switched_on_with_a_person_at_the_robot() -> None:
     for code in ("BUS_SILENT", "CAN_SILENT"):
-        assert "make sure that no person works at the robot" in printed(Found(code, "bus main", "no answer"))
+        assert "make sure that no person works at the robot" in printed(
+            DoctorFinding(code, "bus main", "no answer")
+        )

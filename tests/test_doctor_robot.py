@@ -14,13 +14,13 @@ from processes import Daemon, Virtual, daemon, robot
 
 from twind.config.robot_file import load_robot
 from twind_calibration.doctor import robot_checks, robot_rows, runner, table
-from twind_calibration.doctor.complaint import Found
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.complaint import DoctorFinding
+from twind_calibration.doctor.examined import CheckContext
 from twind_calibration.doctor.gather import examine
-from twind_calibration.doctor.host import Host
-from twind_calibration.doctor.line import Line
+from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor.line import SerialBusInspector
 from twind_calibration.doctor.port_look import survey_port
-from twind_calibration.doctor.runner import Mended, Outcome
+from twind_calibration.doctor.runner import DoctorReport, FixResult
 from twind_drivers.clock import MonotonicClock
 
 pytestmark = pytest.mark.realtime
@@ -38,7 +38,7 @@ def ground(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ground]:
         yield Ground(virtual)
 
 
-def look(virtual: Virtual, *words: str, running: Daemon | None = None) -> Outcome:
+def look(virtual: Virtual, *words: str, running: Daemon | None = None) -> DoctorReport:
     """What the doctor's checks of buses and servos find."""
     seen = examined(virtual, *words, running=running)
     try:
@@ -47,24 +47,26 @@ def look(virtual: Virtual, *words: str, running: Daemon | None = None) -> Outcom
         seen.close()
 
 
-def examined(virtual: Virtual, *words: str, running: Daemon | None = None, serial: bool = True) -> Examined:
+def examined(
+    virtual: Virtual, *words: str, running: Daemon | None = None, serial: bool = True
+) -> CheckContext:
     """What they look at; on a free port nobody above id 30 is asked, which saves a second."""
     given = ["--robot", virtual.robot, "--calibration", str(virtual.calibration)]
     if running is None:
         for bus, port in virtual.ports.items():
             given += ["--port", f"{bus}={'can:slcan:' if bus.endswith('leg') else ''}{port}"]
     socket = "/nowhere/at/all" if running is None else running.sockets
-    seen = examine(options(*given, *words, socket=socket), Host(), MonotonicClock())
+    seen = examine(options(*given, *words, socket=socket), HostInspector(), MonotonicClock())
     for name, line in seen.lines.items() if serial else ():
         seen.surveys[name] = survey_port(line, seen.bus(name), seen.need_robot(), range(31))
     return seen
 
 
-def told(outcome: Outcome) -> list[str]:
+def told(outcome: DoctorReport) -> list[str]:
     return [f"{each.code} {each.thing}: {each.measured}" for each in outcome.found]
 
 
-def hit(case: Case, found: Iterable[Found]) -> list[Found]:
+def hit(case: Case, found: Iterable[DoctorFinding]) -> list[DoctorFinding]:
     """The findings of this case about its servo."""
     return [
         each
@@ -75,7 +77,7 @@ def hit(case: Case, found: Iterable[Found]) -> list[Found]:
     ]
 
 
-def require(cases: tuple[Case, ...], outcome: Outcome) -> None:
+def require(cases: tuple[Case, ...], outcome: DoctorReport) -> None:
     """Each is found once, and nothing that was not planted; what a calibration records may be changed."""
     missed = [case.code for case in cases if len(hit(case, outcome.found)) != case.times]
     assert not missed, "\n".join([*missed, *told(outcome), *map(str, outcome.unseen)])
@@ -88,8 +90,8 @@ def require(cases: tuple[Case, ...], outcome: Outcome) -> None:
 
 
 def mended(
-    virtual: Virtual, outcome: Outcome, codes: set[str], running: Daemon | None = None
-) -> dict[str, Mended]:
+    virtual: Virtual, outcome: DoctorReport, codes: set[str], running: Daemon | None = None
+) -> dict[str, FixResult]:
     """What `--fix` does about these, with yes said."""
     outcome.found = [each for each in outcome.found if each.code in codes]
     done = runner.mend(outcome, lambda: examined(virtual, running=running), MINE, ROWS)
@@ -236,8 +238,8 @@ def test_strangers_twins_old_firmware_and_other_models_are_found_and_who_is_miss
 def test_a_servo_of_protocol_1_is_told(tmp_path: Path) -> None:
     robot = load_robot(str(upper_body(tmp_path)))
     with old_servo() as port:
-        line = Line(port, BAUD, Host(), MonotonicClock())
-        seen = Examined(Host(), "twind.service", robot=robot, lines={"main": line})
+        line = SerialBusInspector(port, BAUD, HostInspector(), MonotonicClock())
+        seen = CheckContext(HostInspector(), "twind.service", robot=robot, lines={"main": line})
         seen.surveys["main"] = survey_port(line, robot.buses[0], robot, range(13))
         outcome = runner.run(seen, MINE, ROWS)
         seen.close()

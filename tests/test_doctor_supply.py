@@ -12,7 +12,7 @@ from processes import Virtual, robot, until
 
 from twind.config.robot_file import load_robot
 from twind_calibration.doctor import report, runner, table
-from twind_calibration.doctor.complaint import Found
+from twind_calibration.doctor.complaint import DoctorFinding
 
 pytestmark = pytest.mark.realtime
 
@@ -65,7 +65,7 @@ def ordered(virtual: Virtual, *orders: dict[str, Any], healed: dict[str, Any]) -
             virtual.order(**{**order, **healed})
 
 
-def look(virtual: Virtual, *words: str) -> list[Found]:
+def look(virtual: Virtual, *words: str) -> list[DoctorFinding]:
     """What the doctor finds about supplies, on the free port."""
     (port,) = virtual.ports.values()
     given = ["--robot", virtual.robot, "--port", f"main={port}", *words]
@@ -74,9 +74,9 @@ def look(virtual: Virtual, *words: str) -> list[Found]:
     return [each for each in outcome.found if each.code in CODES]
 
 
-def printed(finding: Found) -> str:
+def printed(finding: DoctorFinding) -> str:
     """The finding as the doctor prints it."""
-    return report.text(runner.Outcome(found=[finding]), table.complaints(), None)
+    return report.text(runner.DoctorReport(found=[finding]), table.complaints(), None)
 
 
 def test_servos_of_5_v_beside_servos_of_12_v_are_healthy(mixed: Virtual) -> None:

@@ -7,26 +7,26 @@ from collections.abc import Iterator
 import pytest
 from doctor_world import options
 
-from twind_calibration.again import Again, again
+from twind_calibration.again import CommandHint, again
 from twind_calibration.doctor import report, runner, table
 from twind_calibration.doctor.bench import together
-from twind_calibration.doctor.complaint import Devices, Fix, Found
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.host import Host
-from twind_calibration.doctor.runner import Outcome
+from twind_calibration.doctor.complaint import Devices, DoctorFinding, Fix
+from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor.runner import DoctorReport
 from twind_calibration.doctor.table import CheckProbe
 from twind_calibration.doctor.told import told
 
 ROWS = table.complaints()
-HERE = Again("--socket /tmp/a ", " --port main=/dev/x")
+HERE = CommandHint("--socket /tmp/a ", " --port main=/dev/x")
 FIX = "twindctl --socket /tmp/a doctor --port main=/dev/x --fix"
 
 
-def delay(id: int, *, fix: bool = True) -> Found:
+def delay(id: int, *, fix: bool = True) -> DoctorFinding:
     thing = Devices("main", [(id, f"j{id}")])
     command = f"twindctl register write main {id} return_delay_time 5"
     mend = Fix("return_delay_time := 5 (is 250)", lambda: None, thing) if fix else None
-    return Found("RETURN_DELAY", thing, "500 us", "10 us", command, mend)
+    return DoctorFinding("RETURN_DELAY", thing, "500 us", "10 us", command, mend)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def delay(id: int, *, fix: bool = True) -> Found:
 )  # fmt: skip
 def test_a_command_keeps_the_options_of_the_call(text: str, printed: str) -> None:
     assert HERE.command(text) == printed
-    assert Again().command(text) == text
+    assert CommandHint().command(text) == text
 
 
 def test_words_for_people_are_left_as_they_are_but_for_what_is_quoted() -> None:
@@ -60,13 +60,13 @@ def test_the_options_are_quoted_as_a_shell_takes_them() -> None:
     here = again(call, "/run/it's")
     assert here.socket == """--socket '/run/it'"'"'s' """
     assert here.files == " --config c --robot 'my robot.yaml' --port main=/dev/x --port b=/dev/y"
-    assert again(argparse.Namespace(socket="/run/b"), "/run/c") == Again("--socket /run/b ")
+    assert again(argparse.Namespace(socket="/run/b"), "/run/c") == CommandHint("--socket /run/b ")
 
 
 def test_without_a_daemon_what_fix_does_is_one_command_that_is_printed_once() -> None:
     found, fix = told([*together(map(delay, range(1, 25))), delay(30)], ROWS, HERE, daemon=False)
     assert fix == FIX and {each.command for each in found} == {FIX}
-    said = report.text(Outcome(found=found, fix=fix), ROWS, None)
+    said = report.text(DoctorReport(found=found, fix=fix), ROWS, None)
     assert said.count(FIX) == 1 and "twindctl register" not in said
     assert told(found, ROWS, HERE, ["RETURN_DELAY"], daemon=False)[1] == f"{FIX} --only RETURN_DELAY"
 
@@ -89,33 +89,33 @@ def test_by_a_daemon_many_equal_writes_are_one_line_of_shell() -> None:
 
 def test_no_row_of_the_table_is_told_without_the_options_of_the_call() -> None:
     """Neither the remedies of rows nor those of findings: a bare command asks another daemon."""
-    found, _ = told([Found(code, "x", "y") for code in ROWS], ROWS, HERE, daemon=True)
-    said = report.text(Outcome(found=found), ROWS, None)
+    found, _ = told([DoctorFinding(code, "x", "y") for code in ROWS], ROWS, HERE, daemon=True)
+    said = report.text(DoctorReport(found=found), ROWS, None)
     bare = re.findall(r"`twindctl (?!--socket|check|scan --port)[a-z]+", said)
     assert bare == []
 
 
 def test_how_another_daemon_is_asked_is_left_as_it_is() -> None:
-    ask = Found("PORT_HELD", "/dev/x", "held", advice="ask that one, `twindctl doctor`")
+    ask = DoctorFinding("PORT_HELD", "/dev/x", "held", advice="ask that one, `twindctl doctor`")
     assert told([ask], ROWS, HERE, daemon=False) == ([ask], "")
 
 
 def test_what_all_servos_of_a_bus_have_is_told_by_the_first_and_the_last_id() -> None:
     every, fix = told([*together(map(delay, range(1, 25)))], ROWS, HERE, daemon=False)
     about = {"robot": "h24", "ports": {"main": "/dev/x"}, "ids": {"main": list(range(1, 25))}, "daemon": None}
-    said = report.text(Outcome(about=about, found=every, fix=fix), ROWS, None)
+    said = report.text(DoctorReport(about=about, found=every, fix=fix), ROWS, None)
     assert "bus main ids 1-24 (all 24): 500 us" in said and "(j7)" not in said
     assert "`--fix` does it: bus main ids 1-24 (all 24): return_delay_time := 5" in said
     some, _ = told([*together(map(delay, range(1, 24)))], ROWS, HERE, daemon=False)
-    assert "23 (j23): 500 us" in report.text(Outcome(about=about, found=some), ROWS, None)
+    assert "23 (j23): 500 us" in report.text(DoctorReport(about=about, found=some), ROWS, None)
 
 
 def test_of_one_severity_the_machine_comes_after_buses_and_servos() -> None:
-    def look(x: Examined) -> Iterator[Found]:
+    def look(x: CheckContext) -> Iterator[DoctorFinding]:
         for code in ("CPU_GOVERNOR", "NO_REALTIME", "RETURN_DELAY", "SERVO_MISSING", "PORT_RENUMBERED"):
-            yield Found(code, "x", "y")
+            yield DoctorFinding(code, "x", "y")
 
-    outcome = runner.run(Examined(Host(), "twind.service"), [CheckProbe("all", (), look)], ROWS)
+    outcome = runner.run(CheckContext(HostInspector(), "twind.service"), [CheckProbe("all", (), look)], ROWS)
     assert [each.code for each in outcome.found] == [
         "SERVO_MISSING", "RETURN_DELAY", "NO_REALTIME", "PORT_RENUMBERED", "CPU_GOVERNOR",
     ]  # fmt: skip

@@ -10,7 +10,7 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 from twind_drivers.dynamixel.packet import sync_write
 
 CAP = 855  # 2.3 A in counts of 2.69 mA
@@ -70,7 +70,7 @@ def test_a_servo_in_another_mode_than_its_joint_names_is_never_armed(mixed: Rig)
     )
     mixed.call(link.AcquireLease)
     assert mixed.call(link.Arm).error is not None
-    assert mixed.loop.state is State.IDENTIFYING
+    assert mixed.loop.state is RobotState.IDENTIFYING
     assert (mixed.register("torque_enable") == 0).all()
 
 
@@ -82,7 +82,7 @@ def test_a_mode_that_somebody_writes_through_the_daemon_is_told_at_once(mixed: R
     mixed.ticks(80)
     calibrated(mixed)
     mixed.ticks(2)
-    assert mixed.loop.state is State.IDENTIFYING
+    assert mixed.loop.state is RobotState.IDENTIFYING
     assert any("id 2 on bus main: operating_mode (11) is 4" in event.message for event in mixed.events())
     calibrate(mixed)
     reply = mixed.call(link.WriteRegister, bus="main", id=2, name="operating_mode", value=3)
@@ -96,7 +96,7 @@ def test_a_register_that_nobody_compares_leaves_the_bus_connected(mixed: Rig) ->
     assert mixed.call(link.WriteRegister, bus="main", id=2, name="led", value=1).error is None
     for _ in range(50):
         mixed.ticks(1)
-        assert mixed.loop.state is State.CONNECTED
+        assert mixed.loop.state is RobotState.CONNECTED
 
 
 def test_a_servo_that_obeys_the_id_of_another_is_never_armed() -> None:
@@ -110,7 +110,7 @@ def test_a_servo_that_obeys_the_id_of_another_is_never_armed() -> None:
         assert any("secondary_shadow_id (12) is" in event.message for event in rig.events())
         rig.call(link.AcquireLease)
         assert rig.call(link.Arm).error is not None
-        assert rig.loop.state is State.IDENTIFYING
+        assert rig.loop.state is RobotState.IDENTIFYING
         assert (rig.register("torque_enable") == 0).all()
         lower, upper = rig.register("min_position_limit"), rig.register("max_position_limit")
         goal = int(max(lower[[meant, shadow]]) + min(upper[[meant, shadow]])) // 2
@@ -131,4 +131,4 @@ def test_a_mode_that_was_changed_after_identification_is_found_before_torque(mix
     reply = mixed.call(link.Arm)
     assert "register 11" in str(reply.parameters)
     assert (mixed.register("torque_enable") == 0).all()
-    assert mixed.loop.state is State.CONNECTED
+    assert mixed.loop.state is RobotState.CONNECTED

@@ -12,7 +12,7 @@ from free_h24 import free_h24
 
 from twind.config.robot_file import load_robot
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code, Verdict
+from twind.robot.finding import ReasonCode, Verdict
 from twind.twin.binding import Binding, bind
 from twind.twin.dynamics import FREE, PINNED, SHARE, Dynamics
 
@@ -131,7 +131,7 @@ def test_more_than_the_share_is_told_with_its_first_and_its_worst_time(pinned: B
     path = np.array([pose(pinned, l_shoulder_roll=angle) for angle in np.linspace(0.0, 1.5, 31)])
     weak = able(pinned, l_shoulder_roll=need / 1.6)  # 0.8 of it is half of what is needed
     (found,) = judge(weak, path).warnings
-    assert (found.code, found.joint) == (Code.TORQUE_INFEASIBLE, 3)
+    assert (found.code, found.joint) == (ReasonCode.TORQUE_INFEASIBLE, 3)
     assert found.value == pytest.approx(need) and found.bound == pytest.approx(need / 2)
     assert found.time is not None and 0.2 < found.time < 0.5  # sin(angle) is near one half
     assert "most at 1 s" in found.message and "standing still" not in found.message
@@ -165,7 +165,9 @@ def test_a_robot_file_that_is_strict_refuses(pinned: Binding) -> None:
     weak = strict(able(pinned, l_shoulder_roll=0.1))
     path = np.array([pose(pinned, l_shoulder_roll=angle) for angle in np.linspace(0.0, 1.5, 31)])
     verdict = judge(weak, path)
-    assert [found.code for found in verdict.refusals] == [Code.TORQUE_INFEASIBLE] and not verdict.warnings
+    assert [found.code for found in verdict.refusals] == [
+        ReasonCode.TORQUE_INFEASIBLE
+    ] and not verdict.warnings
 
 
 def test_what_hangs_beyond_its_bound_already_may_come_down_but_not_go_up(pinned: Binding) -> None:
@@ -182,7 +184,7 @@ def test_an_unknown_limit_is_not_judged_but_refuses_where_the_file_is_strict(pin
     still = np.tile(pinned.rest, (3, 1))
     assert judge(unknown, still) == Verdict()
     (found,) = judge(strict(unknown), still).refusals
-    assert (found.code, found.joint) == (Code.TORQUE_INFEASIBLE, 3)
+    assert (found.code, found.joint) == (ReasonCode.TORQUE_INFEASIBLE, 3)
 
 
 def test_numbers_that_are_none_are_too_much(pinned: Binding) -> None:

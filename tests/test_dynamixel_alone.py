@@ -6,8 +6,8 @@ from dxl_bench import LIMITS, Bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.bus import Burst, DeviceRefused, WireClamp, Write
-from twind_drivers.dynamixel.alone import AloneServo
+from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
+from twind_drivers.dynamixel.alone import SingleServoControl
 
 HERE, OTHER = 2, 3
 CAP, PROFILE = 100, 17
@@ -30,7 +30,7 @@ def bench(**more: object) -> Bench:
     return bus
 
 
-def driven(bus: Bench) -> tuple[AloneServo, object]:
+def driven(bus: Bench) -> tuple[SingleServoControl, object]:
     """Entered, bounded, prepared, with torque."""
     alone = bus.writer.alone(HERE, cap=CAP, profile=PROFILE)
     kept = bus.run(alone.look())
@@ -77,17 +77,17 @@ def test_no_goal_outside_its_window_ever_leaves(tick: int) -> None:
 @pytest.mark.parametrize(
     "order",
     [
-        Write({HERE: (2600).to_bytes(4, "little")}, 116),  # a goal outside its window
-        Write({HERE: (CAP + 1).to_bytes(2, "little")}, 102),  # more current than its cap
-        Write({HERE: (1).to_bytes(4, "little")}, 104),  # a speed
-        Write({OTHER: (2000).to_bytes(4, "little")}, 116),  # somebody else
-        Write({HERE: (2000).to_bytes(4, "little"), OTHER: (2000).to_bytes(4, "little")}, 116),
+        WriteRequest({HERE: (2600).to_bytes(4, "little")}, 116),  # a goal outside its window
+        WriteRequest({HERE: (CAP + 1).to_bytes(2, "little")}, 102),  # more current than its cap
+        WriteRequest({HERE: (1).to_bytes(4, "little")}, 104),  # a speed
+        WriteRequest({OTHER: (2000).to_bytes(4, "little")}, 116),  # somebody else
+        WriteRequest({HERE: (2000).to_bytes(4, "little"), OTHER: (2000).to_bytes(4, "little")}, 116),
     ],
 )
-def test_the_last_look_lets_nothing_else_pass(order: Write) -> None:
+def test_the_last_look_lets_nothing_else_pass(order: WriteRequest) -> None:
     bus = bench()
     driven(bus)
-    for each in (order, Burst((order,))):
+    for each in (order, BurstWriteRequest((order,))):
         with pytest.raises(WireClamp):
             bus.writer.begin(each, 0.0)
     with pytest.raises(WireClamp):

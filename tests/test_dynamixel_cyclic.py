@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind_drivers.attendance import MISSES, PROBE
-from twind_drivers.bus import Read, Sample
+from twind_drivers.bus import BusSample, ReadRequest
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.cyclic import CALM, SURE
@@ -29,7 +29,7 @@ class Rig:
         self.reader = DynamixelReader("main", self.wire, ids, models or [1020] * len(ids), **settings)
         self.asked: list[p.Packet] = []
 
-    def read(self) -> Sample:
+    def read(self) -> BusSample:
         """The cyclic reading of one tick; `asked` keeps its request."""
         before = len(self.servos.seen)
         self.reader.request(self.clock.now())
@@ -37,7 +37,7 @@ class Rig:
         self._await()
         return self.reader.finish(self.clock.now())
 
-    def tick(self) -> Sample:
+    def tick(self) -> BusSample:
         """A whole tick."""
         end = self.clock.now() + PERIOD
         sample = self.read()
@@ -149,8 +149,8 @@ def test_a_parked_servo_that_answers_with_an_error_alone_is_back_too() -> None:
     servos.silent = {7}
     for _ in range(10):
         rig.tick()
-    servos.silent, servos.error[7] = set(), p.Error.DATA_LENGTH
-    rig.reader.begin(Read((7,), 126, 10), rig.clock.now())
+    servos.silent, servos.error[7] = set(), p.StatusErrorCode.DATA_LENGTH
+    rig.reader.begin(ReadRequest((7,), 126, 10), rig.clock.now())
     rig.reader.feed(rig.clock.now())
     rig.reader.answer(rig.clock.now())
     assert rig.read().asked.all()
@@ -163,7 +163,7 @@ def test_what_answers_anything_is_back() -> None:
     for _ in range(10):
         rig.tick()
     servos.silent = set()
-    rig.reader.begin(Read((7,), 64, 1), rig.clock.now())
+    rig.reader.begin(ReadRequest((7,), 64, 1), rig.clock.now())
     rig.reader.feed(rig.clock.now())
     rig.reader.answer(rig.clock.now())
     assert rig.tick().heard.all()
@@ -256,7 +256,7 @@ def test_a_servo_that_refuses_the_longer_blocks_is_read_with_the_usual_one() -> 
     assert sample.heard.all()
 
 
-@pytest.mark.parametrize("error", [p.Error.CRC, p.Error.ACCESS])
+@pytest.mark.parametrize("error", [p.StatusErrorCode.CRC, p.StatusErrorCode.ACCESS])
 def test_a_single_error_is_no_refusal_of_the_longer_blocks(error: int) -> None:
     """A bit error makes a request look like one to a single servo, which answers it with an error status."""
     servos = Servos(IDS)
@@ -267,7 +267,7 @@ def test_a_single_error_is_no_refusal_of_the_longer_blocks(error: int) -> None:
         if servos.seen[-1].instruction != PLAIN or servos.seen[-1].params[2] <= 12 or not spoilt:
             return change(reply)
         spoilt.pop()
-        return p.status(3, error) if error == p.Error.CRC or len(spoilt) == 1 else change(reply)
+        return p.status(3, error) if error == p.StatusErrorCode.CRC or len(spoilt) == 1 else change(reply)
 
     rig.wire.change = spoil
     servos.silent = {7}

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from twind_drivers.bus import WireClamp
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.goals import GoalPacket, Goals, goal_packets
-from twind_drivers.dynamixel.layout import Block
+from twind_drivers.dynamixel.layout import RegisterBlock
 
 IDS = (1, 252, 7)
 WIDE = 2**31 - 1
-GOAL = Block(116, 4)
+GOAL = RegisterBlock(116, 4)
 
 
 def goals(lower: int = -WIDE, upper: int = WIDE, ids: tuple[int, ...] = IDS) -> GoalPacket:
@@ -98,7 +98,7 @@ def test_a_goal_that_ends_in_the_pattern_is_stuffed() -> None:
 
 # ------------------------------------------------------------------------- goals in different registers
 
-CURRENT = Block(102, 2)
+CURRENT = RegisterBlock(102, 2)
 
 
 def test_devices_that_keep_their_goals_in_one_register_get_one_packet() -> None:

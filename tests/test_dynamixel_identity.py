@@ -6,7 +6,7 @@ from contextlib import suppress
 import pytest
 from dxl_responder import Servos, Wire
 
-from twind_drivers.bus import Device, Ping, Read
+from twind_drivers.bus import IdentifiedDevice, PingRequest, ReadRequest
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.identity import supports_fast
 from twind_drivers.dynamixel.reader import DynamixelReader
@@ -21,7 +21,7 @@ def reader(servos: Servos, wire: Wire | None = None) -> DynamixelReader:
     )
 
 
-def identify(servos: Servos) -> tuple[tuple[Device, ...], DynamixelReader]:
+def identify(servos: Servos) -> tuple[tuple[IdentifiedDevice, ...], DynamixelReader]:
     bus = reader(servos)
     return perform(bus, bus.identify(), FakeClock()), bus
 
@@ -155,7 +155,7 @@ def test_every_slice_of_it_fits_beside_a_cycle() -> None:
     query = next(script)
     with suppress(StopIteration):
         while True:
-            assert isinstance(query, Ping | Read)
+            assert isinstance(query, PingRequest | ReadRequest)
             assert bus.span(query) <= 0.002
             bus.begin(query, 0.0)
             bus.feed(0.0)

@@ -2,28 +2,40 @@
 
 import pytest
 
-from twind_drivers.dynamixel.layout import Block, layout_of
+from twind_drivers.dynamixel.layout import RegisterBlock, layout_of
 from twind_drivers.dynamixel.tables import number_of, table
 
 
 @pytest.mark.parametrize("number", [1020, 1060, 1200, 30, 1110])
 def test_the_x_and_mx_series_blocks_are_where_the_manual_says(number: int) -> None:
     x = layout_of(table(number))
-    assert (x.cyclic, x.goal, x.status) == (Block(126, 10), Block(116, 4), Block(64, 35))
-    assert (x.state, x.health, x.gains, x.motion) == (
-        Block(64, 7),
-        Block(120, 27),
-        Block(80, 6),
-        Block(108, 12),
+    assert (x.cyclic, x.goal, x.status) == (
+        RegisterBlock(126, 10),
+        RegisterBlock(116, 4),
+        RegisterBlock(64, 35),
     )
-    assert (x.torque, x.watchdog, x.profile) == (Block(64, 1), Block(98, 1), Block(108, 8))
+    assert (x.state, x.health, x.gains, x.motion) == (
+        RegisterBlock(64, 7),
+        RegisterBlock(120, 27),
+        RegisterBlock(80, 6),
+        RegisterBlock(108, 12),
+    )
+    assert (x.torque, x.watchdog, x.profile) == (
+        RegisterBlock(64, 1),
+        RegisterBlock(98, 1),
+        RegisterBlock(108, 8),
+    )
 
 
 @pytest.mark.parametrize("number", [2000, 2120])
 def test_the_p_series_has_the_same_blocks_from_512_on(number: int) -> None:
     p = layout_of(table(number))
-    assert (p.cyclic, p.goal, p.status) == (Block(574, 10), Block(564, 4), Block(512, 35))
-    assert (p.state, p.health) == (Block(512, 7), Block(568, 27))
+    assert (p.cyclic, p.goal, p.status) == (
+        RegisterBlock(574, 10),
+        RegisterBlock(564, 4),
+        RegisterBlock(512, 35),
+    )
+    assert (p.state, p.health) == (RegisterBlock(512, 7), RegisterBlock(568, 27))
 
 
 @pytest.mark.parametrize("number", [1020, 1060, 2000])
@@ -53,6 +65,6 @@ def test_a_model_that_cannot_be_driven_is_refused_with_the_reason(name: str, lac
 
 def test_a_field_is_found_in_a_block_only_if_it_is_whole() -> None:
     goal = table(1020)["goal_position"]
-    assert Block(108, 12).offset(goal) == 8
-    assert Block(108, 11).offset(goal) is None
-    assert Block(117, 12).offset(goal) is None
+    assert RegisterBlock(108, 12).offset(goal) == 8
+    assert RegisterBlock(108, 11).offset(goal) is None
+    assert RegisterBlock(117, 12).offset(goal) is None

@@ -2,10 +2,10 @@
 
 import pytest
 
-from twind_drivers.bus import PortError, PortFull
+from twind_drivers.bus import OutputQueueFull, PortError
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.line import Exchange, Line
-from twind_drivers.dynamixel.replies import FastReply, PlainReply
+from twind_drivers.dynamixel.line import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
 
 
 class Port:
@@ -29,7 +29,7 @@ class Port:
         if self.full:
             raise PortError(self.name, "full")
         if self.cut_short:
-            raise PortFull(self.name, 1, len(data))
+            raise OutputQueueFull(self.name, 1, len(data))
         self.taken += bytes(data)
         self.writes += 1
 
@@ -56,11 +56,13 @@ class Port:
         pass
 
 
-PING = Exchange(p.ping(1), PlainReply((1,), 3), 1)
-ORDER = Exchange(p.sync_write(64, dict.fromkeys(range(50), b"\0")), None, 0)
+PING = SerialTransaction(p.ping(1), StatusReply((1,), 3), 1)
+ORDER = SerialTransaction(p.sync_write(64, dict.fromkeys(range(50), b"\0")), None, 0)
 
 
-def talk(line: Line, answer: bytes, exchange: Exchange | None = None, now: float = 0.0) -> None:
+def talk(
+    line: HalfDuplexTransactor, answer: bytes, exchange: SerialTransaction | None = None, now: float = 0.0
+) -> None:
     """One transaction; `answer` is what arrives until its deadline."""
     port = line.transport
     assert isinstance(port, Port)
@@ -72,11 +74,11 @@ def talk(line: Line, answer: bytes, exchange: Exchange | None = None, now: float
 
 
 @pytest.fixture
-def line() -> Line:
-    return Line("main", Port(), baud=10_000, return_delay_s=0.004, slack=0.002)
+def line() -> HalfDuplexTransactor:
+    return HalfDuplexTransactor("main", Port(), baud=10_000, return_delay_s=0.004, slack=0.002)
 
 
-def test_an_order_without_answer_is_done_at_once_but_keeps_the_wire_busy(line: Line) -> None:
+def test_an_order_without_answer_is_done_at_once_but_keeps_the_wire_busy(line: HalfDuplexTransactor) -> None:
     line.send(ORDER, 1.0)
     assert line.feed(1.0)
     assert line.deadline == pytest.approx(1.114)
@@ -86,7 +88,7 @@ def test_an_order_without_answer_is_done_at_once_but_keeps_the_wire_busy(line: L
     assert line.deadline == pytest.approx(9.030)
 
 
-def test_what_could_not_be_sent_does_not_leave_later_unless_it_is_urgent(line: Line) -> None:
+def test_what_could_not_be_sent_does_not_leave_later_unless_it_is_urgent(line: HalfDuplexTransactor) -> None:
     port = line.transport
     assert isinstance(port, Port)
     port.full = True
@@ -102,7 +104,7 @@ def test_what_could_not_be_sent_does_not_leave_later_unless_it_is_urgent(line: L
     assert line.urgent == b""
 
 
-def test_late_bytes_are_dropped_and_counted_before_a_request(line: Line) -> None:
+def test_late_bytes_are_dropped_and_counted_before_a_request(line: HalfDuplexTransactor) -> None:
     port = line.transport
     assert isinstance(port, Port)
     port.late = p.status(1, 0, b"\1\2\3")
@@ -112,7 +114,7 @@ def test_late_bytes_are_dropped_and_counted_before_a_request(line: Line) -> None
     assert line.strays == 14
 
 
-def test_the_time_of_a_reply_is_that_of_its_last_byte(line: Line) -> None:
+def test_the_time_of_a_reply_is_that_of_its_last_byte(line: HalfDuplexTransactor) -> None:
     port = line.transport
     assert isinstance(port, Port)
     line.send(PING, 0.0)
@@ -125,7 +127,7 @@ def test_the_time_of_a_reply_is_that_of_its_last_byte(line: Line) -> None:
     assert line.received == 0.02
 
 
-def test_nothing_under_way_is_nothing_to_wait_for(line: Line) -> None:
+def test_nothing_under_way_is_nothing_to_wait_for(line: HalfDuplexTransactor) -> None:
     assert line.feed(0.0)
     assert line.end() is None
 
@@ -144,7 +146,7 @@ OTHERS = {
 
 @pytest.mark.parametrize("other", OTHERS)
 @pytest.mark.parametrize("before", [True, False])
-def test_what_nobody_asked_for_is_counted(line: Line, other: str, before: bool) -> None:
+def test_what_nobody_asked_for_is_counted(line: HalfDuplexTransactor, other: str, before: bool) -> None:
     """R08: e-manual, "Protocol 2.0": one master, and a device speaks only when asked."""
     talk(line, OWN)
     assert line.foreign == 0
@@ -155,7 +157,7 @@ def test_what_nobody_asked_for_is_counted(line: Line, other: str, before: bool) 
 
 @pytest.mark.parametrize("other", OTHERS)
 def test_what_comes_while_nothing_is_outstanding_is_counted_with_the_next_request(
-    line: Line, other: str
+    line: HalfDuplexTransactor, other: str
 ) -> None:
     port = line.transport
     assert isinstance(port, Port)
@@ -166,8 +168,8 @@ def test_what_comes_while_nothing_is_outstanding_is_counted_with_the_next_reques
     assert line.strays == 2 * len(OTHERS[other]) + 5
 
 
-def test_bytes_around_a_fast_reply_are_judged_as_well(line: Line) -> None:
-    fast = Exchange(p.fast_sync_read((1, 2), 126, 10), FastReply((1, 2), 10), 1)
+def test_bytes_around_a_fast_reply_are_judged_as_well(line: HalfDuplexTransactor) -> None:
+    fast = SerialTransaction(p.fast_sync_read((1, 2), 126, 10), FastSyncReadReply((1, 2), 10), 1)
     joint = b"".join(p.fast_status([(0, 1, bytes(10)), (0, 2, bytes(10))], 29))
     talk(line, joint, fast)
     assert (line.foreign, line.strays) == (0, 0)
@@ -176,7 +178,7 @@ def test_bytes_around_a_fast_reply_are_judged_as_well(line: Line) -> None:
     assert line.strays == 14 + 10
 
 
-def test_an_answer_that_comes_too_late_is_none_of_them_for_a_second(line: Line) -> None:
+def test_an_answer_that_comes_too_late_is_none_of_them_for_a_second(line: HalfDuplexTransactor) -> None:
     port = line.transport
     assert isinstance(port, Port)
     talk(line, b"", now=1.0)
@@ -196,7 +198,7 @@ def test_an_answer_that_comes_too_late_is_none_of_them_for_a_second(line: Line) 
     assert line.foreign == 5
 
 
-def test_noise_is_not_foreign(line: Line) -> None:
+def test_noise_is_not_foreign(line: HalfDuplexTransactor) -> None:
     talk(line, bytes(range(256)) + OWN[:-1] + b"x" + OWN)
     assert line.foreign == 0
     assert line.strays == 256 + 14
@@ -205,7 +207,7 @@ def test_noise_is_not_foreign(line: Line) -> None:
 # --------------------------------------------------------------------------------------------- echo
 
 
-def test_an_echo_is_recognised_once_and_then_taken_off_each_answer(line: Line) -> None:
+def test_an_echo_is_recognised_once_and_then_taken_off_each_answer(line: HalfDuplexTransactor) -> None:
     """Half-duplex adapters without a direction switch give back what they send."""
     assert not line.echo
     for _ in range(3):
@@ -225,7 +227,7 @@ def test_an_echo_is_recognised_once_and_then_taken_off_each_answer(line: Line) -
         assert (line.strays, line.foreign) == (0, 0)
 
 
-def test_the_echo_of_an_order_that_is_never_answered_is_no_traffic_either(line: Line) -> None:
+def test_the_echo_of_an_order_that_is_never_answered_is_no_traffic_either(line: HalfDuplexTransactor) -> None:
     port = line.transport
     assert isinstance(port, Port)
     line.send(ORDER, 0.0)
@@ -235,7 +237,7 @@ def test_the_echo_of_an_order_that_is_never_answered_is_no_traffic_either(line: 
     assert (line.strays, line.foreign) == (0, 0)
 
 
-def test_a_damaged_echo_costs_no_answer(line: Line) -> None:
+def test_a_damaged_echo_costs_no_answer(line: HalfDuplexTransactor) -> None:
     talk(line, PING.packet + OWN)
     assert line.echo
     for damaged in (b"\0" + PING.packet[1:], PING.packet[:5], PING.packet[:-1] + b"\0"):
@@ -246,7 +248,7 @@ def test_a_damaged_echo_costs_no_answer(line: Line) -> None:
         assert line.foreign == 0
 
 
-def test_the_same_packet_of_another_master_behind_the_answer_is_no_echo(line: Line) -> None:
+def test_the_same_packet_of_another_master_behind_the_answer_is_no_echo(line: HalfDuplexTransactor) -> None:
     talk(line, OWN + PING.packet)
     assert not line.echo
     assert line.foreign == 1
@@ -256,7 +258,7 @@ def test_the_same_packet_of_another_master_behind_the_answer_is_no_echo(line: Li
 
 
 def test_a_port_that_still_holds_more_than_the_last_packet_is_flushed_and_nothing_is_sent(
-    line: Line,
+    line: HalfDuplexTransactor,
 ) -> None:
     """R23: goals that wait in the port would arrive late, one after the other."""
     port = line.transport
@@ -267,7 +269,7 @@ def test_a_port_that_still_holds_more_than_the_last_packet_is_flushed_and_nothin
     assert port.taken != sent
     port.waiting, sent = len(PING.packet) + 1, port.taken
     line.goals, line.urgent = b"goals", b"off"
-    with pytest.raises(PortFull, match=r"11 bytes still wait.*had 10.*nothing sent") as caught:
+    with pytest.raises(OutputQueueFull, match=r"11 bytes still wait.*had 10.*nothing sent") as caught:
         line.send(PING, 1.0, goals=True)
     assert not caught.value.lost
     assert (port.taken, port.flushed) == (sent, 11)
@@ -277,7 +279,7 @@ def test_a_port_that_still_holds_more_than_the_last_packet_is_flushed_and_nothin
     assert port.taken == sent + b"off" + PING.packet
 
 
-def test_a_port_that_cannot_tell_is_not_asked(line: Line) -> None:
+def test_a_port_that_cannot_tell_is_not_asked(line: HalfDuplexTransactor) -> None:
     port = line.transport
     assert isinstance(port, Port)
     port.waiting = 1000
@@ -288,7 +290,9 @@ def test_a_port_that_cannot_tell_is_not_asked(line: Line) -> None:
 @pytest.mark.parametrize(("one_write", "writes"), [(True, 1), (False, 2)])
 def test_goals_and_request_leave_in_one_write_or_in_two(one_write: bool, writes: int) -> None:
     port = Port()
-    line = Line("main", port, baud=10_000, return_delay_s=0.0, slack=0.002, one_write=one_write)
+    line = HalfDuplexTransactor(
+        "main", port, baud=10_000, return_delay_s=0.0, slack=0.002, one_write=one_write
+    )
     line.goals = b"goals"
     line.send(PING, 0.0, goals=True)
     assert (port.taken, port.writes) == (b"goals" + PING.packet, writes)
@@ -297,7 +301,7 @@ def test_goals_and_request_leave_in_one_write_or_in_two(one_write: bool, writes:
 
 
 def test_torque_off_that_is_thrown_away_with_what_waited_leaves_again_until_an_answer_shows_it_left(
-    line: Line,
+    line: HalfDuplexTransactor,
 ) -> None:
     """R23 on a stalled adapter: the port takes the packet, and the next look throws it away."""
     port = line.transport
@@ -308,28 +312,28 @@ def test_torque_off_that_is_thrown_away_with_what_waited_leaves_again_until_an_a
     talk(line, b"", now=0.1)
     for now in (0.2, 0.4):
         port.waiting = 1000
-        with pytest.raises(PortFull):
+        with pytest.raises(OutputQueueFull):
             line.send(PING, now)
         port.taken = b""
         talk(line, b"", now=now + 0.1)
         assert port.taken == b"off" + PING.packet
     talk(line, OWN, now=1.0)
     port.waiting, port.taken = 1000, b""
-    with pytest.raises(PortFull):
+    with pytest.raises(OutputQueueFull):
         line.send(PING, 1.1)
     talk(line, OWN, now=1.2)
     assert port.taken == PING.packet
 
 
 def test_a_packet_that_the_port_cuts_short_is_no_question_and_torque_off_goes_before_the_next(
-    line: Line,
+    line: HalfDuplexTransactor,
 ) -> None:
     port = line.transport
     assert isinstance(port, Port)
     line.urgent = b"off"
     talk(line, b"")
     port.cut_short, line.goals = True, b"goals"
-    with pytest.raises(PortFull):
+    with pytest.raises(OutputQueueFull):
         line.send(PING, 0.1, goals=True)
     assert line.feed(0.1)
     assert line.end() is None
@@ -344,12 +348,16 @@ TOLD = p.status(200, 0, b"\xff\xff\xfd\0\5\6")  # stuffed on the wire
 
 
 @pytest.fixture
-def telling() -> Line:
-    return Line("main", Port(), baud=10_000, return_delay_s=0.004, slack=0.002, sensors=(200,))
+def telling() -> HalfDuplexTransactor:
+    return HalfDuplexTransactor(
+        "main", Port(), baud=10_000, return_delay_s=0.004, slack=0.002, sensors=(200,)
+    )
 
 
 @pytest.mark.parametrize("where", ["before the request", "before the answer", "behind it"])
-def test_a_late_status_of_a_sensor_is_neither_astray_nor_foreign(telling: Line, where: str) -> None:
+def test_a_late_status_of_a_sensor_is_neither_astray_nor_foreign(
+    telling: HalfDuplexTransactor, where: str
+) -> None:
     talk(telling, OWN)
     port = telling.transport
     assert isinstance(port, Port)
@@ -358,16 +366,16 @@ def test_a_late_status_of_a_sensor_is_neither_astray_nor_foreign(telling: Line, 
     assert (telling.strays, telling.foreign, telling.late) == (0, 0, [6])
 
 
-def test_noise_beside_it_stays_astray(telling: Line) -> None:
+def test_noise_beside_it_stays_astray(telling: HalfDuplexTransactor) -> None:
     talk(telling, b"noise" + TOLD + OWN)
     assert (telling.strays, telling.late) == (5, [6])
 
 
-def test_what_comes_behind_the_answer_of_a_sensor_is_its_own(telling: Line) -> None:
+def test_what_comes_behind_the_answer_of_a_sensor_is_its_own(telling: HalfDuplexTransactor) -> None:
     """And only that: behind a servo's answer it is astray."""
     port = telling.transport
     assert isinstance(port, Port)
-    ask = Exchange(p.read(200, 16, 6), PlainReply((200,), 6), 1)
+    ask = SerialTransaction(p.read(200, 16, 6), StatusReply((200,), 6), 1)
     for exchange, answer, strays in ((ask, TOLD, 0), (PING, OWN, 5)):
         talk(telling, answer, exchange)
         port.late = b"noise"

@@ -7,7 +7,7 @@ import pytest
 
 from twind_drivers.dynamixel import tables
 from twind_drivers.dynamixel.models import FACTS, facts, page
-from twind_drivers.dynamixel.tables import Table, models, number_of, table
+from twind_drivers.dynamixel.tables import ControlTable, models, number_of, table
 
 README = Path(__file__).parents[1] / "drivers" / "README.md"
 EVERY = [table(number) for number in models().values()]
@@ -17,7 +17,7 @@ DISPUTED = {"rh_p12_rn", "xl320"}
 
 
 @EACH
-def test_every_model_of_the_index_has_facts_and_a_page_they_come_from(each: Table) -> None:
+def test_every_model_of_the_index_has_facts_and_a_page_they_come_from(each: ControlTable) -> None:
     assert each.facts.effort in each
     assert each.facts.modes or each.facts.undriven
     assert page(each.stem).startswith(("dxl/", "platform/"))
@@ -30,14 +30,14 @@ def test_no_facts_stand_there_for_a_model_that_the_index_lacks() -> None:
 
 
 @EACH
-def test_a_model_has_the_modes_that_its_registers_allow(each: Table) -> None:
+def test_a_model_has_the_modes_that_its_registers_allow(each: ControlTable) -> None:
     if "operating_mode" in each:
         assert ({0, 5} & each.facts.modes != set()) == ("goal_current" in each)
     assert (each.facts.ampere_per_count is not None) == ("present_current" in each)
 
 
 @EACH
-def test_counts_and_velocities_agree_with_the_vendors_file(each: Table) -> None:
+def test_counts_and_velocities_agree_with_the_vendors_file(each: ControlTable) -> None:
     """`[type info]` and `[unit info]` of the .model files; they round, and count 4095 of 4096: 0.1 %."""
     if each.stem in DISPUTED:
         assert each.facts.counts_per_turn is None
@@ -59,7 +59,7 @@ def _file(stem: str) -> tuple[float, float, int]:
 
 
 @EACH
-def test_what_a_firmware_brings_has_its_register(each: Table) -> None:
+def test_what_a_firmware_brings_has_its_register(each: ControlTable) -> None:
     register = {
         "bus_watchdog": each.facts.watchdog_from,
         "startup_configuration": each.facts.startup_from,

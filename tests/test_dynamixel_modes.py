@@ -8,7 +8,7 @@ from dxl_bench import FAST, SYNC, Bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.bus import Burst, DeviceRefused, WireClamp, Write
+from twind_drivers.bus import BurstWriteRequest, DeviceRefused, WireClamp, WriteRequest
 from twind_drivers.dynamixel.modes import MODES, block, fences, mode_of
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.dynamixel.writer import DynamixelWriter
@@ -157,7 +157,7 @@ def test_a_limit_register_narrows_what_may_be_sent() -> None:
         with pytest.raises(WireClamp):
             bus.writer.goals(np.array(goals))
     with pytest.raises(WireClamp):
-        bus.writer.begin(Write({1: (201).to_bytes(4, "little")}, 104), 0.0)
+        bus.writer.begin(WriteRequest({1: (201).to_bytes(4, "little")}, 104), 0.0)
 
 
 def test_speeds_and_currents_are_prepared_at_zero_whatever_stood_there() -> None:
@@ -319,7 +319,7 @@ def test_families_are_prepared_aimed_and_switched_together(families: Bench) -> N
     with pytest.raises(DeviceRefused, match=r"id 4: goal position \(564\)"):
         families.run(families.writer.aim(HERE))
     with pytest.raises(WireClamp, match="read-only address"):
-        families.writer.begin(Write({1: b"\1", 2: b"\1"}, 512), 0.0)
+        families.writer.begin(WriteRequest({1: b"\1", 2: b"\1"}, 512), 0.0)
 
 
 # --------------------------------------------------------------------------------- what may not be
@@ -328,17 +328,24 @@ def test_families_are_prepared_aimed_and_switched_together(families: Bench) -> N
 @pytest.mark.parametrize(
     ("mode", "order"),
     [
-        (3, Write({1: bytes(4)}, 104)),  # a speed to a device that is not in velocity mode
-        (1, Write({1: (2000).to_bytes(4, "little")}, 116)),
-        (0, Write({1: (2000).to_bytes(4, "little")}, 116)),
-        (0, Write({1: (-1194).to_bytes(2, "little", signed=True)}, 102)),
-        (5, Write({1: (CAP + 1).to_bytes(2, "little")}, 102)),
-        (5, Write({1: (-1).to_bytes(2, "little", signed=True)}, 102)),
-        (5, Write({1: bytes(4)}, 100)),  # a current hidden behind a PWM
-        (5, Burst((Write({1: b"\0"}, 98), Write({1: (WIDE + 1).to_bytes(4, "little")}, 116)))),
+        (3, WriteRequest({1: bytes(4)}, 104)),  # a speed to a device that is not in velocity mode
+        (1, WriteRequest({1: (2000).to_bytes(4, "little")}, 116)),
+        (0, WriteRequest({1: (2000).to_bytes(4, "little")}, 116)),
+        (0, WriteRequest({1: (-1194).to_bytes(2, "little", signed=True)}, 102)),
+        (5, WriteRequest({1: (CAP + 1).to_bytes(2, "little")}, 102)),
+        (5, WriteRequest({1: (-1).to_bytes(2, "little", signed=True)}, 102)),
+        (5, WriteRequest({1: bytes(4)}, 100)),  # a current hidden behind a PWM
+        (
+            5,
+            BurstWriteRequest(
+                (WriteRequest({1: b"\0"}, 98), WriteRequest({1: (WIDE + 1).to_bytes(4, "little")}, 116))
+            ),
+        ),
     ],
 )
-def test_a_goal_register_of_another_mode_takes_no_byte(mode: int, order: Write | Burst) -> None:
+def test_a_goal_register_of_another_mode_takes_no_byte(
+    mode: int, order: WriteRequest | BurstWriteRequest
+) -> None:
     bus = bench([mode])
     bus.run(bus.writer.prepare(np.array([0])))
     before = len(bus.wire.writes)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from twind_drivers.bus import DeviceRefused, Sample
+from twind_drivers.bus import BusSample, DeviceRefused
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
 from twind_drivers.perform import perform
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrder
+from twind_drivers.virtual.muscles import FirstOrderPhysics
 from twind_drivers.virtual.servos import ServoSpec
 
 MODES = (3, 4, 5, 1, 0)
@@ -29,7 +29,7 @@ class Bench:
             ServoSpec(id, "XM430-W350", FLOAT | {"operating_mode": mode}, 47)
             for id, mode in zip(IDS, MODES, strict=True)
         ]
-        self.bus = VirtualBus("test", specs, FirstOrder(np.full(5, 2048.0)))
+        self.bus = VirtualBus("test", specs, FirstOrderPhysics(np.full(5, 2048.0)))
         self.clock = FakeClock()
         transport = Loopback(self.bus, self.clock)
         self.reader = DynamixelReader(
@@ -51,7 +51,7 @@ class Bench:
         self.run(self.writer.prepare(REST))
         self.run(self.writer.torque(True))
 
-    def go(self, goals: np.ndarray | None, seconds: float) -> Sample:
+    def go(self, goals: np.ndarray | None, seconds: float) -> BusSample:
         """Goals, if any, in every cycle of 10 ms."""
         for _ in range(round(seconds / 0.01)):
             begin = self.clock.now()

@@ -221,7 +221,7 @@ def test_each_error_number_of_the_manual_has_its_own_words(number: int, word: st
 
 def test_error_numbers_and_codes_are_the_manuals() -> None:
     names = ("NONE", "RESULT_FAIL", "INSTRUCTION", "CRC", "DATA_RANGE", "DATA_LENGTH", "DATA_LIMIT", "ACCESS")
-    assert [p.Error[name] for name in names] == list(range(8))
+    assert [p.StatusErrorCode[name] for name in names] == list(range(8))
     assert Instruction.STATUS == p.STATUS == 0x55
     assert p.ALERT == 0x80
 

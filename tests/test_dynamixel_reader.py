@@ -8,14 +8,14 @@ import pytest
 from dxl_responder import PtyServos, Servos, Wire
 
 from twind_drivers.bus import (
+    BusSample,
     DeviceRefused,
     NoReply,
-    Ping,
+    OutputQueueFull,
+    PingRequest,
     PortError,
-    PortFull,
-    Read,
-    Sample,
-    Write,
+    ReadRequest,
+    WriteRequest,
 )
 from twind_drivers.clock import FakeClock, MonotonicClock
 from twind_drivers.dynamixel import packet as p
@@ -37,7 +37,7 @@ def make(
     return DynamixelReader("main", wire, ids, [model] * len(ids), **settings), wire
 
 
-def cycle(reader: DynamixelReader, clock: FakeClock) -> Sample:
+def cycle(reader: DynamixelReader, clock: FakeClock) -> BusSample:
     """One cyclic reading as the loop does it."""
     reader.request(clock.now())
     while not reader.feed(clock.now()) and clock.now() < reader.deadline:
@@ -160,13 +160,13 @@ def test_bytes_that_arrive_late_are_not_taken_for_the_next_answer() -> None:
     servos = Servos(IDS)
     reader, wire = make(servos)
     clock = FakeClock()
-    reader.begin(Read((3,), 132, 4), clock.now())
+    reader.begin(ReadRequest((3,), 132, 4), clock.now())
     late = bytes(wire.inbox)
     wire.inbox.clear()
     reader.answer(clock.now())
     wire.inbox += late
     servos.put(3, 144, 120, 2)
-    reader.begin(Read((3,), 144, 2), clock.now())
+    reader.begin(ReadRequest((3,), 144, 2), clock.now())
     wire.inbox[:0] = late  # and once more, after the drain
     assert reader.feed(clock.now())
     assert reader.answer(clock.now()).data == {3: (120).to_bytes(2, "little")}
@@ -188,7 +188,7 @@ def test_the_deadline_is_wire_time_and_return_delays_and_two_milliseconds(fast: 
 def test_a_reader_begins_nothing_that_writes() -> None:
     reader, wire = make(Servos(IDS))
     with pytest.raises(TypeError, match="does not write"):
-        reader.begin(Write({1: b"\1"}, 64), 0.0)  # type: ignore[arg-type]
+        reader.begin(WriteRequest({1: b"\1"}, 64), 0.0)  # type: ignore[arg-type]
     assert wire.writes == []
     assert not any(hasattr(reader, name) for name in ("goals", "torque", "write", "reboot", "cut", "aim"))
 
@@ -200,19 +200,19 @@ def test_ping_and_reads_answer_by_id() -> None:
     reader, _ = make(servos)
     clock = FakeClock()
 
-    def ask(query: Ping | Read) -> tuple[dict[int, bytes], dict[int, int]]:
+    def ask(query: PingRequest | ReadRequest) -> tuple[dict[int, bytes], dict[int, int]]:
         reader.begin(query, clock.now())
         while not reader.feed(clock.now()) and clock.now() < reader.deadline:
             clock.wait([reader.transport], reader.deadline)
         reply = reader.answer(clock.now())
         return dict(reply.data), dict(reply.error)
 
-    assert ask(Ping(3)) == ({3: b"\xfc\x03\x2d"}, {3: 0})
-    assert ask(Ping(4)) == ({}, {})
-    assert ask(Read((5,), 7, 1)) == ({5: b"\x05"}, {5: 0x80})
-    assert ask(Read((6,), 7, 1)) == ({}, {6: 7})
-    assert ask(Read((3, 4, 5), 7, 1)) == ({3: b"\3", 5: b"\5"}, {3: 0, 5: 0x80})
-    assert ask(Ping(99)) == ({}, {})
+    assert ask(PingRequest(3)) == ({3: b"\xfc\x03\x2d"}, {3: 0})
+    assert ask(PingRequest(4)) == ({}, {})
+    assert ask(ReadRequest((5,), 7, 1)) == ({5: b"\x05"}, {5: 0x80})
+    assert ask(ReadRequest((6,), 7, 1)) == ({}, {6: 7})
+    assert ask(ReadRequest((3, 4, 5), 7, 1)) == ({3: b"\3", 5: b"\5"}, {3: 0, 5: 0x80})
+    assert ask(PingRequest(99)) == ({}, {})
 
 
 @pytest.mark.parametrize(("fast", "longest"), [(True, 214e-5), (False, 296e-5)])
@@ -262,11 +262,11 @@ def test_a_query_that_a_full_port_did_not_take_is_not_answered_by_what_comes_nex
     servos = Servos((1,))
     reader, wire = make(servos, ids=(1,), fast=False)
     wire.holds, wire.backlog = True, lambda: 1000
-    with pytest.raises(PortFull):
+    with pytest.raises(OutputQueueFull):
         reader.begin(reader.upkeep(0.0), 0.0)
     wire.holds = False
     writer = DynamixelWriter(reader, lower=np.array([0]), upper=np.array([4095]))
-    writer.begin(Write({1: b"\1"}, 65), 0.01)
+    writer.begin(WriteRequest({1: b"\1"}, 65), 0.01)
     assert reader.feed(0.01)
     assert reader.answer(0.01).error == {1: 0}
     assert reader.registers.status_time.tolist() == [-inf]
@@ -329,7 +329,7 @@ def test_slices_of_a_script_are_short_enough_to_fit_beside_a_cycle() -> None:
     reader, _ = make(servos, return_delay_us=20.0)
     script = reader.collect(IDS, 9, 55)
     request = next(script)
-    assert isinstance(request, Read)
+    assert isinstance(request, ReadRequest)
     assert reader.span(request) < 0.0025
     script.close()
 
@@ -342,12 +342,12 @@ def test_neither_a_silent_servo_nor_a_script_takes_more_than_half_a_period_besid
 ) -> None:
     """1 ms is what an adapter's latency timer is set to at best (FTDI): less would make all late."""
     reader, _ = make(Servos(IDS), rate_hz=rate_hz, baud=4_000_000)
-    reader.begin(Read((99,), 64, 1), 1.0)
-    assert least <= reader.deadline - 1.0 - reader.span(Read((99,), 64, 1)) + 1e-9 <= most + 2e-9
+    reader.begin(ReadRequest((99,), 64, 1), 1.0)
+    assert least <= reader.deadline - 1.0 - reader.span(ReadRequest((99,), 64, 1)) + 1e-9 <= most + 2e-9
     script = reader.collect(IDS, 9, 55)
     for request in (next(script), next(reader.identify())):
-        assert isinstance(request, Read)
-        assert reader.span(request) <= most + reader.span(Read((1,), 9, 55))
+        assert isinstance(request, ReadRequest)
+        assert reader.span(request) <= most + reader.span(ReadRequest((1,), 9, 55))
         assert len(request.ids) > 1
     script.close()
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from twind_drivers.dynamixel.factory import FACTORY, P_SERIES
 from twind_drivers.dynamixel.registers import FEEDS, GAINS, rule
-from twind_drivers.dynamixel.tables import Field, Table, models, number_of, table
+from twind_drivers.dynamixel.tables import ControlTable, TableRegister, models, number_of, table
 
 EVERY = [table(number) for number in models().values()]
 EACH = pytest.mark.parametrize("each", EVERY, ids=[each.stem for each in EVERY])
@@ -16,7 +16,7 @@ RULED = [each for each in EVERY if not each.facts.undriven]
 
 
 @EACH
-def test_every_default_lies_in_its_range_and_every_range_fits_its_register(each: Table) -> None:
+def test_every_default_lies_in_its_range_and_every_range_fits_its_register(each: ControlTable) -> None:
     for field in each.fields.values():
         lower, upper = field.bounds
         for edge in (lower, upper):
@@ -32,7 +32,9 @@ FIELDS = [field for each in EVERY for field in each.fields.values() if field.rul
     st.sampled_from(FIELDS),
     st.integers(-(2**33), 2**33) | st.integers(-70_000, 70_000) | st.integers(-2, 300),
 )
-def test_what_passes_the_check_fits_the_register_and_the_rest_is_refused(field: Field, value: int) -> None:
+def test_what_passes_the_check_fits_the_register_and_the_rest_is_refused(
+    field: TableRegister, value: int
+) -> None:
     passed = False
     with suppress(ValueError):
         field.check(value)
@@ -43,7 +45,7 @@ def test_what_passes_the_check_fits_the_register_and_the_rest_is_refused(field: 
 
 
 @EACH
-def test_every_limit_register_exists_in_that_models_table(each: Table) -> None:
+def test_every_limit_register_exists_in_that_models_table(each: ControlTable) -> None:
     limits = {field.rule.limit for field in each.fields.values() if field.rule.limit is not None}
     assert [limit for limit in limits if limit not in each] == []
 
@@ -53,7 +55,7 @@ def test_every_model_that_we_drive_has_its_factory_values() -> None:
 
 
 @pytest.mark.parametrize("each", RULED, ids=[each.stem for each in RULED])
-def test_every_setting_that_a_model_has_is_known(each: Table) -> None:
+def test_every_setting_that_a_model_has_is_known(each: ControlTable) -> None:
     """What the pages leave open: goals and profiles of the P layout, the gains of -R(A) and gripper."""
     may_be_open = {"goal_pwm", "goal_current", "goal_velocity", "profile_acceleration", "profile_velocity"}
     allowed = may_be_open if each.stem in P_SERIES else set()
@@ -70,7 +72,7 @@ def test_every_setting_that_a_model_has_is_known(each: Table) -> None:
 
 
 @EACH
-def test_what_only_reports_is_not_writable(each: Table) -> None:
+def test_what_only_reports_is_not_writable(each: ControlTable) -> None:
     reports = (
         "present_",
         "realtime_tick",

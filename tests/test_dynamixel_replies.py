@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from twind_drivers.dynamixel import packet as p
-from twind_drivers.dynamixel.replies import Expected, FastReply, PlainReply
+from twind_drivers.dynamixel.replies import FastSyncReadReply, PendingReply, StatusReply
 
 IDS = (3, 7, 4, 250)
 SIZE = 10
@@ -25,7 +25,7 @@ def fast(count: int = len(IDS)) -> bytes:
     return b"".join(p.fast_status(rows, len(IDS) * (SIZE + 4) + 1))
 
 
-def give(reply: Expected, data: bytes, chunk: int = 4096) -> bool:
+def give(reply: PendingReply, data: bytes, chunk: int = 4096) -> bool:
     """All of `data` in chunks; was it done before the last was taken?"""
     reply.start()
     done = False
@@ -40,19 +40,23 @@ def give(reply: Expected, data: bytes, chunk: int = 4096) -> bool:
     return done
 
 
-def check_data(reply: Expected) -> None:
+def check_data(reply: PendingReply) -> None:
     for place, id in enumerate(reply.ids):
         wanted = block(id) if reply.heard[place] else bytes(SIZE)
         assert reply.data[place].tobytes() == wanted
 
 
 @pytest.fixture(params=["plain", "fast"])
-def whole(request: pytest.FixtureRequest) -> tuple[Expected, bytes]:
-    return (PlainReply(IDS, SIZE), plain()) if request.param == "plain" else (FastReply(IDS, SIZE), fast())
+def whole(request: pytest.FixtureRequest) -> tuple[PendingReply, bytes]:
+    return (
+        (StatusReply(IDS, SIZE), plain())
+        if request.param == "plain"
+        else (FastSyncReadReply(IDS, SIZE), fast())
+    )
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 4096])
-def test_a_whole_reply_is_done_at_its_last_byte(whole: tuple[Expected, bytes], chunk: int) -> None:
+def test_a_whole_reply_is_done_at_its_last_byte(whole: tuple[PendingReply, bytes], chunk: int) -> None:
     reply, data = whole
     assert not give(reply, data[:-1], chunk)
     assert give(reply, data, chunk)
@@ -65,7 +69,7 @@ def test_a_whole_reply_is_done_at_its_last_byte(whole: tuple[Expected, bytes], c
 @settings(max_examples=60, deadline=None)
 @pytest.mark.parametrize("kind", ["plain", "fast"])
 def test_garbage_before_it_costs_nothing_but_a_count(kind: str, garbage: bytes, chunk: int) -> None:
-    reply: Expected = PlainReply(IDS, SIZE) if kind == "plain" else FastReply(IDS, SIZE)
+    reply: PendingReply = StatusReply(IDS, SIZE) if kind == "plain" else FastSyncReadReply(IDS, SIZE)
     assert give(reply, garbage + (plain() if kind == "plain" else fast()), chunk)
     assert reply.heard.all()
     assert reply.strays == len(garbage)
@@ -74,15 +78,15 @@ def test_garbage_before_it_costs_nothing_but_a_count(kind: str, garbage: bytes, 
 
 @given(st.lists(st.one_of(st.binary(max_size=80), st.just(plain()), st.just(fast())), max_size=80))
 @settings(max_examples=60, deadline=None)
-@pytest.mark.parametrize("kind", [PlainReply, FastReply])
-def test_no_bytes_raise(kind: type[PlainReply | FastReply], parts: list[bytes]) -> None:
+@pytest.mark.parametrize("kind", [StatusReply, FastSyncReadReply])
+def test_no_bytes_raise(kind: type[StatusReply | FastSyncReadReply], parts: list[bytes]) -> None:
     reply = kind(IDS, SIZE)
     give(reply, b"".join(parts), 300)
     check_data(reply)
 
 
 def test_a_silent_device_is_not_heard_and_the_others_stay() -> None:
-    reply = PlainReply(IDS, SIZE)
+    reply = StatusReply(IDS, SIZE)
     assert not give(reply, plain((3, 4, 250)))
     assert reply.heard.tolist() == [True, False, True, True]
     check_data(reply)
@@ -90,7 +94,7 @@ def test_a_silent_device_is_not_heard_and_the_others_stay() -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3])
 def test_a_fast_reply_keeps_its_intact_prefix(count: int) -> None:
-    reply = FastReply(IDS, SIZE)
+    reply = FastSyncReadReply(IDS, SIZE)
     assert not give(reply, fast(count) if count else b"")
     assert reply.heard.tolist() == [place < count for place in range(len(IDS))]
     check_data(reply)
@@ -98,17 +102,17 @@ def test_a_fast_reply_keeps_its_intact_prefix(count: int) -> None:
 
 @pytest.mark.parametrize("at", range(8, 64))
 def test_one_flipped_bit_never_yields_a_wrong_number(at: int) -> None:
-    for make, data in ((PlainReply, plain()), (FastReply, fast())):
+    for make, data in ((StatusReply, plain()), (FastSyncReadReply, fast())):
         bad = bytearray(data)
         bad[at] ^= 0x10
-        reply: Expected = make(IDS, SIZE)
+        reply: PendingReply = make(IDS, SIZE)
         give(reply, bytes(bad))
         assert not reply.heard.all()
         check_data(reply)
 
 
 def test_stuffed_rows_are_unstuffed() -> None:
-    reply = PlainReply(IDS, SIZE)
+    reply = StatusReply(IDS, SIZE)
     odd = b"\xff\xff\xfd\xff\xff\xfd\xfd\xff\xff\xfd"
     data = p.status(3, 0, block(3)) + p.status(7, 0, odd) + p.status(4, 0, odd) + p.status(250, 0, block(250))
     for chunk in (1, 9, 4096):
@@ -120,7 +124,7 @@ def test_stuffed_rows_are_unstuffed() -> None:
 def test_a_short_status_that_looks_whole_because_of_its_stuffing_is_refused() -> None:
     short = b"\xff\xff\xfd" + bytes(SIZE - 4)  # 9 bytes, 10 on the wire
     data = p.status(3, 0, short) + plain(IDS[1:])
-    reply = PlainReply(IDS, SIZE)
+    reply = StatusReply(IDS, SIZE)
     assert len(data) == reply.expected
     assert not give(reply, data)
     assert reply.heard.tolist() == [False, True, True, True]
@@ -137,14 +141,14 @@ def test_a_short_status_that_looks_whole_because_of_its_stuffing_is_refused() ->
     ],
 )
 def test_what_was_not_asked_for_is_dropped_and_counted(stray: bytes) -> None:
-    reply = PlainReply(IDS, SIZE)
+    reply = StatusReply(IDS, SIZE)
     assert not give(reply, stray + plain(IDS[1:]))
     assert reply.heard.tolist() == [False, True, True, True]
     assert reply.strays == len(stray)
 
 
 def test_a_second_answer_of_the_same_device_is_stray() -> None:
-    reply = PlainReply(IDS, SIZE)
+    reply = StatusReply(IDS, SIZE)
     twice = p.status(3, 0, bytes(SIZE))
     give(reply, plain(IDS[:3]) + twice + b"\0" * 21)
     assert reply.heard.tolist() == [True, True, True, False]
@@ -152,7 +156,7 @@ def test_a_second_answer_of_the_same_device_is_stray() -> None:
 
 
 def test_alerts_and_errors_are_kept() -> None:
-    reply = PlainReply(IDS, SIZE)
+    reply = StatusReply(IDS, SIZE)
     give(reply, plain(error=0x80))
     assert reply.error.tolist() == [0x80] * 4
     assert reply.heard.all()
@@ -165,18 +169,18 @@ def test_alerts_and_errors_are_kept() -> None:
 MANY = tuple(range(1, 25))
 
 
-def many(kind: type[PlainReply | FastReply]) -> list[bytes]:
+def many(kind: type[StatusReply | FastSyncReadReply]) -> list[bytes]:
     """What each of 24 devices puts on the wire."""
-    if kind is PlainReply:
+    if kind is StatusReply:
         return [p.status(id, 0, block(id)) for id in MANY]
     return p.fast_status([(0, id, block(id)) for id in MANY], len(MANY) * (SIZE + 4) + 1)
 
 
 @given(data=st.data())
 @settings(max_examples=150, deadline=None)
-@pytest.mark.parametrize("kind", [PlainReply, FastReply])
+@pytest.mark.parametrize("kind", [StatusReply, FastSyncReadReply])
 def test_whatever_happens_to_a_reply_no_wrong_number_is_heard(
-    kind: type[PlainReply | FastReply], data: st.DataObject
+    kind: type[StatusReply | FastSyncReadReply], data: st.DataObject
 ) -> None:
     """Truncated, bits flipped, blocks lost or doubled, noise before, inside and behind, in any chunks."""
     pieces = [(place, piece) for place, piece in enumerate(many(kind))]
@@ -200,23 +204,25 @@ def test_every_intact_answer_is_heard_within_the_same_transaction(
     lost: set[int], noise: bytes, chunk: int
 ) -> None:
     """Plain: all that are there. Fast: the prefix; noise before it costs nothing."""
-    plain, fast = PlainReply(MANY, SIZE), FastReply(MANY, SIZE)
-    there = [piece for id, piece in zip(MANY, many(PlainReply), strict=True) if id not in lost]
+    plain, fast = StatusReply(MANY, SIZE), FastSyncReadReply(MANY, SIZE)
+    there = [piece for id, piece in zip(MANY, many(StatusReply), strict=True) if id not in lost]
     give(plain, noise + noise.join(there) + noise, chunk)
     assert set(np.array(MANY)[plain.heard].tolist()) == set(MANY) - lost
     first = min(lost, default=25)
-    give(fast, noise + b"".join(many(FastReply)[: first - 1]) + noise, chunk)
+    give(fast, noise + b"".join(many(FastSyncReadReply)[: first - 1]) + noise, chunk)
     assert set(np.array(MANY)[fast.heard].tolist()) == set(range(1, first))
     for reply in (plain, fast):
         check_data(reply)
 
 
-@pytest.mark.parametrize("kind", [PlainReply, FastReply])
+@pytest.mark.parametrize("kind", [StatusReply, FastSyncReadReply])
 @pytest.mark.parametrize(
     "babble",
     [b"\0", b"\xff", p.HEADER, p.HEADER + b"\xfe\x01\x05\x55", p.status(200, 0, b"abc"), p.ping(7)],
 )
-def test_endless_babble_never_fills_the_buffer(kind: type[PlainReply | FastReply], babble: bytes) -> None:
+def test_endless_babble_never_fills_the_buffer(
+    kind: type[StatusReply | FastSyncReadReply], babble: bytes
+) -> None:
     reply = kind(MANY, SIZE)
     reply.start()
     for _ in range(300):
@@ -230,17 +236,19 @@ def test_endless_babble_never_fills_the_buffer(kind: type[PlainReply | FastReply
     assert not reply.heard.any()
 
 
-@pytest.mark.parametrize("error", [p.Error.RESULT_FAIL, p.Error.ACCESS, p.ALERT | p.Error.DATA_RANGE])
-@pytest.mark.parametrize("kind", [PlainReply, FastReply])
+@pytest.mark.parametrize(
+    "error", [p.StatusErrorCode.RESULT_FAIL, p.StatusErrorCode.ACCESS, p.ALERT | p.StatusErrorCode.DATA_RANGE]
+)
+@pytest.mark.parametrize("kind", [StatusReply, FastSyncReadReply])
 def test_numbers_that_come_with_an_error_number_are_no_reading(
-    kind: type[PlainReply | FastReply], error: int
+    kind: type[StatusReply | FastSyncReadReply], error: int
 ) -> None:
     """E-manual, "Error": the number says that the instruction was not carried out; the alert does not."""
     rows = [(error if id == 7 else p.ALERT, id, block(id)) for id in IDS]
     statuses = b"".join(p.status(id, number, data) for number, id, data in rows)
     joint = b"".join(p.fast_status(rows, len(IDS) * (SIZE + 4) + 1))
     reply = kind(IDS, SIZE)
-    give(reply, statuses if kind is PlainReply else joint)
+    give(reply, statuses if kind is StatusReply else joint)
     assert reply.heard.tolist() == [True, False, True, True]
     assert reply.answered.all()
     assert not reply.whole
@@ -253,7 +261,7 @@ def test_numbers_that_come_with_an_error_number_are_no_reading(
 
 def test_whole_sound_packets_that_are_no_part_of_a_reply_are_kept_aside() -> None:
     other, request = p.status(99, 0, b"abc"), p.sync_read(IDS, 126, SIZE)
-    for reply, data in ((PlainReply(IDS, SIZE), plain()), (FastReply(IDS, SIZE), fast())):
+    for reply, data in ((StatusReply(IDS, SIZE), plain()), (FastSyncReadReply(IDS, SIZE), fast())):
         give(reply, other + data + request)
         assert [each.id for each in reply.unasked] == [99, p.BROADCAST]
         assert reply.whole
@@ -262,7 +270,7 @@ def test_whole_sound_packets_that_are_no_part_of_a_reply_are_kept_aside() -> Non
 
 
 def test_nothing_of_the_last_reply_is_left_in_the_next() -> None:
-    for reply, data in ((PlainReply(IDS, SIZE), plain()), (FastReply(IDS, SIZE), fast())):
+    for reply, data in ((StatusReply(IDS, SIZE), plain()), (FastSyncReadReply(IDS, SIZE), fast())):
         give(reply, data)
         give(reply, b"")
         assert not reply.heard.any()
@@ -272,7 +280,7 @@ def test_nothing_of_the_last_reply_is_left_in_the_next() -> None:
 
 def test_strays_are_counted_once_and_their_pieces_make_no_packet_across_two_replies() -> None:
     stranger = p.status(99, 0, block(99))
-    for reply, data in ((PlainReply(IDS, SIZE), plain()), (FastReply(IDS, SIZE), fast())):
+    for reply, data in ((StatusReply(IDS, SIZE), plain()), (FastSyncReadReply(IDS, SIZE), fast())):
         for _ in range(3):
             give(reply, data + stranger[:9])
             assert (reply.strays, tuple(reply.unasked)) == (9, ())
@@ -281,13 +289,13 @@ def test_strays_are_counted_once_and_their_pieces_make_no_packet_across_two_repl
 
 
 def test_a_fast_reply_of_others_is_not_ours() -> None:
-    reply = FastReply((3, 7, 4, 251), SIZE)
+    reply = FastSyncReadReply((3, 7, 4, 251), SIZE)
     give(reply, fast())
     assert reply.heard.tolist() == [True, True, True, False]
 
 
 def test_a_reply_that_cannot_fit_is_refused_when_asked() -> None:
-    for make in (PlainReply, FastReply):
+    for make in (StatusReply, FastSyncReadReply):
         with pytest.raises(ValueError, match="ask fewer"):
             make(range(200), 35)
 
@@ -301,7 +309,10 @@ def test_a_status_of_somebody_else_in_the_middle_of_a_joint_answer_costs_nobody_
     """However it is cut into pieces; the same between two statuses of a plain one."""
     stranger = p.status(200, 0, said)
     row = at // len(p.status(3, 0, block(3))) * len(p.status(3, 0, block(3)))
-    for reply, data, place in ((FastReply(IDS, SIZE), fast(), at), (PlainReply(IDS, SIZE), plain(), row)):
+    for reply, data, place in (
+        (FastSyncReadReply(IDS, SIZE), fast(), at),
+        (StatusReply(IDS, SIZE), plain(), row),
+    ):
         give(reply, data[:place] + stranger + data[place:], chunk)
         assert reply.heard.all()
         check_data(reply)

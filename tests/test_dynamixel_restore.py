@@ -9,7 +9,7 @@ from dxl_responder import Servos
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.bus import DeviceRefused, NoReply, Restart
+from twind_drivers.bus import DeviceRefused, NoReply, RestartResult
 from twind_drivers.dynamixel.packet import Instruction, Packet
 from twind_drivers.dynamixel.registers import rule
 from twind_drivers.dynamixel.restore import RESTORED
@@ -60,8 +60,8 @@ def bench(mode: int = 3) -> Bench:
     return bus
 
 
-def reboot(bus: Bench, **more: bool) -> Restart:
-    found: Restart = bus.run(bus.writer.reboot(HERE, **more))
+def reboot(bus: Bench, **more: bool) -> RestartResult:
+    found: RestartResult = bus.run(bus.writer.reboot(HERE, **more))
     return found
 
 

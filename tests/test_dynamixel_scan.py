@@ -21,9 +21,9 @@ from twind_drivers.dynamixel.scan import (
     FOREIGN,
     NOISE,
     TALK,
-    Found,
+    BaudRateScan,
     Kind,
-    Rate,
+    ScannedDevice,
     Trouble,
     estimate,
     scan,
@@ -31,7 +31,7 @@ from twind_drivers.dynamixel.scan import (
 )
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrder
+from twind_drivers.virtual.muscles import FirstOrderPhysics
 from twind_drivers.virtual.servos import ServoSpec
 
 MILLION = 1_000_000
@@ -53,16 +53,16 @@ class Bench:
     def __init__(self, *servos: ServoSpec, apart: float = 100.0) -> None:
         self.clock = FakeClock(20.0)
         positions = 1000.0 + apart * np.arange(len(servos))
-        self.bus = VirtualBus("bench", servos, FirstOrder(positions), baud=MILLION, now=20.0)
+        self.bus = VirtualBus("bench", servos, FirstOrderPhysics(positions), baud=MILLION, now=20.0)
 
     def at(self, baud: int) -> Prober:
         self.bus.line(baud)
         return Prober(Loopback(self.bus, self.clock), self.clock, baud)
 
-    def scan(self, bauds: Sequence[int] = BAUDS, *, thorough: bool = False) -> dict[int, Rate]:
+    def scan(self, bauds: Sequence[int] = BAUDS, *, thorough: bool = False) -> dict[int, BaudRateScan]:
         return {rate.baud: rate for rate in scan(self.at, bauds, thorough=thorough)}
 
-    def rate(self, baud: int = MILLION, *, thorough: bool = False) -> Rate:
+    def rate(self, baud: int = MILLION, *, thorough: bool = False) -> BaudRateScan:
         return scan_rate(self.at(baud), thorough=thorough)
 
 
@@ -80,7 +80,7 @@ def wired(change: Callable[[bytes], bytes], *ids: int) -> Prober:
 # ------------------------------------------------------------------------------------- who is there
 
 
-def clashes(found: Found) -> bool:
+def clashes(found: ScannedDevice) -> bool:
     return found.trouble is not None and found.trouble.kind is Kind.CLASH
 
 

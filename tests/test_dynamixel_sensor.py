@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from twind_drivers.attendance import MISSES, PROBE
-from twind_drivers.bus import Read, Reply
-from twind_drivers.dynamixel.sensor import PROOFS, RAREST, WINDOW, Field, Sensor
+from twind_drivers.bus import ReadRequest, RequestReply
+from twind_drivers.dynamixel.sensor import PROOFS, RAREST, WINDOW, Sensor, SensorField
 
-FIELDS = (Field(22, "<i2", 3), Field(16, "<i2", 3), Field(28, "<f4", 1))
-WHOLE = Read((200,), 16, 16)
+FIELDS = (SensorField(22, "<i2", 3), SensorField(16, "<i2", 3), SensorField(28, "<f4", 1))
+WHOLE = ReadRequest((200,), 16, 16)
 
 
-def told(*data: bytes) -> Reply:
-    return Reply(dict.fromkeys((200,), data[0]) if data else {}, {}, 0.001, 0)
+def told(*data: bytes) -> RequestReply:
+    return RequestReply(dict.fromkeys((200,), data[0]) if data else {}, {}, 0.001, 0)
 
 
 SOUND = told(struct.pack("<3h3hf", 1, -2, 3, 4, 5, -32768, 0.25))

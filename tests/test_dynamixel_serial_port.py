@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from twind_drivers.bus import PortError, PortFull
+from twind_drivers.bus import OutputQueueFull, PortError
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.dynamixel import serial_port
 from twind_drivers.dynamixel.holder import command, holder
@@ -284,7 +284,7 @@ def test_a_packet_that_was_taken_in_part_is_thrown_away_and_not_continued(
     monkeypatch.setattr(serial_port.os, "write", lambda fd, data: taken)
     monkeypatch.setattr(port, "backlog", lambda: 300)
     monkeypatch.setattr(serial_port.termios, "tcflush", lambda fd, queue: flushed.append(queue))
-    with pytest.raises(PortFull) as caught:
+    with pytest.raises(OutputQueueFull) as caught:
         port.write(bytes(24))
     assert flushed == [termios.TCOFLUSH]
     assert (caught.value.waiting, caught.value.most, caught.value.lost) == (300, 24, False)
@@ -299,7 +299,7 @@ def test_an_output_that_is_full_is_an_error_but_not_a_loss(terminal: Terminal) -
         for _ in range(100):
             port.write(bytes(4000))
 
-    with pytest.raises(PortFull, match="is the adapter stuck") as caught:
+    with pytest.raises(OutputQueueFull, match="is the adapter stuck") as caught:
         fill()
     assert not caught.value.lost
     assert caught.value.most == 4000

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from twind_drivers.bus import Read
+from twind_drivers.bus import ReadRequest
 from twind_drivers.dynamixel.budget import upkeep
 from twind_drivers.dynamixel.layout import layout_of
-from twind_drivers.dynamixel.slow import SlowRegisters
+from twind_drivers.dynamixel.slow import DynamixelSlowRegisters
 from twind_drivers.dynamixel.tables import table
 
 IDS = tuple(range(1, 25))
@@ -14,14 +14,14 @@ TICK = 0.01  # s
 HEALTH = 120  # the first register of a health slice
 
 
-def registers(fast: bool) -> SlowRegisters:
+def registers(fast: bool) -> DynamixelSlowRegisters:
     tables = [table(1020)] * len(IDS)
-    made = SlowRegisters(IDS, tables, [layout_of(each) for each in tables])
+    made = DynamixelSlowRegisters(IDS, tables, [layout_of(each) for each in tables])
     made.schedule(IDS, upkeep([len(IDS)], 100.0, fast=fast))
     return made
 
 
-def answer(slow: SlowRegisters, query: Read, ids: tuple[int, ...], now: float) -> None:
+def answer(slow: DynamixelSlowRegisters, query: ReadRequest, ids: tuple[int, ...], now: float) -> None:
     slow.fold(query, ids, np.zeros((len(ids), query.size), np.uint8), now)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from twind_drivers.bus import UnknownRegister
 from twind_drivers.dynamixel import tables
-from twind_drivers.dynamixel.tables import Table, models, number_of, table
+from twind_drivers.dynamixel.tables import ControlTable, models, number_of, table
 
 
 def test_every_model_of_the_index_has_a_table() -> None:
@@ -89,7 +89,7 @@ def test_what_may_not_be_written_is_refused_with_its_bound(name: str, value: int
 
 
 def test_signed_registers_round_trip_and_edges_pass() -> None:
-    xm: Table = table(1020)
+    xm: ControlTable = table(1020)
     for name in ("goal_pwm", "homing_offset", "goal_position", "goal_velocity"):
         for value in xm[name].bounds:
             xm[name].check(value)

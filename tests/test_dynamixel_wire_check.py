@@ -8,11 +8,11 @@ from twind_drivers.bus import WireClamp
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.modes import MODES, fences
 from twind_drivers.dynamixel.tables import table
-from twind_drivers.dynamixel.wire_check import WireCheck
+from twind_drivers.dynamixel.wire_check import DynamixelWireCheck
 
 XM430 = table(1020)
 IDS = (1, 2)
-CHECK = WireCheck(
+CHECK = DynamixelWireCheck(
     "bus", dict.fromkeys(IDS, XM430), {id: fences(XM430, MODES[3], 1000, 3000, None) for id in IDS}
 )
 GAIN = p.sync_write(84, {1: bytes(2), 2: bytes(2)})

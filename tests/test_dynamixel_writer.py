@@ -7,7 +7,15 @@ import pytest
 from dxl_bench import FAST, IDS, SYNC, Bench
 from dxl_responder import Servos, Wire
 
-from twind_drivers.bus import Burst, DeviceRefused, NoReply, Ping, Reboot, WireClamp, Write
+from twind_drivers.bus import (
+    BurstWriteRequest,
+    DeviceRefused,
+    NoReply,
+    PingRequest,
+    RebootRequest,
+    WireClamp,
+    WriteRequest,
+)
 from twind_drivers.dynamixel.packet import Instruction, Packet, status
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.writer import DynamixelWriter
@@ -72,7 +80,7 @@ def test_a_cut_leaves_with_a_query_too_and_the_goals_before_it_do_not_follow() -
     bench = Bench()
     bench.writer.cut()
     bench.writer.goals(HERE)
-    bench.reader.begin(Ping(1), 0.0)
+    bench.reader.begin(PingRequest(1), 0.0)
     assert bench.addresses()[:2] == [(SYNC, 64), (SYNC, 64)]
     bench.reader.answer(0.0)
     bench.cycle()
@@ -267,19 +275,23 @@ def test_reboot_waits_until_the_device_answers_and_forgets_what_it_knew() -> Non
 @pytest.mark.parametrize(
     "order",
     [
-        Write({1: (3001).to_bytes(4, "little")}, 116),  # goal outside
-        Write({1: bytes(4), 2: bytes(4)}, 116),
-        Burst((Write({1: b"\0"}, 98), Write({1: (999).to_bytes(4, "little")}, 116))),
-        Write({1: (2000).to_bytes(8, "little")}, 112),  # a goal hidden in a longer block
-        Write({1: (2000).to_bytes(2, "little")}, 118),  # half a goal
-        Write({1: b"\0"}, 70),  # read-only
-        Write({1: b"\0"}, 66),  # no register there
-        Write({9: b"\1"}, 64),  # nobody of this bus
-        Write({9: b"\1", 1: b"\1"}, 64),
-        Reboot(9),
+        WriteRequest({1: (3001).to_bytes(4, "little")}, 116),  # goal outside
+        WriteRequest({1: bytes(4), 2: bytes(4)}, 116),
+        BurstWriteRequest(
+            (WriteRequest({1: b"\0"}, 98), WriteRequest({1: (999).to_bytes(4, "little")}, 116))
+        ),
+        WriteRequest({1: (2000).to_bytes(8, "little")}, 112),  # a goal hidden in a longer block
+        WriteRequest({1: (2000).to_bytes(2, "little")}, 118),  # half a goal
+        WriteRequest({1: b"\0"}, 70),  # read-only
+        WriteRequest({1: b"\0"}, 66),  # no register there
+        WriteRequest({9: b"\1"}, 64),  # nobody of this bus
+        WriteRequest({9: b"\1", 1: b"\1"}, 64),
+        RebootRequest(9),
     ],
 )
-def test_an_order_outside_the_white_list_sends_no_byte(order: Write | Burst | Reboot) -> None:
+def test_an_order_outside_the_white_list_sends_no_byte(
+    order: WriteRequest | BurstWriteRequest | RebootRequest,
+) -> None:
     bench = Bench()
     with pytest.raises(WireClamp, match="packet not sent"):
         bench.writer.begin(order, 0.0)
@@ -288,7 +300,7 @@ def test_an_order_outside_the_white_list_sends_no_byte(order: Write | Burst | Re
 
 def test_a_writer_begins_no_query() -> None:
     with pytest.raises(TypeError, match="does not ask"):
-        Bench().writer.begin(Ping(1), 0.0)  # type: ignore[arg-type]
+        Bench().writer.begin(PingRequest(1), 0.0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

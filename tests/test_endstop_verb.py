@@ -17,7 +17,7 @@ from twind.config.robot_file import load_robot, read_robot
 from twind.ctl.verb import DONE, Rejected, UsageError
 from twind.virtual.specimen import calibration, specimen
 from twind_calibration.calibrating import endstop
-from twind_calibration.calibrating.endstopping import Touch, _endstop, measured
+from twind_calibration.calibrating.endstopping import EndstopPlan, _endstop, measured
 from twind_calibration.calibrating.slots import slots
 
 ROBOT = load_robot("h24")
@@ -121,7 +121,7 @@ def test_the_zero_is_where_the_stop_says_it_is(
     entry = FITTING.by_name[slot.name]  # coarse: the truth is `off` beside it
     where = ticks_of(slot.joint, entry.zero_ticks + off, stop)
     counts = [where + each + 4096 * turns for each in scatter]
-    fresh = measured(Touch(slot, side, stop, None, None, None), entry, counts)
+    fresh = measured(EndstopPlan(slot, side, stop, None, None, None), entry, counts)
     assert abs(fresh.zero_ticks - (entry.zero_ticks + off)) <= 3
     assert fresh.method == "endstop" and fresh.captures == len(counts)
     assert fresh.zero_sigma_ticks <= 2.0 and fresh.proof is None
@@ -134,7 +134,7 @@ def test_the_zero_is_where_the_stop_says_it_is(
 def test_a_stop_that_leaves_no_room_for_the_limits_is_refused() -> None:
     slot = slots(ROBOT)[0]
     entry = FITTING.by_name[slot.name]
-    touch = Touch(slot, "lower", -1.6, None, None, None)
+    touch = EndstopPlan(slot, "lower", -1.6, None, None, None)
     with pytest.raises(Rejected, match=r"its limits .* beyond its travel"):
         measured(touch, entry, [entry.zero_ticks - 200] * 3)
 

@@ -8,17 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_world import LIMITS, PERIOD, holding, only, phases, reading, run, smooth
 
-from twind.motion.executor import Executor, Outcome, Tolerances
-from twind.robot.finding import Code
+from twind.motion.executor import GoalOutcome, GoalTolerances, TrajectoryExecutor
+from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion
 from twind.robot.trajectory import Trajectory
-from twind.safety.gate import Demand
+from twind.safety.gate import TrajectoryRequest
 
 # ------------------------------------------------------------------------------------- idle and holding
 
 
 def test_nobody_holds_until_told_where() -> None:
-    executor = Executor(LIMITS, PERIOD)
+    executor = TrajectoryExecutor(LIMITS, PERIOD)
     assert (executor.motion, executor.reference, executor.goal(0.0)) == (Motion.IDLE, None, None)
     assert executor.progress() is None
     executor.stop()
@@ -29,13 +29,13 @@ def test_nobody_holds_until_told_where() -> None:
 
 
 def test_idle_takes_neither_trajectories_nor_setpoints() -> None:
-    executor = Executor(LIMITS, PERIOD)
+    executor = TrajectoryExecutor(LIMITS, PERIOD)
     for refused in (
         executor.submit("a", smooth([1.0, 1.0])),
         executor.setpoint(np.array([0]), np.array([0.1]), None, 0.1),
     ):
         assert refused is not None
-        assert refused.code is Code.NOT_ARMED
+        assert refused.code is ReasonCode.NOT_ARMED
 
 
 def test_a_hold_repeats_the_same_place() -> None:
@@ -74,7 +74,7 @@ def test_a_goal_is_followed_to_its_end_and_reported_once() -> None:
     assert executor.outcomes() == []
     assert run(executor, 0.5)[-1].position.tolist() == [1.0, -1.0]
     assert executor.motion is Motion.HOLDING
-    assert executor.outcomes() == [Outcome("a", "succeeded")]
+    assert executor.outcomes() == [GoalOutcome("a", "succeeded")]
     assert executor.fraction("a") == 1.0
     assert executor.outcomes() == []
     assert executor.fraction("a") == 0.0
@@ -119,13 +119,13 @@ def test_late_and_missed_ticks_re_time_the_motion_and_change_nothing_else() -> N
 def test_a_start_that_never_comes_is_refused(start_in: float) -> None:
     refused = holding().submit("a", smooth([1.0, 1.0]), start_in=start_in)
     assert refused is not None
-    assert refused.code is Code.TOO_DISTANT
+    assert refused.code is ReasonCode.TOO_DISTANT
 
 
 def test_a_path_without_points_is_refused() -> None:
     refused = holding().submit("a", Trajectory(np.zeros(0), np.zeros((0, 2)), np.ones(2, bool)))
     assert refused is not None
-    assert refused.code is Code.EMPTY
+    assert refused.code is ReasonCode.EMPTY
 
 
 def test_numbers_that_are_none_never_leave_and_end_in_a_hold() -> None:
@@ -134,7 +134,7 @@ def test_numbers_that_are_none_never_leave_and_end_in_a_hold() -> None:
     assert all(reference.position.tolist() == [0.5, 0.5] for reference in run(executor, 0.1))
     (outcome,) = executor.outcomes()
     assert outcome.phase == "aborted"
-    assert [finding.code for finding in outcome.findings] == [Code.INTERNAL]
+    assert [finding.code for finding in outcome.findings] == [ReasonCode.INTERNAL]
     assert executor.motion is Motion.HOLDING
 
 
@@ -249,7 +249,7 @@ OPERATIONS = st.one_of(
 )
 
 
-def perform(executor: Executor, operation: tuple, tick: int) -> None:
+def perform(executor: TrajectoryExecutor, operation: tuple, tick: int) -> None:
     """One operation, through the gate where it has one."""
     if operation[0] == "submit":
         _, knots, (spacing, shape, start_in), mask = operation
@@ -261,9 +261,9 @@ def perform(executor: Executor, operation: tuple, tick: int) -> None:
         )
         if executor.motion is Motion.STREAMING:
             start_in = 0.0
-        judged = ask(asked, LIMITS, executor.ahead(start_in), Demand("retime"))
+        judged = ask(asked, LIMITS, executor.ahead(start_in), TrajectoryRequest("retime"))
         if not judged.verdict.refusals:
-            tolerances = Tolerances.of(2, [(0, 0.5, 0.5)])
+            tolerances = GoalTolerances.of(2, [(0, 0.5, 0.5)])
             assert executor.submit(f"{tick}", judged.path, start_in=start_in, tolerances=tolerances) is None
     elif operation[0] == "setpoint":
         _, joint, place, speed = operation

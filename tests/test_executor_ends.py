@@ -8,8 +8,8 @@ import pytest
 from gate_world import at_rest
 from motion_world import PERIOD, holding, only, phases, reading, run, smooth
 
-from twind.motion.executor import Executor, Outcome, Tolerances
-from twind.robot.finding import Code, Finding
+from twind.motion.executor import GoalOutcome, GoalTolerances, TrajectoryExecutor
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
 
 # ------------------------------------------------------------------------------------------ tolerances
@@ -17,13 +17,15 @@ from twind.robot.modes import Motion
 
 def test_a_joint_off_its_path_aborts_the_goal_and_is_held_where_it_is() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=Tolerances.of(2, [(0, 0.1, None), (1, 0.1, None)]))
+    executor.submit(
+        "a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None), (1, 0.1, None)])
+    )
     reference = run(executor, 0.5)[-1]
     executor.observe(reading([0.3, reference.position[1]]))
     (outcome,) = executor.outcomes()
     assert outcome.phase == "aborted"
     (finding,) = outcome.findings
-    assert (finding.code, finding.joint, finding.bound) == (Code.PATH_TOLERANCE, 0, 0.1)
+    assert (finding.code, finding.joint, finding.bound) == (ReasonCode.PATH_TOLERANCE, 0, 0.1)
     assert finding.value == pytest.approx(0.2)
     assert finding.time == pytest.approx(0.5)
     assert executor.motion is Motion.HOLDING
@@ -37,7 +39,7 @@ def test_a_joint_off_its_path_aborts_the_goal_and_is_held_where_it_is() -> None:
 
 def test_a_joint_within_its_path_tolerance_goes_on() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=Tolerances.of(2, [(0, 0.1, None)]))
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None)]))
     reference = run(executor, 0.5)[-1]
     executor.observe(reading([reference.position[0] - 0.0999, -9.0]))
     assert executor.outcomes() == []
@@ -45,7 +47,7 @@ def test_a_joint_within_its_path_tolerance_goes_on() -> None:
 
 def test_a_position_that_is_no_number_is_off_the_path_and_not_held_at() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=Tolerances.of(2, [(0, 0.1, None)]))
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None)]))
     run(executor, 0.5)
     executor.observe(reading([nan, 0.0]))
     assert phases(executor) == [("a", "aborted")]
@@ -54,7 +56,7 @@ def test_a_position_that_is_no_number_is_off_the_path_and_not_held_at() -> None:
 
 def test_an_executor_that_cancels_its_way_back_stops() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=Tolerances.of(2, [(0, 0.1, None)]))
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None)]))
     run(executor, 0.9)
     executor.observe(reading([-1.0, 0.0]))
     run(executor, 0.3)
@@ -64,9 +66,9 @@ def test_an_executor_that_cancels_its_way_back_stops() -> None:
     assert run(executor, 0.5)[-1].position[0] == place
 
 
-def arrived(goal_time: float | None = None) -> Executor:
+def arrived(goal_time: float | None = None) -> TrajectoryExecutor:
     executor = holding()
-    tolerances = Tolerances.of(2, [(0, None, 0.1)])
+    tolerances = GoalTolerances.of(2, [(0, None, 0.1)])
     executor.submit("a", smooth([1.0, 1.0]), tolerances=tolerances, goal_time=goal_time)
     run(executor, 1.0)
     return executor
@@ -86,7 +88,7 @@ def test_with_a_goal_tolerance_the_goal_ends_when_the_robot_is_there_and_has_sto
 
 def test_a_default_goal_tolerance_judges_the_place_and_not_the_speed() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=Tolerances.of(2, [], 0.2), goal_time=0.5)
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [], 0.2), goal_time=0.5)
     run(executor, 1.0)
     executor.observe(reading([1.0, 0.79], [1.0, 1.0]))
     assert executor.outcomes() == []
@@ -96,7 +98,7 @@ def test_a_default_goal_tolerance_judges_the_place_and_not_the_speed() -> None:
 
 def test_a_default_goal_tolerance_does_not_judge_joints_that_the_goal_does_not_move() -> None:
     executor = holding()
-    executor.submit("a", only(0, smooth([1.0, 0.0])), tolerances=Tolerances.of(2, [], 0.2), goal_time=0.5)
+    executor.submit("a", only(0, smooth([1.0, 0.0])), tolerances=GoalTolerances.of(2, [], 0.2), goal_time=0.5)
     run(executor, 1.0)
     executor.observe(reading([1.0, 3.0]))
     assert phases(executor) == [("a", "succeeded")]
@@ -120,13 +122,13 @@ def test_after_its_goal_time_a_goal_out_of_tolerance_is_aborted() -> None:
     executor.goal(0.0)
     executor.observe(reading([0.5, 0.0]))
     (outcome,) = executor.outcomes()
-    assert [finding.code for finding in outcome.findings] == [Code.GOAL_TOLERANCE]
+    assert [finding.code for finding in outcome.findings] == [ReasonCode.GOAL_TOLERANCE]
     assert run(executor, 1.0)[-1].position == pytest.approx([0.5, 1.0])
 
 
 def test_an_abort_takes_the_goals_that_wait_with_it() -> None:
     executor = holding()
-    executor.submit("a", smooth([1.0, 1.0]), tolerances=Tolerances.of(2, [(0, 0.1, None)]))
+    executor.submit("a", smooth([1.0, 1.0]), tolerances=GoalTolerances.of(2, [(0, 0.1, None)]))
     run(executor, 0.5)
     executor.submit("b", smooth([0.0, 0.0]), start_in=0.3)
     executor.observe(reading([0.0, 0.0]))
@@ -169,15 +171,15 @@ def test_stopping_again_while_braking_changes_nothing() -> None:
 def test_a_stop_may_say_why() -> None:
     executor = holding()
     executor.submit("a", smooth([1.0, 1.0]))
-    lost = Finding(Code.LEASE_LOST)
+    lost = Finding(ReasonCode.LEASE_LOST)
     executor.stop("aborted", (lost,))
-    assert executor.outcomes() == [Outcome("a", "aborted", (lost,))]
+    assert executor.outcomes() == [GoalOutcome("a", "aborted", (lost,))]
 
 
 # ---------------------------------------------------------------------------------------------- stream
 
 
-def stream(executor: Executor, place: float, *, joint: int = 0, speed: float | None = None) -> None:
+def stream(executor: TrajectoryExecutor, place: float, *, joint: int = 0, speed: float | None = None) -> None:
     velocity = None if speed is None else np.array([speed])
     assert executor.setpoint(np.array([joint]), np.array([place]), velocity, 0.1) is None
 
@@ -226,7 +228,12 @@ def test_a_setpoint_that_outlives_its_time_ramps_to_a_hold_and_says_so() -> None
     assert np.abs(after.velocity) == pytest.approx(np.abs(before.velocity) - [0.2, 0.0])
     (outcome,) = executor.outcomes()
     (finding,) = outcome.findings
-    assert (outcome.id, outcome.phase, finding.code, finding.bound) == ("", "aborted", Code.STREAM_STALE, 0.1)
+    assert (outcome.id, outcome.phase, finding.code, finding.bound) == (
+        "",
+        "aborted",
+        ReasonCode.STREAM_STALE,
+        0.1,
+    )
 
 
 @pytest.mark.parametrize("now", [nan, inf])
@@ -244,7 +251,7 @@ def test_a_setpoint_that_is_no_number_is_refused_and_changes_nothing(bad: float)
     for position, velocity, valid in ((bad, 0.0, 0.1), (0.0, bad, 0.1), (0.0, 0.0, bad)):
         refused = executor.setpoint(np.array([0]), np.array([position]), np.array([velocity]), valid)
         assert refused is not None
-        assert refused.code is Code.NONFINITE
+        assert refused.code is ReasonCode.NONFINITE
     assert executor.motion is Motion.HOLDING
 
 
@@ -294,7 +301,7 @@ def test_while_setpoints_arrive_a_later_start_is_refused() -> None:
     stream(executor, 0.5)
     refused = executor.submit("a", smooth([1.0, 1.0]), start_in=0.5)
     assert refused is not None
-    assert refused.code is Code.BUSY
+    assert refused.code is ReasonCode.BUSY
 
 
 def test_cancel_ends_a_stream() -> None:

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from motion_world import LIMITS, PERIOD, holding, only, phases, reading, run, smooth
 
-from twind.motion.executor import Executor, Tolerances
+from twind.motion.executor import GoalTolerances, TrajectoryExecutor
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion
 from twind.robot.trajectory import Trajectory
 
@@ -28,7 +28,7 @@ def fast(seconds_scale: float = 1.0) -> Trajectory:
     return path([seconds], [[step, -0.7 * step]], zero, zero)
 
 
-def track(executor: Executor, paces: list[tuple[float, int]]) -> Floats:
+def track(executor: TrajectoryExecutor, paces: list[tuple[float, int]]) -> Floats:
     """Positions (k, n) of every tick, from the hold before to the hold after."""
     rows = [executor.reference.position]  # type: ignore[union-attr]
     for share, ticks in paces:
@@ -167,7 +167,7 @@ def test_a_new_goal_takes_over_from_a_slowed_one_without_a_step() -> None:
 def test_the_time_for_the_goal_tolerances_is_that_of_the_clock() -> None:
     """Slowed until the end, then `goal_time` s of the clock, whatever the pace says."""
     executor = holding()
-    demand = Tolerances.of(2, [(0, None, 0.01)])
+    demand = GoalTolerances.of(2, [(0, None, 0.01)])
     executor.submit("a", smooth([0.3, 0.0]), tolerances=demand, goal_time=0.5)
     executor.pace = 0.5
     ended = over = 0
@@ -186,7 +186,7 @@ def test_the_time_for_the_goal_tolerances_is_that_of_the_clock() -> None:
 
 def test_a_path_tolerance_is_judged_by_the_slowed_reference() -> None:
     executor = holding()
-    executor.submit("a", smooth([0.5, 0.0]), tolerances=Tolerances.of(2, [(0, 0.05, None)]))
+    executor.submit("a", smooth([0.5, 0.0]), tolerances=GoalTolerances.of(2, [(0, 0.05, None)]))
     executor.pace = 0.3
     for _ in range(700):
         reference = executor.goal(0.0)
@@ -203,10 +203,10 @@ def test_a_later_start_is_refused_while_slowed_and_ends_when_it_was_foreseen_els
     executor.pace = 0.2
     refused = executor.submit("c", smooth([0.2, 0.0]), start_in=3.0)
     assert refused is not None
-    assert refused.code is Code.BUSY
+    assert refused.code is ReasonCode.BUSY
     run(executor, 0.6)
     (ended,) = executor.outcomes()
-    assert (ended.id, ended.phase, ended.findings[0].code) == ("b", "aborted", Code.START_JUMP)
+    assert (ended.id, ended.phase, ended.findings[0].code) == ("b", "aborted", ReasonCode.START_JUMP)
     executor.pace = 1.0
     run(executor, 3.0)
     assert phases(executor) == [("a", "succeeded")], "what runs goes on"

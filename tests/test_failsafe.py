@@ -15,9 +15,9 @@ from rig import Rig
 from twind import link
 from twind.config.robot_file import load_robot
 from twind.loop import failsafe
-from twind.loop.failsafe import Aloud, Failsafe
+from twind.loop.failsafe import FailsafeRun, HeadlessLink
 from twind.loop.notify import Notifier
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 
 RAISED = {"r_shoulder_pitch": -0.8, "head_yaw": 0.4}
@@ -57,9 +57,9 @@ def given_up(
         rig.close()
 
 
-def run(rig: Rig, seconds: float = MOST) -> Failsafe:
+def run(rig: Rig, seconds: float = MOST) -> FailsafeRun:
     """Until it has ended."""
-    safe = Failsafe(rig.loop)
+    safe = FailsafeRun(rig.loop)
     safe.begin()
     for _ in range(round(seconds / rig.loop.period)):
         if rig.loop.finished:
@@ -89,7 +89,7 @@ def test_a_robot_that_is_whole_is_lowered_to_its_rest_pose_and_let_go(support: s
 
 def test_it_goes_down_at_a_quarter_of_every_limit_where_there_is_time_for_it() -> None:
     with given_up() as rig:
-        safe, fastest = Failsafe(rig.loop), np.zeros(24)
+        safe, fastest = FailsafeRun(rig.loop), np.zeros(24)
         safe.begin()
         before = rig.loop.written
         while not rig.loop.finished:
@@ -198,7 +198,7 @@ def test_a_port_that_is_gone_is_waited_for_and_no_longer() -> None:
 def test_a_port_that_comes_back_in_time_is_lowered() -> None:
     with given_up() as rig:
         rig.virtual["main"].faults.unplug()
-        safe = Failsafe(rig.loop)
+        safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(failsafe.WAIT / 2)
         rig.virtual["main"].faults.replug()
@@ -210,7 +210,7 @@ def test_a_port_that_comes_back_in_time_is_lowered() -> None:
 
 def test_a_bus_that_goes_on_the_way_down_is_waited_for_once_more() -> None:
     with given_up(support="free") as rig:
-        safe = Failsafe(rig.loop)
+        safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(2.0)
         assert rig.loop.armed
@@ -226,7 +226,7 @@ def test_a_bus_that_goes_on_the_way_down_is_waited_for_once_more() -> None:
 
 def test_a_bus_that_stays_away_on_the_way_down_ends_it_with_what_is_not_known() -> None:
     with given_up(support="free") as rig:
-        safe = Failsafe(rig.loop)
+        safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(2.0)
         rig.virtual["main"].faults.unplug()
@@ -247,7 +247,7 @@ def test_a_bus_that_goes_twice_leaves_the_torque_that_is_on_and_says_so(support:
     """After `AGAIN` s no way is begun: a robot that could be lowered by then still has its torque."""
     with given_up(support=support) as rig:
         slow_down(rig, 0.05)
-        safe = Failsafe(rig.loop)
+        safe = FailsafeRun(rig.loop)
         safe.begin()
         for there, gone in ((8.0, 9.0), (1.5, 2.0)):
             rig.seconds(there)
@@ -269,7 +269,7 @@ def test_what_comes_last_to_everything_ends_within_the_longest_time() -> None:
         slow_down(rig, SHARE)
         faults, began = rig.virtual["main"].faults, rig.clock.now()
         faults.unplug()
-        safe = Failsafe(rig.loop)
+        safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(failsafe.WAIT - 1.0)
         faults.replug()
@@ -295,7 +295,7 @@ def test_the_service_manager_is_asked_for_the_longest_time_when_it_begins(tmp_pa
         manager.settimeout(1.0)
         notifier = Notifier({"NOTIFY_SOCKET": address})
         rig.loop.parts = replace(rig.loop.parts, notifier=notifier)
-        Failsafe(rig.loop).begin()
+        FailsafeRun(rig.loop).begin()
         assert manager.recv(100).decode() == f"EXTEND_TIMEOUT_USEC={failsafe.LONGEST * 1e6:.0f}"
         notifier.close()
 
@@ -310,7 +310,7 @@ def test_nobody_answering_is_told_as_not_known() -> None:
 def test_told_to_end_while_it_waits_it_ends_at_once_and_writes_nothing() -> None:
     with given_up() as rig:
         rig.virtual["main"].faults.silence(3)
-        safe = Failsafe(rig.loop)
+        safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(1.0)
         rig.loop.stop_wanted = True
@@ -322,7 +322,7 @@ def test_told_to_end_while_it_waits_it_ends_at_once_and_writes_nothing() -> None
 
 def test_told_to_end_on_the_way_down_it_goes_on() -> None:
     with given_up() as rig:
-        safe = Failsafe(rig.loop)
+        safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(1.5)
         assert rig.loop.armed
@@ -335,7 +335,7 @@ def test_told_to_end_on_the_way_down_it_goes_on() -> None:
 
 def test_a_servo_that_does_not_take_the_goal_leaves_a_robot_that_stands_freely_as_it_is() -> None:
     with given_up(support="free") as rig:
-        safe = Failsafe(rig.loop)
+        safe = FailsafeRun(rig.loop)
         safe.begin()
         while not rig.loop.hardware.connected:
             rig.ticks(1)
@@ -350,11 +350,11 @@ def test_a_servo_that_does_not_take_the_goal_leaves_a_robot_that_stands_freely_a
 
 def test_an_inhibit_ends_the_way_down_and_torque_stays() -> None:
     with given_up() as rig:
-        safe = Failsafe(rig.loop)
+        safe = FailsafeRun(rig.loop)
         safe.begin()
         rig.seconds(1.5)
         assert rig.loop.armed
-        rig.loop.inhibit(Finding(Code.FOREIGN_TRAFFIC, message="a stranger"), rig.clock.now())
+        rig.loop.inhibit(Finding(ReasonCode.FOREIGN_TRAFFIC, message="a stranger"), rig.clock.now())
         rig.seconds(1.0)
         assert rig.loop.finished
         assert "a stranger" in safe.left
@@ -374,7 +374,7 @@ def test_both_kinds_of_bus_are_lowered() -> None:
 def test_an_event_is_a_line_and_everything_else_is_nobody_s(tmp_path: Path) -> None:
     said = (tmp_path / "said").open("w+b", buffering=0)
     with said:
-        aloud = Aloud(said.fileno())
+        aloud = HeadlessLink(said.fileno())
         aloud.event(link.Event(time=0.0, sequence=1, level="error", code="CODE", message="über", findings=[]))
         aloud.reply(link.Reply(ticket=1, parameters={}))
         aloud.flush()
@@ -391,7 +391,7 @@ def test_an_event_is_told_first_and_no_recorder_stops_the_way_down(tmp_path: Pat
         def record(kind: Any, data: bytes) -> None:
             told.append((os.pread(said.fileno(), 1000, 0).decode(), link.decode_news(data)))
 
-        aloud = Aloud(said.fileno(), record)
+        aloud = HeadlessLink(said.fileno(), record)
         odd = link.Event(time=0.0, sequence=1, level="error", code="CODE", message="tty\udc80", findings=[])
         aloud.event(odd)
         assert told == []
@@ -410,6 +410,6 @@ def test_where_nobody_writes_it_down_nothing_is_encoded(
 
     monkeypatch.setattr(link, "encode", none)
     with (tmp_path / "said").open("w+b", buffering=0) as said:
-        aloud = Aloud(said.fileno())
+        aloud = HeadlessLink(said.fileno())
         aloud.event(link.Event(time=0.0, sequence=1, level="info", code="CODE", message="", findings=[]))
         assert os.pread(said.fileno(), 100, 0) == b"info CODE: \n"

@@ -14,7 +14,7 @@ from fault_world import Judge, Moved, Wire, nod_all
 from rig import Rig
 
 from twind import link
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.virtual.orders import FAULTS, arguments
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
@@ -178,7 +178,7 @@ def bring_back(rig: Rig, down: type[link.Command], **how: Any) -> None:
         assert reply.error is None, reply
     rig.lease()
     nodding(rig)
-    assert rig.loop.state is State.ARMED
+    assert rig.loop.state is RobotState.ARMED
     assert np.asarray(rig.register("torque_enable")).all()
 
 

@@ -11,30 +11,30 @@ from rig import Rig
 
 from twind.robot.modes import Mode
 from twind.robot.state import JointState
-from twind_drivers.bus import Sample
+from twind_drivers.bus import BusSample
 from twind_drivers.dynamixel import packet, replies
-from twind_drivers.dynamixel.cyclic import Cyclic
+from twind_drivers.dynamixel.cyclic import DynamixelCyclicRead
 from twind_drivers.dynamixel.packet import Framer, Packet
 from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.dynamixel.replies import FastReply, PlainReply
-from twind_drivers.dynamixel.slow import SlowRegisters
-from twind_drivers.virtual.faults import Faults
+from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
+from twind_drivers.dynamixel.slow import DynamixelSlowRegisters
+from twind_drivers.virtual.faults import SerialBusFaults
 
 Patch = pytest.MonkeyPatch
 Mutation = Callable[[Patch], None]
-Injury = Callable[[Faults], None]
+Injury = Callable[[SerialBusFaults], None]
 
 
-def samples(patch: Patch, change: Callable[[Sample], Sample]) -> None:
+def samples(patch: Patch, change: Callable[[BusSample], BusSample]) -> None:
     """Every cyclic reading passes `change` on its way out of the driver."""
     finish = DynamixelReader.finish
     patch.setattr(DynamixelReader, "finish", lambda self, now: change(finish(self, now)))
 
 
 def the_last_number_is_taken_for_fresh(patch: Patch) -> None:
-    kept: list[Sample] = []
+    kept: list[BusSample] = []
 
-    def change(sample: Sample) -> Sample:
+    def change(sample: BusSample) -> BusSample:
         if sample.heard.all():
             kept[:] = [sample]
             return sample
@@ -48,7 +48,7 @@ def zero_is_taken_for_a_reading(patch: Patch) -> None:
 
 
 def readings_behind_a_hole_move_up(patch: Patch) -> None:
-    def change(sample: Sample) -> Sample:
+    def change(sample: BusSample) -> BusSample:
         return sample if sample.heard.all() else replace(sample, position=np.roll(sample.position, 1))
 
     samples(patch, change)
@@ -75,13 +75,13 @@ def nobody_looks_at_a_crc(patch: Patch) -> None:
         body = packet.unstuff(self._buffer[start + 7 : start + size - 2])
         return Packet(self._buffer[start + 4], body[0], body[1:])
 
-    patch.setattr(FastReply, "_intact", intact)
+    patch.setattr(FastSyncReadReply, "_intact", intact)
     patch.setattr(Framer, "_open", open_)
     patch.setattr(replies, "crc16", lambda data: 0)
 
 
 def a_late_answer_is_taken_for_the_new_one(patch: Patch) -> None:
-    patch.setattr(Cyclic, "_troubled", lambda self: self._steady)
+    patch.setattr(DynamixelCyclicRead, "_troubled", lambda self: self._steady)
 
 
 def an_answer_of_another_length_is_taken(patch: Patch) -> None:
@@ -95,16 +95,16 @@ def an_answer_of_another_length_is_taken(patch: Patch) -> None:
         data[: len(part)] = part
         self._spare[place] = data
 
-    patch.setattr(PlainReply, "_accept", accept)
+    patch.setattr(StatusReply, "_accept", accept)
 
 
 def registers_get_a_new_stamp_for_old_values(patch: Patch) -> None:
-    fold, first = SlowRegisters.fold, dict[Any, Any]()
+    fold, first = DynamixelSlowRegisters.fold, dict[Any, Any]()
 
     def folded(self: Any, query: Any, ids: Any, data: Any, time: float) -> None:
         fold(self, query, ids, first.setdefault((query, ids), data.copy()), time)
 
-    patch.setattr(SlowRegisters, "fold", folded)
+    patch.setattr(DynamixelSlowRegisters, "fold", folded)
 
 
 MUTANTS: list[tuple[Mutation, Injury, str]] = [

@@ -4,12 +4,12 @@ from itertools import repeat
 
 import pytest
 
-from twind.loop.figures import ON_TIME, Figures
+from twind.loop.figures import ON_TIME, LoopFigures
 from twind.loop.realtime import Granted, denied
 
 
-def told(*late: float, missed: int = 0) -> Figures:
-    figures = Figures(0.01, {"scheduler": Granted("fifo 40"), "memory": denied("not permitted")})
+def told(*late: float, missed: int = 0) -> LoopFigures:
+    figures = LoopFigures(0.01, {"scheduler": Granted("fifo 40"), "memory": denied("not permitted")})
     for lateness in late:
         figures.tick(lateness, missed)
     return figures

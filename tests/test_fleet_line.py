@@ -16,9 +16,9 @@ from zenoh_router import Router
 
 from twind.bridge.fleet import goal as goal_module
 from twind.bridge.fleet.hold import RENEWED
-from twind.bridge.fleet.remote import Own, Shared, client
+from twind.bridge.fleet.remote import PrivateSession, SharedSession, client
 from twind.bridge.zenoh.keys import LEASE_S
-from twind.bridge.zenoh.session import Place, open_now
+from twind.bridge.zenoh.session import NetworkConfig, open_now
 from twind.client import CallError, Disconnected, NoAnswer, NoDaemon, NotCarried, Refused
 from twind.client.errors import as_error
 from twind.ctl.verb import UsageError, lease
@@ -151,7 +151,7 @@ def test_a_stop_that_will_never_be_done_is_asked_once(robot: FarRobot, error: st
 
 def test_who_answers_in_a_robots_place_keeps_no_stop_from_it() -> None:
     with Router() as router, ExitStack() as stack:
-        place = Place(connect=(router.endpoint,))
+        place = NetworkConfig(connect=(router.endpoint,))
         true, false = (stack.enter_context(open_now(place, 5.0)) for _ in range(2))
         heard = threading.Event()
 
@@ -166,7 +166,7 @@ def test_who_answers_in_a_robots_place_keeps_no_stop_from_it() -> None:
         false.declare_queryable("twind/r1/stop/EStop", lied, complete=True)
         true.declare_queryable("twind/r1/stop/EStop", stopped)
         time.sleep(0.5)  # both are known everywhere
-        with client("r1", Own(place)) as asking:
+        with client("r1", PrivateSession(place)) as asking:
             assert asking.call("EStop", level="cut") == {"state": "estop"}
         assert heard.is_set()
 
@@ -350,7 +350,7 @@ def test_clients_of_one_session_do_not_wait_for_each_other(robot: FarRobot) -> N
 
     robot.answers |= {"ask/GetRobot": slowly, "ask/GetStatus": lambda _: {"quick": True}}
     with open_now(robot.place, 5.0) as session:
-        way = Shared(session, "loopback")
+        way = SharedSession(session, "loopback")
         answers: list[Any] = []
         asking = threading.Thread(target=lambda: answers.append(client("r1", way).call("GetRobot")))
         asking.start()

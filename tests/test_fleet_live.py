@@ -19,7 +19,7 @@ from screen import Run
 from test_stream_live import Process, ctl
 from zenoh_router import Router
 
-from twind.bridge.zenoh.session import Place, open_now
+from twind.bridge.zenoh.session import NetworkConfig, open_now
 
 pytestmark = pytest.mark.realtime
 PATIENCE = 30.0  # s that a busy machine may take
@@ -153,7 +153,7 @@ def test_one_that_hangs_holds_up_no_list_and_gets_old_in_it(world: World) -> Non
 
 
 def test_names_and_answers_that_no_robot_may_have_cost_the_others_nothing(world: World) -> None:
-    with open_now(Place(connect=(world.router.endpoint,)), PATIENCE) as session:
+    with open_now(NetworkConfig(connect=(world.router.endpoint,)), PATIENCE) as session:
         for name, said in (("all robots", b"{}"), ("odd", b"[" * 100_000), ("odder", b'{"status": "well"}')):
             key = f"twind/{name}/ask/GetStatus"
             session.declare_queryable(key, partial(replied, key, said))

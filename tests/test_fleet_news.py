@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.fleet.news import Thinned, keys, offered
+from twind.bridge.fleet.news import TopicRateLimiter, keys, offered
 from twind.bridge.zenoh.keys import RATES
 from twind.client import NotCarried
 
@@ -33,7 +33,7 @@ def news(time: float) -> bytes:
 @given(st.floats(0.5, 150.0), st.lists(st.floats(-0.2, 0.2), min_size=300, max_size=300))
 def test_as_many_a_second_as_asked_whatever_the_jitter(rate: float, jitter: list[float]) -> None:
     """Of a robot at 100 Hz: no more can be had."""
-    thinned = Thinned("state", rate)
+    thinned = TopicRateLimiter("state", rate)
     sent = 100.0 if offered(rate) == "full" else float(offered(rate))
     taken = sum(thinned.takes(news(100.0 + (place + late) / sent)) for place, late in enumerate(jitter))
     expected = min(rate, sent) * len(jitter) / sent
@@ -42,23 +42,23 @@ def test_as_many_a_second_as_asked_whatever_the_jitter(rate: float, jitter: list
 
 @pytest.mark.parametrize("rate", [10.0, 30.0, 100.0, 500.0])
 def test_who_asks_for_all_has_all(rate: float) -> None:
-    thinned = Thinned("state", rate)
+    thinned = TopicRateLimiter("state", rate)
     sent = min(rate, 100.0)
     assert all(thinned.takes(news(place / sent)) for place in range(1000))
 
 
 def test_after_a_gap_nothing_is_made_up_for() -> None:
-    thinned = Thinned("state", 2.0)
+    thinned = TopicRateLimiter("state", 2.0)
     assert [thinned.takes(news(now)) for now in (10.0, 10.2, 70.0)] == [True, False, True]
     assert not [now for now in (70.2, 70.3) if thinned.takes(news(now))]
 
 
 def test_a_robot_whose_clock_began_anew_is_heard_at_once() -> None:
-    thinned = Thinned("state", 2.0)
+    thinned = TopicRateLimiter("state", 2.0)
     assert thinned.takes(news(5000.0)) and thinned.takes(news(3.0)) and not thinned.takes(news(3.1))
 
 
 def test_topics_without_a_rate_and_what_tells_no_time_are_whole() -> None:
-    events, states = Thinned("events", 1.0), Thinned("state", 2.0)
+    events, states = TopicRateLimiter("events", 1.0), TopicRateLimiter("state", 2.0)
     assert all(events.takes(news(1.0)) for _ in range(100))
     assert all(states.takes(b"rubbish") for _ in range(100))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.bridge.fleet import roll as roll_module
-from twind.bridge.fleet.roll import UPLINK, Roll
+from twind.bridge.fleet.roll import UPLINK, FleetRoster
 from twind.bridge.fleet.table import OLD, rows, told
 from twind.ctl.picture.paint import plain
 
@@ -25,12 +25,12 @@ def answer(mode: str = "live", state: str = "armed", heard: int = 24, **more: An
     return {"status": status | more, "joints": [{"heard": place < heard} for place in range(24)]}
 
 
-def shown(roll: Roll, now: float, width: int = 120) -> list[str]:
+def shown(roll: FleetRoster, now: float, width: int = 120) -> list[str]:
     return plain(rows(roll.robots(), now, width)).split("\n")
 
 
 def test_a_robot_is_told_with_its_mode_state_joints_faults_and_how_old_all_that_is() -> None:
-    roll = Roll()
+    roll = FleetRoster()
     roll.told(
         "h1", UPLINK, answer(heard=23, faults=[{"code": "BUS_LOST"}, {"code": "BUS_ERRORS"}]), 10.0, 0.02
     )
@@ -58,7 +58,7 @@ def test_a_robot_is_told_with_its_mode_state_joints_faults_and_how_old_all_that_
 
 
 def test_one_that_went_away_is_lost_with_the_reason_and_its_last_words_and_never_with_its_old_state() -> None:
-    roll = Roll()
+    roll = FleetRoster()
     roll.told("h1", UPLINK, answer(), 10.0, 0.02)
     roll.lost("h1", UPLINK, "its uplink ended")
     _, row, _, why = shown(roll, 100.0)
@@ -69,7 +69,7 @@ def test_one_that_went_away_is_lost_with_the_reason_and_its_last_words_and_never
 
 
 def test_one_that_is_there_and_says_nothing_is_not_shown_as_it_was() -> None:
-    roll = Roll()
+    roll = FleetRoster()
     roll.there("new", UPLINK)
     roll.told("old", UPLINK, answer(), 10.0, 0.02)
     _, new, old = shown(roll, 10.0 + OLD + 1.0)
@@ -79,7 +79,7 @@ def test_one_that_is_there_and_says_nothing_is_not_shown_as_it_was() -> None:
 
 
 def test_who_was_named_is_in_the_list_there_or_not_and_nobody_else() -> None:
-    roll = Roll(["h1", "h2"])
+    roll = FleetRoster(["h1", "h2"])
     roll.told("h2", UPLINK, answer(), 1.0, 0.0)
     roll.told("h3", UPLINK, answer(), 1.0, 0.0)
     first, second = roll.robots()
@@ -88,7 +88,7 @@ def test_who_was_named_is_in_the_list_there_or_not_and_nobody_else() -> None:
 
 
 def test_two_ways_to_one_name_are_two_rows_that_of_this_machine_first() -> None:
-    roll = Roll()
+    roll = FleetRoster()
     for where in (UPLINK, "/run/twind"):
         roll.told("h1", where, answer(), 1.0, 0.0)
     assert [each.where for each in roll.robots()] == ["/run/twind", UPLINK]
@@ -101,7 +101,7 @@ def test_two_ways_to_one_name_are_two_rows_that_of_this_machine_first() -> None:
 def test_whatever_happens_everybody_who_was_known_has_a_row_that_fits(
     happened: list[tuple[str, str]], width: int
 ) -> None:
-    roll = Roll()
+    roll = FleetRoster()
     for now, (name, what) in enumerate(happened):
         if what == "there":
             roll.there(name, UPLINK)
@@ -139,7 +139,7 @@ ODD: list[Any] = [
 
 @pytest.mark.parametrize("said", ODD)
 def test_one_that_answers_oddly_says_so_in_its_row_and_nobody_else_changes(said: Any) -> None:
-    roll = Roll()
+    roll = FleetRoster()
     for name in ("a", "odd", "z"):
         roll.told(name, UPLINK, answer(), 10.0, 0.02)
     roll.told("odd", UPLINK, said, 10.5, 0.02)
@@ -155,7 +155,7 @@ def test_one_that_answers_oddly_says_so_in_its_row_and_nobody_else_changes(said:
 
 
 def test_what_a_newer_robot_says_besides_is_not_odd() -> None:
-    roll = Roll()
+    roll = FleetRoster()
     newer = answer(mood="good", faults=[{"code": "BUS_LOST", "since": 3.0}]) | {"weather": "fine"}
     roll.told("newer", UPLINK, newer, 10.0, 0.02)
     assert "BUS_LOST" in shown(roll, 10.0)[1] and roll.robots()[0].odd == ""
@@ -163,7 +163,7 @@ def test_what_a_newer_robot_says_besides_is_not_odd() -> None:
 
 def test_no_more_robots_are_kept_than_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(roll_module, "MOST", 2)
-    roll = Roll()
+    roll = FleetRoster()
     assert [roll.there(name, UPLINK) for name in ("a", "b", "c", "a")] == [True, True, False, True]
     roll.told("d", UPLINK, answer(), 1.0, 0.0)
     assert [each.name for each in roll.robots()] == ["a", "b"]

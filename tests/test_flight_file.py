@@ -12,7 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.briefing import Briefing, JointInfo
-from twind.flight import Contents, Entry, FlightError, Kind, Packed, about, load, pack, save
+from twind.flight import (
+    EntryKind,
+    FlightContents,
+    FlightEntry,
+    FlightError,
+    PackedFlight,
+    about,
+    load,
+    pack,
+    save,
+)
 from twind.flight import file as file_module
 
 BRIEFING = Briefing(
@@ -27,16 +37,19 @@ BRIEFING = Briefing(
 )
 BYTES = msgspec.msgpack.encode(BRIEFING)
 META = {"reason": "test", "time": 12.5}
-CONTENTS = Contents(
-    {0: (Entry(1.0, Kind.OUT, 0, b"who?"), Entry(1.1, Kind.IN, 0, b"I"))},
-    (Entry(2.0, Kind.PORT, 0, b"opened /dev/ttyUSB0"), Entry(2.5, Kind.NEWS, 255, bytes(range(200)))),
+CONTENTS = FlightContents(
+    {0: (FlightEntry(1.0, EntryKind.OUT, 0, b"who?"), FlightEntry(1.1, EntryKind.IN, 0, b"I"))},
+    (
+        FlightEntry(2.0, EntryKind.PORT, 0, b"opened /dev/ttyUSB0"),
+        FlightEntry(2.5, EntryKind.NEWS, 255, bytes(range(200))),
+    ),
 )
 
 entries = st.lists(
     st.builds(
-        Entry,
+        FlightEntry,
         st.floats(allow_nan=False),
-        st.sampled_from(Kind),
+        st.sampled_from(EntryKind),
         st.integers(0, 255),
         st.binary(max_size=200),
     ),
@@ -46,10 +59,10 @@ entries = st.lists(
 
 @given(entries=entries, kept=st.dictionaries(st.integers(0, 254), entries, max_size=3))
 def test_what_was_saved_is_what_is_loaded(
-    tmp_path_factory: Any, entries: tuple[Entry, ...], kept: dict[int, tuple[Entry, ...]]
+    tmp_path_factory: Any, entries: tuple[FlightEntry, ...], kept: dict[int, tuple[FlightEntry, ...]]
 ) -> None:
     path = tmp_path_factory.mktemp("flight") / "a.flight"
-    contents = Contents(kept, entries)
+    contents = FlightContents(kept, entries)
     save(path, META, BYTES, contents)
     flight = load(path)
     assert flight.meta == META
@@ -103,7 +116,7 @@ def test_a_turned_bit_is_refused_or_means_nothing(whole: Path) -> None:
     ],
 )
 def test_records_that_are_none_are_refused(tmp_path: Path, records: bytes, what: str) -> None:
-    for packed in (Packed({}, records), Packed({0: records}, b"")):
+    for packed in (PackedFlight({}, records), PackedFlight({0: records}, b"")):
         save(tmp_path / "a.flight", META, BYTES, packed)
         with pytest.raises(FlightError, match=what):
             load(tmp_path / "a.flight")

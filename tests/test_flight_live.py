@@ -13,7 +13,7 @@ from processes import Daemon, until
 from twind import link
 from twind.client import CallError, ClientError
 from twind.ctl.main import main
-from twind.flight import Kind, load
+from twind.flight import EntryKind, load
 
 pytestmark = pytest.mark.realtime
 
@@ -46,11 +46,15 @@ def test_twindctl_dump_prints_the_path_of_a_file_that_holds_what_was_said(
         assert files(tmp_path) == [path]
         assert path.name.endswith("-wobbles.flight")
         flight = load(path)
-        news = [link.decode_news(each.data) for each in flight.contents.entries if each.kind is Kind.NEWS]
+        news = [
+            link.decode_news(each.data) for each in flight.contents.entries if each.kind is EntryKind.NEWS
+        ]
         assert [each.code for each in news if isinstance(each, link.Event)][-1] == "NOTE"
         assert any(isinstance(each, link.Tick) for each in news)
         commands = [
-            link.decode_command(each.data) for each in flight.contents.entries if each.kind is Kind.COMMAND
+            link.decode_command(each.data)
+            for each in flight.contents.entries
+            if each.kind is EntryKind.COMMAND
         ]
         assert isinstance(commands[0], link.Mark)  # that its client is gone the loop may not have heard yet
         assert flight.briefing.robot == "h24"
@@ -93,7 +97,7 @@ def test_the_front_of_a_loop_that_was_killed_writes_it_down_before_it_ends(tmp_p
     ticks = [
         news
         for each in flight.contents.entries
-        if each.kind is Kind.NEWS and isinstance(news := link.decode_news(each.data), link.Tick)
+        if each.kind is EntryKind.NEWS and isinstance(news := link.decode_news(each.data), link.Tick)
     ]
     assert [tick.sequence for tick in ticks] == list(range(ticks[0].sequence, ticks[-1].sequence + 1))
 

@@ -15,13 +15,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.flight import NO_BUS, Contents, Entry, FlightError, Kind, Ring, held, pack, read, signature
+from twind.flight import (
+    NO_BUS,
+    EntryKind,
+    FlightContents,
+    FlightEntry,
+    FlightError,
+    FlightRing,
+    held,
+    pack,
+    read,
+    signature,
+)
 from twind.flight import ring as ring_module
 
 
 @pytest.fixture
-def ring() -> Iterator[Ring]:
-    ring = Ring.create(64 << 10, buses=2, transcript=4096)
+def ring() -> Iterator[FlightRing]:
+    ring = FlightRing.create(64 << 10, buses=2, transcript=4096)
     yield ring
     ring.close()
 
@@ -34,13 +45,13 @@ def _same_process() -> Iterator[None]:
         yield
 
 
-def entry(number: int, size: int) -> Entry:
+def entry(number: int, size: int) -> FlightEntry:
     """One whose every byte says which it is."""
-    kind = list(Kind)[number % len(Kind)]
-    return Entry(number / 1000, kind, number % 3, random.Random(number).randbytes(size))
+    kind = list(EntryKind)[number % len(EntryKind)]
+    return FlightEntry(number / 1000, kind, number % 3, random.Random(number).randbytes(size))
 
 
-def is_the_end_of(read_back: tuple[Entry, ...], written: list[Entry]) -> bool:
+def is_the_end_of(read_back: tuple[FlightEntry, ...], written: list[FlightEntry]) -> bool:
     return list(read_back) == written[len(written) - len(read_back) :]
 
 
@@ -51,7 +62,7 @@ def is_the_end_of(read_back: tuple[Entry, ...], written: list[Entry]) -> bool:
 )
 def test_what_is_read_is_the_end_of_what_was_written(size: int, sizes: list[int]) -> None:
     written = [entry(number, length) for number, length in enumerate(sizes)]
-    ring = Ring.create(size, buses=1, transcript=64)
+    ring = FlightRing.create(size, buses=1, transcript=64)
     try:
         for one in written:
             ring.append(one.kind, one.bus, one.time, one.data)
@@ -66,7 +77,7 @@ def test_what_is_read_is_the_end_of_what_was_written(size: int, sizes: list[int]
         ring.close()
 
 
-def test_most_of_the_ring_is_there_to_be_read(ring: Ring) -> None:
+def test_most_of_the_ring_is_there_to_be_read(ring: FlightRing) -> None:
     written = [entry(number, 300) for number in range(1000)]
     for one in written:
         ring.append(one.kind, one.bus, one.time, one.data)
@@ -75,17 +86,17 @@ def test_most_of_the_ring_is_there_to_be_read(ring: Ring) -> None:
     assert len(found) * 316 > 0.6 * (64 << 10)  # 3 of 300 bytes fit into a segment of 1024
 
 
-def test_a_record_over_half_of_the_ring_is_left_out_and_counted(ring: Ring) -> None:
+def test_a_record_over_half_of_the_ring_is_left_out_and_counted(ring: FlightRing) -> None:
     half = 32 << 10
-    ring.append(Kind.IN, 0, 1.0, b"before")
-    ring.append(Kind.ARRAYS, NO_BUS, 2.0, bytes(half + 1))
+    ring.append(EntryKind.IN, 0, 1.0, b"before")
+    ring.append(EntryKind.ARRAYS, NO_BUS, 2.0, bytes(half + 1))
     assert ring.refused == 1
-    ring.append(Kind.ARRAYS, NO_BUS, 3.0, bytes(half))
+    ring.append(EntryKind.ARRAYS, NO_BUS, 3.0, bytes(half))
     assert ring.refused == 1
     assert [(one.time, len(one.data)) for one in read(ring.fd).entries] == [(1.0, 6), (3.0, half)]
 
 
-def test_a_split_record_whose_beginning_was_overwritten_is_left_out(ring: Ring) -> None:
+def test_a_split_record_whose_beginning_was_overwritten_is_left_out(ring: FlightRing) -> None:
     long = entry(0, 30_000)
     ring.append(long.kind, long.bus, long.time, long.data)
     written = [long] + [entry(number, 500) for number in range(1, 70)]
@@ -95,13 +106,13 @@ def test_a_split_record_whose_beginning_was_overwritten_is_left_out(ring: Ring) 
     assert long not in read(ring.fd).entries
 
 
-def test_any_bytes_like_object_may_be_appended(ring: Ring) -> None:
+def test_any_bytes_like_object_may_be_appended(ring: FlightRing) -> None:
     for data in (b"abc", bytearray(b"abc"), memoryview(b"abc"), memoryview(bytearray(5000))):
-        ring.append(Kind.IN, 1, 0.5, data)
+        ring.append(EntryKind.IN, 1, 0.5, data)
     assert [len(one.data) for one in read(ring.fd).entries] == [3, 3, 3, 5000]
 
 
-def test_the_last_transcript_of_each_bus_is_kept_whatever_the_ring_forgets(ring: Ring) -> None:
+def test_the_last_transcript_of_each_bus_is_kept_whatever_the_ring_forgets(ring: FlightRing) -> None:
     first, second = (entry(1, 40), entry(2, 50)), (entry(3, 60),)
     ring.keep(0, pack(first))
     ring.keep(1, pack(first))
@@ -109,11 +120,11 @@ def test_the_last_transcript_of_each_bus_is_kept_whatever_the_ring_forgets(ring:
         ring.keep(1, pack([entry(number, 10)]))
     ring.keep(1, pack(second))
     for _ in range(1000):
-        ring.append(Kind.IN, 0, 0.0, bytes(200))
+        ring.append(EntryKind.IN, 0, 0.0, bytes(200))
     assert read(ring.fd).kept == {0: first, 1: second}
 
 
-def test_a_transcript_that_is_too_long_or_of_no_bus_leaves_the_last_one(ring: Ring) -> None:
+def test_a_transcript_that_is_too_long_or_of_no_bus_leaves_the_last_one(ring: FlightRing) -> None:
     ring.keep(0, pack([entry(1, 40)]))
     ring.keep(0, bytes(4097))
     ring.keep(2, b"")
@@ -121,11 +132,11 @@ def test_a_transcript_that_is_too_long_or_of_no_bus_leaves_the_last_one(ring: Ri
     assert read(ring.fd).kept == {0: (entry(1, 40),)}
 
 
-def test_a_ring_that_nothing_was_written_to_is_empty(ring: Ring) -> None:
-    assert read(ring.fd) == Contents()
+def test_a_ring_that_nothing_was_written_to_is_empty(ring: FlightRing) -> None:
+    assert read(ring.fd) == FlightContents()
 
 
-def test_nobody_else_can_write_to_it_or_cut_it(ring: Ring) -> None:
+def test_nobody_else_can_write_to_it_or_cut_it(ring: FlightRing) -> None:
     for change in (
         lambda: os.pwrite(ring.fd, b"X", 0),
         lambda: os.ftruncate(ring.fd, 0),
@@ -135,27 +146,27 @@ def test_nobody_else_can_write_to_it_or_cut_it(ring: Ring) -> None:
     ):
         with pytest.raises(PermissionError):
             change()
-    ring.append(Kind.IN, 0, 1.0, b"goes on")
+    ring.append(EntryKind.IN, 0, 1.0, b"goes on")
     assert len(read(ring.fd).entries) == 1
 
 
-def test_every_page_is_there_before_the_first_tick(ring: Ring) -> None:
+def test_every_page_is_there_before_the_first_tick(ring: FlightRing) -> None:
     assert os.fstat(ring.fd).st_blocks * 512 >= ring.size
 
 
-def test_what_it_was_signed_with_is_read_by_others_and_spoils_nothing(ring: Ring) -> None:
+def test_what_it_was_signed_with_is_read_by_others_and_spoils_nothing(ring: FlightRing) -> None:
     assert signature(ring.fd) == bytes(16)
-    ring.append(Kind.IN, 0, 1.0, b"data")
+    ring.append(EntryKind.IN, 0, 1.0, b"data")
     ring.sign(bytes(range(16)))
     assert signature(ring.fd) == bytes(range(16))
     assert [each.data for each in read(ring.fd).entries] == [b"data"]
 
 
 def test_how_old_the_oldest_is_is_not_said_of_a_segment_that_is_used_anew_meanwhile(
-    ring: Ring, monkeypatch: pytest.MonkeyPatch
+    ring: FlightRing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for number in range(100):
-        ring.append(Kind.IN, 0, 1.0 + number, bytes(900))
+        ring.append(EntryKind.IN, 0, 1.0 + number, bytes(900))
     oldest, size = held(ring.fd)
     assert oldest == read(ring.fd).entries[0].time
     real = os.pread
@@ -165,7 +176,7 @@ def test_how_old_the_oldest_is_is_not_said_of_a_segment_that_is_used_anew_meanwh
         if count == ring_module.HEAD:
             monkeypatch.undo()
             for _ in range(100):
-                ring.append(Kind.IN, 0, float("nan"), bytes(900))
+                ring.append(EntryKind.IN, 0, float("nan"), bytes(900))
         return real(fd, count, at)
 
     monkeypatch.setattr(os, "pread", turned)
@@ -174,7 +185,7 @@ def test_how_old_the_oldest_is_is_not_said_of_a_segment_that_is_used_anew_meanwh
 
 def test_no_ring_is_said_so() -> None:
     with pytest.raises(ValueError, match="at least 4096"):
-        Ring.create(4095)
+        FlightRing.create(4095)
     for data in (b"", bytes(100), b"twring1\0" + bytes(92)):
         fd = os.memfd_create("foreign")
         try:
@@ -188,10 +199,10 @@ def test_no_ring_is_said_so() -> None:
 # ------------------------------------------------------------------------------- a writer that is interrupted
 
 
-def test_read_at_every_line_of_the_writer_it_gives_whole_records_alone(ring: Ring) -> None:
+def test_read_at_every_line_of_the_writer_it_gives_whole_records_alone(ring: FlightRing) -> None:
     """Between any two lines the writer may be killed for good."""
-    written: list[Entry] = []
-    kept: list[tuple[Entry, ...]] = []
+    written: list[FlightEntry] = []
+    kept: list[tuple[FlightEntry, ...]] = []
     looks = 0
 
     def look(frame: FrameType, event: str, _: Any) -> Callable[..., Any] | None:
@@ -231,18 +242,18 @@ def numbered(number: int) -> bytes:
     return number.to_bytes(4, "little") * (1 + number * 7919 % 120)
 
 
-def flat_out(ring: Ring, longest: int) -> None:
+def flat_out(ring: FlightRing, longest: int) -> None:
     """Records 0, 1, 2, ... for ever; one in a while is split."""
     number = 0
     while True:
         data = numbered(number)
         if longest and number % 997 == 0:
             data = data[:4] * longest
-        ring.append(Kind.IN, number % 200, number * 1.0, data)
+        ring.append(EntryKind.IN, number % 200, number * 1.0, data)
         number += 1
 
 
-def is_a_whole_run(entries: tuple[Entry, ...]) -> bool:
+def is_a_whole_run(entries: tuple[FlightEntry, ...]) -> bool:
     numbers = [int.from_bytes(one.data[:4], "little") for one in entries]
     run = numbers == list(range(numbers[0], numbers[0] + len(numbers))) if numbers else True
     return run and all(
@@ -268,7 +279,7 @@ def test_a_reader_beside_a_writer_that_writes_flat_out_reads_whole_runs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(ring_module, "SETTLE", 0.001)
-    ring = Ring.create(16 << 20)
+    ring = FlightRing.create(16 << 20)
     pid = child(lambda: flat_out(ring, 5000))
     reads = records = last = 0
     try:
@@ -294,7 +305,7 @@ def test_a_writer_killed_anywhere_leaves_whole_records(size: int) -> None:
     chance = random.Random(20261122)
     filled = 0
     for _ in range(40):
-        ring = Ring.create(size)
+        ring = FlightRing.create(size)
         pid = child(lambda ring=ring: flat_out(ring, size // 50))  # type: ignore[misc]
         time.sleep(chance.uniform(0.001, 0.02))
         os.kill(pid, signal.SIGKILL)

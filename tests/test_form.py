@@ -7,21 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Trajectory
-from twind.safety.form import Row, form, wellformed
+from twind.safety.form import PointRow, form, wellformed
 
 NAMES = ("l_hip", "l_knee", "r_knee")
 
 
-def codes(names: list[str], *rows: object, **over: object) -> list[Code]:
+def codes(names: list[str], *rows: object, **over: object) -> list[ReasonCode]:
     path, findings = form(names, rows, NAMES, **over)
     assert (path is None) is bool(findings)
     return [finding.code for finding in findings]
 
 
 def test_a_message_becomes_arrays_in_the_order_of_the_robot() -> None:
-    rows = [Row(0.5, [1, 2.0], [0.1, 0.2]), Row(1.0, [3.0, 4.0], [0.0, 0.0])]
+    rows = [PointRow(0.5, [1, 2.0], [0.1, 0.2]), PointRow(1.0, [3.0, 4.0], [0.0, 0.0])]
     path, findings = form(["r_knee", "l_hip"], rows, NAMES)
     assert findings == ()
     assert path.commanded.tolist() == [True, False, True]
@@ -38,32 +38,32 @@ def test_accelerations_come_along() -> None:
 
 
 def test_a_wrong_name_is_answered_with_the_nearest() -> None:
-    (finding,) = form(["l_kne"], [Row(1.0, [0.0])], NAMES)[1]
-    assert finding.code is Code.UNKNOWN_JOINT
+    (finding,) = form(["l_kne"], [PointRow(1.0, [0.0])], NAMES)[1]
+    assert finding.code is ReasonCode.UNKNOWN_JOINT
     assert "'l_kne'" in finding.message
     assert "nearest: l_knee" in finding.message
-    (finding,) = form(["xyz"], [Row(1.0, [0.0])], NAMES)[1]
+    (finding,) = form(["xyz"], [PointRow(1.0, [0.0])], NAMES)[1]
     assert "l_hip, l_knee, r_knee" in finding.message
 
 
 def test_names_that_are_missing_wrong_or_twice_are_all_said() -> None:
-    assert codes([], Row(1.0, [])) == [Code.NO_JOINTS]
-    assert codes(["l_hip", "l_hip"], Row(1.0, [0.0, 0.0])) == [Code.DUP_JOINT]
+    assert codes([], PointRow(1.0, [])) == [ReasonCode.NO_JOINTS]
+    assert codes(["l_hip", "l_hip"], PointRow(1.0, [0.0, 0.0])) == [ReasonCode.DUP_JOINT]
     assert codes(["a", "b", "l_hip", "l_hip"]) == [
-        Code.UNKNOWN_JOINT,
-        Code.UNKNOWN_JOINT,
-        Code.DUP_JOINT,
-        Code.EMPTY,
+        ReasonCode.UNKNOWN_JOINT,
+        ReasonCode.UNKNOWN_JOINT,
+        ReasonCode.DUP_JOINT,
+        ReasonCode.EMPTY,
     ]
 
 
 def test_a_flood_of_wrong_names_gets_a_short_answer() -> None:
-    findings = form([f"joint{i}" for i in range(5000)], [Row(1.0, [0.0])] * 2000, NAMES)[1]
+    findings = form([f"joint{i}" for i in range(5000)], [PointRow(1.0, [0.0])] * 2000, NAMES)[1]
     assert len(findings) <= 64
 
 
 def test_no_points_are_no_trajectory() -> None:
-    assert codes(["l_hip"]) == [Code.EMPTY]
+    assert codes(["l_hip"]) == [ReasonCode.EMPTY]
 
 
 @pytest.mark.parametrize(
@@ -87,38 +87,38 @@ def test_no_points_are_no_trajectory() -> None:
     ],
 )
 def test_a_point_of_the_wrong_shape_or_kind_is_refused(row: tuple) -> None:
-    assert codes(["l_hip"], row) == [Code.BAD_SHAPE]
+    assert codes(["l_hip"], row) == [ReasonCode.BAD_SHAPE]
 
 
 def test_points_are_all_as_rich_as_the_first() -> None:
-    plain, fast, full = Row(1.0, [0.0]), Row(2.0, [0.0], [0.0]), Row(3.0, [0.0], [0.0], [0.0])
-    for rows in ((plain, fast), (fast, Row(2.5, [0.0])), (fast, full)):
+    plain, fast, full = PointRow(1.0, [0.0]), PointRow(2.0, [0.0], [0.0]), PointRow(3.0, [0.0], [0.0], [0.0])
+    for rows in ((plain, fast), (fast, PointRow(2.5, [0.0])), (fast, full)):
         findings = form(["l_hip"], rows, NAMES)[1]
-        assert [(f.code, f.point) for f in findings] == [(Code.BAD_SHAPE, 1)]
+        assert [(f.code, f.point) for f in findings] == [(ReasonCode.BAD_SHAPE, 1)]
 
 
 def test_too_many_points_and_too_long_a_path_share_a_code() -> None:
-    rows = [Row(0.01 * i, [0.0]) for i in range(2001)]
+    rows = [PointRow(0.01 * i, [0.0]) for i in range(2001)]
     assert codes(["l_hip"], *rows[:2000]) == []
-    assert codes(["l_hip"], *rows) == [Code.TOO_MANY_POINTS]
-    assert codes(["l_hip"], Row(60.0, [0.0])) == []
-    assert codes(["l_hip"], Row(nextafter(60.0, 61.0), [0.0])) == [Code.TOO_MANY_POINTS]
-    assert codes(["l_hip"], *rows[:3], max_points=2) == [Code.TOO_MANY_POINTS]
+    assert codes(["l_hip"], *rows) == [ReasonCode.TOO_MANY_POINTS]
+    assert codes(["l_hip"], PointRow(60.0, [0.0])) == []
+    assert codes(["l_hip"], PointRow(nextafter(60.0, 61.0), [0.0])) == [ReasonCode.TOO_MANY_POINTS]
+    assert codes(["l_hip"], *rows[:3], max_points=2) == [ReasonCode.TOO_MANY_POINTS]
 
 
 @pytest.mark.parametrize("bad", [nan, inf, -inf, 10**400, -(10**400)])
 def test_numbers_that_are_not_finite_are_refused_where_they_stand(bad: float) -> None:
     for row in ((1.0, [0.0, bad], None, None), (1.0, [0.0, 0.0], [0.0, bad], None)):
         (finding,) = form(["l_hip", "l_knee"], [row], NAMES)[1]
-        assert (finding.code, finding.joint, finding.point) == (Code.NONFINITE, 1, 0)
+        assert (finding.code, finding.joint, finding.point) == (ReasonCode.NONFINITE, 1, 0)
     (finding,) = form(["l_hip"], [(1.0, [0.0], [0.0], [bad])], NAMES)[1]
     assert finding.message == "acceleration"
 
 
 def test_times_that_are_not_finite_are_refused() -> None:
-    assert Code.NONFINITE in codes(["l_hip"], Row(nan, [0.0]))
-    assert Code.NONFINITE in codes(["l_hip"], Row(0.5, [0.0]), Row(inf, [0.0]))
-    assert Code.NONFINITE in codes(["l_hip"], Row(-inf, [0.0]))
+    assert ReasonCode.NONFINITE in codes(["l_hip"], PointRow(nan, [0.0]))
+    assert ReasonCode.NONFINITE in codes(["l_hip"], PointRow(0.5, [0.0]), PointRow(inf, [0.0]))
+    assert ReasonCode.NONFINITE in codes(["l_hip"], PointRow(-inf, [0.0]))
 
 
 @pytest.mark.parametrize(
@@ -136,13 +136,13 @@ def test_times_that_are_not_finite_are_refused() -> None:
 def test_times_must_begin_at_zero_or_later_and_increase_by_a_millisecond(
     times: list[float], point: int
 ) -> None:
-    findings = form(["l_hip"], [Row(t, [0.0]) for t in times], NAMES)[1]
-    assert [(f.code, f.point) for f in findings] == [(Code.TIME_ORDER, point)]
+    findings = form(["l_hip"], [PointRow(t, [0.0]) for t in times], NAMES)[1]
+    assert [(f.code, f.point) for f in findings] == [(ReasonCode.TIME_ORDER, point)]
 
 
 def test_a_thousand_points_a_second_are_in_order_whatever_rounding_does() -> None:
     for begin in (0.0, 7.3, 58.9):
-        rows = [Row(begin + i * 0.001, [0.0]) for i in range(1000)]
+        rows = [PointRow(begin + i * 0.001, [0.0]) for i in range(1000)]
         assert codes(["l_hip"], *rows) == []
 
 
@@ -179,5 +179,5 @@ def test_arrays_that_do_not_fit_together_are_named() -> None:
         (Trajectory(time, rows, both, None, rows), "accelerations need velocities"),
     ):
         findings = wellformed(path, 2, 2000, 60.0, 0.001)
-        assert [finding.code for finding in findings] == [Code.BAD_SHAPE]
+        assert [finding.code for finding in findings] == [ReasonCode.BAD_SHAPE]
         assert word in findings[0].message

@@ -10,12 +10,12 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.front.accepted import WAITING, Accepted, Judged, kept
-from twind.front.calls import Call, Caller, Calls
+from twind.front.accepted import WAITING, AcceptedTrajectory, PendingVerdict, kept
+from twind.front.calls import Caller, ClientCall, ConnectionCalls
 from twind.front.methods import METHODS
-from twind.front.naming import Names
+from twind.front.naming import JointNames
 from twind.protocol import CONTROL
-from twind.robot.finding import Code, Verdict
+from twind.robot.finding import ReasonCode, Verdict
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Trajectory
 
@@ -25,14 +25,14 @@ JOINT = "l_elbow"
 # ------------------------------------------------------------------------------------- from the loop
 
 
-def sent(rig: Rig, path: Trajectory, **asked: Any) -> tuple[Judged, list[link.Moment]]:
+def sent(rig: Rig, path: Trajectory, **asked: Any) -> tuple[PendingVerdict, list[link.VerdictReport]]:
     """A path on its way through a real loop, and the verdicts that came of it."""
-    waiting = Judged()
+    waiting = PendingVerdict()
     ticket = rig.submit(path, **asked)
-    waiting.wait(Accepted(f"t{ticket}", "uid 1, pid 2", path, kept(asked)))
+    waiting.wait(AcceptedTrajectory(f"t{ticket}", "uid 1, pid 2", path, kept(asked)))
     rig.news.clear()
     rig.ticks(8)
-    return waiting, [news for news in rig.news if isinstance(news, link.Moment)]
+    return waiting, [news for news in rig.news if isinstance(news, link.VerdictReport)]
 
 
 def moved(rig: Rig, way: list[float], time: list[float], velocity: list[float] | None = None) -> Trajectory:
@@ -96,7 +96,7 @@ def test_a_refused_one_is_told_as_a_verdict_and_not_as_followed(armed: Rig) -> N
 def test_one_that_comes_too_late_to_be_followed_has_one_verdict_that_says_so(armed: Rig) -> None:
     old = armed.clock.now() - 0.6
     waiting, (moment,) = sent(armed, moved(armed, [0.1], [1.0]), front_checked=old)
-    assert [finding["code"] for finding in moment.verdict["refusals"]] == [Code.CMD_EXPIRED]
+    assert [finding["code"] for finding in moment.verdict["refusals"]] == [ReasonCode.CMD_EXPIRED]
     assert waiting.said(moment) is None
 
 
@@ -104,7 +104,7 @@ def test_one_that_is_refused_before_it_is_judged_has_a_verdict_too(armed: Rig) -
     armed.submit(moved(armed, [0.1], [1.0]), start_in=0.5)
     _, moments = sent(armed, moved(armed, [0.1], [1.0]), start_in=0.6)
     assert [len(moment.verdict["refusals"]) for moment in moments][-1] == 1
-    assert moments[-1].verdict["refusals"][0]["code"] == Code.BUSY
+    assert moments[-1].verdict["refusals"][0]["code"] == ReasonCode.BUSY
     (event,) = [event for event in armed.events("BUSY") if event.message.startswith("refused")]
     assert event.level == "warning"
 
@@ -116,7 +116,9 @@ def test_it_is_told_by_the_names_of_its_joints_in_the_robots_order() -> None:
     rows = np.array([[0.1, np.nan, 0.3], [0.2, np.nan, 0.4]])
     path = Trajectory(np.array([0.5, 1.0]), rows, np.array([True, False, True]), rows * 0.0)
     asked = {"start_in": 2.0, "policy": "retime", "append_stop": True, "joint_names": ["ankle", "hip"]}
-    told = Accepted("4f", "uid 1, pid 2", path, kept(asked)).plain(Names(["hip", "knee", "ankle"]))
+    told = AcceptedTrajectory("4f", "uid 1, pid 2", path, kept(asked)).plain(
+        JointNames(["hip", "knee", "ankle"])
+    )
     assert (told["id"], told["holder"]) == ("4f", "uid 1, pid 2")
     assert told["trajectory"] == {
         "joint_names": ["hip", "ankle"],
@@ -131,11 +133,11 @@ def test_it_is_told_by_the_names_of_its_joints_in_the_robots_order() -> None:
 
 
 def test_of_paths_that_never_get_a_verdict_the_oldest_are_forgotten() -> None:
-    waiting, path = Judged(), Trajectory(np.array([1.0]), np.zeros((1, 1)), np.array([True]))
+    waiting, path = PendingVerdict(), Trajectory(np.array([1.0]), np.zeros((1, 1)), np.array([True]))
     for number in range(WAITING + 1):
-        waiting.wait(Accepted(str(number), "", path, {}))
+        waiting.wait(AcceptedTrajectory(str(number), "", path, {}))
     verdicts = [
-        waiting.said(link.Moment(time=0.0, sequence=1, id=str(number), verdict={})) is not None
+        waiting.said(link.VerdictReport(time=0.0, sequence=1, id=str(number), verdict={})) is not None
         for number in range(WAITING + 1)
     ]
     assert verdicts == [False, *[True] * WAITING]
@@ -144,24 +146,24 @@ def test_of_paths_that_never_get_a_verdict_the_oldest_are_forgotten() -> None:
 # ------------------------------------------------------------------------------------- on its way to the loop
 
 
-def submitting(method: str, *, room: bool) -> Judged:
+def submitting(method: str, *, room: bool) -> PendingVerdict:
     """A call, judged by the front, of which the link takes the command while it has `room`."""
     send: list[Callable[[Verdict, float], None]] = []
     front: Any = SimpleNamespace(
         now=lambda: 1.0,
         in_time=lambda *_: True,
         world=SimpleNamespace(
-            names=Names(["hip"]), briefing=SimpleNamespace(description={"gate": {}}, generation=1)
+            names=JointNames(["hip"]), briefing=SimpleNamespace(description={"gate": {}}, generation=1)
         ),
         foreseen=SimpleNamespace(judge=lambda job: send.append(job.forward)),
         tickets=SimpleNamespace(open=lambda *_: 1, close=lambda _: None),
         link=SimpleNamespace(send=lambda *_: room),
-        submitted=Judged(),
+        submitted=PendingVerdict(),
     )
     point = {"positions": [0.1], "time_from_start": 1.0}
     given = {"trajectory": {"joint_names": ["hip"], "points": [point], "start_in": 2.0}}
-    calls = Calls(Caller(1, "operator", 0, 0), lambda _: None, lambda _: None)
-    METHODS[method](front, Call(calls, CONTROL, method, given, more=False, oneway=False))
+    calls = ConnectionCalls(Caller(1, "operator", 0, 0), lambda _: None, lambda _: None)
+    METHODS[method](front, ClientCall(calls, CONTROL, method, given, more=False, oneway=False))
     send[0](Verdict(), 1.0)
     return front.submitted
 

@@ -2,25 +2,25 @@
 
 from collections.abc import Callable
 
-from twind.front.calls import PENDING, Call, Caller, Calls
+from twind.front.calls import PENDING, Caller, ClientCall, ConnectionCalls
 from twind.protocol import CONTROL
 
 
 class Line:
     """A connection's calls, what was sent, and what was begun."""
 
-    def __init__(self, begin: Callable[[Call], None] = lambda call: None) -> None:
+    def __init__(self, begin: Callable[[ClientCall], None] = lambda call: None) -> None:
         self.sent: list[bytes] = []
         self.begun: list[str] = []
         self._begin = begin
-        self.calls = Calls(Caller(1, "operator", 0, 1), self.sent.append, self._start)
+        self.calls = ConnectionCalls(Caller(1, "operator", 0, 1), self.sent.append, self._start)
 
-    def _start(self, call: Call) -> None:
+    def _start(self, call: ClientCall) -> None:
         self.begun.append(call.method)
         self._begin(call)
 
-    def add(self, method: str, *, more: bool = False, oneway: bool = False) -> Call:
-        call = Call(self.calls, CONTROL, method, {}, more=more, oneway=oneway)
+    def add(self, method: str, *, more: bool = False, oneway: bool = False) -> ClientCall:
+        call = ClientCall(self.calls, CONTROL, method, {}, more=more, oneway=oneway)
         self.calls.add(call)
         return call
 

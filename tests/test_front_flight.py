@@ -13,25 +13,25 @@ from stand_in import briefing, overview, tick
 
 from twind import link
 from twind.briefing import fingerprint
-from twind.flight import FlightError, Kind, Ring, copy, load
+from twind.flight import EntryKind, FlightError, FlightRing, copy, load
 from twind.front import flight as module
-from twind.front.flight import AFTERMATH, AGAIN, WRECK_AGAIN, Flights, Recorded
-from twind.front.flight_folder import Folder
-from twind.front.world import World
+from twind.front.flight import AFTERMATH, AGAIN, WRECK_AGAIN, FlightDumper, RecorderHandover
+from twind.front.flight_folder import FlightFolder
+from twind.front.world import StateCache
 
 
 @pytest.fixture
-def ring() -> Iterator[Ring]:
-    ring = Ring.create(1 << 20)
-    ring.append(Kind.NEWS, 255, 1.0, b"news")
+def ring() -> Iterator[FlightRing]:
+    ring = FlightRing.create(1 << 20)
+    ring.append(EntryKind.NEWS, 255, 1.0, b"news")
     yield ring
     ring.close()
 
 
-def recorded(folder: Path, ring: Ring | int, wreck: Ring | int | None = None) -> Recorded:
+def recorded(folder: Path, ring: FlightRing | int, wreck: FlightRing | int | None = None) -> RecorderHandover:
     """As a front is handed them: descriptors of its own."""
     fds = [None if one is None else os.dup(one if isinstance(one, int) else one.fd) for one in (ring, wreck)]
-    return Recorded(folder, *fds)
+    return RecorderHandover(folder, *fds)
 
 
 class Front:
@@ -39,7 +39,7 @@ class Front:
 
     def __init__(self) -> None:
         self.loop = asyncio.get_running_loop()
-        self.world = World(briefing(2))
+        self.world = StateCache(briefing(2))
         self.world.take(tick(1.0, 1, 2))
         self.world.take(overview(1.0, 1, 2))
         self.log, self.lines = SimpleNamespace(say=self._say), list[tuple[str, str]]()
@@ -80,7 +80,7 @@ def run(story: Callable[[], Coroutine[Any, Any, None]]) -> None:
     asyncio.run(story())
 
 
-async def settled(flights: Flights) -> None:
+async def settled(flights: FlightDumper) -> None:
     """Until the thread has nothing to do, and what it did is told."""
     await asyncio.get_running_loop().run_in_executor(None, flights._thread.submit(int).result)
     await asyncio.sleep(0)
@@ -92,11 +92,11 @@ def names(folder: Path) -> list[str]:
 
 @pytest.mark.parametrize("state", ["fault", "inhibited", "estop"])
 def test_a_fault_is_written_with_what_followed_and_by_what_latched_it(
-    ring: Ring, tmp_path: Path, state: str
+    ring: FlightRing, tmp_path: Path, state: str
 ) -> None:
     async def story() -> None:
         front = Front()
-        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         flights.event(event("LATENCY_WARN", "warning", 49.0))
         for code in ("BUS_ERRORS", "STATE_STALE", "LOOP_LATE"):
             flights.event(event(code, "warning"))
@@ -106,7 +106,7 @@ def test_a_fault_is_written_with_what_followed_and_by_what_latched_it(
         flights.tend(front.time)
         await settled(flights)
         assert names(tmp_path) == []
-        ring.append(Kind.NEWS, 255, 2.0, b"aftermath")
+        ring.append(EntryKind.NEWS, 255, 2.0, b"aftermath")
         front.time += 0.02
         flights.tend(front.time)
         await settled(flights)
@@ -122,10 +122,12 @@ def test_a_fault_is_written_with_what_followed_and_by_what_latched_it(
     run(story)
 
 
-def test_faults_that_follow_at_once_share_a_file_and_none_goes_unwritten(ring: Ring, tmp_path: Path) -> None:
+def test_faults_that_follow_at_once_share_a_file_and_none_goes_unwritten(
+    ring: FlightRing, tmp_path: Path
+) -> None:
     async def story() -> None:
         front = Front()
-        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         written = []
         for step in range(300):  # a fault each 0.5 s for half a minute, rounds of 0.1 s
             if step % 5 == 0:
@@ -143,10 +145,12 @@ def test_faults_that_follow_at_once_share_a_file_and_none_goes_unwritten(ring: R
 
 
 @pytest.mark.parametrize("code", ["connected", "END", "BUS_ERRORS", "NOTE"])
-def test_what_no_operator_must_acknowledge_is_not_written(ring: Ring, tmp_path: Path, code: str) -> None:
+def test_what_no_operator_must_acknowledge_is_not_written(
+    ring: FlightRing, tmp_path: Path, code: str
+) -> None:
     async def story() -> None:
         front = Front()
-        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         flights.event(event(code, "error"))
         flights.event(event("END"))
         front.time += 60.0
@@ -157,10 +161,12 @@ def test_what_no_operator_must_acknowledge_is_not_written(ring: Ring, tmp_path: 
     run(story)
 
 
-def test_a_dump_is_answered_with_its_path_and_takes_only_names_of_files(ring: Ring, tmp_path: Path) -> None:
+def test_a_dump_is_answered_with_its_path_and_takes_only_names_of_files(
+    ring: FlightRing, tmp_path: Path
+) -> None:
     async def story() -> None:
         front = Front()
-        flights = Flights(front, recorded(tmp_path / "new", ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path / "new", ring))  # type: ignore[arg-type]
         for name in ("", "../x", "a b", "x" * 65, "ä", "a/b", "a.b"):
             call = Call(name=name)
             flights.dump(call)  # type: ignore[arg-type]
@@ -182,7 +188,7 @@ def test_a_dump_is_answered_with_its_path_and_takes_only_names_of_files(ring: Ri
 def test_without_a_recorder_that_is_said_and_nothing_is_in_the_status(tmp_path: Path) -> None:
     async def story() -> None:
         front = Front()
-        flights = Flights(front, None)  # type: ignore[arg-type]
+        flights = FlightDumper(front, None)  # type: ignore[arg-type]
         call = Call()
         flights.dump(call)  # type: ignore[arg-type]
         flights.event(event("fault"))
@@ -196,14 +202,14 @@ def test_without_a_recorder_that_is_said_and_nothing_is_in_the_status(tmp_path: 
 
 
 def test_a_disk_that_takes_nothing_costs_a_line_and_is_counted(
-    ring: Ring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(_fd: int) -> None:
         raise OSError(28, "No space left on device")
 
     async def story() -> None:
         front = Front()
-        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         monkeypatch.setattr(os, "fsync", full)
         call = Call()
         flights.dump(call)  # type: ignore[arg-type]
@@ -228,7 +234,7 @@ def test_a_disk_that_takes_nothing_costs_a_line_and_is_counted(
     ("farewell", "orphaned", "found"), [(True, True, []), (False, False, []), (False, True, ["CRASH"])]
 )
 def test_only_a_loop_that_died_without_farewell_has_crashed(
-    ring: Ring,
+    ring: FlightRing,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     farewell: bool,
@@ -238,7 +244,7 @@ def test_only_a_loop_that_died_without_farewell_has_crashed(
     monkeypatch.setattr(module, "ORPHANED", 0.0)
 
     async def story() -> None:
-        flights = Flights(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
         if farewell:
             flights.event(event("END"))
         if orphaned:
@@ -250,16 +256,16 @@ def test_only_a_loop_that_died_without_farewell_has_crashed(
 
 
 def test_the_recorder_of_a_daemon_that_is_gone_is_written_at_once_and_let_go(
-    ring: Ring, tmp_path: Path
+    ring: FlightRing, tmp_path: Path
 ) -> None:
     given = recorded(tmp_path, ring, ring)
 
     async def story() -> None:
         front = Front()
-        flights = Flights(front, given)  # type: ignore[arg-type]
+        flights = FlightDumper(front, given)  # type: ignore[arg-type]
         assert front.owed == []  # until then it is kept
         await settled(flights)
-        assert front.owed == [link.WreckDone()]
+        assert front.owed == [link.CrashRecordingDone()]
         flights.event(event("END"))
         await flights.end()
         assert names(tmp_path) == ["CRASH"]
@@ -275,13 +281,13 @@ def test_the_recorder_of_a_daemon_that_is_gone_is_written_at_once_and_let_go(
 
 @pytest.mark.parametrize(("version", "files"), [("", "same"), ("0.0.9", "other")])
 def test_whether_its_files_are_those_that_are_told_of_it_is_told_too(
-    ring: Ring, tmp_path: Path, version: str, files: str
+    ring: FlightRing, tmp_path: Path, version: str, files: str
 ) -> None:
     async def story() -> None:
         front = Front()
         told = front.world.briefing
         ring.sign(fingerprint(version or told.version, told.files))
-        flights = Flights(front, recorded(tmp_path, ring, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path, ring, ring))  # type: ignore[arg-type]
         await settled(flights)
         assert load(next(tmp_path.iterdir())).meta["files"] == files
         await flights.end()
@@ -289,13 +295,13 @@ def test_whether_its_files_are_those_that_are_told_of_it_is_told_too(
     run(story)
 
 
-def test_a_crash_that_another_file_tells_of_is_let_go_too(ring: Ring, tmp_path: Path) -> None:
+def test_a_crash_that_another_file_tells_of_is_let_go_too(ring: FlightRing, tmp_path: Path) -> None:
     async def story() -> None:
         for _ in range(2):
             front = Front()
-            flights = Flights(front, recorded(tmp_path, ring, ring))  # type: ignore[arg-type]
+            flights = FlightDumper(front, recorded(tmp_path, ring, ring))  # type: ignore[arg-type]
             await settled(flights)
-            assert front.owed == [link.WreckDone()]
+            assert front.owed == [link.CrashRecordingDone()]
             flights.event(event("END"))
             await flights.end()
         assert front.lines == [("info", "FLIGHT_LEFT_OUT")]
@@ -306,14 +312,14 @@ def test_a_crash_that_another_file_tells_of_is_let_go_too(ring: Ring, tmp_path: 
 
 @pytest.mark.parametrize("mended", [True, False])
 def test_a_crash_that_cannot_be_written_is_kept_and_tried_once_more(
-    ring: Ring, tmp_path: Path, mended: bool
+    ring: FlightRing, tmp_path: Path, mended: bool
 ) -> None:
     folder = tmp_path / "flight"
     folder.write_text("no folder")
 
     async def story() -> None:
         front = Front()
-        flights = Flights(front, recorded(folder, ring, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(folder, ring, ring))  # type: ignore[arg-type]
         await settled(flights)
         assert front.lines == [("error", "FLIGHT_NOT_WRITTEN")]
         front.time += WRECK_AGAIN - 0.1
@@ -327,7 +333,7 @@ def test_a_crash_that_cannot_be_written_is_kept_and_tried_once_more(
             flights.tend(front.time)
             await settled(flights)
             front.time += WRECK_AGAIN
-        assert front.owed == [link.WreckDone()]
+        assert front.owed == [link.CrashRecordingDone()]
         assert front.lines[1:] == [("info", "FLIGHT_WRITTEN") if mended else ("error", "FLIGHT_NOT_WRITTEN")]
         flights.event(event("END"))
         await flights.end()
@@ -335,12 +341,12 @@ def test_a_crash_that_cannot_be_written_is_kept_and_tried_once_more(
     run(story)
 
 
-def test_a_wreck_that_is_none_costs_a_line(ring: Ring, tmp_path: Path) -> None:
+def test_a_wreck_that_is_none_costs_a_line(ring: FlightRing, tmp_path: Path) -> None:
     foreign = os.memfd_create("foreign")
 
     async def story() -> None:
         front = Front()
-        flights = Flights(front, recorded(tmp_path, ring, foreign))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path, ring, foreign))  # type: ignore[arg-type]
         await settled(flights)
         assert front.lines == [("error", "FLIGHT_NOT_WRITTEN")]
 
@@ -349,9 +355,11 @@ def test_a_wreck_that_is_none_costs_a_line(ring: Ring, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["CRASH", "FAILSAFE"])
-def test_names_of_the_daemon_s_own_files_are_not_to_be_had(ring: Ring, tmp_path: Path, name: str) -> None:
+def test_names_of_the_daemon_s_own_files_are_not_to_be_had(
+    ring: FlightRing, tmp_path: Path, name: str
+) -> None:
     async def story() -> None:
-        flights = Flights(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
         call = Call(name=name)
         flights.dump(call)  # type: ignore[arg-type]
         assert call.answers == ["invalid name"]
@@ -360,11 +368,11 @@ def test_names_of_the_daemon_s_own_files_are_not_to_be_had(ring: Ring, tmp_path:
 
 
 def test_whoever_asks_is_answered_also_where_the_folder_leaves_it_out(
-    ring: Ring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def story() -> None:
-        flights = Flights(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
-        monkeypatch.setattr(Folder, "write", lambda *_: None)
+        flights = FlightDumper(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
+        monkeypatch.setattr(FlightFolder, "write", lambda *_: None)
         for _ in range(2):
             call = Call()
             flights.dump(call)  # type: ignore[arg-type]
@@ -375,7 +383,7 @@ def test_whoever_asks_is_answered_also_where_the_folder_leaves_it_out(
 
 
 def test_without_a_thread_it_is_said_and_goes_on_when_there_is_one_again(
-    ring: Ring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def none(_thread: Any) -> None:
         raise RuntimeError("can't start new thread")
@@ -383,7 +391,7 @@ def test_without_a_thread_it_is_said_and_goes_on_when_there_is_one_again(
     async def story() -> None:
         front = Front()
         monkeypatch.setattr(threading.Thread, "start", none)
-        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         call, again = Call(), Call()
         flights.dump(call)  # type: ignore[arg-type]
         assert call.answers == ["NotWritten"]
@@ -402,7 +410,7 @@ def test_without_a_thread_it_is_said_and_goes_on_when_there_is_one_again(
 
 
 def test_the_thread_that_packs_is_as_urgent_as_the_front_since_both_share_one_interpreter(
-    ring: Ring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found: list[int] = []
 
@@ -412,7 +420,7 @@ def test_the_thread_that_packs_is_as_urgent_as_the_front_since_both_share_one_in
 
     async def story() -> None:
         monkeypatch.setattr(module, "copy", look)
-        flights = Flights(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(Front(), recorded(tmp_path, ring))  # type: ignore[arg-type]
         flights.dump(Call())  # type: ignore[arg-type]
         await settled(flights)
 
@@ -422,7 +430,7 @@ def test_the_thread_that_packs_is_as_urgent_as_the_front_since_both_share_one_in
 
 @pytest.mark.parametrize("broken", [(float("nan"), 7), None])
 def test_what_the_ring_does_not_say_at_this_moment_is_no_reason_to_stop(
-    ring: Ring, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: Any
+    ring: FlightRing, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: Any
 ) -> None:
     def told(_fd: int) -> Any:
         if broken is None:
@@ -431,7 +439,7 @@ def test_what_the_ring_does_not_say_at_this_moment_is_no_reason_to_stop(
 
     async def story() -> None:
         front = Front()
-        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         monkeypatch.setattr(module, "held", told)
         flights.tend(front.time)
         assert front.world.flight is not None
@@ -440,11 +448,11 @@ def test_what_the_ring_does_not_say_at_this_moment_is_no_reason_to_stop(
     run(story)
 
 
-def test_the_status_says_how_much_is_held(ring: Ring, tmp_path: Path) -> None:
+def test_the_status_says_how_much_is_held(ring: FlightRing, tmp_path: Path) -> None:
     async def story() -> None:
         front = Front()
         front.time = 31.0
-        flights = Flights(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
+        flights = FlightDumper(front, recorded(tmp_path, ring))  # type: ignore[arg-type]
         flights.tend(front.time)
         assert front.world.flight == {"span_s": 30.0, "bytes": 16 + 4, "last": None}
 

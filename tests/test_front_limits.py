@@ -173,7 +173,7 @@ def test_a_client_that_is_gone_when_its_one_message_comes_hurts_nobody(own: Stan
             client.send("Monitor", parameters={"topics": ["verdicts"]})
         time.sleep(0.1)
         gone.socket.shutdown(socket.SHUT_RD)  # found out by whoever writes to it
-        own.send(link.Moment(time=1.0, sequence=1, id="x", verdict={"refusals": []}))
+        own.send(link.VerdictReport(time=1.0, sequence=1, id="x", verdict={"refusals": []}))
         assert other.receive()["parameters"]["topic"] == "verdicts"
         assert "error" not in other.call("GetStatus")
     assert "Traceback" not in own.log.read_text()

@@ -11,17 +11,17 @@ from pathlib import Path
 import pytest
 
 from twind.front.journal import datagram
-from twind.front.log import PER_SECOND, WAITING, Log, Writer
-from twind.front.naming import Names
-from twind.front.report import Report
+from twind.front.log import PER_SECOND, WAITING, DaemonLog, LogWriter
+from twind.front.naming import JointNames
+from twind.front.report import EventLogger
 from twind.link import Event
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.streams import at_journal
 
 
 def lines(*, journal: bool, level: str = "info", said: list[tuple[str, str, dict[str, object]]]) -> list[str]:
     reader, writer = os.pipe()
-    log = Log(Writer(writer), level, journal=journal)
+    log = DaemonLog(LogWriter(writer), level, journal=journal)
     for place, (severity, event, fields) in enumerate(said):
         log.say(severity, event, float(place), **fields)
     log.close()
@@ -58,7 +58,7 @@ def test_nothing_a_client_says_breaks_a_line_or_steers_a_terminal(journal: bool)
 
 def test_a_flood_is_cut_and_counted() -> None:
     reader, writer = os.pipe()
-    log = Log(Writer(writer), "info", journal=True)
+    log = DaemonLog(LogWriter(writer), "info", journal=True)
     for _ in range(PER_SECOND + 5):
         log.say("info", "SAME", 10.0)
     log.say("info", "LATER", 12.0)
@@ -73,7 +73,7 @@ def test_a_flood_is_cut_and_counted() -> None:
 @pytest.mark.realtime
 def test_a_standard_error_that_nobody_reads_blocks_nobody_and_the_loss_is_counted() -> None:
     reader, writer = os.pipe()
-    sink = Writer(writer)
+    sink = LogWriter(writer)
     began = time.monotonic()
     for _ in range(3 * WAITING):
         sink.put("x" * 200)
@@ -130,16 +130,18 @@ def entry(data: bytes) -> dict[str, str]:
 
 
 def test_an_entry_has_fields_that_can_be_searched_for(tmp_path: Path, journal: socket.socket) -> None:
-    log = Log(Writer(os.open(os.devnull, os.O_WRONLY), str(tmp_path / "journal")), "info", journal=True)
+    log = DaemonLog(
+        LogWriter(os.open(os.devnull, os.O_WRONLY), str(tmp_path / "journal")), "info", journal=True
+    )
     event = Event(
         time=1.0,
         sequence=1,
         level="error",
         code="OUT_OF_LIMIT",
         message="bring it back",
-        findings=[Finding(Code.OUT_OF_LIMIT, 2, value=1.25, bound=1.0, message="bring it back")],
+        findings=[Finding(ReasonCode.OUT_OF_LIMIT, 2, value=1.25, bound=1.0, message="bring it back")],
     )
-    Report(log).event(event, Names(["a", "b", "l_knee"]), ["arms", "arms", "legs"], "armed")
+    EventLogger(log).event(event, JointNames(["a", "b", "l_knee"]), ["arms", "arms", "legs"], "armed")
     log.close()
     said = entry(journal.recv(65536))
     assert said == {
@@ -173,7 +175,7 @@ def test_a_journal_that_is_gone_or_full_does_not_lose_what_standard_error_takes(
     tmp_path: Path, journal: socket.socket
 ) -> None:
     reader, writer = os.pipe()
-    log = Log(Writer(writer, str(tmp_path / "journal")), "info", journal=True)
+    log = DaemonLog(LogWriter(writer, str(tmp_path / "journal")), "info", journal=True)
     log.say("info", "TAKEN", 1.0)
     assert entry(journal.recv(65536))["TWIND_CODE"] == "TAKEN"
     journal.close()
@@ -187,7 +189,7 @@ def test_a_journal_that_is_gone_or_full_does_not_lose_what_standard_error_takes(
 
 def test_the_level_may_change() -> None:
     reader, writer = os.pipe()
-    log = Log(Writer(writer), "warning", journal=True)
+    log = DaemonLog(LogWriter(writer), "warning", journal=True)
     log.say("info", "A", 1.0)
     log.level("debug")
     log.say("debug", "B", 2.0)
@@ -206,7 +208,7 @@ def test_the_level_may_change() -> None:
 def test_a_full_disk_costs_lines_that_are_counted_and_told_when_there_is_room(tmp_path: Path) -> None:
     file, full = tmp_path / "log", os.open("/dev/full", os.O_WRONLY)
     fd = os.dup(full)
-    sink = Writer(fd)
+    sink = LogWriter(fd)
     for number in range(7):
         sink.put(f"line {number}")
     deadline = time.monotonic() + 5.0

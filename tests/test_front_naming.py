@@ -6,31 +6,34 @@ from math import inf
 import pytest
 from stand_in import briefing
 
-from twind.front.naming import Names
-from twind.front.world import World
+from twind.front.naming import JointNames
+from twind.front.world import StateCache
 from twind.link import Event
-from twind.protocol.idl import Struct
+from twind.protocol.idl import StructType
 from twind.protocol.interfaces import CONTROL, load
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 
-NAMES = Names(["hip", "knee"])
+NAMES = JointNames(["hip", "knee"])
 
 
 @pytest.mark.parametrize(
     ("finding", "message"),
     [
         (
-            Finding(Code.POS_LIMIT, 1, 3, 0.4, 2.9, 2.5),
+            Finding(ReasonCode.POS_LIMIT, 1, 3, 0.4, 2.9, 2.5),
             "knee, point 3 (0.4 s): position 2.9 rad, bound 2.5 rad",
         ),
-        (Finding(Code.VEL_LIMIT, 0, None, 1.5, inf, 4.0), "hip, at 1.5 s: velocity inf rad/s, bound 4 rad/s"),
-        (Finding(Code.LEASE_MISSING, message="take it first"), "take it first"),
-        (Finding(Code.BUSY), "BUSY"),
         (
-            Finding(Code.START_JUMP, 0, value=0.2, bound=0.05, message="move there first"),
+            Finding(ReasonCode.VEL_LIMIT, 0, None, 1.5, inf, 4.0),
+            "hip, at 1.5 s: velocity inf rad/s, bound 4 rad/s",
+        ),
+        (Finding(ReasonCode.LEASE_MISSING, message="take it first"), "take it first"),
+        (Finding(ReasonCode.BUSY), "BUSY"),
+        (
+            Finding(ReasonCode.START_JUMP, 0, value=0.2, bound=0.05, message="move there first"),
             "hip: distance from where the motion starts 0.2 rad, bound 0.05 rad; move there first",
         ),
-        (Finding(Code.BAD_SHAPE, 7, value=3, bound=2), "joint 7: value 3, bound 2"),
+        (Finding(ReasonCode.BAD_SHAPE, 7, value=3, bound=2), "joint 7: value 3, bound 2"),
     ],
 )
 def test_a_finding_says_joint_point_value_and_bound(finding: Finding, message: str) -> None:
@@ -38,7 +41,7 @@ def test_a_finding_says_joint_point_value_and_bound(finding: Finding, message: s
 
 
 def test_a_finding_off_the_link_reads_like_one_of_ours() -> None:
-    ours = Finding(Code.POS_LIMIT, 1, 3, 0.4, 2.9, 2.5, "x")
+    ours = Finding(ReasonCode.POS_LIMIT, 1, 3, 0.4, 2.9, 2.5, "x")
     theirs = {
         "code": "POS_LIMIT",
         "joint": 1,
@@ -76,6 +79,6 @@ def test_an_event_has_all_fields_of_the_interface_and_null_where_one_does_not_ap
     fields: dict[str, str],
 ) -> None:
     event = Event(time=1.0, sequence=1, level="info", code="TEST", message="x", **fields)  # type: ignore[arg-type]
-    made, known = json.loads(World(briefing(2)).event(event)), load(CONTROL).types["Event"]
-    assert isinstance(known, Struct) and set(made) == set(known.fields)
+    made, known = json.loads(StateCache(briefing(2)).event(event)), load(CONTROL).types["Event"]
+    assert isinstance(known, StructType) and set(made) == set(known.fields)
     assert {key: made[key] for key in ("id", "phase", "before", "cause", "stop") if made[key]} == fields

@@ -19,7 +19,7 @@ from processes import until
 from twind import link, memfd
 from twind.loop import front_process
 from twind.loop.front_process import AGAIN, AGAIN_MOST, GRACE, HEARTBEAT, LATER, FrontProcess
-from twind.loop.wreck import Wreck
+from twind.loop.wreck import CrashRecording
 from twind.sockets import Listener
 
 pytestmark = pytest.mark.realtime
@@ -202,7 +202,7 @@ def test_fronts_that_die_young_are_started_ever_later_until_one_lived() -> None:
 
 def test_what_a_daemon_before_left_is_for_a_second_front_if_the_first_dies_of_it_and_for_no_third() -> None:
     told = list[str]()
-    wreck = Wreck(os.memfd_create("wreck"))
+    wreck = CrashRecording(os.memfd_create("wreck"))
     wreck.then = lambda: told.append("done")
     front = Paper(0, {}, wreck=wreck)
     lives = []

@@ -16,7 +16,7 @@ from test_reading import briefed
 from twind import link
 from twind.briefing import Briefing
 from twind.front import reload
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 
 pytestmark = pytest.mark.realtime
 LINE = "head_yaw:         {id: 1, limits_rad: [-1.5, 1.5]"
@@ -35,7 +35,7 @@ def loop(tmp_path: Path) -> Iterator[StandIn]:
 
 
 def granted(command: link.Inward) -> list[link.Reply]:
-    assert isinstance(command, link.Adopt)
+    assert isinstance(command, link.ApplyChanges)
     return [
         link.Reply(
             ticket=command.ticket, parameters={"applied": sorted(command.changes), "needs_restart": []}
@@ -59,11 +59,11 @@ def limits(client: Raw) -> list[float]:
 def test_with_the_loop_s_word_the_front_changes_and_paths_on_their_way_are_sent_back(
     loop: StandIn, tmp_path: Path
 ) -> None:
-    loop.answers[link.Adopt] = lambda _: []  # until the path is being swept
+    loop.answers[link.ApplyChanges] = lambda _: []  # until the path is being swept
     files(tmp_path, robot=NARROW)
     with Raw(loop) as busy, Raw(loop) as other:
         other.send("Reload", parameters={})
-        adopt = loop.await_message(lambda command: isinstance(command, link.Adopt), 15.0)
+        adopt = loop.await_message(lambda command: isinstance(command, link.ApplyChanges), 15.0)
         busy.send("Check", parameters={"trajectory": path(2000)})
         time.sleep(0.05)
         loop.send(*granted(adopt))
@@ -72,7 +72,7 @@ def test_with_the_loop_s_word_the_front_changes_and_paths_on_their_way_are_sent_
         assert not [command for command in loop.commands if isinstance(command, link.Submit)]
         assert limits(other) == [-0.3, 0.3]
         busy.call("Check", trajectory=path(2))
-    assert isinstance(adopt, link.Adopt)
+    assert isinstance(adopt, link.ApplyChanges)
     assert (adopt.generation, adopt.changes) == (1, {KEY: [-0.3, 0.3]})
     told = [msgspec.msgpack.decode(data, type=Briefing) for data in loop.paths if b"generation" in data]
     assert [each.generation for each in told] == [1]
@@ -81,8 +81,8 @@ def test_with_the_loop_s_word_the_front_changes_and_paths_on_their_way_are_sent_
 
 
 def test_without_the_loop_s_word_the_front_goes_by_the_old_values(loop: StandIn, tmp_path: Path) -> None:
-    finding = Finding(Code.BUSY, message="torque is on")
-    loop.answers[link.Adopt] = lambda command: [
+    finding = Finding(ReasonCode.BUSY, message="torque is on")
+    loop.answers[link.ApplyChanges] = lambda command: [
         link.Reply(
             ticket=command.ticket, error="Refused", parameters={"findings": [msgspec.to_builtins(finding)]}
         )
@@ -104,23 +104,23 @@ def test_a_bad_file_is_told_to_the_loop_and_to_who_asked(loop: StandIn, tmp_path
     with Raw(loop) as client:
         answer = client.call("Reload")
     assert [each["code"] for each in answer["parameters"]["findings"]] == ["CONFIG_REFUSED"]
-    failed = loop.await_command(link.RereadFailed)
-    assert isinstance(failed, link.RereadFailed)
+    failed = loop.await_command(link.ReloadFailed)
+    assert isinstance(failed, link.ReloadFailed)
     assert f"{tmp_path}/twind.yaml:3:1: " in failed.message
     kinds = [type(command) for command in loop.commands]
-    assert kinds.index(link.Rereading) < kinds.index(link.RereadFailed)
-    assert link.Adopt not in kinds
+    assert kinds.index(link.ReloadStarted) < kinds.index(link.ReloadFailed)
+    assert link.ApplyChanges not in kinds
 
 
 @pytest.mark.slow
 def test_a_loop_that_says_nothing_gets_another_front(tmp_path: Path) -> None:
     """It may have taken the values: a front that does not know goes; the next is told what is in force."""
     stand_in = StandIn(tmp_path, told=briefed(files(tmp_path)))
-    stand_in.answers[link.Adopt] = lambda _: []
+    stand_in.answers[link.ApplyChanges] = lambda _: []
     stand_in.await_lookahead()
     files(tmp_path, "log_level: debug\n")
-    stand_in.send(link.Reread())
-    stand_in.await_message(lambda command: isinstance(command, link.Adopt), 10.0)
+    stand_in.send(link.ReloadWanted())
+    stand_in.await_message(lambda command: isinstance(command, link.ApplyChanges), 10.0)
     assert stand_in.front.wait(reload.ANSWER + 5.0) == 0
     assert "LOOP_SILENT" in stand_in.log.read_text()
     stand_in.close()

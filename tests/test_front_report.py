@@ -6,11 +6,11 @@ import os
 from msgspec.structs import replace
 from stand_in import NAMES, overview, tick
 
-from twind.front.log import Log, Writer
-from twind.front.naming import Names
-from twind.front.report import Report
+from twind.front.log import DaemonLog, LogWriter
+from twind.front.naming import JointNames
+from twind.front.report import EventLogger
 from twind.link import Event, LatencyInfo
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 
 
 class Lines:
@@ -18,7 +18,7 @@ class Lines:
 
     def __init__(self) -> None:
         self._reader, self._writer = os.pipe()
-        self.log = Log(Writer(self._writer), "info", journal=True)
+        self.log = DaemonLog(LogWriter(self._writer), "info", journal=True)
 
     def read(self) -> list[dict[str, object]]:
         self.log.close()
@@ -29,11 +29,11 @@ class Lines:
 
 def test_an_event_is_a_line_with_its_first_finding_named() -> None:
     lines = Lines()
-    findings = [Finding(Code.POS_LIMIT, 2, 1, value=2.0, bound=1.0)] * 3
+    findings = [Finding(ReasonCode.POS_LIMIT, 2, 1, value=2.0, bound=1.0)] * 3
     event = Event(
         time=1.0, sequence=1, level="warning", code="POS_LIMIT", message="refused x", findings=findings
     )
-    Report(lines.log).event(event, Names(NAMES))
+    EventLogger(lines.log).event(event, JointNames(NAMES))
     (line,) = lines.read()
     assert (line["event"], line["level"], line["message"]) == ("POS_LIMIT", "warning", "refused x")
     assert (line["finding"], line["more"]) == ("joint_2, point 1: position 2 rad, bound 1 rad", 2)
@@ -41,7 +41,7 @@ def test_an_event_is_a_line_with_its_first_finding_named() -> None:
 
 def test_latency_is_reported_every_five_seconds() -> None:
     lines = Lines()
-    report = Report(lines.log)
+    report = EventLogger(lines.log)
     for step in range(155):  # 15.4 s at 10 Hz, 99 Hz of ticks
         report.overview(overview(100.0 + step / 10.0, ticks=int(step * 9.9)), tick(0.0, 1))
     said = lines.read()
@@ -61,7 +61,7 @@ def test_command_hops_are_in_the_report_where_there_were_commands_and_violations
         ]
 
     lines = Lines()
-    report = Report(lines.log)
+    report = EventLogger(lines.log)
     for step in range(105):
         news = replace(overview(100.0 + step / 10.0, ticks=step * 10), latencies=hops(step))
         report.overview(news, tick(0.0, 1))
@@ -76,8 +76,8 @@ def test_what_a_client_says_of_the_robot_is_told_with_its_name_and_counted_with_
     lines = Lines()
     event = Event(time=1.0, sequence=1, level="info", code="NOTE", message="slips", holder="uid 1, pid 2")
     for _ in range(100):
-        Report(lines.log).event(event, Names(NAMES))
-    Report(lines.log).event(replace(event, code="MOTION", message="done", holder=""), Names(NAMES))
+        EventLogger(lines.log).event(event, JointNames(NAMES))
+    EventLogger(lines.log).event(replace(event, code="MOTION", message="done", holder=""), JointNames(NAMES))
     said = lines.read()
     assert said[0]["holder"] == "uid 1, pid 2"
     assert [line["event"] for line in said] == ["NOTE"] * 20 + ["MOTION"]

@@ -119,8 +119,8 @@ def test_two_connections_of_one_process_are_two_and_a_copy_of_a_descriptor_is_th
         with socket.socket(fileno=copy) as again:
             again.sendall(b'{"method":"io.twind.Control.RenewLease"}\0')
             own.await_command(link.RenewLease)
-            assert not [command for command in own.commands if isinstance(command, link.Gone)]
-        own.await_command(link.Gone)
+            assert not [command for command in own.commands if isinstance(command, link.ConnectionClosed)]
+        own.await_command(link.ConnectionClosed)
         first, second, renewal, gone = own.commands[:4]
     assert first.client == renewal.client == gone.client != second.client  # type: ignore[union-attr]
 
@@ -131,8 +131,8 @@ def test_the_loop_hears_of_the_end_of_those_only_who_asked_something_of_it(own: 
             assert "error" not in client.call("GetStatus")
     with Raw(own) as client:
         assert "error" not in client.call("AcquireLease")
-    own.await_command(link.Gone)
-    assert [type(command) for command in own.commands] == [link.AcquireLease, link.Gone]
+    own.await_command(link.ConnectionClosed)
+    assert [type(command) for command in own.commands] == [link.AcquireLease, link.ConnectionClosed]
 
 
 # --------------------------------------------------------------------------- rates
@@ -205,7 +205,7 @@ def test_a_call_that_breaks_ends_its_own_connection_and_no_other(tmp_path: Path)
             watcher.receive()
             own.answers[link.EStop] = lambda c: [link.Reply(ticket=c.ticket)]
             assert stopped(own) < BOUND
-            ends = [command for command in own.commands if isinstance(command, link.Gone)]
+            ends = [command for command in own.commands if isinstance(command, link.ConnectionClosed)]
             renewed = own.await_command(link.RenewLease)
             assert renewed.client not in [end.client for end in ends]  # type: ignore[union-attr]
         text = said(own, "CALL_BROKE")
@@ -389,5 +389,5 @@ def test_a_hang_up_by_reset_is_only_a_hang_up(own: StandIn) -> None:
     own.await_command(link.AcquireLease)
     client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     client.socket.close()  # an answer lies unread: the other end finds a reset
-    own.await_command(link.Gone)
+    own.await_command(link.ConnectionClosed)
     assert stopped(own) < BOUND

@@ -176,7 +176,7 @@ def test_events_and_verdicts_reach_those_who_watch_them(loop: StandIn) -> None:
         client.send("Monitor", parameters={"topics": ["events", "verdicts"]}, more=True)
         time.sleep(0.05)
         loop.send(link.Event(time=1.0, sequence=7, level="info", code="TEST", message="hello"))
-        loop.send(link.Moment(time=2.0, sequence=8, id="x", verdict={"refusals": [finding]}))
+        loop.send(link.VerdictReport(time=2.0, sequence=8, id="x", verdict={"refusals": [finding]}))
         event, verdict = client.receive()["parameters"], client.receive()["parameters"]
     assert (event["topic"], event["sequence"], event["event"]["message"]) == ("events", 7, "hello")
     assert verdict["verdict"]["refusals"][0]["joint"] == NAMES[2]
@@ -208,7 +208,7 @@ def test_a_command_carries_who_asked_and_its_answer_comes_back(loop: StandIn) ->
         assert isinstance(command, link.SetMode)
         assert (command.uid, command.holder) == (os.getuid(), f"uid {os.getuid()}, pid {os.getpid()}")
         assert command.client > 0
-    loop.await_message(lambda message: message == link.Gone(client=command.client))
+    loop.await_message(lambda message: message == link.ConnectionClosed(client=command.client))
 
 
 def test_an_error_of_the_loop_comes_back_with_joints_named(loop: StandIn) -> None:

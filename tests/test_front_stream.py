@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.front.stream import LARGE, PATIENCE, QUEUE, Stream
+from twind.front.stream import LARGE, PATIENCE, QUEUE, MessageStream
 
 
 class Owner:
@@ -36,13 +36,15 @@ class Watcher:
     dropped = 0
 
 
-def run(body: Callable[[Stream, Owner, socket.socket], None], *, limit: int = 1000, pause: int = 0) -> Owner:
+def run(
+    body: Callable[[MessageStream, Owner, socket.socket], None], *, limit: int = 1000, pause: int = 0
+) -> Owner:
     """A stream in a loop of its own, and the other end of its socket."""
     loop = asyncio.new_event_loop()
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
     owner = Owner(pause)
-    stream = Stream(ours, limit, loop)
+    stream = MessageStream(ours, limit, loop)
     stream.start(owner)
     try:
         with theirs:
@@ -54,7 +56,7 @@ def run(body: Callable[[Stream, Owner, socket.socket], None], *, limit: int = 10
     return owner
 
 
-def turn(stream: Stream) -> None:
+def turn(stream: MessageStream) -> None:
     """One turn of the stream's loop."""
     loop = stream._loop
     loop.call_soon(loop.stop)
@@ -75,7 +77,7 @@ def test_however_it_is_cut_the_same_messages_come(
 ) -> None:
     data = b"".join(message + end for message in messages)
 
-    def body(stream: Stream, owner: Owner, peer: socket.socket) -> None:
+    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         rest, place = data, 0
         while rest:
             size = cuts[place % len(cuts)]
@@ -94,7 +96,7 @@ def test_however_it_is_cut_the_same_messages_come(
 @pytest.mark.parametrize("terminated", [True, False])
 @pytest.mark.parametrize("excess", [0, 1])
 def test_the_limit_is_exact_and_holds_without_a_terminator(terminated: bool, excess: int) -> None:
-    def body(stream: Stream, owner: Owner, peer: socket.socket) -> None:
+    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         peer.sendall(b"x" * (1000 + excess) + (b"\0" if terminated else b""))
         turn(stream)
 
@@ -106,7 +108,7 @@ def test_the_limit_is_exact_and_holds_without_a_terminator(terminated: bool, exc
 def test_answers_survive_where_telemetry_is_dropped_and_counted() -> None:
     watcher, sent = Watcher(), 500
 
-    def body(stream: Stream, owner: Owner, peer: socket.socket) -> None:
+    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         for number in range(sent):
             stream.publish(b'"n":%d,"fill":"%s"}}' % (number, b"x" * 4000), watcher)
             if number % 50 == 0:
@@ -134,7 +136,7 @@ def test_answers_survive_where_telemetry_is_dropped_and_counted() -> None:
 def test_a_large_message_neither_throws_out_the_others_nor_is_thrown_out_by_them() -> None:
     watcher, body_of = Watcher(), b'"%s":%d,"fill":"%s"}}'
 
-    def body(stream: Stream, owner: Owner, peer: socket.socket) -> None:
+    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         def small(numbers: range) -> None:
             for number in numbers:
                 stream.publish(body_of % (b"n", number, b"x" * 1000), watcher)
@@ -160,7 +162,7 @@ def test_a_large_message_neither_throws_out_the_others_nor_is_thrown_out_by_them
 
 
 def test_who_takes_nothing_is_stuck_and_who_owes_nothing_is_not() -> None:
-    def body(stream: Stream, owner: Owner, peer: socket.socket) -> None:
+    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         now = stream._loop.time()
         assert not stream.stuck(now + 1000.0)
         stream.send(b"x" * (4 << 20))
@@ -171,7 +173,7 @@ def test_who_takes_nothing_is_stuck_and_who_owes_nothing_is_not() -> None:
 
 
 def test_an_end_of_what_is_said_is_told_apart_from_a_hang_up() -> None:
-    def half(stream: Stream, owner: Owner, peer: socket.socket) -> None:
+    def half(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         peer.shutdown(socket.SHUT_WR)
         turn(stream)
         assert stream.half_closed
@@ -179,7 +181,7 @@ def test_an_end_of_what_is_said_is_told_apart_from_a_hang_up() -> None:
         stream.send(b"still here")
         assert peer.recv(100) == b"still here\0"
 
-    def whole(stream: Stream, owner: Owner, peer: socket.socket) -> None:
+    def whole(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         peer.close()
         turn(stream)
         assert stream.closed
@@ -189,7 +191,7 @@ def test_an_end_of_what_is_said_is_told_apart_from_a_hang_up() -> None:
 
 
 def test_finishing_waits_until_all_is_sent() -> None:
-    def body(stream: Stream, owner: Owner, peer: socket.socket) -> None:
+    def body(stream: MessageStream, owner: Owner, peer: socket.socket) -> None:
         stream.send(b"x" * (1 << 20))
         stream.finish()
         assert not stream.closed

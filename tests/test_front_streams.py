@@ -12,7 +12,7 @@ from stand_in import StandIn
 from test_front_server import CONTRACT, Raw
 
 from twind.ctl.table import stream_text
-from twind.front.streams import COUNTS, GONE, HANGS, MOST, MOST_HZ, SILENCE, TEXT, Streams, wrong
+from twind.front.streams import COUNTS, GONE, HANGS, MOST, MOST_HZ, SILENCE, TEXT, StreamerReports, wrong
 
 REPORT = {
     "name": "a1b2",
@@ -39,10 +39,10 @@ class Watchers:
         self.streams = streams
 
 
-def streams() -> tuple[Streams, Watchers]:
+def streams() -> tuple[StreamerReports, Watchers]:
     watchers: Any = Watchers()
     world, telemetry = SimpleNamespace(stream=watchers.now), SimpleNamespace(stream=watchers.tell)
-    return Streams(world, telemetry), watchers  # type: ignore[arg-type]
+    return StreamerReports(world, telemetry), watchers  # type: ignore[arg-type]
 
 
 def test_the_last_word_of_each_connection_counts() -> None:

@@ -98,7 +98,7 @@ def judging(loop: StandIn, refusals: list[Any], changes: list[Any]) -> None:
     def answer(command: link.Command) -> list[link.Reply]:
         assert isinstance(command, link.Submit)
         verdict = {"refusals": refusals, "warnings": [], "changes": changes}
-        loop.send(link.Moment(time=5.0, sequence=9, id=command.id, verdict=verdict, lead=0.25))
+        loop.send(link.VerdictReport(time=5.0, sequence=9, id=command.id, verdict=verdict, lead=0.25))
         given = {"id": command.id, "phase": "accepted", "progress": 0.0}
         return [link.Reply(ticket=command.ticket, parameters=given)]
 

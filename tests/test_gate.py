@@ -10,27 +10,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from twind.robot.finding import Code, Finding, Verdict
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import Demand, admit, arming, check, checking
+from twind.safety.gate import TrajectoryRequest, admit, arming, check, checking
 
 LATCHING = {
-    State.FAULT: Code.FAULT_LATCHED,
-    State.INHIBITED: Code.FAULT_LATCHED,
-    State.ESTOP: Code.ESTOP_LATCHED,
+    RobotState.FAULT: ReasonCode.FAULT_LATCHED,
+    RobotState.INHIBITED: ReasonCode.FAULT_LATCHED,
+    RobotState.ESTOP: ReasonCode.ESTOP_LATCHED,
 }
 BOTH = np.ones(2, np.bool_)
 MOVE = w.path([1.0, 2.0], [[0.2, 0.1], [0.3, 0.0]])
 
 
-def codes(verdict: Verdict) -> list[Code]:
+def codes(verdict: Verdict) -> list[ReasonCode]:
     return [finding.code for finding in verdict.refusals]
 
 
-def judged(given: Trajectory = MOVE, demand: Demand | None = None, **over: object) -> list[Code]:
-    demand = demand or Demand()
+def judged(
+    given: Trajectory = MOVE, demand: TrajectoryRequest | None = None, **over: object
+) -> list[ReasonCode]:
+    demand = demand or TrajectoryRequest()
     return codes(check(given, w.snapshot(2, **over), w.limits(), demand, w.TH).verdict)
 
 
@@ -38,64 +40,69 @@ def judged(given: Trajectory = MOVE, demand: Demand | None = None, **over: objec
 
 
 @pytest.mark.parametrize("motion", Motion)
-@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("state", RobotState)
 @pytest.mark.parametrize("mode", Mode)
 def test_motion_needs_an_armed_robot_in_live_and_no_latch_anywhere(
-    mode: Mode, state: State, motion: Motion
+    mode: Mode, state: RobotState, motion: Motion
 ) -> None:
     expected = [LATCHING[state]] if state in LATCHING else []
-    if mode is Mode.LIVE and state is not State.ARMED:
-        expected.append(Code.NOT_ARMED)
+    if mode is Mode.LIVE and state is not RobotState.ARMED:
+        expected.append(ReasonCode.NOT_ARMED)
     over = {"mode": mode, "state": state, "motion": motion}
     assert codes(admit(w.snapshot(**over), BOTH, w.TH)) == expected
     assert judged(**over) == expected
 
 
-@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("state", RobotState)
 @pytest.mark.parametrize("mode", Mode)
-def test_arming_is_for_live_and_starts_from_connected(mode: Mode, state: State) -> None:
+def test_arming_is_for_live_and_starts_from_connected(mode: Mode, state: RobotState) -> None:
     expected = [LATCHING[state]] if state in LATCHING else []
     if mode is not Mode.LIVE:
-        expected.append(Code.MODE_DENIES)
-    elif state is not State.CONNECTED:
-        expected.append(Code.ARM_FAILED)
+        expected.append(ReasonCode.MODE_DENIES)
+    elif state is not RobotState.CONNECTED:
+        expected.append(ReasonCode.ARM_FAILED)
     assert codes(arming(w.snapshot(mode=mode, state=state), w.TH)) == expected
 
 
 @pytest.mark.parametrize("mode", Mode)
 def test_every_motion_and_every_arming_needs_the_lease(mode: Mode) -> None:
     without = w.snapshot(mode=mode, lease_held=False)
-    assert codes(admit(without, BOTH, w.TH)) == [Code.LEASE_MISSING]
-    assert codes(arming(without, w.TH))[0] == Code.LEASE_MISSING
+    assert codes(admit(without, BOTH, w.TH)) == [ReasonCode.LEASE_MISSING]
+    assert codes(arming(without, w.TH))[0] == ReasonCode.LEASE_MISSING
 
 
 @pytest.mark.parametrize("mode", Mode)
 @pytest.mark.parametrize(
     ("latched", "expected"),
     [
-        ((Code.ESTOP,), [Code.ESTOP_LATCHED]),
-        ((Code.ESTOP_LATCHED,), [Code.ESTOP_LATCHED]),
-        ((Code.SERVO_ALERT,), [Code.FAULT_LATCHED]),
-        ((Code.TORQUE_MISMATCH, Code.ESTOP), [Code.ESTOP_LATCHED, Code.FAULT_LATCHED]),
+        ((ReasonCode.ESTOP,), [ReasonCode.ESTOP_LATCHED]),
+        ((ReasonCode.ESTOP_LATCHED,), [ReasonCode.ESTOP_LATCHED]),
+        ((ReasonCode.SERVO_ALERT,), [ReasonCode.FAULT_LATCHED]),
+        (
+            (ReasonCode.TORQUE_MISMATCH, ReasonCode.ESTOP),
+            [ReasonCode.ESTOP_LATCHED, ReasonCode.FAULT_LATCHED],
+        ),
     ],
 )
-def test_latches_refuse_in_every_mode(mode: Mode, latched: tuple[Code, ...], expected: list[Code]) -> None:
+def test_latches_refuse_in_every_mode(
+    mode: Mode, latched: tuple[ReasonCode, ...], expected: list[ReasonCode]
+) -> None:
     verdict = admit(w.snapshot(mode=mode, latched=latched), BOTH, w.TH)
     assert codes(verdict) == expected
-    if Code.SERVO_ALERT in latched:
+    if ReasonCode.SERVO_ALERT in latched:
         assert "SERVO_ALERT" in verdict.refusals[0].message
 
 
 @pytest.mark.parametrize("mode", Mode)
 def test_no_motion_and_no_arming_begins_while_no_client_can_connect(mode: Mode) -> None:
-    gone = Finding(Code.SOCKETS_GONE, message="removed")
+    gone = Finding(ReasonCode.SOCKETS_GONE, message="removed")
     verdict = admit(w.snapshot(mode=mode, unreachable=gone), BOTH, w.TH)
     assert verdict.refusals == (gone,)
     stream = admit(
         w.snapshot(mode=mode, unreachable=gone, motion=Motion.STREAMING), BOTH, w.TH, setpoint=True
     )
     assert stream.refusals == (gone,)
-    state = State.CONNECTED if mode is Mode.LIVE else State.DISCONNECTED
+    state = RobotState.CONNECTED if mode is Mode.LIVE else RobotState.DISCONNECTED
     assert gone in arming(w.snapshot(mode=mode, state=state, unreachable=gone), w.TH).refusals
 
 
@@ -103,11 +110,11 @@ def test_no_motion_and_no_arming_begins_while_no_client_can_connect(mode: Mode) 
 
 
 HARDWARE = {
-    "calibrated": (np.array([True, False]), [Code.CALIB_MISSING]),
-    "mismatches": ((Finding(Code.CALIB_MISMATCH, joint=0),), [Code.CALIB_MISMATCH]),
-    "age": (np.array([0.004, 0.2]), [Code.HW_DISCONNECTED]),
-    "latency": (0.11, [Code.LATENCY_BLOCK]),
-    "latency_p95": (nan, [Code.LATENCY_BLOCK]),
+    "calibrated": (np.array([True, False]), [ReasonCode.CALIB_MISSING]),
+    "mismatches": ((Finding(ReasonCode.CALIB_MISMATCH, joint=0),), [ReasonCode.CALIB_MISMATCH]),
+    "age": (np.array([0.004, 0.2]), [ReasonCode.HW_DISCONNECTED]),
+    "latency": (0.11, [ReasonCode.LATENCY_BLOCK]),
+    "latency_p95": (nan, [ReasonCode.LATENCY_BLOCK]),
 }
 
 
@@ -115,7 +122,7 @@ HARDWARE = {
 def test_the_hardware_counts_in_live_only(field: str) -> None:
     value, expected = HARDWARE[field]
     assert codes(admit(w.snapshot(**{field: value}), BOTH, w.TH)) == expected
-    connected = w.snapshot(state=State.CONNECTED, **{field: value})
+    connected = w.snapshot(state=RobotState.CONNECTED, **{field: value})
     assert codes(arming(connected, w.TH)) == expected
     for mode in (Mode.SIM, Mode.MIRROR):
         assert judged(mode=mode, **{field: value}) == []
@@ -125,14 +132,17 @@ def test_only_the_joints_that_move_must_be_calibrated_and_heard() -> None:
     ill = {"calibrated": np.array([True, False]), "age": np.array([0.0, inf])}
     first = np.array([True, False])
     assert admit(w.snapshot(**ill), first, w.TH).accepted
-    assert arming(w.snapshot(state=State.CONNECTED, **ill), w.TH, first).accepted
-    findings = arming(w.snapshot(state=State.CONNECTED, **ill), w.TH).refusals
-    assert [(f.code, f.joint) for f in findings] == [(Code.CALIB_MISSING, 1), (Code.HW_DISCONNECTED, 1)]
+    assert arming(w.snapshot(state=RobotState.CONNECTED, **ill), w.TH, first).accepted
+    findings = arming(w.snapshot(state=RobotState.CONNECTED, **ill), w.TH).refusals
+    assert [(f.code, f.joint) for f in findings] == [
+        (ReasonCode.CALIB_MISSING, 1),
+        (ReasonCode.HW_DISCONNECTED, 1),
+    ]
 
 
 def test_arming_no_joint_is_refused() -> None:
     nobody = np.zeros(2, np.bool_)
-    assert codes(arming(w.snapshot(state=State.CONNECTED), w.TH, nobody)) == [Code.NO_JOINTS]
+    assert codes(arming(w.snapshot(state=RobotState.CONNECTED), w.TH, nobody)) == [ReasonCode.NO_JOINTS]
 
 
 @pytest.mark.parametrize(
@@ -166,9 +176,9 @@ def test_latency_warns_then_blocks_and_unknown_blocks(
     verdict = admit(w.snapshot(**{field: value}), BOTH, w.TH)
     assert verdict.accepted is passes
     assert bool(verdict.warnings) is warns
-    assert {f.code for f in verdict.warnings} <= {Code.LATENCY_WARN}
-    assert set(codes(verdict)) <= {Code.LATENCY_BLOCK}
-    assert arming(w.snapshot(state=State.CONNECTED, **{field: value}), w.TH).accepted is passes
+    assert {f.code for f in verdict.warnings} <= {ReasonCode.LATENCY_WARN}
+    assert set(codes(verdict)) <= {ReasonCode.LATENCY_BLOCK}
+    assert arming(w.snapshot(state=RobotState.CONNECTED, **{field: value}), w.TH).accepted is passes
 
 
 # ------------------------------------------------------------------------------- the demand
@@ -179,23 +189,23 @@ def test_latency_warns_then_blocks_and_unknown_blocks(
     [
         (0.0, []),
         (60.0, []),
-        (nextafter(60.0, 61.0), [Code.TOO_DISTANT]),
-        (inf, [Code.TOO_DISTANT]),
-        (-1e-300, [Code.CMD_EXPIRED]),
-        (nan, [Code.CMD_EXPIRED]),
+        (nextafter(60.0, 61.0), [ReasonCode.TOO_DISTANT]),
+        (inf, [ReasonCode.TOO_DISTANT]),
+        (-1e-300, [ReasonCode.CMD_EXPIRED]),
+        (nan, [ReasonCode.CMD_EXPIRED]),
     ],
 )
-def test_a_start_lies_between_now_and_a_minute(start_in: float, expected: list[Code]) -> None:
-    assert judged(demand=Demand(start_in=start_in)) == expected
+def test_a_start_lies_between_now_and_a_minute(start_in: float, expected: list[ReasonCode]) -> None:
+    assert judged(demand=TrajectoryRequest(start_in=start_in)) == expected
 
 
 def test_a_policy_that_nobody_knows_is_refused() -> None:
-    assert judged(demand=Demand(policy="clamp")) == [Code.BAD_SCHEMA]
+    assert judged(demand=TrajectoryRequest(policy="clamp")) == [ReasonCode.BAD_SCHEMA]
 
 
 def test_a_full_queue_is_busy() -> None:
-    assert judged(busy=True) == [Code.BUSY]
-    assert judged(replace(MOVE, time=MOVE.time * np.nan), busy=True)[-1] == Code.BUSY
+    assert judged(busy=True) == [ReasonCode.BUSY]
+    assert judged(replace(MOVE, time=MOVE.time * np.nan), busy=True)[-1] == ReasonCode.BUSY
 
 
 # ------------------------------------------------------------------------------- start and end
@@ -207,15 +217,15 @@ def test_the_first_point_must_be_near_the_reference(sign: float) -> None:
         verdict = w.ask(w.path([0.0], [sign * jump]), w.limits(1), w.at_rest([0.0])).verdict
         assert verdict.accepted is passes
     (finding,) = verdict.refusals
-    assert (finding.code, finding.point, finding.time, finding.bound) == (Code.START_JUMP, 0, 0.0, 0.05)
+    assert (finding.code, finding.point, finding.time, finding.bound) == (ReasonCode.START_JUMP, 0, 0.0, 0.05)
     assert finding.value == nextafter(0.05, 1.0)
 
 
 def test_a_later_first_point_may_be_as_far_as_the_velocity_limit_reaches() -> None:
     far = w.ask(w.path([0.2], [0.9]), w.limits(1), w.at_rest([0.0]))
-    assert Code.START_JUMP in w.codes(far)
+    assert ReasonCode.START_JUMP in w.codes(far)
     near = w.ask(w.path([0.2], [0.8]), w.limits(1), w.at_rest([0.0]))
-    assert Code.START_JUMP not in w.codes(near)
+    assert ReasonCode.START_JUMP not in w.codes(near)
 
 
 @pytest.mark.parametrize("part", ["position", "velocity", "acceleration"])
@@ -223,7 +233,10 @@ def test_a_later_first_point_may_be_as_far_as_the_velocity_limit_reaches() -> No
 def test_an_unknown_reference_refuses_and_the_rest_of_the_path_is_judged(part: str, value: float) -> None:
     before = replace(w.at_rest([0.2, 0.1]), **{part: np.array([0.0, value])})
     verdict = w.ask(w.path([1.0, 50.0], [[0.2, 0.1], [2.01, 0.0]]), w.limits(), before).verdict
-    assert [(f.code, f.joint) for f in verdict.refusals] == [(Code.POS_LIMIT, 0), (Code.START_JUMP, 1)]
+    assert [(f.code, f.joint) for f in verdict.refusals] == [
+        (ReasonCode.POS_LIMIT, 0),
+        (ReasonCode.START_JUMP, 1),
+    ]
     assert "unknown" in verdict.refusals[1].message
 
 
@@ -233,7 +246,12 @@ def test_the_end_is_at_rest_or_refused() -> None:
         verdict = w.ask(path, w.limits(1), w.at_rest([0.0])).verdict
         assert verdict.accepted is passes
     (finding,) = verdict.refusals
-    assert (finding.code, finding.point, finding.time, finding.value) == (Code.END_NOT_AT_REST, 1, 2.0, 0.06)
+    assert (finding.code, finding.point, finding.time, finding.value) == (
+        ReasonCode.END_NOT_AT_REST,
+        1,
+        2.0,
+        0.06,
+    )
 
 
 # ------------------------------------------------------------------------------- the whole
@@ -243,53 +261,56 @@ def test_all_failing_codes_are_returned_in_the_order_of_the_rules() -> None:
     path = w.path([0.0, 0.5, 1.0], [[0.3, 0.0], [2.5, 0.0], [0.0, 0.0]], [[0.0, 0.0], [8.0, 0.0], [5.0, 0.0]])
     over = {
         "lease_held": False,
-        "latched": (Code.ESTOP, Code.SERVO_ALERT),
-        "state": State.CONNECTED,
+        "latched": (ReasonCode.ESTOP, ReasonCode.SERVO_ALERT),
+        "state": RobotState.CONNECTED,
         "calibrated": np.array([False, True]),
         "age": np.array([inf, 0.0]),
         "latency": nan,
         "busy": True,
     }
     snapshot = w.snapshot(2, **over)
-    verdict = check(path, snapshot, w.limits(), Demand(start_in=nan), w.TH).verdict
+    verdict = check(path, snapshot, w.limits(), TrajectoryRequest(start_in=nan), w.TH).verdict
     assert list(dict.fromkeys(codes(verdict))) == [
-        Code.LEASE_MISSING,
-        Code.ESTOP_LATCHED,
-        Code.FAULT_LATCHED,
-        Code.NOT_ARMED,
-        Code.CALIB_MISSING,
-        Code.HW_DISCONNECTED,
-        Code.LATENCY_BLOCK,
-        Code.CMD_EXPIRED,
-        Code.POS_LIMIT,
-        Code.START_JUMP,
-        Code.VEL_LIMIT,
-        Code.ACC_LIMIT,
-        Code.BRAKE_DISTANCE,
-        Code.END_NOT_AT_REST,
-        Code.BUSY,
+        ReasonCode.LEASE_MISSING,
+        ReasonCode.ESTOP_LATCHED,
+        ReasonCode.FAULT_LATCHED,
+        ReasonCode.NOT_ARMED,
+        ReasonCode.CALIB_MISSING,
+        ReasonCode.HW_DISCONNECTED,
+        ReasonCode.LATENCY_BLOCK,
+        ReasonCode.CMD_EXPIRED,
+        ReasonCode.POS_LIMIT,
+        ReasonCode.START_JUMP,
+        ReasonCode.VEL_LIMIT,
+        ReasonCode.ACC_LIMIT,
+        ReasonCode.BRAKE_DISTANCE,
+        ReasonCode.END_NOT_AT_REST,
+        ReasonCode.BUSY,
     ]
 
 
 REACHED = {
-    Code.EMPTY: (Trajectory(np.zeros(0), np.zeros((0, 2)), BOTH), Demand()),
-    Code.NO_JOINTS: (replace(MOVE, commanded=~BOTH), Demand()),
-    Code.BAD_SHAPE: (replace(MOVE, position=np.zeros((2, 3))), Demand()),
-    Code.TOO_MANY_POINTS: (w.path(list(np.arange(2001) * 0.01), np.zeros((2001, 2))), Demand()),
-    Code.NONFINITE: (w.path([1.0], [[0.0, nan]]), Demand()),
-    Code.TIME_ORDER: (w.path([1.0, 1.0], [[0.0, 0.0], [0.0, 0.0]]), Demand()),
+    ReasonCode.EMPTY: (Trajectory(np.zeros(0), np.zeros((0, 2)), BOTH), TrajectoryRequest()),
+    ReasonCode.NO_JOINTS: (replace(MOVE, commanded=~BOTH), TrajectoryRequest()),
+    ReasonCode.BAD_SHAPE: (replace(MOVE, position=np.zeros((2, 3))), TrajectoryRequest()),
+    ReasonCode.TOO_MANY_POINTS: (
+        w.path(list(np.arange(2001) * 0.01), np.zeros((2001, 2))),
+        TrajectoryRequest(),
+    ),
+    ReasonCode.NONFINITE: (w.path([1.0], [[0.0, nan]]), TrajectoryRequest()),
+    ReasonCode.TIME_ORDER: (w.path([1.0, 1.0], [[0.0, 0.0], [0.0, 0.0]]), TrajectoryRequest()),
 }
 
 
 @pytest.mark.parametrize("code", REACHED)
-def test_each_code_of_the_form_is_reached_alone(code: Code) -> None:
+def test_each_code_of_the_form_is_reached_alone(code: ReasonCode) -> None:
     path, demand = REACHED[code]
     assert judged(path, demand) == [code]
 
 
 def test_an_accepted_path_comes_with_the_curve_it_was_judged_by() -> None:
     snapshot = w.snapshot(2, reference=w.at_rest([0.1, 0.0]))
-    result = check(MOVE, snapshot, w.limits(), Demand(), w.TH)
+    result = check(MOVE, snapshot, w.limits(), TrajectoryRequest(), w.TH)
     expected = interpolate(MOVE, snapshot.reference)
     assert result.verdict == Verdict()
     assert result.path is MOVE
@@ -299,24 +320,32 @@ def test_an_accepted_path_comes_with_the_curve_it_was_judged_by() -> None:
 
 def test_a_path_without_form_comes_with_a_curve_that_stays() -> None:
     result = check(
-        REACHED[Code.EMPTY][0], w.snapshot(2, reference=w.at_rest([0.3, 0.4])), w.limits(), Demand(), w.TH
+        REACHED[ReasonCode.EMPTY][0],
+        w.snapshot(2, reference=w.at_rest([0.3, 0.4])),
+        w.limits(),
+        TrajectoryRequest(),
+        w.TH,
     )
     assert result.spline.duration == 0.0
     assert list(result.spline.sample(5.0).position) == [0.3, 0.4]
 
 
 def test_the_check_pauses_between_slices_and_only_there() -> None:
-    def pauses(k: int, rates: int = 0, demand: Demand | None = None, size: float = 0.0) -> int:
+    def pauses(k: int, rates: int = 0, demand: TrajectoryRequest | None = None, size: float = 0.0) -> int:
         zeros = np.zeros((k, 2))
         given = [zeros if rates > i else None for i in range(2)]
         path = w.path(list(np.arange(1, k + 1) * 0.01), zeros + size, *given)
         return len(
-            list(checking(path, w.snapshot(2), w.limits(), demand or Demand(), w.TH, points_per_step=500))
+            list(
+                checking(
+                    path, w.snapshot(2), w.limits(), demand or TrajectoryRequest(), w.TH, points_per_step=500
+                )
+            )
         )
 
     assert [pauses(k) for k in (1, 500, 501, 1000, 1200)] == [0, 0, 1, 1, 2]
     assert [pauses(1200, rates) for rates in (1, 2)] == [2, 2]
-    retime = Demand("retime")
+    retime = TrajectoryRequest("retime")
     assert pauses(100, 0, retime, 0.05) == 0  # judged twice, still within one slice
     assert pauses(400, 0, retime, 0.05) == 1
 
@@ -326,7 +355,9 @@ def test_the_same_question_gets_the_same_answer_and_nothing_is_written_to() -> N
     snapshot, limits = w.snapshot(2), w.limits()
     for array in (path.time, path.position, path.velocity, path.commanded, snapshot.age, limits.upper):
         array.setflags(write=False)
-    answers = [check(path, snapshot, limits, Demand("retime", True), w.TH).verdict for _ in range(2)]
+    answers = [
+        check(path, snapshot, limits, TrajectoryRequest("retime", True), w.TH).verdict for _ in range(2)
+    ]
     assert answers[0] == answers[1]
 
 
@@ -390,7 +421,7 @@ def test_any_numbers_get_a_verdict_and_never_an_exception(
     path: Trajectory, before: Reference, policy: str, stop: bool, start_in: float
 ) -> None:
     snapshot = w.snapshot(2, reference=before, latency=start_in, age=before.position)
-    result = check(path, snapshot, w.limits(), Demand(policy, stop, start_in), w.TH)
+    result = check(path, snapshot, w.limits(), TrajectoryRequest(policy, stop, start_in), w.TH)
     for finding in result.verdict.refusals:
         assert finding.joint is None or 0 <= finding.joint < 2
     if result.verdict.accepted:

@@ -6,18 +6,18 @@ import gate_world as w
 import numpy as np
 import pytest
 
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Reference
 from twind.safety import rules
 from twind.safety.bounds import elevate, evaluate, exceeds, summit
-from twind.safety.gate import Demand, Judged, checking
+from twind.safety.gate import GateResult, TrajectoryRequest, checking
 
 
-def warned(judged: Judged) -> list[Finding]:
-    return [finding for finding in judged.verdict.warnings if finding.code is Code.JERK_LIMIT]
+def warned(judged: GateResult) -> list[Finding]:
+    return [finding for finding in judged.verdict.warnings if finding.code is ReasonCode.JERK_LIMIT]
 
 
-def of(code: Code, judged: Judged) -> list[Finding]:
+def of(code: ReasonCode, judged: GateResult) -> list[Finding]:
     return [finding for finding in judged.verdict.refusals if finding.code is code]
 
 
@@ -57,7 +57,7 @@ def test_the_jerk_of_lines_is_what_the_corners_change_by_over_the_line_between()
 
 def test_what_is_wrong_at_the_reference_itself_is_told_of_the_first_point() -> None:
     moving = Reference(np.array([0.0]), np.array([4.5]), np.zeros(1))
-    [told] = of(Code.VEL_LIMIT, w.ask(w.path([1.0], [0.0], [0.0]), w.limits(1), moving))
+    [told] = of(ReasonCode.VEL_LIMIT, w.ask(w.path([1.0], [0.0], [0.0]), w.limits(1), moving))
     assert (told.point, told.time, told.value) == (0, 0.0, 4.5)
 
 
@@ -74,14 +74,16 @@ def test_a_place_that_is_only_held_needs_no_acceleration() -> None:
 @pytest.mark.parametrize(("high", "low", "told"), [(2.3, -0.7, 2.3), (2.1, -0.7, -0.7)])
 def test_the_side_that_is_left_by_more_radians_is_told(high: float, low: float, told: float) -> None:
     limit = w.limits(1, lower=-0.5, upper=2.0, hard_lower=-3.0, hard_upper=3.0)
-    [finding] = of(Code.POS_LIMIT, w.ask(w.path([2.0, 6.0, 8.0], [high, low, 0.0]), limit, w.at_rest([0.0])))
+    [finding] = of(
+        ReasonCode.POS_LIMIT, w.ask(w.path([2.0, 6.0, 8.0], [high, low, 0.0]), limit, w.at_rest([0.0]))
+    )
     assert (finding.value, finding.bound) == (told, 2.0 if told > 0.0 else -0.5)
 
 
 def test_a_smooth_path_that_begins_at_once_is_held_to_the_step_at_its_start() -> None:
     moving = Reference(np.array([0.0]), np.array([0.5]), np.zeros(1))
     still = w.path([0.0, 0.1], [0.0, 0.0], [0.0, 0.0])
-    [told] = of(Code.ACC_LIMIT, w.ask(still, w.limits(1, acceleration=5.0), moving))
+    [told] = of(ReasonCode.ACC_LIMIT, w.ask(still, w.limits(1, acceleration=5.0), moving))
     assert (told.point, told.time, told.bound) == (0, 0.0, 5.0)
     assert told.value == pytest.approx(10.0)  # 0.5 rad/s over half of 0.1 s
     goes_on = w.path([0.0, 1.0], [0.0, 0.25], [0.5, 0.0])
@@ -91,20 +93,20 @@ def test_a_smooth_path_that_begins_at_once_is_held_to_the_step_at_its_start() ->
 def test_the_joint_that_is_pressed_hardest_for_its_strength_is_told_first() -> None:
     limit = w.limits(acceleration=np.array([20.0, 2.0]))
     path = w.path([0.1, 5.0], [[0.15, 0.03], [0.15, 0.03]])  # corners of 30 and 6 rad/s²
-    found = of(Code.ACC_LIMIT, w.ask(path, limit, w.at_rest([0.0, 0.0])))
+    found = of(ReasonCode.ACC_LIMIT, w.ask(path, limit, w.at_rest([0.0, 0.0])))
     assert [finding.joint for finding in found] == [1, 0]
 
 
 def test_of_two_places_equally_far_out_the_upper_is_told() -> None:
     path = w.path([2.0, 4.0, 6.0], [-2.25, 2.25, 0.0])
-    [told] = of(Code.POS_LIMIT, w.ask(path, w.limits(1), w.at_rest([0.0])))
+    [told] = of(ReasonCode.POS_LIMIT, w.ask(path, w.limits(1), w.at_rest([0.0])))
     assert told.value == 2.25
 
 
 def test_limits_may_lie_on_one_side_of_zero() -> None:
     for lower, upper, end in ((0.5, 2.0, 0.25), (-2.0, -0.5, -0.25)):
         judged = w.ask(w.path([4.0], [end]), w.limits(1, lower=lower, upper=upper), w.at_rest([4.0 * end]))
-        [told] = of(Code.POS_LIMIT, judged)
+        [told] = of(ReasonCode.POS_LIMIT, judged)
         assert told.value == end
 
 
@@ -112,15 +114,15 @@ def test_limits_may_lie_on_one_side_of_zero() -> None:
 def test_who_brakes_softly_needs_more_room(strongest: float) -> None:
     path = w.path([5.0], [1.9])  # 0.3 rad/s: 1.25 rad or 0.21 to stop in, of which 0.15 are left
     judged = w.ask(path, w.limits(1, acceleration=strongest), w.at_rest([0.4]))
-    assert Code.BRAKE_DISTANCE in w.codes(judged)
+    assert ReasonCode.BRAKE_DISTANCE in w.codes(judged)
 
 
 def test_room_to_stop_is_looked_for_on_either_side_of_zero() -> None:
     path = w.path([13.0 / 3.0], [0.6])  # down at 0.3 rad/s: 0.21 rad to stop in, of which 0.15 are left
     limit = w.limits(1, lower=0.5, acceleration=0.6)
-    assert Code.BRAKE_DISTANCE in w.codes(w.ask(path, limit, w.at_rest([1.9])))
+    assert ReasonCode.BRAKE_DISTANCE in w.codes(w.ask(path, limit, w.at_rest([1.9])))
     up, limit = w.path([13.0 / 3.0], [-0.6]), w.limits(1, upper=-0.5, acceleration=0.6)
-    assert Code.BRAKE_DISTANCE in w.codes(w.ask(up, limit, w.at_rest([-1.9])))
+    assert ReasonCode.BRAKE_DISTANCE in w.codes(w.ask(up, limit, w.at_rest([-1.9])))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -138,7 +140,7 @@ def test_a_place_that_is_left_by_little_is_seen_behind_many_that_only_seem_to_be
     """Nine humps reach 1.9975 and their hulls 2.03: more than are looked at first."""
     speed = [0.39 * (-1.0) ** i for i in range(18)]
     path = w.path(list(np.arange(1.0, 21.0)), [1.9] * 18 + [2.001, 1.9], [*speed, 0.0, 0.0])
-    [told] = of(Code.POS_LIMIT, w.ask(path, w.limits(1), w.at_rest([1.9])))
+    [told] = of(ReasonCode.POS_LIMIT, w.ask(path, w.limits(1), w.at_rest([1.9])))
     assert (told.point, told.value) == (18, 2.001)
 
 
@@ -187,13 +189,13 @@ def test_lines_that_begin_at_once_are_judged_at_their_corners_alone() -> None:
 def test_after_a_pause_a_slice_is_as_long_as_before(step: int, pauses: int) -> None:
     path = w.path(list(np.arange(1, 11) * 0.01), [1.99] * 10)
     snapshot = w.snapshot(1, reference=w.at_rest([2.01]))
-    work = checking(path, snapshot, w.limits(1), Demand("retime"), w.TH, points_per_step=step)
+    work = checking(path, snapshot, w.limits(1), TrajectoryRequest("retime"), w.TH, points_per_step=step)
     assert len(list(work)) == pauses  # one segment and nine, and the same again, slower
 
 
 @pytest.mark.parametrize(("time", "before"), [(0.0, 2.02), (1.0, 2.02)])
 def test_a_single_point_out_of_place_is_the_first(time: float, before: float) -> None:
-    [told] = of(Code.POS_LIMIT, w.ask(w.path([time], [2.01]), w.limits(1), w.at_rest([before])))
+    [told] = of(ReasonCode.POS_LIMIT, w.ask(w.path([time], [2.01]), w.limits(1), w.at_rest([before])))
     assert (told.point, told.time, told.value, told.bound) == (0, time, 2.01, 2.0)
 
 

@@ -7,24 +7,26 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code
-from twind.robot.limits import Limits
+from twind.robot.finding import ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.form import Row, form
-from twind.safety.gate import Demand, Judged, check
+from twind.safety.form import PointRow, form
+from twind.safety.gate import GateResult, TrajectoryRequest, check
 
 SHARES = st.lists(st.sampled_from((1.0, 1.0, 0.95, 0.7, 0.3)), min_size=2, max_size=2).map(np.array)
 FACTORS = st.floats(1.001, 50.0)
 POLICIES = st.sampled_from(("reject", "retime"))
 
 
-def judge(path: Trajectory, limits: Limits, before: Reference, demand: Demand | None = None) -> Judged:
+def judge(
+    path: Trajectory, limits: JointLimits, before: Reference, demand: TrajectoryRequest | None = None
+) -> GateResult:
     snapshot = w.snapshot(len(limits.lower), reference=before)
-    return check(path, snapshot, limits, demand or Demand(), w.TH)
+    return check(path, snapshot, limits, demand or TrajectoryRequest(), w.TH)
 
 
 @st.composite
-def tightened(draw: st.DrawFn, limits: Limits) -> Limits:
+def tightened(draw: st.DrawFn, limits: JointLimits) -> JointLimits:
     """Every bound as it is, or stricter."""
     lower, upper = limits.lower * draw(SHARES), limits.upper * draw(SHARES)
     return replace(
@@ -59,23 +61,23 @@ def test_stretching_never_creates_a_velocity_refusal(
 ) -> None:
     """G4. From rest, and from a reference that moves evenly and within its limit."""
     before = w.at_rest(path.position[0]) if near else before
-    fast = Code.VEL_LIMIT in w.codes(judge(path, w.limits(), before))
+    fast = ReasonCode.VEL_LIMIT in w.codes(judge(path, w.limits(), before))
     slower = w.codes(judge(path.stretched(factor), w.limits(), before))
-    assert fast or Code.VEL_LIMIT not in slower
+    assert fast or ReasonCode.VEL_LIMIT not in slower
 
 
-def swapped(path: Trajectory, limits: Limits, before: Reference, order: np.ndarray) -> tuple:
+def swapped(path: Trajectory, limits: JointLimits, before: Reference, order: np.ndarray) -> tuple:
     """The same of a robot whose joints come in another order."""
     rows = [None if given is None else given[:, order] for given in (path.velocity, path.acceleration)]
     names = ("lower", "upper", "hard_lower", "hard_upper", "velocity", "acceleration", "effort")
     return (
         Trajectory(path.time, path.position[:, order], path.commanded[order], *rows),
-        Limits(**{name: getattr(limits, name)[order] for name in names}),
+        JointLimits(**{name: getattr(limits, name)[order] for name in names}),
         Reference(before.position[order], before.velocity[order], before.acceleration[order]),
     )
 
 
-def said(judged: Judged, order: np.ndarray) -> list[set[tuple]]:
+def said(judged: GateResult, order: np.ndarray) -> list[set[tuple]]:
     """Refusals, warnings and changes, joints by their place in the first order."""
     verdict = judged.verdict
     return [
@@ -98,7 +100,7 @@ def test_the_order_of_the_joints_has_no_effect(
     path = replace(path, commanded=commanded)
     before = w.at_rest(path.position[0] * 0.9)
     limits = w.limits(3, velocity=np.array([4.0, 2.0, 1.0]), acceleration=np.array([20.0, 10.0, 50.0]))
-    demand = Demand(policy, stop)
+    demand = TrajectoryRequest(policy, stop)
     straight = judge(path, limits, before, demand)
     other_path, other_limits, other_before = swapped(path, limits, before, order)
     turned = judge(other_path, other_limits, other_before, demand)
@@ -118,8 +120,8 @@ def test_the_order_of_the_names_in_a_message_has_no_effect(
     names = [known[i] for i in order][:count]
     value = {"a": 0.1, "b": 0.2, "c": float("nan") if broken else 0.3}
 
-    def rows(named: list[str]) -> list[Row]:
-        return [Row(t, [value[name] * t for name in named], None, None) for t in (1.0, 2.0)]
+    def rows(named: list[str]) -> list[PointRow]:
+        return [PointRow(t, [value[name] * t for name in named], None, None) for t in (1.0, 2.0)]
 
     path, findings = form(names, rows(names), known)
     sorted_path, sorted_findings = form(sorted(names), rows(sorted(names)), known)

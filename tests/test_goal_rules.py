@@ -8,9 +8,9 @@ import pytest
 from gate_world import at_rest
 from guard_world import FINE, LIMITS, PERIOD, STEP, TINY, N, facts, joints, judge, reading
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
-from twind.safety.guard import Guard, Reaction, Traffic
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.guard import BusTraffic, Guard, Reaction
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -25,14 +25,18 @@ def test_r21_a_goal_steps_no_further_than_the_velocity_limit(side: float, step: 
         else:
             assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
             (finding,) = judgement.findings
-            assert (finding.code, finding.joint, finding.value) == (Code.STEP_LIMIT, 1, pytest.approx(step))
+            assert (finding.code, finding.joint, finding.value) == (
+                ReasonCode.STEP_LIMIT,
+                1,
+                pytest.approx(step),
+            )
             assert finding.bound == pytest.approx(STEP)
 
 
 @pytest.mark.parametrize(("full", "cause"), [(0, "a bug of ours"), (1, "the port was full")])
 def test_r21_a_goal_that_the_port_had_no_room_for_is_no_bug(full: int, cause: str) -> None:
     guard = Guard(LIMITS, buses=("left", "right"))
-    traffic = (Traffic(), Traffic(full=full))
+    traffic = (BusTraffic(), BusTraffic(full=full))
     judgement = guard.judge(facts(goal=at_rest([0.0, 2 * STEP, 0.0]), traffic=traffic))
     assert judgement.goal_refused
     assert cause in judgement.findings[0].message
@@ -70,12 +74,14 @@ def test_a_goal_that_is_no_number_is_refused_in_every_mode(bad: float) -> None:
     for mode, previous in product(Mode, [np.zeros(N), None]):
         judgement = judge(mode=mode, goal=at_rest([0.0, 0.0, bad]), previous=previous)
         assert (judgement.reaction, judgement.goal_refused) == (Reaction.HOLD, True)
-        assert [(finding.code, finding.joint) for finding in judgement.findings] == [(Code.NONFINITE, 2)]
+        assert [(finding.code, finding.joint) for finding in judgement.findings] == [
+            (ReasonCode.NONFINITE, 2)
+        ]
 
 
-@pytest.mark.parametrize("state", State)
-def test_w5_where_nothing_may_be_written_a_goal_inhibits(state: State) -> None:
-    closed = (State.IDENTIFYING, State.CONNECTED, State.CALIBRATING, State.INHIBITED)
+@pytest.mark.parametrize("state", RobotState)
+def test_w5_where_nothing_may_be_written_a_goal_inhibits(state: RobotState) -> None:
+    closed = (RobotState.IDENTIFYING, RobotState.CONNECTED, RobotState.CALIBRATING, RobotState.INHIBITED)
     judgement = judge(state=state, motion=Motion.IDLE)
     assert (judgement.reaction is Reaction.INHIBIT) is (state in closed)
     assert judgement.goal_refused is (state in closed)
@@ -96,9 +102,9 @@ def test_r14_all_past_their_limits_are_all_told(side: float) -> None:
     there = np.full(N, side * 2.1)
     judgement = judge(measured=reading(list(there)), previous=there, goal=at_rest(list(there)))
     found = [(finding.code, finding.joint) for finding in judgement.findings]
-    assert found == [(Code.OUT_OF_LIMIT, joint) for joint in range(N)]
+    assert found == [(ReasonCode.OUT_OF_LIMIT, joint) for joint in range(N)]
 
 
 def test_r05_one_that_is_late_says_nothing_of_one_that_is_just_in_time() -> None:
     judgement = judge(measured=reading(age=[0.05, 0.03, 0.0], time=10.0), now=10.0)
-    assert [(finding.code, finding.joint) for finding in judgement.findings] == [(Code.STATE_STALE, 0)]
+    assert [(finding.code, finding.joint) for finding in judgement.findings] == [(ReasonCode.STATE_STALE, 0)]

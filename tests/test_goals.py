@@ -6,8 +6,8 @@ from gate_world import at_rest, limits, path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.motion.goals import STOPPED, Tolerances, led_in, without_past
-from twind.robot.finding import Code, Finding
+from twind.motion.goals import STOPPED, GoalTolerances, led_in, without_past
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.splines import interpolate
 from twind.robot.trajectory import Reference, Trajectory
 
@@ -18,32 +18,32 @@ PERIOD = 0.01
 
 
 def test_zero_and_nothing_keep_the_default_and_minus_one_erases_it() -> None:
-    given_ = Tolerances.of(4, [(0, 0.1, 0.2), (1, 0.0, -1.0), (2, None, None)])
+    given_ = GoalTolerances.of(4, [(0, 0.1, 0.2), (1, 0.0, -1.0), (2, None, None)])
     assert given_.path.tolist() == [0.1, inf, inf, inf]
     assert given_.goal.tolist() == [0.2, inf, inf, inf]
 
 
 def test_a_default_for_the_end_is_kept_replaced_or_erased_by_each_joint() -> None:
-    given_ = Tolerances.of(5, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None), (3, -1.0, 0.0)], 0.2)
+    given_ = GoalTolerances.of(5, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None), (3, -1.0, 0.0)], 0.2)
     assert given_.path.tolist() == [0.1, inf, 0.1, inf, inf]
     assert given_.goal.tolist() == [0.3, inf, 0.2, 0.2, 0.2]
 
 
 def test_only_a_joint_with_a_goal_tolerance_of_its_own_must_stop() -> None:
-    given_ = Tolerances.of(4, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None)], 0.2)
+    given_ = GoalTolerances.of(4, [(0, 0.1, 0.3), (1, 0.0, -1.0), (2, 0.1, None)], 0.2)
     assert given_.speed.tolist() == [STOPPED, inf, inf, inf]
 
 
 @pytest.mark.parametrize("value", [nan, -0.5, -2.0, -inf])
 def test_a_tolerance_that_means_nothing_is_an_error(value: float) -> None:
     with pytest.raises(ValueError, match="of joint 1"):
-        Tolerances.of(2, [(1, value, None)])
+        GoalTolerances.of(2, [(1, value, None)])
 
 
 @pytest.mark.parametrize("joint", [-1, 2])
 def test_a_tolerance_of_no_joint_is_an_error(joint: int) -> None:
     with pytest.raises(ValueError, match=r"joints 0\.\.1"):
-        Tolerances.of(2, [(joint, 0.1, None)])
+        GoalTolerances.of(2, [(joint, 0.1, None)])
 
 
 # ------------------------------------------------------------------------------------------ past starts
@@ -82,7 +82,7 @@ def test_positions_alone_lose_their_past_too() -> None:
 def test_when_every_waypoint_is_past_it_is_refused(start_in: float) -> None:
     found = without_past(three(), start_in)
     assert isinstance(found, Finding)
-    assert found.code is Code.CMD_EXPIRED
+    assert found.code is ReasonCode.CMD_EXPIRED
 
 
 # --------------------------------------------------------------------------------------------- lead-in

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
-from twind.safety.guard import MOVING, REACTING, UNWRITABLE, Guard, Judgement, Reaction
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.guard import MOVING, REACTING, UNWRITABLE, Guard, GuardDecision, Reaction
 
 # --------------------------------------------------------------------------------------------- all well
 
@@ -23,25 +23,27 @@ def test_when_all_is_well_nothing_is_said() -> None:
     assert judge() == FINE
 
 
-@pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, State, Motion)))
+@pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, RobotState, Motion)))
 def test_a_hold_at_the_last_goal_is_refused_only_where_nothing_may_be_written(
-    mode: Mode, state: State, motion: Motion
+    mode: Mode, state: RobotState, motion: Motion
 ) -> None:
     judgement = judge(mode=mode, state=state, motion=motion, setpoint_age=0.0)
     if mode is Mode.LIVE and state in UNWRITABLE:
         assert (judgement.reaction, judgement.goal_refused) == (Reaction.INHIBIT, True)
-        assert codes(judgement) == [Code.INTERNAL]
+        assert codes(judgement) == [ReasonCode.INTERNAL]
         assert state.value in judgement.findings[0].message
-    elif motion is Motion.STREAMING and state in (State.FAULT, State.ESTOP):
+    elif motion is Motion.STREAMING and state in (RobotState.FAULT, RobotState.ESTOP):
         assert judgement.reaction is Reaction.HOLD
-        assert codes(judgement) == [Code.ESTOP if state is State.ESTOP else Code.FAULT_LATCHED]
+        assert codes(judgement) == [
+            ReasonCode.ESTOP if state is RobotState.ESTOP else ReasonCode.FAULT_LATCHED
+        ]
         assert not judgement.goal_refused
     else:
         assert judgement == FINE
 
 
 def test_nothing_to_write_is_always_fine() -> None:
-    for mode, state in product(Mode, State):
+    for mode, state in product(Mode, RobotState):
         assert judge(mode=mode, state=state, motion=Motion.IDLE, goal=None, previous=None) == FINE
 
 
@@ -60,7 +62,7 @@ def test_reactions_are_ordered_by_severity() -> None:
 def test_r02_a_tick_later_than_two_milliseconds_is_told(lateness: float, told: bool) -> None:
     judgement = judge(lateness=lateness)
     assert judgement.reaction is Reaction.NONE
-    assert codes(judgement) == ([Code.LOOP_LATE] if told else [])
+    assert codes(judgement) == ([ReasonCode.LOOP_LATE] if told else [])
 
 
 @pytest.mark.parametrize(
@@ -82,7 +84,7 @@ def test_r02_at_a_high_rate_a_hiccup_of_a_few_ticks_holds_nobody(
 ) -> None:
     found = judge(missed_in_a_row=missed, period=1.0 / rate, goal=None)
     assert found.reaction is reaction
-    assert codes(found) == [Code.LOOP_LATE]
+    assert codes(found) == [ReasonCode.LOOP_LATE]
     if reaction:
         assert found.findings[0].bound == pytest.approx(max(5.0, 0.05 * rate) if rate > 0.0 else 5.0)
 
@@ -109,16 +111,16 @@ def test_r02_two_missed_ticks_are_told_and_five_hold(
 # ------------------------------------------------------------------------------------------ R03 and R04
 
 
-@pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, State, Motion)))
+@pytest.mark.parametrize(("mode", "state", "motion"), list(product(Mode, RobotState, Motion)))
 def test_r03_without_a_lease_whatever_moves_holds_but_a_way_to_rest(
-    mode: Mode, state: State, motion: Motion
+    mode: Mode, state: RobotState, motion: Motion
 ) -> None:
     judgement = judge(mode=mode, state=state, motion=motion, lease_ok=False, setpoint_age=0.0)
     lost = motion in MOVING and state not in REACTING
     if mode is Mode.LIVE and state in UNWRITABLE:
         assert judgement.reaction is Reaction.INHIBIT
     else:
-        assert (Code.LEASE_LOST in codes(judgement)) is lost
+        assert (ReasonCode.LEASE_LOST in codes(judgement)) is lost
         assert judgement.reaction >= Reaction.HOLD or not lost
         assert not judgement.latches
 
@@ -129,7 +131,7 @@ def test_r03_without_a_lease_whatever_moves_holds_but_a_way_to_rest(
 def test_r04_a_setpoint_older_than_a_tenth_of_a_second_holds(age: float | None, holds: bool) -> None:
     judgement = judge(motion=Motion.STREAMING, setpoint_age=age)
     assert judgement.reaction is (Reaction.HOLD if holds else Reaction.NONE)
-    assert codes(judgement) == ([Code.STREAM_STALE] if holds else [])
+    assert codes(judgement) == ([ReasonCode.STREAM_STALE] if holds else [])
 
 
 # ------------------------------------------------------------------------------------------------- R05
@@ -159,7 +161,7 @@ def test_r05_a_silent_joint_is_told_then_held_then_a_fault(
     judgement = judge(**over)
     assert (judgement.reaction, judgement.latches) == (reaction, latches)
     found = [(finding.code, finding.joint, finding.bound) for finding in judgement.findings]
-    assert found == ([] if bound is None else [(Code.STATE_STALE, 1, bound)])
+    assert found == ([] if bound is None else [(ReasonCode.STATE_STALE, 1, bound)])
     for other in ({"mode": Mode.MIRROR}, {"torque_expected": False}):
         elsewhere = judge(**over, **other)
         assert (elsewhere.reaction, elsewhere.latches) == (Reaction.NONE, False)
@@ -168,12 +170,12 @@ def test_r05_a_silent_joint_is_told_then_held_then_a_fault(
 
 def test_r05_no_reading_at_all_holds_what_we_hold() -> None:
     judgement = judge(measured=None)
-    assert (judgement.reaction, codes(judgement)) == (Reaction.HOLD, [Code.STATE_STALE])
-    assert judge(measured=None, mode=Mode.SIM, state=State.DISCONNECTED, torque_expected=False) == FINE
+    assert (judgement.reaction, codes(judgement)) == (Reaction.HOLD, [ReasonCode.STATE_STALE])
+    assert judge(measured=None, mode=Mode.SIM, state=RobotState.DISCONNECTED, torque_expected=False) == FINE
 
 
 @pytest.mark.parametrize("state", REACTING)
-def test_a_way_to_rest_is_not_cut_short_by_a_hold(state: State) -> None:
+def test_a_way_to_rest_is_not_cut_short_by_a_hold(state: RobotState) -> None:
     for over in (
         {"measured": reading(age=[0.2, 0.0, 0.0])},
         {"missed_in_a_row": 9},
@@ -185,8 +187,8 @@ def test_a_way_to_rest_is_not_cut_short_by_a_hold(state: State) -> None:
         assert judge(state=state, **over).reaction is Reaction.NONE
 
 
-@pytest.mark.parametrize("state", [State.ARMED, State.SETTLING, State.FAULT, State.ESTOP])
-def test_a_joint_that_stays_silent_settles_whatever_was_under_way(state: State) -> None:
+@pytest.mark.parametrize("state", [RobotState.ARMED, RobotState.SETTLING, RobotState.FAULT, RobotState.ESTOP])
+def test_a_joint_that_stays_silent_settles_whatever_was_under_way(state: RobotState) -> None:
     assert judge(state=state, measured=reading(age=[0.6, 0.0, 0.0])).reaction is Reaction.SETTLE
 
 
@@ -196,7 +198,7 @@ def test_a_joint_that_stays_silent_settles_whatever_was_under_way(state: State) 
 def test_r07_dropped_bytes_are_told_and_nothing_more() -> None:
     judgement = judge(discarded=7)
     assert (judgement.reaction, judgement.latches) == (Reaction.NONE, False)
-    assert [(finding.code, finding.value) for finding in judgement.findings] == [(Code.RX_SHAPE, 7.0)]
+    assert [(finding.code, finding.value) for finding in judgement.findings] == [(ReasonCode.RX_SHAPE, 7.0)]
 
 
 @pytest.mark.parametrize(("value", "trips"), [(255, True), (254, False), (5, False), (-1, False)])
@@ -206,7 +208,7 @@ def test_r12_a_tripped_watchdog_holds_and_is_latched(value: int, trips: bool) ->
     if trips:
         assert (judgement.reaction, judgement.latches) == (Reaction.HOLD, True)
         assert [(finding.code, finding.joint) for finding in judgement.findings] == [
-            (Code.WATCHDOG_TRIPPED, 2)
+            (ReasonCode.WATCHDOG_TRIPPED, 2)
         ]
     else:
         assert judgement == FINE
@@ -217,7 +219,7 @@ def test_r12_a_tripped_watchdog_holds_and_is_latched(value: int, trips: bool) ->
 # ------------------------------------------------------------------------------------------------- R10
 
 
-def refreshes(readings: list[tuple[float, int]], **over: object) -> list[Judgement]:
+def refreshes(readings: list[tuple[float, int]], **over: object) -> list[GuardDecision]:
     """Judgements of ticks in which joint 1's torque was last read at that time, as that."""
     guard = Guard(LIMITS)
     result = []
@@ -235,7 +237,7 @@ def test_r10_torque_that_reads_back_other_twice_in_a_row_is_a_fault(value: int) 
     assert (second.reaction, second.latches) == (limp, True)
     (finding,) = second.findings
     assert (finding.code, finding.joint, finding.value, finding.bound) == (
-        Code.TORQUE_MISMATCH,
+        ReasonCode.TORQUE_MISMATCH,
         1,
         float(value),
         1.0,
@@ -257,7 +259,7 @@ def test_r10_each_joint_is_counted_by_its_own_refreshes() -> None:
 def test_r10_what_a_procedure_changes_is_not_judged_and_begins_anew() -> None:
     guard = Guard(LIMITS)
 
-    def read(time: float, settled: bool = True) -> Judgement:
+    def read(time: float, settled: bool = True) -> GuardDecision:
         off, when = np.zeros(N, np.int8), np.full(N, time)
         return guard.judge(facts(now=time, torque=off, status_time=when, torque_settled=settled))
 
@@ -277,7 +279,7 @@ def test_r10_while_settling_it_is_latched_without_a_hold() -> None:
     guard = Guard(LIMITS, support="gantry")
     off = np.array([1, 0, 1], np.int8)
     for time in (1.0, 1.1):
-        last = guard.judge(facts(torque=off, status_time=np.full(N, time), state=State.SETTLING))
+        last = guard.judge(facts(torque=off, status_time=np.full(N, time), state=RobotState.SETTLING))
     assert (last.reaction, last.latches) == (Reaction.NONE, True)
 
 
@@ -298,12 +300,12 @@ def test_r14_a_joint_past_its_hard_limit_is_a_fault(side: float, place: float, f
     assert (judgement.latches, judgement.reaction) == (fault, Reaction.HOLD if fault else Reaction.NONE)
     if fault:
         (finding,) = judgement.findings
-        assert (finding.code, finding.joint, finding.value) == (Code.OUT_OF_LIMIT, 2, side * place)
+        assert (finding.code, finding.joint, finding.value) == (ReasonCode.OUT_OF_LIMIT, 2, side * place)
         assert finding.bound == pytest.approx(side * HARD)
     for other in ({"mode": Mode.MIRROR}, {"torque_expected": False}):
         elsewhere = judge(**given, **other)
         assert (elsewhere.latches, elsewhere.reaction) == (False, Reaction.NONE)
-        assert codes(elsewhere) == ([Code.OUT_OF_LIMIT] if fault else [])
+        assert codes(elsewhere) == ([ReasonCode.OUT_OF_LIMIT] if fault else [])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -333,7 +335,7 @@ def test_r14_past_its_limit_a_joint_may_only_be_moved_inwards(
     if outward and motion in MOVING:
         assert (judgement.reaction, judgement.goal_refused, judgement.latches) == (Reaction.HOLD, True, False)
         (finding,) = judgement.findings
-        assert (finding.code, finding.joint, finding.bound) == (Code.OUT_OF_LIMIT, 0, side * 2.0)
+        assert (finding.code, finding.joint, finding.bound) == (ReasonCode.OUT_OF_LIMIT, 0, side * 2.0)
     else:  # above all: a stop that still rolls outwards is never refused
         assert judgement == FINE
 
@@ -356,7 +358,7 @@ rows = st.lists(numbers, min_size=N, max_size=N).map(np.array)
     age=rows,
     now=st.sampled_from([10.0, 10.02, 9.0, nan]),
     mode=st.sampled_from(Mode),
-    state=st.sampled_from(State),
+    state=st.sampled_from(RobotState),
     motion=st.sampled_from(Motion),
     lease_ok=st.booleans(),
     lateness=numbers,
@@ -369,7 +371,7 @@ def test_a_goal_that_leaves_is_finite_and_within_a_step_whatever_else_is_true(
     age: Floats,
     now: float,
     mode: Mode,
-    state: State,
+    state: RobotState,
     motion: Motion,
     lease_ok: bool,
     lateness: float,

@@ -8,15 +8,15 @@ import pytest
 from gate_world import at_rest
 from guard_world import FINE, LIMITS, PERIOD, STEP, N, codes, facts, joints, judge, reading
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, State
-from twind.safety.facts import Outlook
-from twind.safety.guard import Guard, Judgement, Reaction, Thresholds
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, RobotState
+from twind.safety.facts import ClearanceAhead
+from twind.safety.guard import Guard, GuardDecision, GuardThresholds, Reaction
 
 # --------------------------------------------------------------------------------------- what is told
 
 
-def ticks(guard: Guard, count: int, start: float = 10.0, **over: object) -> list[Judgement]:
+def ticks(guard: Guard, count: int, start: float = 10.0, **over: object) -> list[GuardDecision]:
     return [
         guard.judge(facts(now=start + tick * PERIOD, measured=reading(time=start + tick * PERIOD), **over))
         for tick in range(count)
@@ -77,7 +77,7 @@ def test_a_reaction_names_its_causes_though_they_were_told_before() -> None:
 
 def test_what_latches_is_told_once_of_a_robot_that_is_inhibited() -> None:
     tripped = np.array([255, 5, 5], np.int16)
-    judgements = ticks(Guard(LIMITS), 50, state=State.INHIBITED, goal=None, watchdog=tripped)
+    judgements = ticks(Guard(LIMITS), 50, state=RobotState.INHIBITED, goal=None, watchdog=tripped)
     assert [len(judgement.findings) for judgement in judgements] == [1] + [0] * 49
 
 
@@ -106,20 +106,20 @@ def test_what_must_be_latched_comes_alone_and_again_until_it_is_latched() -> Non
     watchdog = np.array([255, 5, 5], np.int16)
     for _ in range(3):
         judgement = guard.judge(facts(watchdog=watchdog, lateness=0.01, discarded=1))
-        assert (judgement.latches, codes(judgement)) == (True, [Code.WATCHDOG_TRIPPED])
-    latched = guard.judge(facts(watchdog=watchdog, lateness=0.01, discarded=1, state=State.FAULT))
-    assert (latched.latches, codes(latched)) == (False, [Code.LOOP_LATE, Code.RX_SHAPE])
+        assert (judgement.latches, codes(judgement)) == (True, [ReasonCode.WATCHDOG_TRIPPED])
+    latched = guard.judge(facts(watchdog=watchdog, lateness=0.01, discarded=1, state=RobotState.FAULT))
+    assert (latched.latches, codes(latched)) == (False, [ReasonCode.LOOP_LATE, ReasonCode.RX_SHAPE])
 
 
-@pytest.mark.parametrize("state", [State.FAULT, State.ESTOP])
-def test_a_second_fault_is_latched_beside_the_first(state: State) -> None:
+@pytest.mark.parametrize("state", [RobotState.FAULT, RobotState.ESTOP])
+def test_a_second_fault_is_latched_beside_the_first(state: RobotState) -> None:
     guard = Guard(LIMITS)
     watchdog = np.array([255, 5, 5], np.int16)
     there = {"watchdog": watchdog, "previous": joints(0.0, 2.1, 0.0), "goal": at_rest([0.0, 2.1, 0.0])}
     guard.judge(facts(**there, measured=reading([0.0, 2.05, 0.0])))
     both = {**there, "measured": reading([0.0, 2.1, 0.0]), "state": state}
     first, second = guard.judge(facts(**both)), guard.judge(facts(**both))
-    assert (first.latches, codes(first)) == (True, [Code.OUT_OF_LIMIT])
+    assert (first.latches, codes(first)) == (True, [ReasonCode.OUT_OF_LIMIT])
     assert (second.latches, second.findings) == (False, ())
 
 
@@ -129,32 +129,36 @@ def test_the_hardest_reaction_counts_and_names_its_cause() -> None:
     )
     assert judgement.reaction is Reaction.SETTLE
     found = {(finding.code, finding.joint) for finding in judgement.findings}
-    assert found == {(Code.STATE_STALE, 1), (Code.WATCHDOG_TRIPPED, 0)}
-    assert [(finding.code, finding.joint) for finding in judgement.causes] == [(Code.STATE_STALE, 1)]
+    assert found == {(ReasonCode.STATE_STALE, 1), (ReasonCode.WATCHDOG_TRIPPED, 0)}
+    assert [(finding.code, finding.joint) for finding in judgement.causes] == [(ReasonCode.STATE_STALE, 1)]
     inhibited = Guard(LIMITS)
     for _ in range(3):
-        judgement = inhibited.judge(facts(state=State.CONNECTED, torque_expected=False, lease_ok=False))
-        assert (judgement.reaction, codes(judgement)) == (Reaction.INHIBIT, [Code.INTERNAL])
+        judgement = inhibited.judge(facts(state=RobotState.CONNECTED, torque_expected=False, lease_ok=False))
+        assert (judgement.reaction, codes(judgement)) == (Reaction.INHIBIT, [ReasonCode.INTERNAL])
 
 
 def test_the_slowest_pace_counts() -> None:
-    near = Outlook(0.006, 0.1, ("a", "b"), 0.002, 0.010)
+    near = ClearanceAhead(0.006, 0.1, ("a", "b"), 0.002, 0.010)
     assert judge(outlook=near, lateness=0.01).pace == pytest.approx(0.5)
 
 
 def test_a_latch_that_comes_again_is_no_mere_warning() -> None:
     guard = Guard(LIMITS)
-    tripped = {"watchdog": np.array([255, 5, 5], np.int16), "state": State.FAULT}
+    tripped = {"watchdog": np.array([255, 5, 5], np.int16), "state": RobotState.FAULT}
     assert len(ticks(guard, 1, **tripped)[0].findings) == 1
-    assert ticks(guard, 1, 12.0, period=2.0, state=State.FAULT) == [FINE]
+    assert ticks(guard, 1, 12.0, period=2.0, state=RobotState.FAULT) == [FINE]
     again = ticks(guard, 1, 12.01, **tripped)[0]
-    assert (codes(again), again.latches, again.reaction) == ([Code.WATCHDOG_TRIPPED], True, Reaction.NONE)
+    assert (codes(again), again.latches, again.reaction) == (
+        [ReasonCode.WATCHDOG_TRIPPED],
+        True,
+        Reaction.NONE,
+    )
 
 
 def test_thresholds_can_be_other_ones() -> None:
-    strict = Thresholds(late=0.0, missed_hold=1, missed_for=0.01, disagreements=1)
+    strict = GuardThresholds(late=0.0, missed_hold=1, missed_for=0.01, disagreements=1)
     guard = Guard(LIMITS, strict)
-    assert codes(guard.judge(facts())) == [Code.LOOP_LATE]
+    assert codes(guard.judge(facts())) == [ReasonCode.LOOP_LATE]
     assert guard.judge(facts(missed_in_a_row=1)).reaction is Reaction.HOLD
     off = np.array([1, 0, 1], np.int8)
     assert guard.judge(facts(torque=off, status_time=np.full(N, 11.0))).latches
@@ -169,11 +173,11 @@ def test_limits_that_are_replaced_count_from_the_next_tick_and_what_was_told_is_
     there = facts(measured=reading(place), goal=at_rest(place), previous=np.array(place))
     assert guard.judge(there) == FINE
     late = facts(lateness=0.01)
-    assert codes(guard.judge(late)) == [Code.LOOP_LATE]
+    assert codes(guard.judge(late)) == [ReasonCode.LOOP_LATE]
     upper, hard = LIMITS.upper - 0.5, LIMITS.hard_upper - 0.5
     guard.limit(replace(LIMITS, upper=upper, hard_upper=hard, velocity=LIMITS.velocity / 2))
     assert codes(guard.judge(late)) == [], "told already"
-    assert codes(guard.judge(there)) == [Code.OUT_OF_LIMIT]
+    assert codes(guard.judge(there)) == [ReasonCode.OUT_OF_LIMIT]
     step = facts(goal=at_rest([0.0, 0.75 * STEP, 0.0]))
-    assert Code.STEP_LIMIT in codes(guard.judge(step))
+    assert ReasonCode.STEP_LIMIT in codes(guard.judge(step))
     assert judge(goal=at_rest([0.0, 0.75 * STEP, 0.0])) == FINE, "by the limits of before"

@@ -15,9 +15,9 @@ from twind.ctl.offline import standing
 from twind.robot import splines
 from twind.robot.arrays import Floats
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import Demand, Thresholds, check
+from twind.safety.gate import GateThresholds, TrajectoryRequest, check
 from twind.twin.binding import Binding, bind
-from twind.twin.mirror import Mirror
+from twind.twin.mirror import TwinMirror
 from twind.twin.simulation import Simulation, hush
 
 H24 = load_robot("h24")
@@ -182,20 +182,22 @@ def test_a_motion_starts_and_ends_at_rest_and_the_gate_refuses_nothing(path: Pat
     rest = BINDING.rest
     assert np.abs(trajectory.position[0] - rest).max() < 1e-9
     assert np.abs(trajectory.position[-1] - rest).max() < 1e-9
-    verdict = check(trajectory, standing(rest), BINDING.limits, Demand(), Thresholds()).verdict
+    verdict = check(trajectory, standing(rest), BINDING.limits, TrajectoryRequest(), GateThresholds()).verdict
     assert (verdict.refusals, verdict.warnings, verdict.changes) == ((), (), ())
 
 
 @pytest.mark.parametrize("path", MOTIONS, ids=lambda path: path.stem)
 def test_a_motion_passes_from_where_a_real_robot_hangs(path: Path) -> None:
     sagged = np.linspace(-0.03, 0.03, COUNT)
-    assert check(motion(path), standing(sagged), BINDING.limits, Demand(), Thresholds()).verdict.accepted
+    assert check(
+        motion(path), standing(sagged), BINDING.limits, TrajectoryRequest(), GateThresholds()
+    ).verdict.accepted
 
 
 @pytest.mark.parametrize("path", MOTIONS, ids=lambda path: path.stem)
 def test_a_motion_keeps_clear_of_the_body_and_within_the_servos_strength(path: Path) -> None:
     curve = splines.interpolate(motion(path), at(np.array(BINDING.rest)))
-    mirror = Mirror(BINDING)
+    mirror = TwinMirror(BINDING)
     data = mujoco.MjData(mirror.model)
     for t in np.arange(0.0, curve.duration, 0.1):
         reference = curve.sample(float(t))

@@ -11,8 +11,8 @@ from rig import Rig
 
 from twind import link
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, State
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, RobotState
 from twind.robot.trajectory import Trajectory
 from twind.virtual.specimen import buses
 
@@ -91,7 +91,7 @@ def test_arming_energises_every_joint_with_its_watchdog_and_moves_none(mixed: Ri
     assert all(node["watchdog"] > 0 for bus in LEGS for node in nodes(mixed, bus))
     mixed.seconds(1.0)
     assert np.abs(mixed.truth - before).max() < 0.002
-    assert mixed.loop.state is State.ARMED
+    assert mixed.loop.state is RobotState.ARMED
 
 
 def test_a_leg_whose_zero_is_elsewhere_is_not_energised(mixed: Rig) -> None:
@@ -100,7 +100,7 @@ def test_a_leg_whose_zero_is_elsewhere_is_not_energised(mixed: Rig) -> None:
     mixed.call(link.AcquireLease)
     refused = mixed.call(link.Arm)
     assert refused.error == "Refused"
-    [finding] = [each for each in refused.parameters["findings"] if each["code"] == Code.CALIB_MISMATCH]
+    [finding] = [each for each in refused.parameters["findings"] if each["code"] == ReasonCode.CALIB_MISMATCH]
     assert finding["joint"] == mixed.names.index("l_knee")
     assert "neither that nor a turn beside it is in its travel" in finding["message"]
     assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
@@ -138,7 +138,9 @@ def test_actuators_whose_watchdog_nobody_can_read_are_told_of_at_every_arming() 
     rig.loop.joints = replace(rig.loop.joints, unwatched=(knee,))
     for count in (1, 2):
         rig.arm()
-        told = [event for event in rig.events(Code.DEVICE_MISMATCH) if "without a watchdog" in event.message]
+        told = [
+            event for event in rig.events(ReasonCode.DEVICE_MISMATCH) if "without a watchdog" in event.message
+        ]
         assert [[each.joint for each in event.findings] for event in told] == [[knee]] * count
         assert rig.call(link.Disarm, ticks=1200).error is None
     rig.call(link.AcquireLease)
@@ -163,7 +165,7 @@ def test_the_demonstration_motions_run_with_all_joints_of_a_body_that_weighs(nam
             worst = np.maximum(worst, np.abs(rig.loop.measured.position - before))
         before = reference.position.copy()
     assert rig.replies(ticket)[-1].parameters["phase"] == "succeeded"
-    assert rig.loop.state is State.ARMED
+    assert rig.loop.state is RobotState.ARMED
     legs = [place for bus in LEGS for place in places(rig, bus)]
     assert worst[legs].max() < 0.02, rig.names[legs[int(worst[legs].argmax())]]
     assert worst.max() < 0.06, rig.names[int(worst.argmax())]
@@ -180,7 +182,7 @@ def test_disarming_lowers_all_and_takes_all_torque(mixed: Rig) -> None:
     assert mixed.call(link.Disarm, ticks=1200).error is None
     assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
     assert np.abs(mixed.truth).max() < 0.05
-    assert mixed.loop.state is State.CONNECTED
+    assert mixed.loop.state is RobotState.CONNECTED
 
 
 @pytest.mark.slow
@@ -190,7 +192,7 @@ def test_a_leg_that_is_unplugged_is_lost_and_the_others_hold_until_somebody_disa
     mixed.seconds(0.5)
     mixed.virtual["l_leg"].faults.unplug()
     mixed.seconds(3.0)
-    assert mixed.loop.state is State.FAULT
+    assert mixed.loop.state is RobotState.FAULT
     assert "PORT_LOST" in mixed.loop.latches
     lost = places(mixed, "l_leg")
     heard = mixed.loop.measured.heard
@@ -207,7 +209,7 @@ def test_a_leg_that_is_unplugged_is_lost_and_the_others_hold_until_somebody_disa
     mixed.virtual["l_leg"].faults.replug()
     mixed.seconds(3.0)
     assert mixed.loop.hardware.connected
-    assert mixed.loop.state is State.FAULT
+    assert mixed.loop.state is RobotState.FAULT
     assert mixed.call(link.Disarm, ticks=1500).error is None
     assert not any(any(on(mixed, bus)) for bus in mixed.virtual)
     mixed.call(link.Reset)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from two_buses import PERIOD, TURN, TwoBuses
 
-from twind.loop.ports import Link
+from twind.loop.ports import PortState
 
 # ------------------------------------------------------------------------------------- raw ↔ SI
 
@@ -170,7 +170,7 @@ def test_a_lost_bus_is_told_once_and_the_other_goes_on() -> None:
     state = world.tick(count=3)
     assert [(lost.bus, lost.error.lost) for lost in world.hardware.lost] == [("right", True)]
     assert state.heard.tolist() == [True, False, True, False, True, False]
-    assert world.ports[1].link is Link.CLOSED
+    assert world.ports[1].link is PortState.CLOSED
     world.virtual["right"].faults.replug()
     assert world.tick(count=20).heard.all()
 
@@ -178,9 +178,9 @@ def test_a_lost_bus_is_told_once_and_the_other_goes_on() -> None:
 def test_connected_means_every_bus() -> None:
     world = TwoBuses()
     world.connect()
-    world.ports[1].link = Link.IDENTIFYING
+    world.ports[1].link = PortState.IDENTIFYING
     assert not world.hardware.connected
-    world.ports[1].link = Link.CONNECTED
+    world.ports[1].link = PortState.CONNECTED
     assert world.hardware.connected
 
 

@@ -7,23 +7,28 @@ import gate_world as w
 import numpy as np
 import pytest
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
-from twind.robot.ratings import Ratings
-from twind.safety.gate import Demand, admit, arming, check
-from twind.safety.headroom import Condition, headroom
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.robot.ratings import ActuatorRatings
+from twind.safety.gate import TrajectoryRequest, admit, arming, check
+from twind.safety.headroom import JointCondition, headroom
 
 BOTH = np.ones(2, np.bool_)
-S27 = (Code.THERMAL_HEADROOM, Code.VOLTAGE_LOW)
+S27 = (ReasonCode.THERMAL_HEADROOM, ReasonCode.VOLTAGE_LOW)
 
 
 def second(usual: float, value: float) -> np.ndarray:
     return np.array([usual, value])
 
 
-def refused(condition: Condition | None, chosen: np.ndarray = BOTH) -> list[tuple[Code, int | None]]:
+def refused(
+    condition: JointCondition | None, chosen: np.ndarray = BOTH
+) -> list[tuple[ReasonCode, int | None]]:
     """By arming and by a motion alike."""
-    armed, connected = w.snapshot(condition=condition), w.snapshot(state=State.CONNECTED, condition=condition)
+    armed, connected = (
+        w.snapshot(condition=condition),
+        w.snapshot(state=RobotState.CONNECTED, condition=condition),
+    )
     found = [(finding.code, finding.joint) for finding in admit(armed, chosen, w.TH).refusals]
     assert found == [(finding.code, finding.joint) for finding in arming(connected, w.TH, chosen).refusals]
     return found
@@ -35,7 +40,7 @@ def refused(condition: Condition | None, chosen: np.ndarray = BOTH) -> list[tupl
 )
 def test_too_hot_to_begin(celsius: float, fine: bool) -> None:
     assert refused(w.condition(temperature=second(35.0, celsius))) == (
-        [] if fine else [(Code.THERMAL_HEADROOM, 1)]
+        [] if fine else [(ReasonCode.THERMAL_HEADROOM, 1)]
     )
 
 
@@ -44,7 +49,9 @@ def test_too_hot_to_begin(celsius: float, fine: bool) -> None:
     [(10.6, True), (nextafter(10.5, inf), True), (10.5, False), (9.0, False), (nan, False), (-inf, False)],
 )
 def test_too_low_to_begin(volts: float, fine: bool) -> None:
-    assert refused(w.condition(voltage=second(12.0, volts))) == ([] if fine else [(Code.VOLTAGE_LOW, 1)])
+    assert refused(w.condition(voltage=second(12.0, volts))) == (
+        [] if fine else [(ReasonCode.VOLTAGE_LOW, 1)]
+    )
 
 
 @pytest.mark.parametrize(
@@ -60,7 +67,7 @@ def test_a_joint_moves_with_all_the_motors_that_turn_it() -> None:
     hot, first = w.condition(temperature=second(35.0, 90.0)), np.array([True, False])
     pair = replace(hot, together=(np.array([0, 1]),))
     assert refused(hot, first) == []
-    assert refused(pair, first) == [(Code.THERMAL_HEADROOM, 1)]
+    assert refused(pair, first) == [(ReasonCode.THERMAL_HEADROOM, 1)]
     assert refused(replace(hot, together=(np.array([1]),)), first) == []
 
 
@@ -76,7 +83,7 @@ def test_nothing_known_of_it_refuses() -> None:
 
 def test_a_model_of_which_no_bounds_are_known_is_not_barred() -> None:
     unknown = w.condition(temperature=np.full(2, nan), voltage=np.full(2, nan), age=np.full(2, inf))
-    assert refused(replace(unknown, ratings=Ratings.unknown(2))) == []
+    assert refused(replace(unknown, ratings=ActuatorRatings.unknown(2))) == []
 
 
 def test_the_finding_says_value_bound_and_what_is_wrong() -> None:
@@ -107,12 +114,14 @@ def test_a_stream_that_runs_is_not_cut_off_by_it() -> None:
 def test_a_trajectory_that_would_end_a_stream_is_refused_with_it() -> None:
     hot = w.snapshot(motion=Motion.STREAMING, condition=w.condition(temperature=second(35.0, 90.0)))
     assert not admit(hot, BOTH, w.TH).accepted
-    verdict = check(w.path([1.0, 2.0], [[0.2, 0.1], [0.3, 0.0]]), hot, w.limits(), Demand(), w.TH).verdict
-    assert Code.THERMAL_HEADROOM in [finding.code for finding in verdict.refusals]
+    verdict = check(
+        w.path([1.0, 2.0], [[0.2, 0.1], [0.3, 0.0]]), hot, w.limits(), TrajectoryRequest(), w.TH
+    ).verdict
+    assert ReasonCode.THERMAL_HEADROOM in [finding.code for finding in verdict.refusals]
 
 
 def test_a_trajectory_is_refused_with_it() -> None:
     path = w.path([1.0, 2.0], [[0.2, 0.1], [0.3, 0.0]])
     cold = w.snapshot(condition=w.condition(voltage=second(12.0, 10.0)))
-    verdict = check(path, cold, w.limits(), Demand(), w.TH).verdict
-    assert [finding.code for finding in verdict.refusals] == [Code.VOLTAGE_LOW]
+    verdict = check(path, cold, w.limits(), TrajectoryRequest(), w.TH).verdict
+    assert [finding.code for finding in verdict.refusals] == [ReasonCode.VOLTAGE_LOW]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from twind.robot.state import JointState
-from twind.safety.alarm import Alert
-from twind.safety.health import COMMAND, READING, Health
+from twind.safety.alarm import LatencyAlert
+from twind.safety.health import COMMAND, READING, TimingMonitor
 
 
 class Exchange:
@@ -24,7 +24,7 @@ def reading(time: float, trip: float = 0.003, heard: bool = True) -> JointState:
 
 
 def test_latency_is_the_age_of_the_state_and_its_round_trip() -> None:
-    health = Health(2)
+    health = TimingMonitor(2)
     assert isnan(health.latency(0.0))
     assert isnan(health.latency_p95(0.0))
     assert not health.connected(0.0)
@@ -39,7 +39,7 @@ def test_latency_is_the_age_of_the_state_and_its_round_trip() -> None:
 
 
 def test_while_nobody_answers_the_latency_grows_and_then_it_counts_as_disconnected() -> None:
-    health = Health(2)
+    health = TimingMonitor(2)
     health.update(reading(1.0), Exchange(), 1.0, live=True)
     health.update(reading(1.5, nan, heard=False), Exchange(), 1.5, live=True)
     assert health.latency(1.5) == pytest.approx(0.503)
@@ -49,7 +49,7 @@ def test_while_nobody_answers_the_latency_grows_and_then_it_counts_as_disconnect
 
 
 def test_in_sim_nothing_of_a_bus_is_known() -> None:
-    health = Health(2)
+    health = TimingMonitor(2)
     health.update(reading(1.0), Exchange(), 1.0, live=True)
     health.update(reading(1.01), Exchange(), 1.01, live=False)
     assert isnan(health.latency(1.01))
@@ -57,7 +57,7 @@ def test_in_sim_nothing_of_a_bus_is_known() -> None:
 
 
 def test_the_hops_have_names_and_others_are_errors() -> None:
-    health = Health(1)
+    health = TimingMonitor(1)
     assert tuple(health.hops) == (*READING, *COMMAND)
     health.hop("twin", 0.001, 5.0)
     assert (health.hops["twin"].now, health.hops["twin"].at) == (0.001, 5.0)
@@ -66,7 +66,7 @@ def test_the_hops_have_names_and_others_are_errors() -> None:
 
 
 def test_another_threshold_is_that_of_all_but_the_motors() -> None:
-    health = Health(2)
+    health = TimingMonitor(2)
     health.warn_above(0.02)
     others = [window for name, window in health.hops.items() if name != "moved"]
     assert {window.threshold for window in (health.total, *health.buses, *others)} == {0.02}
@@ -76,9 +76,9 @@ def test_another_threshold_is_that_of_all_but_the_motors() -> None:
 # ---------------------------------------------------------------------------------------------- alerts
 
 
-def told(latencies: list[float]) -> list[Alert]:
+def told(latencies: list[float]) -> list[LatencyAlert]:
     """What is told, when the latency at the start of each tick of 10 ms is this."""
-    health = Health(2)
+    health = TimingMonitor(2)
     for tick, latency in enumerate(latencies):
         now = tick * 0.01
         health.update(reading(now, 0.0), Exchange(), now, live=True)
@@ -88,12 +88,12 @@ def told(latencies: list[float]) -> list[Alert]:
 
 
 def test_a_latency_above_the_threshold_is_told_once_with_its_numbers() -> None:
-    health = Health(2)
+    health = TimingMonitor(2)
     health.update(reading(0.0, 0.0), Exchange(), 0.0, live=True)
     health.update(reading(0.05, 0.0), Exchange(), 0.05, live=True)
     assert health.alerts() == []
     health.update(reading(0.05, 0.0), Exchange(), 0.11, live=True)
-    assert health.alerts() == [Alert("total", pytest.approx(0.06), 0.05)]
+    assert health.alerts() == [LatencyAlert("total", pytest.approx(0.06), 0.05)]
     health.update(reading(0.05, 0.0), Exchange(), 0.12, live=True)
     assert health.alerts() == []
 
@@ -106,22 +106,22 @@ def test_it_is_told_again_only_after_it_was_calm_for_a_second(calm: int, level: 
 
 
 def test_a_latency_that_is_not_known_is_too_late() -> None:
-    health = Health(2)
+    health = TimingMonitor(2)
     health.update(reading(0.0, nan), Exchange(), 0.0, live=True)
     health.update(reading(0.01, 0.0), Exchange(), 0.01, live=True)
-    assert health.alerts() == [Alert("total", inf, 0.05)]
+    assert health.alerts() == [LatencyAlert("total", inf, 0.05)]
 
 
 def test_each_hop_is_told_by_its_name_and_held_to_its_own_bound() -> None:
-    health = Health(1)
+    health = TimingMonitor(1)
     health.hop("reply", 0.06, 1.0)
     health.hop("written", 0.06, 1.0, bound=0.07)
     health.hop("received", 0.03, 1.0, bound=0.02)
-    assert health.alerts() == [Alert("reply", 0.06, 0.05), Alert("received", 0.03, 0.02)]
+    assert health.alerts() == [LatencyAlert("reply", 0.06, 0.05), LatencyAlert("received", 0.03, 0.02)]
 
 
 def test_what_nothing_is_too_long_for_is_a_figure_and_no_alarm() -> None:
-    health = Health(1)
+    health = TimingMonitor(1)
     health.hop("received", 0.3, 1.0, bound=inf)  # a long path is long judged
     health.hop("gated", -0.001, 1.0, bound=inf)
     health.hop("moved", 0.9, 1.0)  # a slow move against friction
@@ -131,7 +131,7 @@ def test_what_nothing_is_too_long_for_is_a_figure_and_no_alarm() -> None:
 
 
 def test_a_slow_stream_has_not_recovered_because_a_trajectory_is_never_late() -> None:
-    health = Health(1)
+    health = TimingMonitor(1)
     for tick in range(400):
         now = 1.0 + tick * 0.01
         if tick < 10 or tick == 200:
@@ -147,7 +147,7 @@ def test_a_slow_stream_has_not_recovered_because_a_trajectory_is_never_late() ->
 
 
 def test_an_answer_that_is_missing_is_a_violation_and_no_line_of_its_own() -> None:
-    health, silent = Health(2), Exchange()
+    health, silent = TimingMonitor(2), Exchange()
     silent.hops = (nan, nan)
     for tick in range(3):
         health.update(reading(1.0 + tick * 0.01), silent, 1.0 + tick * 0.01, live=True)
@@ -156,7 +156,7 @@ def test_an_answer_that_is_missing_is_a_violation_and_no_line_of_its_own() -> No
 
 
 def test_what_was_told_of_a_robot_is_over_in_sim_and_what_was_told_of_commands_is_not() -> None:
-    health = Health(2)
+    health = TimingMonitor(2)
     for name in ("reply", "written"):
         health.hop(name, 0.06, 1.0)
     assert len(health.alerts()) == 2
@@ -166,4 +166,4 @@ def test_what_was_told_of_a_robot_is_over_in_sim_and_what_was_told_of_commands_i
     assert (over.hop, over.calm, isnan(over.value)) == ("reply", True, True)
     for name in ("reply", "written"):
         health.hop(name, 0.06, 1.02)
-    assert health.alerts() == [Alert("reply", 0.06, 0.05)]
+    assert health.alerts() == [LatencyAlert("reply", 0.06, 0.05)]

@@ -9,14 +9,14 @@ from guard_world import FINE, LIMITS, PERIOD, TINY, N, codes, facts, joints, rea
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import Mode, Motion, State
-from twind.robot.ratings import Ratings
-from twind.safety.guard import Guard, Judgement, Reaction
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.robot.ratings import ActuatorRatings
+from twind.safety.guard import Guard, GuardDecision, Reaction
 
 SETTLE, NONE = Reaction.SETTLE, Reaction.NONE
 RATED = replace(
-    Ratings.unknown(N),
+    ActuatorRatings.unknown(N),
     warm=np.full(N, 60.0),
     hot=np.full(N, 65.0),
     shut=np.full(N, 70.0),
@@ -30,7 +30,7 @@ class Watch:
     def __init__(self, **usual: object) -> None:
         self.guard, self.now, self.usual = Guard(LIMITS, support="gantry", ratings=RATED), 10.0, usual
 
-    def read(self, *celsius: float, dt: float = 0.2, **over: object) -> Judgement:
+    def read(self, *celsius: float, dt: float = 0.2, **over: object) -> GuardDecision:
         self.now += dt
         usual = {
             "now": self.now,
@@ -41,14 +41,14 @@ class Watch:
         }
         return self.guard.judge(facts(**(usual | self.usual | over)))
 
-    def row(self, *celsius: float, **over: object) -> list[Judgement]:
+    def row(self, *celsius: float, **over: object) -> list[GuardDecision]:
         """One reading of joint 1 after the other."""
         return [self.read(30.0, each, 30.0, **over) for each in celsius]
 
 
-def levels(found: list[Judgement]) -> list[Finding]:
+def levels(found: list[GuardDecision]) -> list[Finding]:
     """Without what is said of one reading alone, and of the slope."""
-    said = [finding for one in found for finding in one.findings if finding.code is Code.OVERTEMP]
+    said = [finding for one in found for finding in one.findings if finding.code is ReasonCode.OVERTEMP]
     return [one for one in said if "not believed" not in one.message and "°C/s" not in one.message]
 
 
@@ -148,7 +148,12 @@ def test_r18_a_spike_is_told_and_changes_nothing() -> None:
     spike, *after = watch.row(120.0, *[30.0] * 10)
     assert (spike.reaction, spike.pace, spike.latches) == (NONE, 1.0, False)
     (finding,) = spike.findings
-    assert (finding.code, finding.joint, finding.value, finding.bound) == (Code.OVERTEMP, 1, 120.0, 40.0)
+    assert (finding.code, finding.joint, finding.value, finding.bound) == (
+        ReasonCode.OVERTEMP,
+        1,
+        120.0,
+        40.0,
+    )
     assert "not believed" in finding.message
     assert after == [FINE] * 10
 
@@ -190,11 +195,11 @@ def test_r18_each_joint_gets_warmer_by_its_own_time() -> None:
 
 
 @pytest.mark.parametrize("motion", Motion)
-@pytest.mark.parametrize("state", [State.ARMED, State.SETTLING, State.FAULT, State.ESTOP])
-def test_r18_only_a_motion_of_its_own_is_slowed_no_way_down(motion: Motion, state: State) -> None:
+@pytest.mark.parametrize("state", [RobotState.ARMED, RobotState.SETTLING, RobotState.FAULT, RobotState.ESTOP])
+def test_r18_only_a_motion_of_its_own_is_slowed_no_way_down(motion: Motion, state: RobotState) -> None:
     watch = Watch(motion=motion, state=state, setpoint_age=0.0)
     last = watch.row(*[66.0] * 4)[-1]
-    moves = motion in (Motion.ACTIVE, Motion.STREAMING) and state is State.ARMED
+    moves = motion in (Motion.ACTIVE, Motion.STREAMING) and state is RobotState.ARMED
     assert last.pace == (0.5 if moves else 1.0)
 
 
@@ -204,7 +209,7 @@ def test_r18_what_we_do_not_hold_is_told_only_and_not_armed(over: dict[str, obje
     found = watch.row(*[75.0] * 4)
     assert {(one.reaction, one.latches, one.pace) for one in found} == {(NONE, False, 1.0)}
     assert [one.bound for one in levels(found)] == [70.0]
-    assert [one.code for one in watch.guard.bars] == [Code.OVERTEMP]
+    assert [one.code for one in watch.guard.bars] == [ReasonCode.OVERTEMP]
 
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.MIRROR}])
@@ -220,7 +225,7 @@ def test_r18_who_got_that_hot_keeps_all_from_arming_until_it_is_cool() -> None:
     watch.row(*[70.0] * 3)
     for celsius in (70.0, 66.0, 61.0, 58.0, 55.0):
         watch.row(*[celsius] * 3)
-        assert [(one.code, one.joint) for one in watch.guard.bars] == [(Code.OVERTEMP, 1)]
+        assert [(one.code, one.joint) for one in watch.guard.bars] == [(ReasonCode.OVERTEMP, 1)]
     watch.row(*[54.0] * 3)
     assert watch.guard.bars == ()
     watch.row(*[66.0] * 3)  # warm again, but never that hot

@@ -8,12 +8,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.motion.homing import GAP, LOST, SPREAD, Course, Look, Phase, Quiet, Search
-from twind.robot.finding import Code, Finding
+from twind.motion.homing import (
+    GAP,
+    LOST,
+    SPREAD,
+    EndstopSearch,
+    HomingParameters,
+    HomingPhase,
+    HomingSample,
+    StandstillCheck,
+)
+from twind.robot.finding import Finding, ReasonCode
 
 TICK = 0.01  # s
 RAD = 4096 / 6.283185
-SEARCH = Search(
+SEARCH = HomingParameters(
     way=1,
     expected=3000.0,
     margin=0.2 * RAD,
@@ -52,11 +61,11 @@ class Joint:
         self.place = self.stop if met else wanted
         self.effort = max(-self.cap, min(self.cap, self.gain * (goal - self.place)))
 
-    def look(self, now: float) -> Look:
-        return Look(now, round(self.place), self.effort)
+    def look(self, now: float) -> HomingSample:
+        return HomingSample(now, round(self.place), self.effort)
 
 
-def run(course: Course, joint: Joint, seconds: float = 120.0, begin: float = 0.0) -> list[float]:
+def run(course: EndstopSearch, joint: Joint, seconds: float = 120.0, begin: float = 0.0) -> list[float]:
     """Until it is over; the goals."""
     goals, now = [], begin
     while not course.done and now < begin + seconds:
@@ -80,9 +89,9 @@ def test_a_stop_is_found_so_often_wherever_it_begins(
     search = replace(SEARCH, way=way, speed=speed * RAD, times=times)
     stop = search.expected + off * RAD
     joint = Joint(stop - way * far * RAD, stop, way)
-    course = Course(search, joint.place, 0.0)
+    course = EndstopSearch(search, joint.place, 0.0)
     goals = run(course, joint, 600.0)
-    assert course.phase is Phase.FOUND, course.failed
+    assert course.phase is HomingPhase.FOUND, course.failed
     assert len(course.captures) == times
     assert all(abs(count - stop) <= 1.0 for count in course.captures)
     assert abs(joint.place - stop) >= 0.5 * search.back, "it is left pressed against its stop"
@@ -93,16 +102,16 @@ def test_a_stop_is_found_so_often_wherever_it_begins(
 
 
 def test_the_first_goal_is_where_it_was_told_to_hold_not_where_it_is() -> None:
-    course = Course(SEARCH, 2000.0, 0.0)
+    course = EndstopSearch(SEARCH, 2000.0, 0.0)
     joint = Joint(1990.0, 3000.0)  # it sags under its load
     first = course.step(joint.look(TICK), TICK)
     assert first == pytest.approx(2000.0 + SEARCH.speed * TICK)
 
 
-def failing(joint: Joint, search: Search = SEARCH, start: float | None = None) -> Finding:
-    course = Course(search, joint.place if start is None else start, 0.0)
+def failing(joint: Joint, search: HomingParameters = SEARCH, start: float | None = None) -> Finding:
+    course = EndstopSearch(search, joint.place if start is None else start, 0.0)
     run(course, joint, 600.0)
-    assert course.phase is Phase.FAILED and course.failed is not None
+    assert course.phase is HomingPhase.FAILED and course.failed is not None
     before = course.goal
     assert course.step(joint.look(1e3), 1e3) == before, "it goes on after it has failed"
     return course.failed
@@ -111,7 +120,7 @@ def failing(joint: Joint, search: Search = SEARCH, start: float | None = None) -
 def test_no_stop_where_it_should_be_ends_at_the_margin() -> None:
     joint = Joint(2500.0, 5000.0)
     found = failing(joint)
-    assert found.code is Code.STOP_NOT_FOUND and "no stop" in found.message
+    assert found.code is ReasonCode.STOP_NOT_FOUND and "no stop" in found.message
     assert joint.place <= SEARCH.expected + SEARCH.margin + 1.0
 
 
@@ -148,18 +157,18 @@ def test_a_joint_that_runs_ahead_of_its_goals_is_let_go() -> None:
 
 def test_a_cap_that_is_not_obeyed_ends_it() -> None:
     found = failing(Joint(2900.0, 3000.0, cap=300.0))
-    assert found.code is Code.OVERCURRENT
+    assert found.code is ReasonCode.OVERCURRENT
 
 
 def test_held_back_without_effort_ends_it() -> None:
     for effort in (10.0, nan):
 
         class Numb(Joint):
-            def look(self, now: float, effort: float = effort) -> Look:
-                return Look(now, round(self.place), effort)
+            def look(self, now: float, effort: float = effort) -> HomingSample:
+                return HomingSample(now, round(self.place), effort)
 
         found = failing(Numb(2900.0, 3000.0))
-        assert found.code is Code.STOP_NOT_FOUND and "held back" in found.message
+        assert found.code is ReasonCode.STOP_NOT_FOUND and "held back" in found.message
 
 
 def test_a_joint_that_does_not_come_back_ends_it() -> None:
@@ -173,10 +182,10 @@ def test_a_joint_that_does_not_come_back_ends_it() -> None:
 
 
 def test_it_takes_no_longer_than_it_is_given() -> None:
-    course, now = Course(SEARCH, 2900.0, 0.0), 0.0
+    course, now = EndstopSearch(SEARCH, 2900.0, 0.0), 0.0
     while not course.done:
         now += TICK
-        course.step(Look(now - 0.05, 2900, 0.0), now)  # readings too old to go on by, and not lost
+        course.step(HomingSample(now - 0.05, 2900, 0.0), now)  # readings too old to go on by, and not lost
         assert now < 60.0
     assert course.failed is not None and "s have passed" in course.failed.message
 
@@ -191,7 +200,7 @@ def test_a_joint_too_slow_for_its_goals_is_held_back() -> None:
 
 
 def test_a_goal_does_not_advance_on_an_old_reading_and_ends_on_a_lost_one() -> None:
-    course, joint, now = Course(SEARCH, 2500.0, 0.0), Joint(2500.0, 3000.0), 0.0
+    course, joint, now = EndstopSearch(SEARCH, 2500.0, 0.0), Joint(2500.0, 3000.0), 0.0
     for _ in range(10):
         now += TICK
         joint.follow(course.step(joint.look(now), now))
@@ -200,31 +209,33 @@ def test_a_goal_does_not_advance_on_an_old_reading_and_ends_on_a_lost_one() -> N
         now += TICK
         goals.append(course.step(last, now))
         assert now < 1.0
-    assert course.failed.code is Code.STATE_STALE and course.failed.bound == LOST
+    assert course.failed.code is ReasonCode.STATE_STALE and course.failed.bound == LOST
     assert goals[-1] == goals[4], "goals went on without a reading"
 
 
 @pytest.mark.parametrize("gap", [GAP + 0.001, 10.0, -0.01, nan])
 def test_a_gap_in_time_ends_it(gap: float) -> None:
-    course = Course(SEARCH, 2500.0, 0.0)
-    course.step(Look(TICK, 2500, 0.0), TICK)
+    course = EndstopSearch(SEARCH, 2500.0, 0.0)
+    course.step(HomingSample(TICK, 2500, 0.0), TICK)
     goal = course.goal
-    assert course.step(Look(TICK + gap, 2500, 0.0), TICK + gap) == goal
-    assert course.failed is not None and course.failed.code is Code.TIME_GAP
+    assert course.step(HomingSample(TICK + gap, 2500, 0.0), TICK + gap) == goal
+    assert course.failed is not None and course.failed.code is ReasonCode.TIME_GAP
 
 
 def test_standing_without_effort_or_effort_in_motion_is_no_stop() -> None:
-    course, now = Course(SEARCH, 2950.0, 0.0), 0.0
+    course, now = EndstopSearch(SEARCH, 2950.0, 0.0), 0.0
     for tick in range(100):
         now += TICK
         moving = tick % 40 < 20
-        course.step(Look(now, 2950 + 4 * (tick % 2) if moving else 2950, 100.0 if moving else 40.0), now)
+        course.step(
+            HomingSample(now, 2950 + 4 * (tick % 2) if moving else 2950, 100.0 if moving else 40.0), now
+        )
     assert not course.captures
 
 
 def test_progress_grows_to_one() -> None:
     joint = Joint(2000.0, 3000.0)
-    course, told, now = Course(SEARCH, 2000.0, 0.0), [], 0.0
+    course, told, now = EndstopSearch(SEARCH, 2000.0, 0.0), [], 0.0
     while not course.done:
         now += TICK
         joint.follow(course.step(joint.look(now), now))
@@ -234,22 +245,22 @@ def test_progress_grows_to_one() -> None:
 
 @given(st.lists(st.integers(-50, 50), min_size=1, max_size=60))
 def test_quiet_is_so_many_readings_that_agree(jitter: list[int]) -> None:
-    quiet, now = Quiet(0.0), 0.0
+    quiet, now = StandstillCheck(0.0), 0.0
     for place, each in enumerate(jitter):
         now += TICK
-        answer = quiet.step(Look(now, each, 0.0), now)
+        answer = quiet.step(HomingSample(now, each, 0.0), now)
         last = jitter[max(0, place - 9) : place + 1]
         assert (answer is True) == (len(last) == 10 and max(last) - min(last) <= 3)
 
 
 def test_quiet_ends_where_nobody_answers_or_it_swings() -> None:
-    quiet = Quiet(0.0)
-    assert quiet.step(Look(0.0, 5, 0.0), 2.9) is False
-    silent = quiet.step(Look(0.0, 5, 0.0), 3.0)
-    assert isinstance(silent, Finding) and silent.code is Code.STOP_NOT_FOUND
-    swinging, now = Quiet(0.0), 0.0
+    quiet = StandstillCheck(0.0)
+    assert quiet.step(HomingSample(0.0, 5, 0.0), 2.9) is False
+    silent = quiet.step(HomingSample(0.0, 5, 0.0), 3.0)
+    assert isinstance(silent, Finding) and silent.code is ReasonCode.STOP_NOT_FOUND
+    swinging, now = StandstillCheck(0.0), 0.0
     answer: bool | Finding = False
     while answer is False:
         now += TICK
-        answer = swinging.step(Look(now, round(400 * now) % 200, 0.0), now)
+        answer = swinging.step(HomingSample(now, round(400 * now) % 200, 0.0), now)
     assert isinstance(answer, Finding)

@@ -5,26 +5,26 @@ from dataclasses import replace
 import pytest
 from test_homing import SEARCH, TICK
 
-from twind.motion.homing import Course, Look, Phase, Quiet, Search
-from twind.robot.finding import Code, Finding
+from twind.motion.homing import EndstopSearch, HomingParameters, HomingPhase, HomingSample, StandstillCheck
+from twind.robot.finding import Finding, ReasonCode
 
 PUSH = 0.85 * SEARCH.cap
 
 
-def course(start: float = 2900.0, search: Search = SEARCH) -> Course:
-    return Course(search, start, 0.0)
+def course(start: float = 2900.0, search: HomingParameters = SEARCH) -> EndstopSearch:
+    return EndstopSearch(search, start, 0.0)
 
 
-def fed(made: Course, looks: list[tuple[int, float]], begin: float = 0.0) -> float:
+def fed(made: EndstopSearch, looks: list[tuple[int, float]], begin: float = 0.0) -> float:
     """One look (count, effort) a tick; the time."""
     now = begin
     for count, effort in looks:
         now = round(now + TICK, 9)
-        made.step(Look(now, count, effort), now)
+        made.step(HomingSample(now, count, effort), now)
     return now
 
 
-def code(made: Course) -> Code | None:
+def code(made: EndstopSearch) -> ReasonCode | None:
     return None if made.failed is None else made.failed.code
 
 
@@ -33,30 +33,30 @@ def code(made: Course) -> Code | None:
 
 @pytest.mark.parametrize(("last", "agree"), [(3, True), (4, False), (-3, True), (-4, False)])
 def test_ten_readings_agree_within_three_counts(last: int, agree: bool) -> None:
-    quiet, now = Quiet(0.0), 0.0
+    quiet, now = StandstillCheck(0.0), 0.0
     for count in [0] * 8 + [last]:
         now += TICK
-        assert quiet.step(Look(now, count, 0.0), now) is False
-        assert quiet.step(Look(now, count, 0.0), now) is False, "one reading counted twice"
+        assert quiet.step(HomingSample(now, count, 0.0), now) is False
+        assert quiet.step(HomingSample(now, count, 0.0), now) is False, "one reading counted twice"
     now += TICK
-    assert quiet.step(Look(now, 0, 0.0), now) is agree
+    assert quiet.step(HomingSample(now, 0, 0.0), now) is agree
 
 
 @pytest.mark.parametrize(("age", "agree"), [(0.0299, True), (0.0301, False)])
 def test_and_the_last_of_them_is_fresh(age: float, agree: bool) -> None:
-    quiet = Quiet(0.0)
+    quiet = StandstillCheck(0.0)
     for tick in range(10):
-        answer = quiet.step(Look(tick * TICK, 0, 0.0), tick * TICK + age)
+        answer = quiet.step(HomingSample(tick * TICK, 0, 0.0), tick * TICK + age)
     assert answer is agree
 
 
 def test_they_are_waited_for_three_seconds_and_the_spread_is_told() -> None:
-    quiet = Quiet(0.0)
+    quiet = StandstillCheck(0.0)
     for tick in range(300):
         now = tick * TICK
-        assert quiet.step(Look(now, 7 * (tick % 2), 0.0), now) is False
-    answer = quiet.step(Look(3.0, 7, 0.0), 3.0)
-    assert isinstance(answer, Finding) and answer.code is Code.STOP_NOT_FOUND
+        assert quiet.step(HomingSample(now, 7 * (tick % 2), 0.0), now) is False
+    answer = quiet.step(HomingSample(3.0, 7, 0.0), 3.0)
+    assert isinstance(answer, Finding) and answer.code is ReasonCode.STOP_NOT_FOUND
     assert (answer.value, answer.bound) == (7.0, 3.0)
 
 
@@ -70,7 +70,7 @@ def test_they_are_waited_for_three_seconds_and_the_spread_is_told() -> None:
 def test_a_stop_is_the_cap_and_no_motion(effort: float, flicker: int, found: bool) -> None:
     made = course()
     fed(made, [(2900 + flicker * (tick % 2), effort) for tick in range(40)])
-    assert (made.phase is Phase.BACKING) is found
+    assert (made.phase is HomingPhase.BACKING) is found
 
 
 def test_for_so_long_and_no_shorter() -> None:
@@ -92,9 +92,9 @@ def test_one_reading_that_is_not_at_the_cap_begins_it_anew() -> None:
 def test_readings_too_few_are_none() -> None:
     made = course()
     for tick in range(1, 5):
-        made.step(Look(tick * 0.05, 2900, PUSH), tick * 0.05)
+        made.step(HomingSample(tick * 0.05, 2900, PUSH), tick * 0.05)
     assert made.captures == []
-    made.step(Look(0.25, 2900, PUSH), 0.25)
+    made.step(HomingSample(0.25, 2900, PUSH), 0.25)
     assert made.captures == [], "four of the last 0.15 s"
 
 
@@ -114,7 +114,7 @@ def test_readings_too_few_are_none() -> None:
 def test_three_readings_in_a_row_over_the_cap(efforts: list[float], ended: bool) -> None:
     made = course()
     fed(made, [(2900, effort) for effort in efforts])
-    assert code(made) is (Code.OVERCURRENT if ended else None)
+    assert code(made) is (ReasonCode.OVERCURRENT if ended else None)
     if made.failed is not None:
         assert (made.failed.value, made.failed.bound) == (156.0, 100.0)
 
@@ -122,7 +122,7 @@ def test_three_readings_in_a_row_over_the_cap(efforts: list[float], ended: bool)
 @pytest.mark.parametrize("way", [1, -1])
 def test_astray_is_so_far_ahead_of_its_goal(way: int) -> None:
     search = replace(SEARCH, way=way, astray=50.0, speed=1e-6)
-    for ahead, ended in ((50, None), (51, Code.STOP_NOT_FOUND)):
+    for ahead, ended in ((50, None), (51, ReasonCode.STOP_NOT_FOUND)):
         made = course(2900.0, search)
         fed(made, [(2900 + way * ahead, 0.0)])
         assert code(made) is ended
@@ -133,7 +133,7 @@ def test_astray_is_so_far_ahead_of_its_goal(way: int) -> None:
 @pytest.mark.parametrize("way", [1, -1])
 def test_or_so_far_back_from_where_it_was(way: int) -> None:
     search = replace(SEARCH, way=way, astray=50.0, speed=1e-6)
-    for back, ended in ((50, None), (51, Code.STOP_NOT_FOUND)):
+    for back, ended in ((50, None), (51, ReasonCode.STOP_NOT_FOUND)):
         made = course(2900.0, search)
         fed(made, [(2900, 0.0), (2900 - way * back, 0.0)])
         assert code(made) is ended
@@ -143,25 +143,30 @@ def test_or_so_far_back_from_where_it_was(way: int) -> None:
 
 @pytest.mark.parametrize(
     ("age", "goes_on", "ended"),
-    [(0.0299, True, None), (0.0301, False, None), (0.0999, False, None), (0.1001, False, Code.STATE_STALE)],
+    [
+        (0.0299, True, None),
+        (0.0301, False, None),
+        (0.0999, False, None),
+        (0.1001, False, ReasonCode.STATE_STALE),
+    ],
 )
 def test_old_readings_stop_the_goals_and_older_ones_end_it(
-    age: float, goes_on: bool, ended: Code | None
+    age: float, goes_on: bool, ended: ReasonCode | None
 ) -> None:
     made = course()
     fed(made, [(2900, 0.0)] * 20)
     before = made.goal
-    made.step(Look(0.2 + TICK - age, 2900, 0.0), 0.2 + TICK)
+    made.step(HomingSample(0.2 + TICK - age, 2900, 0.0), 0.2 + TICK)
     assert (made.goal != before) is goes_on
     assert code(made) is ended
     if made.failed is not None:
         assert made.failed.value == pytest.approx(age)
 
 
-@pytest.mark.parametrize(("gap", "ended"), [(0.1, None), (0.1001, Code.TIME_GAP), (0.0, None)])
-def test_steps_are_no_further_apart_than_this(gap: float, ended: Code | None) -> None:
-    made = Course(SEARCH, 2900.0, 0.0)
-    made.step(Look(gap, 2900, 0.0), gap)
+@pytest.mark.parametrize(("gap", "ended"), [(0.1, None), (0.1001, ReasonCode.TIME_GAP), (0.0, None)])
+def test_steps_are_no_further_apart_than_this(gap: float, ended: ReasonCode | None) -> None:
+    made = EndstopSearch(SEARCH, 2900.0, 0.0)
+    made.step(HomingSample(gap, 2900, 0.0), gap)
     assert code(made) is ended
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pages import ROOT, table
 
 from twind.config import hot, reread
-from twind.config.files import Described, Sources, describe, packed, unpacked
-from twind.config.hot import HOT, NotHot, applied, robot_difference, same
+from twind.config.files import ConfigSources, LoadedConfig, describe, packed, unpacked
+from twind.config.hot import HOT, RestartRequired, applied, robot_difference, same
 from twind.config.keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
@@ -163,7 +163,7 @@ def test_where_the_joints_are_others_nothing_is_hot() -> None:
     ],
 )
 def test_what_may_not_change_is_refused_whole(changes: Mapping[str, Any]) -> None:
-    with pytest.raises(NotHot):
+    with pytest.raises(RestartRequired):
         applied(H24, {f"{YAW}.acceleration_limit_rad_s2": 1.0, **changes})
 
 
@@ -181,7 +181,7 @@ def test_what_may_not_change_is_refused_whole(changes: Mapping[str, Any]) -> Non
     ],
 )
 def test_settings_that_no_file_may_have_are_refused(changes: Mapping[str, Any]) -> None:
-    with pytest.raises(NotHot):
+    with pytest.raises(RestartRequired):
         hot.thresholds(changes, 50.0, 100.0)
 
 
@@ -238,7 +238,7 @@ def test_what_was_shrunk_does_not_come_back_without_a_restart(shares: Any) -> No
 # ------------------------------------------------------------------------------------------- files
 
 
-def files(folder: Path, settings: str = "", robot: Mapping[str, str] | None = None) -> Sources:
+def files(folder: Path, settings: str = "", robot: Mapping[str, str] | None = None) -> ConfigSources:
     """A sim of a copy of h24 in `folder`; `robot`: what stands in its file -> what shall."""
     source = ROOT / "twind" / "robots"
     text = (source / "h24.yaml").read_text().replace("mjcf: h24.xml", f"mjcf: {source}/h24.xml")
@@ -247,10 +247,10 @@ def files(folder: Path, settings: str = "", robot: Mapping[str, str] | None = No
         text = text.replace(old, new)
     (folder / "body.yaml").write_text(text)
     (folder / "twind.yaml").write_text(f"mode: sim\nrobot: body.yaml\n{settings}")
-    return Sources(config=str(folder / "twind.yaml"))
+    return ConfigSources(config=str(folder / "twind.yaml"))
 
 
-def reread_of(old: Described, sources: Sources) -> tuple[hot.Difference, Described]:
+def reread_of(old: LoadedConfig, sources: ConfigSources) -> tuple[hot.ConfigDifference, LoadedConfig]:
     new = describe(sources)
     found = reread.difference(old, new)
     return found, reread.in_force(old, new, found)

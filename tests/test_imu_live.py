@@ -15,7 +15,7 @@ from twind.ctl.main import main
 from twind.robot.attitude import G
 from twind_calibration.doctor import robot_checks, runner, table
 from twind_calibration.doctor.gather import examine
-from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.host import HostInspector
 from twind_drivers.clock import MonotonicClock
 
 pytestmark = pytest.mark.realtime
@@ -34,7 +34,7 @@ def complaints(virtual: Virtual, running: Daemon | None = None) -> dict[str, str
     words = ["--robot", "h24-standing", "--calibration", str(virtual.calibration)]
     words += [] if running else ["--port", str(virtual.folder / "ports/main")]
     socket = running.sockets if running else "/nowhere/at/all"
-    seen = examine(options(*words, socket=socket), Host(), MonotonicClock())
+    seen = examine(options(*words, socket=socket), HostInspector(), MonotonicClock())
     try:
         found = runner.run(seen, CHECKS, table.complaints()).found
     finally:

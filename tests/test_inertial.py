@@ -15,7 +15,7 @@ from rig import Rig
 from twind import link
 from twind.config.robot_spec import ImuSpec, RegistersSpec
 from twind.link import Tick
-from twind.loop.inertial import SHOCK, SPIN, Inertial
+from twind.loop.inertial import SHOCK, SPIN, ImuPoller
 from twind.robot.attitude import G, matrix
 from twind.robot.modes import Mode
 from twind.robot.state import Imu
@@ -225,7 +225,7 @@ FLOATS = ImuSpec("main", 200, "imu", None, 0.0, GYRO, replace(GYRO, address=28),
 def test_any_bytes_are_a_reading_that_a_body_can_have_or_none(data: bytes) -> None:
     """No warning on the way (warnings are errors here), no number without bound told on as fresh. The example
     is a NaN that signals."""
-    inertial = Inertial(FLOATS, (1.0, 0.0, 0.0, 0.0), 0)
+    inertial = ImuPoller(FLOATS, (1.0, 0.0, 0.0, 0.0), 0)
     imu = inertial._reading([decoded(data, at, "<f4", 3) for at in (0, 12)], 1.0)
     if imu is not None:
         assert np.linalg.norm(imu.gyro) <= SPIN and 0.0 < np.linalg.norm(imu.acceleration) <= SHOCK

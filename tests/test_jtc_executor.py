@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from gate_world import ask, at_rest, codes, limits
 
-from twind.motion.executor import Executor, Outcome, Tolerances
-from twind.motion.stops import Ramp
-from twind.robot.finding import Code
+from twind.motion.executor import GoalOutcome, GoalTolerances, TrajectoryExecutor
+from twind.motion.stops import StopRamp
+from twind.robot.finding import ReasonCode
 from twind.robot.modes import Motion
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference, Trajectory
@@ -32,10 +32,10 @@ class World:
     """An executor whose robot follows at once, or stands still; `track` keeps every reference."""
 
     def __init__(self, *, follows: bool = True, period: float = 0.01) -> None:
-        self.executor, self.follows, self.period = Executor(LIMITS, period), follows, period
+        self.executor, self.follows, self.period = TrajectoryExecutor(LIMITS, period), follows, period
         self.executor.begin(START)
         self.track: list[Reference] = [at_rest(START)]
-        self.outcomes: list[Outcome] = []
+        self.outcomes: list[GoalOutcome] = []
         self.now = 0.0
 
     def run(self, seconds: float, wall: float = 0.01) -> Reference:
@@ -57,7 +57,7 @@ class World:
     def phase(self, name: str) -> str:
         return {outcome.id: outcome.phase for outcome in self.outcomes}[name]
 
-    def codes(self, name: str) -> set[Code]:
+    def codes(self, name: str) -> set[ReasonCode]:
         return {
             finding.code for outcome in self.outcomes if outcome.id == name for finding in outcome.findings
         }
@@ -108,7 +108,7 @@ def replace_partial(case: dict) -> None:
     before = world.track[-2]  # at the end itself ours is at rest (S22): compare what the curve ran up to
     arriving = before.velocity + 0.01 * before.acceleration
     assert arriving == pytest.approx(case["expect_at_end"]["v"], abs=case["tol"])
-    assert Code.END_NOT_AT_REST in codes(ask(path(case["old"]), LIMITS, at_rest(START)))
+    assert ReasonCode.END_NOT_AT_REST in codes(ask(path(case["old"]), LIMITS, at_rest(START)))
 
 
 def partly_old(case: dict) -> None:
@@ -126,7 +126,7 @@ def partly_old(case: dict) -> None:
     assert world.phase("new") == "succeeded"
     refused = world.executor.submit("past", path(case["new"]), start_in=-1.0)
     assert refused is not None
-    assert refused.code is Code.CMD_EXPIRED
+    assert refused.code is ReasonCode.CMD_EXPIRED
 
 
 def omitted_joint_keeps_old_path(case: dict) -> None:
@@ -180,7 +180,7 @@ def no_jump_under_speed_scaling(case: dict) -> None:
 
 def stop_distance_positive(case: dict) -> None:
     moving = Reference(START, np.full(3, case["v0"]), np.zeros(3))
-    ramp = Ramp(moving, LIMITS, 0.01)
+    ramp = StopRamp(moving, LIMITS, 0.01)
     assert ramp.duration == pytest.approx(0.02, abs=1e-12)
     assert ramp.at(0.02).position == pytest.approx(START + 0.002, abs=1e-12)
     assert (ramp.at(0.02).velocity == 0.0).all()
@@ -188,7 +188,7 @@ def stop_distance_positive(case: dict) -> None:
 
 def decelerate_without_velocity_state(case: dict) -> None:
     assert case["settings"]["decelerate_on_cancel"]
-    ramp = Ramp(Reference(START, np.full(3, np.nan), np.zeros(3)), LIMITS, 0.01)
+    ramp = StopRamp(Reference(START, np.full(3, np.nan), np.zeros(3)), LIMITS, 0.01)
     assert ramp.duration == 0.0
     assert (ramp.step().position == START).all()
 
@@ -197,13 +197,13 @@ def cmd_timeout_accepted(case: dict) -> None:
     """Ours has no cmd_timeout: after the last point goal_time alone bounds a goal, nothing cuts it short."""
     goal_time = case["settings"]["goal_time"]
     world = World(follows=False)
-    near = Tolerances.of(3, [(0, None, 0.05)])
+    near = GoalTolerances.of(3, [(0, None, 0.05)])
     world.submit("a", [{"t": 0.5, "p": [1, 2, 3]}], tolerances=near, goal_time=goal_time)
     world.run(0.5 + goal_time)
     assert world.outcomes == []
     world.run(0.02)
     assert world.phase("a") == "aborted"
-    assert world.codes("a") == {Code.GOAL_TOLERANCE}
+    assert world.codes("a") == {ReasonCode.GOAL_TOLERANCE}
 
 
 # ----------------------------------------------------------------------------------------------- action
@@ -220,7 +220,7 @@ def single_point(case: dict) -> None:
 def goal_tolerance_met(case: dict) -> None:
     world = World()
     bound = case["settings"]["goal"]
-    world.submit("a", case["points"], tolerances=Tolerances.of(3, [(i, None, bound) for i in range(3)]))
+    world.submit("a", case["points"], tolerances=GoalTolerances.of(3, [(i, None, bound) for i in range(3)]))
     world.run(case["points"][0]["t"])
     assert world.phase("a") == "succeeded"
 
@@ -240,26 +240,26 @@ def path_tolerance(case: dict) -> None:
     """A first point far away at t = 0 is S18's to refuse; past the gate the executor still never jumps."""
     world = World(follows=False)
     bound = case["settings"]["trajectory"]
-    world.submit("a", case["points"], tolerances=Tolerances.of(3, [(i, bound, None) for i in range(3)]))
+    world.submit("a", case["points"], tolerances=GoalTolerances.of(3, [(i, bound, None) for i in range(3)]))
     end = world.run(3.0)
     assert world.phase("a") == "aborted"
-    assert world.codes("a") == {Code.PATH_TOLERANCE}
+    assert world.codes("a") == {ReasonCode.PATH_TOLERANCE}
     assert end.position == pytest.approx(case["command_after"], abs=TOL)
     assert steps(world).max() < 0.1
-    assert Code.START_JUMP in codes(ask(path(case["points"]), LIMITS, at_rest(START)))
+    assert ReasonCode.START_JUMP in codes(ask(path(case["points"]), LIMITS, at_rest(START)))
 
 
 def goal_tolerance(case: dict) -> None:
     """As above: S18 refuses the jump; the executor leads in, waits for `goal_time`, and returns."""
     world = World(follows=False)
     bound, goal_time = case["settings"]["goal"], case["settings"]["goal_time"]
-    tolerances = Tolerances.of(3, [(i, None, bound) for i in range(3)])
+    tolerances = GoalTolerances.of(3, [(i, None, bound) for i in range(3)])
     world.submit("a", case["points"], tolerances=tolerances, goal_time=goal_time)
     end = world.run(6.0)
     assert world.phase("a") == "aborted"
-    assert world.codes("a") == {Code.GOAL_TOLERANCE}
+    assert world.codes("a") == {ReasonCode.GOAL_TOLERANCE}
     assert end.position == pytest.approx(case["command_after"], abs=TOL)
-    assert Code.START_JUMP in codes(ask(path(case["points"]), LIMITS, at_rest(START)))
+    assert ReasonCode.START_JUMP in codes(ask(path(case["points"]), LIMITS, at_rest(START)))
 
 
 def cancel_decelerate(case: dict) -> None:
@@ -279,7 +279,7 @@ def cancel_decelerate(case: dict) -> None:
 def nonzero_end_velocity_forbidden(case: dict) -> None:
     """Upstream refuses above 1.2e-7; our gate refuses above 0.05 rad/s (S22), by the same rule."""
     assert not case["settings"]["allow_nonzero_velocity_at_trajectory_end"]
-    assert Code.END_NOT_AT_REST in codes(ask(path(case["points"]), LIMITS, at_rest([4.0, 5.0, 6.0])))
+    assert ReasonCode.END_NOT_AT_REST in codes(ask(path(case["points"]), LIMITS, at_rest([4.0, 5.0, 6.0])))
 
 
 def deactivated_while_running(case: dict) -> None:
@@ -325,6 +325,6 @@ def test_the_executor_answers_as_joint_trajectory_controller(which: tuple[str, s
 
 def test_tolerance_values_mean_what_the_file_says() -> None:
     assert FILE["action"]["tolerance_value"]["-1"].startswith("erased")
-    given = Tolerances.of(3, [(0, 0.0, -1.0), (1, 0.2, None), (2, None, 0.3)])
+    given = GoalTolerances.of(3, [(0, 0.0, -1.0), (1, 0.2, None), (2, None, 0.3)])
     assert given.path.tolist() == [inf, 0.2, inf]
     assert given.goal.tolist() == [inf, inf, 0.3]

@@ -12,11 +12,11 @@ import gate_world as w
 import numpy as np
 import pytest
 
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.splines import fill, integrate, interpolate, nearest_turn, passed
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.form import Row, form
-from twind.safety.gate import Demand
+from twind.safety.form import PointRow, form
+from twind.safety.gate import TrajectoryRequest
 
 CASES = json.loads((Path(__file__).parent / "data" / "jtc_cases.json").read_text())
 EPS = 1e-8
@@ -196,13 +196,13 @@ GROUP = CASES["validate"]
 JOINTS = tuple(GROUP["controller_joints"])
 STRICTER = {
     # id: our code, and why
-    "good": Code.END_NOT_AT_REST,  # S22: a moving end needs append_stop; the group runs without that check
-    "ends_in_the_future": Code.END_NOT_AT_REST,  # S22, as above
-    "integration_no_positions": Code.BAD_SHAPE,  # S14: the socket takes positions; `integrate` makes them
+    "good": ReasonCode.END_NOT_AT_REST,  # S22: a moving end needs append_stop; the group runs without that check
+    "ends_in_the_future": ReasonCode.END_NOT_AT_REST,  # S22, as above
+    "integration_no_positions": ReasonCode.BAD_SHAPE,  # S14: the socket takes positions; `integrate` makes them
 }
 
 
-def message(case: dict[str, Any]) -> list[Row | tuple[Any, ...]]:
+def message(case: dict[str, Any]) -> list[PointRow | tuple[Any, ...]]:
     """The case's message as rows: good, with the changes the case names."""
     point = {**GROUP["good"]["points"][0]}
     if "accelerations" in case.get("base", ""):
@@ -214,7 +214,7 @@ def message(case: dict[str, Any]) -> list[Row | tuple[Any, ...]]:
     return [tuple(p.get(key) for key in keys[: 5 if "effort" in p else 4]) for p in points]
 
 
-def answers(rows: list[Row | tuple[Any, ...]], demand: Demand) -> set[Code]:
+def answers(rows: list[PointRow | tuple[Any, ...]], demand: TrajectoryRequest) -> set[ReasonCode]:
     """The codes of form and gate for a robot that is strong and wide enough for the case."""
     path, findings = form(JOINTS, rows, JOINTS)
     if path is None:
@@ -225,7 +225,7 @@ def answers(rows: list[Row | tuple[Any, ...]], demand: Demand) -> set[Code]:
 
 @pytest.mark.parametrize("case", GROUP["cases"], ids=lambda case: case["id"])
 def test_messages_are_accepted_as_by_the_controller_or_more_strictly(case: dict[str, Any]) -> None:
-    refused = answers(message(case), Demand())
+    refused = answers(message(case), TrajectoryRequest())
     if not case["accept"]:
         assert refused
     elif case["id"] in STRICTER:
@@ -237,25 +237,29 @@ def test_messages_are_accepted_as_by_the_controller_or_more_strictly(case: dict[
 @pytest.mark.parametrize("id", ["good", "ends_in_the_future"])
 def test_with_a_stop_appended_the_good_ones_pass(id: str) -> None:
     (case,) = [case for case in GROUP["cases"] if case["id"] == id]
-    assert answers(message(case), Demand(append_stop=True)) == set()
+    assert answers(message(case), TrajectoryRequest(append_stop=True)) == set()
 
 
 def test_goals_without_positions_pass_once_they_are_summed_up() -> None:
     velocity = np.array([GROUP["good"]["points"][0]["velocities"]], np.float64)
     path = integrate(np.array([0.25]), w.at_rest(np.zeros(3)), velocity, np.zeros((1, 3)))
-    rows = [Row(0.25, *(block[0].tolist() for block in (path.position, path.velocity, path.acceleration)))]
-    assert answers(rows, Demand(append_stop=True)) == set()
+    rows = [
+        PointRow(0.25, *(block[0].tolist() for block in (path.position, path.velocity, path.acceleration)))
+    ]
+    assert answers(rows, TrajectoryRequest(append_stop=True)) == set()
 
 
 def test_a_last_velocity_below_what_counts_as_rest_passes_here_and_not_upstream() -> None:
     """Upstream's bound is the float32 epsilon; ours (S22) is 0.05 rad/s, where a joint can stop at once."""
-    assert answers([Row(1.0, [0.0] * 3, [1e-6] * 3)], Demand()) == set()
+    assert answers([PointRow(1.0, [0.0] * 3, [1e-6] * 3)], TrajectoryRequest()) == set()
 
 
 def test_what_upstream_does_not_check_is_refused_here() -> None:
     nan, good = float("nan"), [0.1, 0.1, 0.1]
-    assert answers([Row(1.0, [nan, 0.0, 0.0])], Demand()) == {Code.NONFINITE}
-    assert answers([Row(1.0, [10.0, 0.0, 0.0])], Demand()) >= {Code.POS_LIMIT}
-    assert answers([Row(-1.0, good)], Demand()) == {Code.TIME_ORDER}
-    assert answers([Row(0.0, good)], Demand()) == {Code.START_JUMP}
-    assert [f.code for f in form(["joint1", "joint1"], [Row(1.0, [0.0, 0.0])], JOINTS)[1]] == [Code.DUP_JOINT]
+    assert answers([PointRow(1.0, [nan, 0.0, 0.0])], TrajectoryRequest()) == {ReasonCode.NONFINITE}
+    assert answers([PointRow(1.0, [10.0, 0.0, 0.0])], TrajectoryRequest()) >= {ReasonCode.POS_LIMIT}
+    assert answers([PointRow(-1.0, good)], TrajectoryRequest()) == {ReasonCode.TIME_ORDER}
+    assert answers([PointRow(0.0, good)], TrajectoryRequest()) == {ReasonCode.START_JUMP}
+    assert [f.code for f in form(["joint1", "joint1"], [PointRow(1.0, [0.0, 0.0])], JOINTS)[1]] == [
+        ReasonCode.DUP_JOINT
+    ]

@@ -9,15 +9,15 @@ pytest.importorskip("gymnasium", reason="make extras EXTRAS=learn")
 from mujoco.batch import SimulationError
 
 from twind.learn.batch import body as batch_body
-from twind.learn.batch.core import Core, Step
+from twind.learn.batch.core import BatchCore, BatchStep
 from twind.learn.env import RobotEnv
 
 COUNT, EPISODE = 3, 40
 
 
-def core(**given: Any) -> Core:
+def core(**given: Any) -> BatchCore:
     """Robots of a robot file, their episodes cut short."""
-    made = Core("Stand", COUNT, episode_steps=EPISODE, **given)
+    made = BatchCore("Stand", COUNT, episode_steps=EPISODE, **given)
     made.seed([20 + each for each in range(COUNT)])
     return made
 
@@ -33,7 +33,7 @@ def actions(steps: int, joints: int) -> Any:
     ("task", "randomise"), [("Stand", None), ("Stand", "default"), ("Humanoid", "default")]
 )
 def test_a_robot_of_a_batch_is_what_it_is_alone_bit_for_bit(task: str, randomise: str | None) -> None:
-    many = Core(task, COUNT, episode_steps=EPISODE, randomise=randomise, threads=2)
+    many = BatchCore(task, COUNT, episode_steps=EPISODE, randomise=randomise, threads=2)
     many.seed([20 + each for each in range(COUNT)])
     first = many.reset()
     alone = [RobotEnv(task, randomise=randomise) for _ in range(COUNT)]
@@ -60,7 +60,7 @@ def test_a_robot_of_a_batch_is_what_it_is_alone_bit_for_bit(task: str, randomise
 @pytest.mark.parametrize("randomise", [None, "default"])
 def test_the_first_thing_an_imu_tells_is_that_of_a_robot_at_rest(randomise: str | None) -> None:
     """Not of one in free fall: nobody who holds a robot lets go of it as its policy begins."""
-    many = Core("Stand", 8, randomise=randomise, threads=1)
+    many = BatchCore("Stand", 8, randomise=randomise, threads=1)
     many.seed(list(range(8)))
     many.reset()
     reading = many.body.reading
@@ -70,7 +70,7 @@ def test_the_first_thing_an_imu_tells_is_that_of_a_robot_at_rest(randomise: str 
 
 def test_the_same_seeds_give_the_same_episodes_and_others_do_not() -> None:
     def run(first: int) -> Any:
-        made = Core("Stand", COUNT, randomise="default", threads=1)
+        made = BatchCore("Stand", COUNT, randomise="default", threads=1)
         made.seed([first + each for each in range(COUNT)])
         made.reset()
         return np.array([made.step(action[:1]).observation for action in actions(9, made.joints)])
@@ -121,7 +121,7 @@ def test_only_the_robots_that_are_asked_for_begin_anew() -> None:
     assert not np.array_equal(after[0], before[0]) and not np.array_equal(after[2], before[2])
 
 
-def broken(made: Core, at: int) -> Step:
+def broken(made: BatchCore, at: int) -> BatchStep:
     """The step in which robot `at` has a speed that no physics can follow."""
     made.body.batch.qvel[at, 8] = 1e13
     return made.step(np.zeros((COUNT, made.joints)))
@@ -176,7 +176,7 @@ def test_an_action_that_is_no_number_is_an_error_that_says_whose_and_moves_nobod
 
 def test_a_batch_of_nobody_is_refused() -> None:
     with pytest.raises(ValueError, match="0 environments: at least one is needed"):
-        Core("Stand", 0)
+        BatchCore("Stand", 0)
 
 
 def test_a_command_that_is_given_is_that_of_all() -> None:

@@ -6,16 +6,16 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.learn.live.beat import MARGIN, Beat, in_step
-from twind.learn.live.heard import Heard
+from twind.learn.live.beat import MARGIN, RateTimer, in_step
+from twind.learn.live.heard import StateMessage
 
 EMPTY = np.zeros(0)
-STATE = Heard(0.0, 0.0, 0, EMPTY, EMPTY, EMPTY, EMPTY, None)
+STATE = StateMessage(0.0, 0.0, 0, EMPTY, EMPTY, EMPTY, EMPTY, None)
 
 
 @given(st.lists(st.floats(0.0, 0.09), min_size=1, max_size=50))
 def test_deadlines_are_whole_periods_and_never_past(took: list[float]) -> None:
-    beat, now = Beat(5.0, 0.02), 5.0
+    beat, now = RateTimer(5.0, 0.02), 5.0
     for each in took:
         now = max(now, beat.deadline) + each
         beat.advance(now)
@@ -24,7 +24,7 @@ def test_deadlines_are_whole_periods_and_never_past(took: list[float]) -> None:
 
 
 def test_what_was_missed_is_counted() -> None:
-    beat = Beat(0.0, 0.02)
+    beat = RateTimer(0.0, 0.02)
     assert [beat.advance(0.005), beat.advance(0.065), beat.advance(0.081)] == [0, 2, 0]
     assert beat.missed == 2 and np.isclose(beat.deadline, 0.1)
 

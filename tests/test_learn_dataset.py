@@ -16,13 +16,13 @@ from twind.ctl.extras import how_to_add
 from twind.ctl.main import main
 from twind.ctl.verb import Rejected
 from twind.observe.recording import open_recording
-from twind.observe.writing.folder import Bounds
+from twind.observe.writing.folder import DiskQuota
 from twind.observe.writing.writer import RecordWriter
 
 pytest.importorskip("pyarrow", reason="make extras EXTRAS=dataset")
 
 from twind.learn.dataset.folder import write
-from twind.learn.dataset.gather import Asked, gather
+from twind.learn.dataset.gather import DatasetRequest, gather
 
 CAPTURES = Path(__file__).parent / "data" / "captures"
 EPISODES = (("pick", True), ("put", False), ("pick", None), ("pick", True))  # 2 s each, one every 3 s
@@ -31,7 +31,7 @@ QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 def record(folder: Path, *answers: dict[str, Any]) -> Path:
     folder.mkdir(exist_ok=True)
-    told = Told(lambda now: RecordWriter(folder, Bounds(1 << 40, 0, 1 << 40), now))
+    told = Told(lambda now: RecordWriter(folder, DiskQuota(1 << 40, 0, 1 << 40), now))
     told.tell(*answers)
     told.writer.close()
     return told.writer.tally.files[0]
@@ -170,7 +170,7 @@ def test_statistics_are_those_of_the_frames(recorded: Path, tmp_path: Path) -> N
 
 
 def test_several_episodes_share_a_file_until_it_is_full(recorded: Path, tmp_path: Path) -> None:
-    gathered = gather([recorded], Asked(50))
+    gathered = gather([recorded], DatasetRequest(50))
     write(gathered, tmp_path / "set", file_mb=0.011, chunk=2)
     names = sorted(str(each.relative_to(tmp_path / "set/data")) for each in tmp_path.glob("set/data/*/*"))
     assert names == ["chunk-000/file-000.parquet", "chunk-000/file-001.parquet"]
@@ -215,9 +215,9 @@ def test_a_marked_episode_with_a_hole_is_left_out_and_a_recording_without_marks_
 def test_what_was_marked_may_be_short_and_what_was_not_is_left_out(tmp_path: Path) -> None:
     some = stretch(100.0, 100.5)
     marked = record(tmp_path / "a", status(100.0), mark(100.0, "begin"), *some, mark(100.5, "end"))
-    assert gather([marked], Asked(50)).frames == 25
+    assert gather([marked], DatasetRequest(50)).frames == 25
     with pytest.raises(Rejected, match=r"at 0.00 s: a stretch of 0.49 s, shorter than 1 s"):
-        gather([record(tmp_path / "b", status(100.0), *some)], Asked(50, "wave"))
+        gather([record(tmp_path / "b", status(100.0), *some)], DatasetRequest(50, "wave"))
 
 
 def test_times_without_goals_around_an_episode_are_cut_off_and_said(
@@ -271,7 +271,7 @@ def test_joints_in_another_order_are_put_into_that_of_the_first(recorded: Path, 
     turned = [
         state(each["time"], goal=0.25) | {"joints": each["joints"][::-1]} for each in stretch(200.0, 202.0)
     ]
-    told = Told(lambda now: RecordWriter(second, Bounds(1 << 40, 0, 1 << 40), now))
+    told = Told(lambda now: RecordWriter(second, DiskQuota(1 << 40, 0, 1 << 40), now))
     told.scribe = type(told.scribe)(JOINTS[::-1], told.scribe.clocks)
     told.tell(status(200.0), *turned)
     told.writer.close()
@@ -300,7 +300,7 @@ def test_what_would_be_made_up_is_refused(
 def test_an_episode_without_a_task_is_refused_with_the_remedy(tmp_path: Path) -> None:
     path = record(tmp_path / "a", status(100.0), *stretch(100.0, 102.0))
     with pytest.raises(Rejected, match="name it with --task"):
-        gather([path], Asked(50))
+        gather([path], DatasetRequest(50))
 
 
 def test_recordings_of_two_robots_are_refused(recorded: Path, tmp_path: Path) -> None:
@@ -308,7 +308,7 @@ def test_recordings_of_two_robots_are_refused(recorded: Path, tmp_path: Path) ->
     with pytest.raises(
         Rejected, match=r"its joints are not those of the recordings before: .*hip.* is not in both"
     ):
-        gather([recorded, golden], Asked(10, "wave", gap=0.15))
+        gather([recorded, golden], DatasetRequest(10, "wave", gap=0.15))
 
 
 def test_a_recording_that_is_named_twice_is_refused(recorded: Path, tmp_path: Path, capsys: Any) -> None:
@@ -346,7 +346,7 @@ def test_what_is_interrupted_leaves_nothing(
 def test_a_golden_capture_of_a_fault_gives_the_stretches_in_which_all_was_known(tmp_path: Path) -> None:
     """Recorded over a bus; ten states a second of it are kept."""
     path = CAPTURES / "noise.flight"
-    of, gathered = open_recording(path), gather([path], Asked(10, "wave", gap=0.15))
+    of, gathered = open_recording(path), gather([path], DatasetRequest(10, "wave", gap=0.15))
     write(gathered, tmp_path / "set")
     found = rows(tmp_path / "set/data/*/*.parquet")
     (episode,) = gathered.episodes

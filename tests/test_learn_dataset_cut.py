@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from twind.learn.dataset.stretches import Left, Part, Run, Wholeness, parts
-from twind.observe.recording.columns import Episode, Recording, Said, Slow
+from twind.learn.dataset.stretches import EpisodeSpan, OmittedSpan, ReadingCoverage, ReadingRun, parts
+from twind.observe.recording.columns import RecordedEpisode, RecordedMessage, RobotRecording, SlowColumns
 
 JOINTS = ("hip", "knee")
-ALL = Part("pick", 0.0, 10.0, True)
+ALL = EpisodeSpan("pick", 0.0, 10.0, True)
 
 
-def recording(count: int = 300, rate: float = 100.0, **more: Any) -> Recording:
+def recording(count: int = 300, rate: float = 100.0, **more: Any) -> RobotRecording:
     """A robot that was armed and live all the time, from 0 s on."""
     time = np.arange(count) / rate
     rows = {name: np.full((count, 2), 0.5) for name in ("measured", "velocity", "effort", "goal")}
     given: dict[str, Any] = {"path": Path("a.mcap"), "start_ns": 0, "joints": JOINTS, "time": time}
     given["simulated"] = np.full((count, 2), nan)
-    return Recording(**given | rows | more)
+    return RobotRecording(**given | rows | more)
 
 
-def without(column: str, rows: slice, joint: int | slice = slice(None)) -> Recording:
+def without(column: str, rows: slice, joint: int | slice = slice(None)) -> RobotRecording:
     """The same with values that are not known."""
     whole = recording()
     table = getattr(whole, column).copy()
@@ -33,8 +33,8 @@ def without(column: str, rows: slice, joint: int | slice = slice(None)) -> Recor
 
 
 def test_a_recording_of_an_armed_robot_is_one_stretch() -> None:
-    assert Wholeness(recording(), 0.1).runs(ALL) == [Run(0, 299)]
-    assert Wholeness(recording(), 0.1).runs(replace(ALL, begin=1.0, end=2.0)) == [Run(100, 200)]
+    assert ReadingCoverage(recording(), 0.1).runs(ALL) == [ReadingRun(0, 299)]
+    assert ReadingCoverage(recording(), 0.1).runs(replace(ALL, begin=1.0, end=2.0)) == [ReadingRun(100, 200)]
 
 
 @pytest.mark.parametrize(
@@ -45,9 +45,11 @@ def test_a_recording_of_an_armed_robot_is_one_stretch() -> None:
         (without("goal", slice(100, 110), 0), "hip had no goal"),
     ],
 )
-def test_where_something_is_unknown_a_stretch_ends_and_another_begins(given: Recording, why: str) -> None:
-    whole = Wholeness(given, 0.2)
-    assert whole.runs(ALL) == [Run(0, 99), Run(110, 299)]
+def test_where_something_is_unknown_a_stretch_ends_and_another_begins(
+    given: RobotRecording, why: str
+) -> None:
+    whole = ReadingCoverage(given, 0.2)
+    assert whole.runs(ALL) == [ReadingRun(0, 99), ReadingRun(110, 299)]
     assert whole.hole(ALL, 99) == (1.0, why)
 
 
@@ -60,10 +62,10 @@ def test_a_hole_is_what_is_longer_than_the_bound_and_nothing_is_put_into_it(
     rows = {
         name: getattr(whole, name)[keep] for name in ("measured", "velocity", "effort", "goal", "simulated")
     }
-    told = Wholeness(replace(whole, time=whole.time[keep], **rows), 0.1001)
-    assert (told.runs(ALL) == [Run(0, 299 - missing)]) is joined
+    told = ReadingCoverage(replace(whole, time=whole.time[keep], **rows), 0.1001)
+    assert (told.runs(ALL) == [ReadingRun(0, 299 - missing)]) is joined
     if not joined:
-        assert told.runs(ALL) == [Run(0, 99), Run(100, 299 - missing)]
+        assert told.runs(ALL) == [ReadingRun(0, 99), ReadingRun(100, 299 - missing)]
         assert told.hole(ALL, 99) == (0.99, f"nothing was read for {(missing + 1) / 100:.2f} s")
 
 
@@ -73,13 +75,13 @@ def test_rows_of_another_times_message_are_no_hole_but_a_missing_reading_is() ->
     rows = {name: getattr(whole, name).copy() for name in ("measured", "velocity", "effort")}
     for table in rows.values():
         table[other] = nan
-    assert Wholeness(replace(whole, **rows), 0.1).runs(ALL) == [Run(0, 298)]
+    assert ReadingCoverage(replace(whole, **rows), 0.1).runs(ALL) == [ReadingRun(0, 298)]
 
 
 def test_goals_that_went_to_the_simulation_are_no_actions_of_the_robot() -> None:
-    modes = (Said(0.0, {"mode": "mirror"}), Said(1.0, {"mode": "live"}))
-    whole = Wholeness(recording(statuses=modes), 0.1)
-    assert whole.runs(ALL) == [Run(100, 299)]
+    modes = (RecordedMessage(0.0, {"mode": "mirror"}), RecordedMessage(1.0, {"mode": "live"}))
+    whole = ReadingCoverage(recording(statuses=modes), 0.1)
+    assert whole.runs(ALL) == [ReadingRun(100, 299)]
     assert whole.hole(ALL) == (0.0, "commands went to the simulation, not to the robot")
 
 
@@ -90,33 +92,37 @@ def test_a_joint_that_did_not_answer_is_left_out_from_its_last_answer_to_its_nex
         [[0.0, 0.0], [0.0, 0.05], [0.0, 0.4], [0.0, 0.01], [0.0, 0.0]]
     )  # knee: heard at 0.6, 1.49
     blank = np.zeros((5, 2))
-    whole = Wholeness(recording(slow=Slow(times, blank, blank, blank, ages)), 0.1)
-    assert whole.runs(ALL) == [Run(0, 60), Run(149, 299)]
+    whole = ReadingCoverage(recording(slow=SlowColumns(times, blank, blank, blank, ages)), 0.1)
+    assert whole.runs(ALL) == [ReadingRun(0, 60), ReadingRun(149, 299)]
     assert whole.hole(ALL, 60) == (0.61, "knee did not answer")
 
 
 def test_a_joint_that_never_answered_again_is_left_out_to_the_end() -> None:
     blank = np.zeros((2, 2))
     ages = np.array([[0.3, 0.0], [1.3, 0.0]])
-    whole = Wholeness(recording(slow=Slow(np.array([1.0, 2.0]), blank, blank, blank, ages)), 0.1)
-    assert whole.runs(ALL) == [Run(0, 70)]
+    whole = ReadingCoverage(recording(slow=SlowColumns(np.array([1.0, 2.0]), blank, blank, blank, ages)), 0.1)
+    assert whole.runs(ALL) == [ReadingRun(0, 70)]
 
 
 def test_a_part_without_any_reading_has_no_stretch_and_a_reason() -> None:
-    whole = Wholeness(recording(), 0.1)
+    whole = ReadingCoverage(recording(), 0.1)
     part = replace(ALL, begin=20.0, end=30.0)
     assert whole.runs(part) == [] and whole.hole(part) == (20.0, "no joint was measured in it")
 
 
 def test_episodes_are_the_marked_ones_and_one_that_this_file_has_not_whole_is_left_out() -> None:
-    marks = (Episode("", nan, 0.5, True), Episode("pick", 1.0, 2.0, None), Episode("put", 2.5, nan, None))
+    marks = (
+        RecordedEpisode("", nan, 0.5, True),
+        RecordedEpisode("pick", 1.0, 2.0, None),
+        RecordedEpisode("put", 2.5, nan, None),
+    )
     found, left = parts(recording(episodes=marks), "wave")
-    assert found == [Part("pick", 1.0, 2.0, None)]
+    assert found == [EpisodeSpan("pick", 1.0, 2.0, None)]
     assert left == [
-        Left("a.mcap", "wave", 0.5, "its beginning is not in this file"),
-        Left("a.mcap", "put", 2.5, "its end is not in this file"),
+        OmittedSpan("a.mcap", "wave", 0.5, "its beginning is not in this file"),
+        OmittedSpan("a.mcap", "put", 2.5, "its end is not in this file"),
     ]
 
 
 def test_without_marks_all_of_a_recording_is_one_part() -> None:
-    assert parts(recording(), "wave") == ([Part("wave", 0.0, 2.99, None)], [])
+    assert parts(recording(), "wave") == ([EpisodeSpan("wave", 0.0, 2.99, None)], [])

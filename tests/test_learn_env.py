@@ -15,8 +15,8 @@ from gymnasium.utils.env_checker import check_env
 
 from twind.learn.asked import MOST
 from twind.learn.env import RobotEnv
-from twind.learn.picture import NoPicture, Picture
-from twind.learn.shaping import Shaping
+from twind.learn.picture import CameraRenderer, RendererUnavailable
+from twind.learn.shaping import ActionShaping
 
 NAMES = ("Stand", "Humanoid")
 
@@ -107,7 +107,7 @@ def test_nothing_that_was_returned_changes_later(env: RobotEnv) -> None:
 
 def test_an_episode_ends_by_its_time_whatever_its_period() -> None:
     assert RobotEnv("Humanoid").episode_steps == 1000
-    slow = make("Humanoid", shaping=Shaping(period=0.1)).unwrapped
+    slow = make("Humanoid", shaping=ActionShaping(period=0.1)).unwrapped
     assert slow.metadata["render_fps"] == 10
     slow.reset(seed=0)
     for step in range(1, 201):
@@ -208,8 +208,8 @@ def test_a_picture_shows_the_robot() -> None:
     env = RobotEnv("Stand", render_mode="rgb_array")
     env.reset(seed=0)
     try:
-        probe = Picture(env.body.model, "torso")
-    except NoPicture as reason:
+        probe = CameraRenderer(env.body.model, "torso")
+    except RendererUnavailable as reason:
         pytest.skip(str(reason))
     probe.close()
     picture = env.render()

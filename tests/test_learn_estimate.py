@@ -5,29 +5,31 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.learn.live.estimate import Estimate
-from twind.learn.live.heard import Heard, Inertial
+from twind.learn.live.estimate import BaseEstimator
+from twind.learn.live.heard import ImuReading, StateMessage
 from twind.learn.model import plant_of
-from twind.learn.observation import Reading
+from twind.learn.observation import BodyReading
 from twind.learn.randomise.ranges import load_ranges
-from twind.learn.shaping import Shaper, Shaping
+from twind.learn.shaping import ActionShaper, ActionShaping
 from twind.learn.sim_body import SimBody
 
 PLANT = plant_of(load_robot("h24-standing"), period=0.02)
 
 
-def sensed(body: SimBody, reading: Reading) -> Heard:
+def sensed(body: SimBody, reading: BodyReading) -> StateMessage:
     """What a daemon would say of the same moment: joints, and the IMU's own orientation."""
     n, at = len(PLANT.default), PLANT.places.base_qpos + 3
-    imu = Inertial(reading.gyro.copy(), reading.acceleration.copy(), body.data.qpos[at : at + 4].copy(), 0.0)
+    imu = ImuReading(
+        reading.gyro.copy(), reading.acceleration.copy(), body.data.qpos[at : at + 4].copy(), 0.0
+    )
     row = np.zeros(n)
-    return Heard(0.0, 0.0, 0, reading.position.copy(), reading.velocity.copy(), row, row, imu)
+    return StateMessage(0.0, 0.0, 0, reading.position.copy(), reading.velocity.copy(), row, row, imu)
 
 
-def swaying(seconds: float, size: float) -> list[tuple[Reading, Reading]]:
+def swaying(seconds: float, size: float) -> list[tuple[BodyReading, BodyReading]]:
     """Truth and estimate of a robot that bends its knees and stretches them."""
-    body, estimate = SimBody(PLANT, load_ranges("none"), 0.02), Estimate(PLANT)
-    shaper = Shaper(PLANT.binding.limits, PLANT.default, Shaping())
+    body, estimate = SimBody(PLANT, load_ranges("none"), 0.02), BaseEstimator(PLANT)
+    shaper = ActionShaper(PLANT.binding.limits, PLANT.default, ActionShaping())
     body.reset(np.random.default_rng(0))
     names, found = PLANT.layout.joints, []
     for step in range(round(seconds / 0.02)):
@@ -37,24 +39,24 @@ def swaying(seconds: float, size: float) -> list[tuple[Reading, Reading]]:
             for joint, share in (("hip_pitch", -1.0), ("knee", 2.0), ("ankle_pitch", -1.0)):
                 action[names.index(f"{side}_{joint}")] = share * bend
         truth = body.advance(*shaper.step(action))
-        kept = Reading(truth.values.copy())
+        kept = BodyReading(truth.values.copy())
         found.append((kept, estimate.reading(sensed(body, kept))))
     return found
 
 
 @pytest.fixture(scope="module")
-def swayed() -> list[tuple[Reading, Reading]]:
+def swayed() -> list[tuple[BodyReading, BodyReading]]:
     return swaying(4.0, 0.3)
 
 
-def test_feet_and_gravity_and_height_are_exact(swayed: list[tuple[Reading, Reading]]) -> None:
+def test_feet_and_gravity_and_height_are_exact(swayed: list[tuple[BodyReading, BodyReading]]) -> None:
     for truth, told in swayed:
         for name in ("position", "velocity", "gyro", "acceleration", "gravity", "height", "soles"):
             assert np.abs(getattr(truth, name) - getattr(told, name)).max() < 1e-6, name
         assert np.abs(truth.sole_velocities - told.sole_velocities).max() < 1e-6
 
 
-def test_the_base_moves_as_the_feet_that_stand_say(swayed: list[tuple[Reading, Reading]]) -> None:
+def test_the_base_moves_as_the_feet_that_stand_say(swayed: list[tuple[BodyReading, BodyReading]]) -> None:
     true = np.array([truth.base_velocity for truth, _ in swayed])
     told = np.array([told.base_velocity for _, told in swayed])
     assert np.abs(true[25:]).max() > 0.04  # it moves
@@ -63,9 +65,9 @@ def test_the_base_moves_as_the_feet_that_stand_say(swayed: list[tuple[Reading, R
     assert error.max() < 0.005  # m/s
 
 
-def test_the_heading_changes_nothing(swayed: list[tuple[Reading, Reading]]) -> None:
+def test_the_heading_changes_nothing(swayed: list[tuple[BodyReading, BodyReading]]) -> None:
     truth, told = swayed[60]
-    estimate, turned = Estimate(PLANT), np.zeros(4)
+    estimate, turned = BaseEstimator(PLANT), np.zeros(4)
     body = SimBody(PLANT, load_ranges("none"), 0.02)
     body.reset(np.random.default_rng(0))
     heard = sensed(body, truth)

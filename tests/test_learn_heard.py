@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from twind.learn.live.heard import STALE, Heard, heard
+from twind.learn.live.heard import STALE, StateMessage, heard
 
 JOINTS = ("hip", "knee")
 IMU = {"gyro": [0.1, 0.2, 0.3], "acceleration": [0, 0, 9.8], "quaternion": [1, 0, 0, 0], "age_ms": 4.0}
@@ -20,7 +20,7 @@ def answer(**changed: Any) -> dict[str, Any]:
     return {"time": 10.0, "sequence": 7, "joints": rows, "imu": IMU} | changed
 
 
-def state(**changed: Any) -> Heard:
+def state(**changed: Any) -> StateMessage:
     return heard(answer(**changed), 10.001, JOINTS)
 
 

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twind.learn.layout import Layout, table
+from twind.learn.layout import ObservationLayout, table
 
-LAYOUT = Layout(("l_knee", "r_knee"))
+LAYOUT = ObservationLayout(("l_knee", "r_knee"))
 DOCS = Path(__file__).parents[1] / "docs" / "learn.md"
 
 
 @pytest.mark.parametrize("joints", [1, 2, 24])
 def test_there_are_four_entries_a_joint_and_thirty_two_more(joints: int) -> None:
-    layout = Layout(tuple(f"j{i}" for i in range(joints)))
+    layout = ObservationLayout(tuple(f"j{i}" for i in range(joints)))
     assert layout.size == 4 * joints + 32 == len(layout.names) == len(layout.most)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from twind.config.robot_file import RobotFile, load_robot
 from twind.learn.model import SOLE_SITES, Plant, plant_of
-from twind.learn.observation import Reading
+from twind.learn.observation import BodyReading
 from twind.twin.binding import BindingError
 
 PERIOD = 0.02
@@ -39,8 +39,8 @@ def moving(plant: Plant, steps: int = 30) -> Any:
     return data
 
 
-def read(plant: Plant, data: Any) -> Reading:
-    reading = Reading.empty(len(plant.default))
+def read(plant: Plant, data: Any) -> BodyReading:
+    reading = BodyReading.empty(len(plant.default))
     plant.read(data.qpos, data.qvel, data.sensordata, reading)
     return reading
 
@@ -116,7 +116,7 @@ def test_sole_velocities_are_those_of_the_joints_alone(plant: Plant) -> None:
 
 def test_many_states_are_read_as_each_alone(plant: Plant) -> None:
     states = [moving(plant, steps) for steps in (5, 40)]
-    many = Reading.empty(len(plant.default), (2,))
+    many = BodyReading.empty(len(plant.default), (2,))
     stacked = [np.stack([getattr(s, name) for s in states]) for name in ("qpos", "qvel", "sensordata")]
     plant.read(*stacked, many)
     for row, state in enumerate(states):

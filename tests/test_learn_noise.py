@@ -5,15 +5,15 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from twind.learn.observation import Reading
-from twind.learn.randomise.noise import Noise
+from twind.learn.observation import BodyReading
+from twind.learn.randomise.noise import ReadingNoise
 from twind.learn.randomise.ranges import NoiseRanges
 
 JOINTS = 3
 
 
-def readings(count: int) -> Reading:
-    reading = Reading.empty(JOINTS, (count,))
+def readings(count: int) -> BodyReading:
+    reading = BodyReading.empty(JOINTS, (count,))
     reading.gravity[..., 2] = -1.0
     return reading
 
@@ -24,7 +24,7 @@ def generators(count: int, seed: int = 0) -> list[np.random.Generator]:
 
 @pytest.mark.parametrize("quantity", [each.name for each in fields(NoiseRanges)])
 def test_noise_on_a_quantity_touches_nothing_else(quantity: str) -> None:
-    noise = Noise(replace(NoiseRanges(), **{quantity: 0.3}), JOINTS, 200)
+    noise = ReadingNoise(replace(NoiseRanges(), **{quantity: 0.3}), JOINTS, 200)
     reading, clean = readings(200), readings(200)
     noise.add(reading, generators(200))
     for each in fields(NoiseRanges):
@@ -39,29 +39,29 @@ def test_noise_on_a_quantity_touches_nothing_else(quantity: str) -> None:
 
 def test_gravity_stays_a_unit_vector() -> None:
     reading = readings(50)
-    Noise(NoiseRanges(gravity=0.2), JOINTS, 50).add(reading, generators(50))
+    ReadingNoise(NoiseRanges(gravity=0.2), JOINTS, 50).add(reading, generators(50))
     assert np.linalg.norm(reading.gravity, axis=-1) == pytest.approx(np.ones(50))
 
 
 def test_noise_lies_evenly_around_the_truth() -> None:
     reading = readings(2000)
-    Noise(NoiseRanges(position=0.1), JOINTS, 2000).add(reading, generators(2000))
+    ReadingNoise(NoiseRanges(position=0.1), JOINTS, 2000).add(reading, generators(2000))
     assert abs(reading.position.mean()) < 0.003
     assert reading.position.std() == pytest.approx(0.1 / np.sqrt(3.0), rel=0.03)
 
 
 def test_one_robot_alone_has_the_noise_that_it_has_among_many() -> None:
     ranges = NoiseRanges(position=0.1, gravity=0.1, sole_velocities=0.2)
-    many, alone = readings(4), Reading.empty(JOINTS)
+    many, alone = readings(4), BodyReading.empty(JOINTS)
     alone.gravity[2] = -1.0
-    Noise(ranges, JOINTS, 4).add(many, generators(4))
-    Noise(ranges, JOINTS).add(alone, generators(4)[2:3])
+    ReadingNoise(ranges, JOINTS, 4).add(many, generators(4))
+    ReadingNoise(ranges, JOINTS).add(alone, generators(4)[2:3])
     assert np.array_equal(many.values[2], alone.values)
 
 
 def test_no_noise_draws_no_random_number() -> None:
     rng = np.random.default_rng(0)
     before, reading = rng.bit_generator.state, readings(1)
-    Noise(NoiseRanges(), JOINTS).add(reading, [rng])
+    ReadingNoise(NoiseRanges(), JOINTS).add(reading, [rng])
     assert rng.bit_generator.state == before
     assert np.array_equal(reading.values, readings(1).values)

@@ -3,25 +3,25 @@
 import numpy as np
 import pytest
 
-from twind.learn.layout import Layout
-from twind.learn.observation import Observer, Reading, height_of
+from twind.learn.layout import ObservationLayout
+from twind.learn.observation import BodyReading, ObservationBuilder, height_of
 
 JOINTS = ("a", "b", "c")
-LAYOUT = Layout(JOINTS)
+LAYOUT = ObservationLayout(JOINTS)
 DEFAULT = np.array([0.1, -0.2, 0.3])
 
 
-def reading(shape: tuple[int, ...] = ()) -> Reading:
+def reading(shape: tuple[int, ...] = ()) -> BodyReading:
     """Every number another one."""
     values = np.random.default_rng(4).uniform(-0.9, 0.9, (*shape, 2 * 3 + 25))
-    return Reading(values)
+    return BodyReading(values)
 
 
-def observe(known: Reading, shape: tuple[int, ...] = ()) -> np.ndarray:
+def observe(known: BodyReading, shape: tuple[int, ...] = ()) -> np.ndarray:
     rng = np.random.default_rng(5)
     action, target = rng.uniform(-1, 1, (*shape, 3)), rng.uniform(-1, 1, (*shape, 3))
     command, phase = rng.uniform(-1, 1, (*shape, 3)), rng.uniform(-1, 1, (*shape, 4))
-    return Observer(LAYOUT, DEFAULT, shape).observe(known, action, target, command, phase)
+    return ObservationBuilder(LAYOUT, DEFAULT, shape).observe(known, action, target, command, phase)
 
 
 def test_each_quantity_stands_where_the_layout_says() -> None:
@@ -32,7 +32,7 @@ def test_each_quantity_stands_where_the_layout_says() -> None:
         np.array([0.1, 0.2, 0.3]),
         np.ones(4) * 0.7,
     )
-    seen = Observer(LAYOUT, DEFAULT).observe(known, action, target, command, phase)
+    seen = ObservationBuilder(LAYOUT, DEFAULT).observe(known, action, target, command, phase)
     assert seen.dtype == np.float32
     expected = {
         "position": known.position - DEFAULT,
@@ -60,23 +60,23 @@ def test_many_robots_are_observed_as_each_alone() -> None:
     rng = np.random.default_rng(5)
     action, target = rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (4, 3))
     command, phase = rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (4, 4))
-    observer = Observer(LAYOUT, DEFAULT)
+    observer = ObservationBuilder(LAYOUT, DEFAULT)
     for i in range(4):
-        alone = observer.observe(Reading(many.values[i]), action[i], target[i], command[i], phase[i])
+        alone = observer.observe(BodyReading(many.values[i]), action[i], target[i], command[i], phase[i])
         np.testing.assert_array_equal(together[i], alone)
 
 
 def test_an_observation_is_a_new_array_each_time() -> None:
-    observer, known, nothing = Observer(LAYOUT, DEFAULT), reading(), np.zeros(4)
+    observer, known, nothing = ObservationBuilder(LAYOUT, DEFAULT), reading(), np.zeros(4)
     first = observer.observe(known, DEFAULT, DEFAULT, nothing[:3], nothing)
     kept = first.copy()
-    second = observer.observe(Reading.empty(3), DEFAULT, DEFAULT, nothing[:3], nothing)
+    second = observer.observe(BodyReading.empty(3), DEFAULT, DEFAULT, nothing[:3], nothing)
     assert not np.shares_memory(first, second)
     np.testing.assert_array_equal(first, kept)
 
 
 def test_what_is_beyond_the_bounds_is_cut_and_nan_stays() -> None:
-    known = Reading.empty(3)
+    known = BodyReading.empty(3)
     known.gyro[...] = 1e6, -1e6, np.nan
     gyro = observe(known)[LAYOUT.places["gyro"]]
     assert gyro[:2].tolist() == [35.0, -35.0]
@@ -84,8 +84,8 @@ def test_what_is_beyond_the_bounds_is_cut_and_nan_stays() -> None:
 
 
 def test_the_names_of_a_reading_are_views_of_one_buffer() -> None:
-    known = Reading.empty(3)
-    for name in Reading.__slots__:
+    known = BodyReading.empty(3)
+    for name in BodyReading.__slots__:
         assert np.shares_memory(getattr(known, name), known.values), name
     known.height[...] = 0.4
     assert np.count_nonzero(known.values) == 1
@@ -93,11 +93,11 @@ def test_the_names_of_a_reading_are_views_of_one_buffer() -> None:
 
 def test_a_buffer_of_another_size_is_no_reading() -> None:
     with pytest.raises(ValueError, match="2n \\+ 25"):
-        Reading(np.zeros(26))
+        BodyReading(np.zeros(26))
 
 
 def test_height_is_counted_from_the_lower_sole_along_gravity() -> None:
-    known = Reading.empty(3)
+    known = BodyReading.empty(3)
     known.gravity[...] = 0.6, 0.0, -0.8
     known.soles[...] = [0.0, 0.1, -0.5], [0.1, -0.1, -0.4]
     assert height_of(known.base) == pytest.approx(0.4)

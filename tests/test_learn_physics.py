@@ -9,11 +9,17 @@ import pytest
 from learn_world import body, places
 from mujoco.batch import MODEL_FIELDS, Batch
 
-from twind.learn.randomise.delays import Histories
-from twind.learn.randomise.draw import Draw, Draws
-from twind.learn.randomise.physics import CHANGES, EachOfBatch, OneModel, Physics, in_steps
-from twind.learn.randomise.ranges import Ranges, load_ranges
-from twind.learn.randomise.start import Start
+from twind.learn.randomise.delays import DelayHistories
+from twind.learn.randomise.draw import DrawSampler, EpisodeDraw
+from twind.learn.randomise.physics import (
+    CHANGES,
+    BatchModelWriter,
+    PhysicsRandomiser,
+    SingleModelWriter,
+    in_steps,
+)
+from twind.learn.randomise.ranges import RandomisationRanges, load_ranges
+from twind.learn.randomise.start import EpisodeStart
 
 JOINTS, LINKS = 24, 25
 KNEE = "l_knee"
@@ -36,20 +42,20 @@ ONE_MOTOR = """<mujoco><option timestep="0.005"/>
 <actuator><motor joint="a" nsample="8"/></actuator></mujoco>"""
 
 
-def only(quantity: str, value: float | None = None) -> Ranges:
+def only(quantity: str, value: float | None = None) -> RandomisationRanges:
     """Nothing but this, always the same."""
     value = POINTS[quantity] if value is None else value
-    return replace(Ranges(), **{quantity: (value, value)})
+    return replace(RandomisationRanges(), **{quantity: (value, value)})
 
 
-def drawn(ranges: Ranges, seed: int = 0) -> Draw:
-    return Draws(ranges, JOINTS, LINKS).draw(np.random.default_rng(seed))
+def drawn(ranges: RandomisationRanges, seed: int = 0) -> EpisodeDraw:
+    return DrawSampler(ranges, JOINTS, LINKS).draw(np.random.default_rng(seed))
 
 
-def changed(ranges: Ranges) -> tuple[Any, Any]:
+def changed(ranges: RandomisationRanges) -> tuple[Any, Any]:
     """The body as it is, and as a draw makes it."""
     model = body()
-    OneModel(Physics(ranges, model, places(model)), model).apply(drawn(ranges))
+    SingleModelWriter(PhysicsRandomiser(ranges, model, places(model)), model).apply(drawn(ranges))
     return body(), model
 
 
@@ -72,16 +78,16 @@ def differing(one: Any, other: Any) -> set[str]:
 def test_a_draw_is_a_function_of_the_generators_state() -> None:
     ranges = load_ranges("default")
     one, same, other = (drawn(ranges, seed) for seed in (3, 3, 4))
-    for name in Draw._fields:
+    for name in EpisodeDraw._fields:
         assert np.array_equal(getattr(one, name), getattr(same, name))
         assert not np.array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_every_figure_lies_in_its_range_and_reaches_both_of_its_ends() -> None:
     ranges, rng = load_ranges("default"), np.random.default_rng(0)
-    draws = Draws(ranges, JOINTS, LINKS)
+    draws = DrawSampler(ranges, JOINTS, LINKS)
     many = [draws.draw(rng) for _ in range(300)]
-    for name in Draw._fields:
+    for name in EpisodeDraw._fields:
         low, high = getattr(ranges, name)
         found = np.array([getattr(draw, name) for draw in many])
         assert low <= found.min() < low + 0.05 * (high - low)
@@ -97,11 +103,11 @@ def test_each_joint_and_link_is_drawn_by_itself() -> None:
 def test_the_profile_none_draws_nothing_and_writes_nothing() -> None:
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    draw = Draws(Ranges(), JOINTS, LINKS).draw(rng)
+    draw = DrawSampler(RandomisationRanges(), JOINTS, LINKS).draw(rng)
     assert rng.bit_generator.state == before
     model = body()
-    physics = Physics(Ranges(), model, places(model))
-    OneModel(physics, model).apply(draw)
+    physics = PhysicsRandomiser(RandomisationRanges(), model, places(model))
+    SingleModelWriter(physics, model).apply(draw)
     assert physics.fields == () and differing(model, body()) == set()
 
 
@@ -117,7 +123,7 @@ def test_the_rest_of_the_draws_are_the_same_whichever_range_is_a_point() -> None
 @pytest.mark.parametrize("quantity", POINTS)
 def test_a_quantity_writes_its_fields_and_no_other(quantity: str) -> None:
     model = body()
-    physics = Physics(only(quantity), model, places(model))
+    physics = PhysicsRandomiser(only(quantity), model, places(model))
     physics.write(drawn(only(quantity)), {name: getattr(model, name) for name in physics.fields})
     expected = next(set(each.fields) for each in CHANGES if each.quantity == quantity)
     assert differing(model, body()) == expected == set(physics.fields)
@@ -204,7 +210,7 @@ def test_an_encoder_that_is_off_moves_what_it_says_and_not_the_body() -> None:
 def reacts(model: Any, steps: int) -> list[bool]:
     """In which of the next steps the actuators do anything, after a new control."""
     data = mujoco.MjData(model)
-    Histories(model).fill_controls(data.history, np.zeros(model.nu))
+    DelayHistories(model).fill_controls(data.history, np.zeros(model.nu))
     found = []
     data.ctrl[:] = 0.3
     for _ in range(steps):
@@ -240,7 +246,7 @@ def test_a_delay_never_changes_by_a_step_however_long_it_runs(steps: int) -> Non
 @pytest.mark.parametrize(("delay", "late"), [(0.0, 0), (0.005, 1), (0.01, 2), (0.02, 4)])
 def test_the_imu_tells_what_was_so_many_steps_ago(delay: float, late: int) -> None:
     told = []
-    for ranges in (Ranges(), only("imu_delay", delay)):
+    for ranges in (RandomisationRanges(), only("imu_delay", delay)):
         _, model = changed(ranges)
         data = forward(model, qvel=0.3)
         rows = []
@@ -254,7 +260,7 @@ def test_the_imu_tells_what_was_so_many_steps_ago(delay: float, late: int) -> No
 def test_a_history_begins_as_if_it_had_always_been_so() -> None:
     _, model = changed(replace(only("action_delay", 0.04), imu_delay=(0.04, 0.04)))
     data = mujoco.MjData(model)
-    histories = Histories(model)
+    histories = DelayHistories(model)
     histories.fill_controls(data.history, np.linspace(-0.1, 0.1, model.nu))
     data.ctrl[:] = 9.0
     mujoco.mj_forward(model, data)
@@ -271,7 +277,7 @@ def test_a_history_begins_as_if_it_had_always_been_so() -> None:
 
 def test_what_is_not_delayed_has_no_history_to_fill() -> None:
     model = body(0)
-    histories = Histories(model)
+    histories = DelayHistories(model)
     histories.fill_controls(np.zeros(0), np.zeros(model.nu))
     histories.fill_sensors(np.zeros(0), np.zeros(10))
 
@@ -281,7 +287,7 @@ def test_a_model_without_room_for_the_delay_is_refused() -> None:
     with pytest.raises(
         ValueError, match=r"the actuators keep 3 samples, a delay of 0\.02 s needs 4: compile"
     ):
-        Physics(only("action_delay", 0.02), model, places(model))
+        PhysicsRandomiser(only("action_delay", 0.02), model, places(model))
 
 
 def test_delays_are_told_half_a_step_short() -> None:
@@ -297,15 +303,15 @@ def test_a_simulation_of_a_batch_runs_as_a_model_with_its_draw_bit_for_bit() -> 
     ranges, count = load_ranges("default"), 3
     model = body()
     at = places(model)
-    physics = Physics(ranges, model, at)
+    physics = PhysicsRandomiser(ranges, model, at)
     batch = Batch(model, count, 1)
-    applied = EachOfBatch(physics, batch)
+    applied = BatchModelWriter(physics, batch)
     draws = [drawn(ranges, seed) for seed in range(count)]
     applied.apply(np.arange(count), draws)
     alone = []
     for draw in draws:
         own = body()
-        OneModel(physics, own).apply(draw)
+        SingleModelWriter(physics, own).apply(draw)
         alone.append((own, mujoco.MjData(own)))
     batch.reset()
     for step in range(10):
@@ -321,23 +327,25 @@ def test_a_simulation_of_a_batch_runs_as_a_model_with_its_draw_bit_for_bit() -> 
 
 def test_a_new_draw_begins_from_the_model_as_compiled_not_from_the_last_draw() -> None:
     model, ranges = body(), load_ranges("default")
-    one = OneModel(Physics(ranges, model, places(model)), model)
+    one = SingleModelWriter(PhysicsRandomiser(ranges, model, places(model)), model)
     for seed in (1, 2, 3):
         one.apply(drawn(ranges, seed))
     fresh = body()
-    OneModel(Physics(ranges, fresh, places(fresh)), fresh).apply(drawn(ranges, 3))
+    SingleModelWriter(PhysicsRandomiser(ranges, fresh, places(fresh)), fresh).apply(drawn(ranges, 3))
     assert differing(model, fresh) == set()
 
 
 # --------------------------------------------------------------------------------------- the start
 
 
-def began(**spans: tuple[float, float]) -> tuple[Any, Any, Any, Draw]:
+def began(**spans: tuple[float, float]) -> tuple[Any, Any, Any, EpisodeDraw]:
     """A model as drawn, qpos and qvel that an episode begins with, and the draw."""
-    model, draw = body(), drawn(replace(Ranges(), **spans))
+    model, draw = body(), drawn(replace(RandomisationRanges(), **spans))
     compiled = body()
-    qpos, qvel = Start(compiled, places(compiled), compiled.qpos0).state(draw)
-    OneModel(Physics(replace(Ranges(), **spans), model, places(model)), model).apply(draw)
+    qpos, qvel = EpisodeStart(compiled, places(compiled), compiled.qpos0).state(draw)
+    SingleModelWriter(
+        PhysicsRandomiser(replace(RandomisationRanges(), **spans), model, places(model)), model
+    ).apply(draw)
     return model, qpos, qvel, draw
 
 

@@ -5,7 +5,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from twind.learn.randomise.pushes import Pushes
+from twind.learn.randomise.pushes import PushSchedule
 from twind.learn.randomise.ranges import PushRanges
 from twind.robot.arrays import Floats
 
@@ -16,7 +16,7 @@ RANGES = PushRanges(every=(1.0, 2.0), speed=(0.1, 0.3), lasting=(0.06, 0.2))
 def pushed(steps: int, seed: int = 0, ranges: PushRanges | None = RANGES) -> Floats:
     """(steps, 2) N: one robot's episode."""
     rngs = [np.random.default_rng(seed)]
-    pushes = Pushes(ranges, MASS, PERIOD)
+    pushes = PushSchedule(ranges, MASS, PERIOD)
     pushes.begin([0], rngs)
     forces = []
     for _ in range(steps):
@@ -51,7 +51,7 @@ def test_a_push_keeps_its_force_and_comes_from_anywhere() -> None:
 
 
 def test_a_change_is_told_when_it_is_one() -> None:
-    rngs, pushes = [np.random.default_rng(1)], Pushes(RANGES, MASS, PERIOD)
+    rngs, pushes = [np.random.default_rng(1)], PushSchedule(RANGES, MASS, PERIOD)
     pushes.begin([0], rngs)
     before = pushes.force.copy()
     for _ in range(1000):
@@ -62,7 +62,7 @@ def test_a_change_is_told_when_it_is_one() -> None:
 
 def test_each_robot_is_pushed_as_it_would_be_alone() -> None:
     rngs = [np.random.default_rng(seed) for seed in (5, 6)]
-    pushes = Pushes(RANGES, MASS, PERIOD, 2)
+    pushes = PushSchedule(RANGES, MASS, PERIOD, 2)
     pushes.begin([0, 1], rngs)
     forces = []
     for _ in range(500):
@@ -73,7 +73,7 @@ def test_each_robot_is_pushed_as_it_would_be_alone() -> None:
 
 
 def test_a_new_episode_begins_without_a_push() -> None:
-    rngs, pushes = [np.random.default_rng(0)], Pushes(RANGES, MASS, PERIOD)
+    rngs, pushes = [np.random.default_rng(0)], PushSchedule(RANGES, MASS, PERIOD)
     pushes.begin([0], rngs)
     while not pushes.force.any():
         pushes.step(rngs)
@@ -86,12 +86,12 @@ def test_without_pushes_nothing_is_drawn() -> None:
     assert not pushed(1000, ranges=None).any()
     rng = np.random.default_rng(0)
     before = rng.bit_generator.state
-    Pushes(None, MASS, PERIOD).begin([0], [rng])
+    PushSchedule(None, MASS, PERIOD).begin([0], [rng])
     assert rng.bit_generator.state == before
 
 
 def test_pushes_without_force_keep_their_times_too() -> None:
     soft = PushRanges(every=(1.0, 1.0), speed=(0.0, 0.0), lasting=(0.1, 0.1))
-    rngs, pushes = [np.random.default_rng(0)], Pushes(soft, MASS, PERIOD)
+    rngs, pushes = [np.random.default_rng(0)], PushSchedule(soft, MASS, PERIOD)
     pushes.begin([0], rngs)
     assert [step for step in range(170) if pushes.step(rngs)] == [50, 55, 105, 110, 160, 165]

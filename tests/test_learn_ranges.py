@@ -12,29 +12,29 @@ from twind.learn.randomise.ranges import (
     RULES,
     NoiseRanges,
     PushRanges,
-    Ranges,
+    RandomisationRanges,
     load_ranges,
     parse_ranges,
 )
 
 
-def parsed(profile: str) -> Ranges:
+def parsed(profile: str) -> RandomisationRanges:
     text = f"format: twind-ranges/1\nprofiles:\n  default: {profile}\n"
     return parse_ranges(text, "mine.yaml", "default")
 
 
 def test_the_profile_none_touches_nothing() -> None:
-    assert load_ranges() == load_ranges("none") == Ranges()
+    assert load_ranges() == load_ranges("none") == RandomisationRanges()
 
 
 def test_every_quantity_has_its_rule() -> None:
-    assert {*RULES, "pushes", "noise"} == {each.name for each in fields(Ranges)}
+    assert {*RULES, "pushes", "noise"} == {each.name for each in fields(RandomisationRanges)}
     assert set(NOISE) == {each.name for each in fields(NoiseRanges)}
 
 
 def test_the_default_profile_has_every_quantity() -> None:
-    ranges, nothing = load_ranges("default"), Ranges()
-    for each in fields(Ranges):
+    ranges, nothing = load_ranges("default"), RandomisationRanges()
+    for each in fields(RandomisationRanges):
         assert getattr(ranges, each.name) != getattr(nothing, each.name), each.name
     assert all(getattr(ranges.noise, each.name) > 0.0 for each in fields(NoiseRanges))
 

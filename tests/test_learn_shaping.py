@@ -5,20 +5,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.learn.shaping import BEND, Shaper, Shaping
-from twind.motion.stops import Follower, still
+from twind.learn.shaping import BEND, ActionShaper, ActionShaping
+from twind.motion.stops import LimitedFollower, still
 from twind.robot.arrays import Floats
-from twind.robot.limits import Limits
+from twind.robot.limits import JointLimits
 
 TICK = 0.01  # s, of a loop at 100 Hz
 ROUNDING = 1e-9
 
 
-def limits(rng: np.random.Generator, n: int) -> Limits:
+def limits(rng: np.random.Generator, n: int) -> JointLimits:
     """Any joints: wide and narrow, fast and slow."""
     lower, upper = -rng.uniform(0.05, 3.0, n), rng.uniform(0.05, 3.0, n)
     velocity, acceleration = rng.uniform(0.2, 10.0, n), rng.uniform(2.0, 60.0, n)
-    return Limits(lower, upper, lower - 0.05, upper + 0.05, velocity, acceleration, np.ones(n))
+    return JointLimits(lower, upper, lower - 0.05, upper + 0.05, velocity, acceleration, np.ones(n))
 
 
 def actions(rng: np.random.Generator, steps: int, n: int) -> Floats:
@@ -36,10 +36,10 @@ def test_targets_keep_position_velocity_and_acceleration(
     rng = np.random.default_rng(seed)
     bounds = limits(rng, 6)
     default = rng.uniform(bounds.lower, bounds.upper)
-    shaping = Shaping(
+    shaping = ActionShaping(
         smoothing=smoothing, velocity_share=velocity_share, acceleration_share=acceleration_share
     )
-    shaper = Shaper(bounds, default, shaping)
+    shaper = ActionShaper(bounds, default, shaping)
     before, speed = default.copy(), np.zeros(6)
     for action in actions(rng, 150, 6):
         target, velocity = shaper.step(action)
@@ -58,7 +58,10 @@ def test_the_loop_s_follower_goes_exactly_where_the_targets_are(seed: int) -> No
     rng = np.random.default_rng(seed)
     bounds = limits(rng, 6)
     default = rng.uniform(bounds.lower, bounds.upper)
-    shaper, follower = Shaper(bounds, default, Shaping()), Follower(still(default), bounds, TICK)
+    shaper, follower = (
+        ActionShaper(bounds, default, ActionShaping()),
+        LimitedFollower(still(default), bounds, TICK),
+    )
     for action in actions(rng, 150, 6):
         target, velocity = shaper.step(action)
         follower.aim(target - velocity * shaper.shaping.period, velocity)
@@ -78,8 +81,8 @@ def test_the_law_never_asks_for_more_than_can_be_braked(smoothing: float) -> Non
 
 def test_a_small_step_is_smoothed_with_one_pole() -> None:
     wide = np.full(1, 3.0)
-    bounds = Limits(-wide, wide, -wide, wide, wide, 10.0 * wide, wide)
-    shaper = Shaper(bounds, np.zeros(1), Shaping(smoothing=0.5))
+    bounds = JointLimits(-wide, wide, -wide, wide, wide, 10.0 * wide, wide)
+    shaper = ActionShaper(bounds, np.zeros(1), ActionShaping(smoothing=0.5))
     goal = 1e-4
     left = [goal - float(shaper.step(np.array([goal / 0.5]))[0][0]) for _ in range(5)]
     np.testing.assert_allclose(left, goal * 0.5 ** np.arange(1, 6), rtol=1e-3)
@@ -88,8 +91,8 @@ def test_a_small_step_is_smoothed_with_one_pole() -> None:
 def test_many_robots_are_shaped_as_each_alone() -> None:
     rng = np.random.default_rng(7)
     bounds, default = limits(rng, 4), np.zeros(4)
-    together = Shaper(bounds, default, Shaping(), (3,))
-    alone = [Shaper(bounds, default, Shaping()) for _ in range(3)]
+    together = ActionShaper(bounds, default, ActionShaping(), (3,))
+    alone = [ActionShaper(bounds, default, ActionShaping()) for _ in range(3)]
     for _ in range(40):
         action = rng.uniform(-1.0, 1.0, (3, 4))
         target, velocity = together.step(action)
@@ -104,7 +107,7 @@ def test_many_robots_are_shaped_as_each_alone() -> None:
 def test_no_action_holds_the_default_pose() -> None:
     rng = np.random.default_rng(8)
     bounds, default = limits(rng, 4), np.zeros(4)
-    shaper = Shaper(bounds, default, Shaping())
+    shaper = ActionShaper(bounds, default, ActionShaping())
     target, velocity = shaper.step(np.zeros(4))
     np.testing.assert_array_equal(target, default)
     np.testing.assert_array_equal(velocity, np.zeros(4))
@@ -113,7 +116,7 @@ def test_no_action_holds_the_default_pose() -> None:
 def test_a_start_elsewhere_comes_to_the_pose_within_the_limits() -> None:
     rng = np.random.default_rng(9)
     bounds, default = limits(rng, 4), np.zeros(4)
-    shaper = Shaper(bounds, default, Shaping())
+    shaper = ActionShaper(bounds, default, ActionShaping())
     shaper.reset(bounds.upper.copy())
     np.testing.assert_array_equal(shaper.target, bounds.upper)
     for _ in range(1500):
@@ -125,7 +128,7 @@ def test_a_start_elsewhere_comes_to_the_pose_within_the_limits() -> None:
 
 def test_an_action_that_is_no_number_gives_no_target() -> None:
     rng = np.random.default_rng(9)
-    shaper = Shaper(limits(rng, 2), np.zeros(2), Shaping())
+    shaper = ActionShaper(limits(rng, 2), np.zeros(2), ActionShaping())
     assert np.isnan(shaper.step(np.array([np.nan, 0.0]))[0]).tolist() == [True, False]
 
 
@@ -135,10 +138,10 @@ def test_an_action_that_is_no_number_gives_no_target() -> None:
 )
 def test_figures_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=r"shares|smoothing|reach|margin"):
-        Shaping(**wrong)
+        ActionShaping(**wrong)
 
 
 def test_a_default_pose_outside_the_limits_is_refused_by_its_joint() -> None:
     bounds = limits(np.random.default_rng(1), 3)
     with pytest.raises(ValueError, match="joint 2: default pose 4 rad is outside"):
-        Shaper(bounds, np.array([0.0, 0.0, 4.0]), Shaping())
+        ActionShaper(bounds, np.array([0.0, 0.0, 4.0]), ActionShaping())

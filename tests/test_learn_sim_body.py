@@ -8,8 +8,8 @@ import pytest
 
 from twind.config.robot_file import load_robot
 from twind.learn.model import Plant, plant_of
-from twind.learn.observation import Reading
-from twind.learn.randomise.ranges import PushRanges, Ranges
+from twind.learn.observation import BodyReading
+from twind.learn.randomise.ranges import PushRanges, RandomisationRanges
 from twind.learn.sim_body import SimBody
 from twind.robot.arrays import Floats
 
@@ -28,9 +28,9 @@ def targets(plant: Plant, count: int = 25) -> Floats:
 
 def test_each_reading_is_what_the_bare_physics_would_tell(plant: Plant) -> None:
     """Sensors that are worked out once a period are those of every step, and no state is another."""
-    body = SimBody(plant, Ranges(), PERIOD)
+    body = SimBody(plant, RandomisationRanges(), PERIOD)
     body.reset(np.random.default_rng(0))
-    bare, expected = mujoco.MjData(plant.model), Reading.empty(len(plant.default))
+    bare, expected = mujoco.MjData(plant.model), BodyReading.empty(len(plant.default))
     bare.qpos[:] = plant.stance
     bare.ctrl[:] = plant.control
     mujoco.mj_forward(plant.model, bare)
@@ -62,7 +62,9 @@ def test_one_island_is_the_physics_of_many(plant: Plant) -> None:
 def test_joints_in_any_order_are_read_and_driven_by_name() -> None:
     robot = load_robot("h24")
     turned = replace(robot, joints=tuple(reversed(robot.joints)))
-    one, other = (SimBody(plant_of(each, period=PERIOD), Ranges(), PERIOD) for each in (robot, turned))
+    one, other = (
+        SimBody(plant_of(each, period=PERIOD), RandomisationRanges(), PERIOD) for each in (robot, turned)
+    )
     rng = np.random.default_rng(0)
     one.reset(rng)
     other.reset(rng)
@@ -77,8 +79,8 @@ def test_joints_in_any_order_are_read_and_driven_by_name() -> None:
 def test_an_order_that_is_late_by_a_period_is_obeyed_a_period_later(plant: Plant) -> None:
     late = plant_of(load_robot("h24"), period=PERIOD, action_delay=PERIOD)
     prompt, delayed = (
-        SimBody(plant, Ranges(), PERIOD),
-        SimBody(late, Ranges(action_delay=(PERIOD, PERIOD)), PERIOD),
+        SimBody(plant, RandomisationRanges(), PERIOD),
+        SimBody(late, RandomisationRanges(action_delay=(PERIOD, PERIOD)), PERIOD),
     )
     rng, still = np.random.default_rng(0), np.zeros(24)
     prompt.reset(rng)
@@ -92,7 +94,9 @@ def test_an_order_that_is_late_by_a_period_is_obeyed_a_period_later(plant: Plant
 
 def test_what_an_imu_tells_late_at_first_is_that_of_a_robot_at_rest() -> None:
     late = plant_of(load_robot("h24"), period=PERIOD, imu_delay=2 * PERIOD)
-    body = SimBody(late, Ranges(imu_delay=(2 * PERIOD, 2 * PERIOD), start_tilt=(0.05, 0.05)), PERIOD)
+    body = SimBody(
+        late, RandomisationRanges(imu_delay=(2 * PERIOD, 2 * PERIOD), start_tilt=(0.05, 0.05)), PERIOD
+    )
     first = body.reset(np.random.default_rng(0)).base[:9].copy()
     np.testing.assert_allclose(first[3:6], -9.81 * first[6:9], rtol=1e-12)
     assert abs(first[3]) > 0.1, "it stands askew"
@@ -104,7 +108,7 @@ def test_what_an_imu_tells_late_at_first_is_that_of_a_robot_at_rest() -> None:
 def test_a_push_moves_the_base_by_as_much_as_it_says(plant: Plant) -> None:
     """Of a robot in the air, which gains the speed that the range names."""
     pushes = PushRanges(every=(0.02, 0.02), speed=(0.5, 0.5), lasting=(0.1, 0.1))
-    body = SimBody(plant, Ranges(pushes=pushes), PERIOD)
+    body = SimBody(plant, RandomisationRanges(pushes=pushes), PERIOD)
     body.reset(np.random.default_rng(0))
     body.data.qpos[2] += 5.0
     for _ in range(6):  # the first without, five with

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.learn.judge import LOW, Judge
+from twind.learn.judge import LOW, RewardFunction
 from twind.learn.model import Plant, plant_of
-from twind.learn.observation import Reading
-from twind.learn.randomise.ranges import ZERO, PushRanges, Ranges, load_ranges
+from twind.learn.observation import BodyReading
+from twind.learn.randomise.ranges import ZERO, PushRanges, RandomisationRanges, load_ranges
 from twind.learn.tasks import HUMANOID, STAND, task_of
 
 PERIOD = 0.02
@@ -19,9 +19,9 @@ def plant() -> Plant:
     return plant_of(load_robot("h24"), period=PERIOD)
 
 
-def standing(plant: Plant, shape: tuple[int, ...] = ()) -> Reading:
+def standing(plant: Plant, shape: tuple[int, ...] = ()) -> BodyReading:
     """At rest in the default pose."""
-    reading = Reading.empty(len(plant.default), shape)
+    reading = BodyReading.empty(len(plant.default), shape)
     reading.position[...], reading.gravity[...] = plant.default, (0.0, 0.0, -1.0)
     reading.soles[...] = [0.0, 0.05, -plant.height], [0.0, -0.05, -plant.height]
     reading.height[...] = plant.height
@@ -29,9 +29,9 @@ def standing(plant: Plant, shape: tuple[int, ...] = ()) -> Reading:
 
 
 def reward(
-    plant: Plant, reading: Reading, task: str = "Stand", command: object = NOTHING
+    plant: Plant, reading: BodyReading, task: str = "Stand", command: object = NOTHING
 ) -> dict[str, float]:
-    judge, phase = Judge(task_of(task), plant), task_of(task).phases(PERIOD)[0]
+    judge, phase = RewardFunction(task_of(task), plant), task_of(task).phases(PERIOD)[0]
     total, terms = judge.reward(reading, plant.default, np.asarray(command), phase)
     assert total == pytest.approx(sum(terms.values()))
     return terms
@@ -102,7 +102,7 @@ def test_energy_is_what_the_servos_of_the_simulation_do(task: str) -> None:
 def test_the_swinging_foot_is_to_be_lifted_and_the_other_not(plant: Plant) -> None:
     phases = HUMANOID.phases(PERIOD)
     middle = phases[len(phases) // 4]  # of the left foot's swing
-    judge, found = Judge(HUMANOID, plant), []
+    judge, found = RewardFunction(HUMANOID, plant), []
     for left, right in ((0.0, 0.0), (HUMANOID.clearance, 0.0), (0.0, HUMANOID.clearance)):
         reading = standing(plant)
         reading.soles[0, 2] += left
@@ -119,7 +119,7 @@ def test_too_far_tilted_or_too_low_is_fallen(plant: Plant, tilt: float, height: 
     reading = standing(plant)
     reading.gravity[...] = np.sin(tilt), 0.0, -np.cos(tilt)
     reading.height[...] = height * plant.height
-    assert Judge(STAND, plant).fallen(reading) is fallen
+    assert RewardFunction(STAND, plant).fallen(reading) is fallen
     assert LOW > 0.5
 
 
@@ -130,7 +130,7 @@ def test_left_and_right_are_judged_alike(plant: Plant) -> None:
     reading.base_velocity[...] = rng.uniform(-0.3, 0.3, 3)
     mirrored.soles[...] = reading.soles[::-1] * (1.0, -1.0, 1.0)
     mirrored.base_velocity[...] = reading.base_velocity * (1.0, -1.0, 1.0)
-    judge, phases = Judge(HUMANOID, plant), HUMANOID.phases(PERIOD)
+    judge, phases = RewardFunction(HUMANOID, plant), HUMANOID.phases(PERIOD)
     for step in range(len(phases)):
         one = judge.reward(reading, plant.default, np.array([0.2, 0.1, 0.0]), phases[step])[0]
         later = phases[(step + len(phases) // 2) % len(phases)]
@@ -144,11 +144,11 @@ def test_many_are_judged_as_each_alone(plant: Plant) -> None:
     many.values[...] += rng.uniform(-0.3, 0.3, many.values.shape)
     target, command = rng.uniform(-1, 1, (5, 24)), rng.uniform(-0.3, 0.3, (5, 3))
     phase = HUMANOID.phases(PERIOD)[rng.integers(0, 30, 5)]
-    together = Judge(HUMANOID, plant, (5,))
+    together = RewardFunction(HUMANOID, plant, (5,))
     rewards, terms = together.reward(many, target, command, phase)
-    fallen, judge = together.fallen(many), Judge(HUMANOID, plant)
+    fallen, judge = together.fallen(many), RewardFunction(HUMANOID, plant)
     for row in range(5):
-        alone = Reading(many.values[row])
+        alone = BodyReading(many.values[row])
         reward, named = judge.reward(alone, target[row], command[row], phase[row])
         assert reward == rewards[row]
         assert {name: values[row] for name, values in terms.items()} == named
@@ -174,7 +174,9 @@ def test_feet_that_stay_have_one_phase_and_walking_ones_a_stride() -> None:
 def test_what_ranges_say_goes_before_what_a_task_says() -> None:
     own = STAND.ranges(load_ranges(None))
     assert own.pushes == STAND.pushes and own.start_joints == STAND.start["start_joints"]
-    given = Ranges(pushes=PushRanges((1.0, 1.0), (0.1, 0.1), (0.1, 0.1)), start_joints=(-0.5, 0.5))
+    given = RandomisationRanges(
+        pushes=PushRanges((1.0, 1.0), (0.1, 0.1), (0.1, 0.1)), start_joints=(-0.5, 0.5)
+    )
     both = STAND.ranges(given)
     assert both.pushes == given.pushes and both.start_joints == (-0.5, 0.5)
     assert both.start_tilt == STAND.start["start_tilt"] != ZERO

@@ -21,20 +21,20 @@ import trained
 
 from twind.config.robot_file import load_robot
 from twind.ctl.main import main
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import Rejected
 from twind.learn.policy.file import load
-from twind.learn.training.course import Course
+from twind.learn.training.course import Trainer
 from twind.learn.training.curve import figure
-from twind.learn.training.evaluation import Score, Trials
+from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore
 from twind.learn.training.export import export
-from twind.learn.training.folder import BEST, CHECKPOINT, CURVE, LAST, RUN, Folder, read_run, taken
-from twind.learn.training.learner import Learner
+from twind.learn.training.folder import BEST, CHECKPOINT, CURVE, LAST, RUN, TrainingFolder, read_run, taken
+from twind.learn.training.learner import PpoLearner
 from twind.learn.training.origin import changed, originated
-from twind.learn.training.settings import Settings, chosen, differences
-from twind.learn.training.told import Told
+from twind.learn.training.settings import TrainingSettings, chosen, differences
+from twind.learn.training.told import TrainingReporter
 
-SMALL = Settings("Stand", steps=128, envs=2, rollout=32, batch=32, epochs=2, hidden=(16,), episodes=2)
+SMALL = TrainingSettings("Stand", steps=128, envs=2, rollout=32, batch=32, epochs=2, hidden=(16,), episodes=2)
 SMALL = replace(SMALL, evaluate_every=64)
 TINY = (
     "--steps",
@@ -53,7 +53,7 @@ TINY = (
 QUICK = (*TINY, "--evaluate-every", "64")
 
 
-def parameters(learner: Learner) -> list[Any]:
+def parameters(learner: PpoLearner) -> list[Any]:
     return [each.detach().numpy().copy() for each in learner.model.policy.parameters()]
 
 
@@ -61,20 +61,20 @@ def same(one: list[Any], other: list[Any]) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
-def course(folder: Folder, settings: Settings, before: Any = None) -> None:
+def course(folder: TrainingFolder, settings: TrainingSettings, before: Any = None) -> None:
     """Run to its end."""
     options = Namespace(json=True)
-    made = Course(settings, folder, Told(options), before)
+    made = Trainer(settings, folder, TrainingReporter(options), before)
     try:
-        assert made.run(threading.Event(), Progress(options, "train"))
+        assert made.run(threading.Event(), ProgressLine(options, "train"))
     finally:
         made.close()
 
 
 @pytest.fixture(scope="module")
-def learnt() -> Learner:
+def learnt() -> PpoLearner:
     """After one update."""
-    learner = Learner(SMALL)
+    learner = PpoLearner(SMALL)
     learner.update()
     return learner
 
@@ -88,11 +88,11 @@ def test_the_help_says_what_is_taken_where_nothing_is_said(capsys: pytest.Captur
     assert "the learning rate falls with the share" in said and said.count("(default: ") >= 14
 
 
-def test_the_policy_file_acts_as_what_was_trained(learnt: Learner, tmp_path: Path) -> None:
+def test_the_policy_file_acts_as_what_was_trained(learnt: PpoLearner, tmp_path: Path) -> None:
     import onnxruntime
 
     file = tmp_path / "p.onnx"
-    export(file, learnt.model, SMALL, Trials(SMALL, episodes=1).core, {"return": 1.0})
+    export(file, learnt.model, SMALL, EvaluationEnvs(SMALL, episodes=1).core, {"return": 1.0})
     normal = learnt.model.get_vec_normalize_env()
     spread = np.sqrt(normal.obs_rms.var)
     rows = np.random.default_rng(1).normal(normal.obs_rms.mean, 8.0 * spread + 0.01, (200, 128))
@@ -104,17 +104,17 @@ def test_the_policy_file_acts_as_what_was_trained(learnt: Learner, tmp_path: Pat
     assert session.run(None, {"observation": rows})[0] == pytest.approx(expected, abs=1e-5)
 
 
-def test_the_card_says_what_it_was_trained_for(learnt: Learner, tmp_path: Path) -> None:
+def test_the_card_says_what_it_was_trained_for(learnt: PpoLearner, tmp_path: Path) -> None:
     file = tmp_path / "p.onnx"
-    export(file, learnt.model, SMALL, Trials(SMALL, episodes=1).core, {"return": 1.0})
+    export(file, learnt.model, SMALL, EvaluationEnvs(SMALL, episodes=1).core, {"return": 1.0})
     card = load(file).card
     assert (card.task, card.robot, card.trained_steps, card.rate_hz) == ("Stand", "h24", 64, 50.0)
     assert card.notes == {"seed": "0", "profile": "none"}
     assert card.evaluation == {"return": 1.0}
 
 
-def test_a_checkpoint_holds_network_optimiser_normalisation_and_steps(learnt: Learner) -> None:
-    again = Learner(SMALL, learnt.state())
+def test_a_checkpoint_holds_network_optimiser_normalisation_and_steps(learnt: PpoLearner) -> None:
+    again = PpoLearner(SMALL, learnt.state())
     assert again.steps == learnt.steps == 64
     assert same(parameters(again), parameters(learnt))
     for name in ("obs_rms", "ret_rms"):
@@ -128,10 +128,10 @@ def test_a_checkpoint_holds_network_optimiser_normalisation_and_steps(learnt: Le
     again.close()
 
 
-def test_what_goes_on_from_a_checkpoint_always_goes_the_same_way(learnt: Learner) -> None:
+def test_what_goes_on_from_a_checkpoint_always_goes_the_same_way(learnt: PpoLearner) -> None:
     state, ways = learnt.state(), []
     for seed in (0, 0, 1):
-        learner = Learner(replace(SMALL, seed=seed), state)
+        learner = PpoLearner(replace(SMALL, seed=seed), state)
         learner.update()
         assert learner.steps == 128
         ways.append(parameters(learner))
@@ -143,7 +143,7 @@ def test_what_goes_on_from_a_checkpoint_always_goes_the_same_way(learnt: Learner
 def test_the_seed_decides_how_a_training_goes() -> None:
     ways = []
     for seed in (3, 3, 4):
-        learner = Learner(replace(SMALL, seed=seed))
+        learner = PpoLearner(replace(SMALL, seed=seed))
         learner.update()
         ways.append(parameters(learner))
         learner.close()
@@ -151,22 +151,22 @@ def test_the_seed_decides_how_a_training_goes() -> None:
     assert not same(ways[0], ways[2])
 
 
-def test_a_checkpoint_that_is_none_is_refused(learnt: Learner) -> None:
+def test_a_checkpoint_that_is_none_is_refused(learnt: PpoLearner) -> None:
     for state in (b"", b"nonsense", learnt.state()[:-200]):
         with pytest.raises(ValueError, match="cannot go on from it"):
-            Learner(SMALL, state)
+            PpoLearner(SMALL, state)
 
 
 @pytest.mark.parametrize("kind", ["dummy", pytest.param("subproc", marks=pytest.mark.slow)])
 def test_other_kinds_of_environments_learn_too(kind: str) -> None:
-    learner = Learner(replace(SMALL, kind=kind))
+    learner = PpoLearner(replace(SMALL, kind=kind))
     learner.update()
     assert learner.steps == 64
     learner.close()
 
 
 def test_the_same_policy_is_judged_the_same_every_time() -> None:
-    trials = Trials(SMALL, episodes=3)
+    trials = EvaluationEnvs(SMALL, episodes=3)
     first = trials.zero()
     moving = trials.judge(lambda rows: np.tanh(rows[:, :24]))
     assert trials.zero() == first
@@ -293,7 +293,7 @@ def test_told_to_stop_it_leaves_a_checkpoint_to_go_on_from(
 ) -> None:
     stop, options = threading.Event(), Namespace(json=False)
 
-    class Once(Progress):
+    class Once(ProgressLine):
         """Told to stop while the first update is told."""
 
         def tell(self, text: str, share: float | None = None) -> None:
@@ -301,7 +301,7 @@ def test_told_to_stop_it_leaves_a_checkpoint_to_go_on_from(
                 stop.set()
 
     with taken(tmp_path) as folder:
-        course = Course(originated(SMALL), folder, Told(options), None)
+        course = Trainer(originated(SMALL), folder, TrainingReporter(options), None)
         assert not course.run(stop, Once(options, "train"))
         course.close()
     assert f"twindctl train --resume {tmp_path} goes on with it" in capsys.readouterr().out
@@ -339,8 +339,10 @@ def test_a_training_that_is_killed_goes_on(tmp_path: Path) -> None:
     assert before["ended"] is None
     with taken(out) as folder:  # the lock went with the process
         done = before["steps"]
-        course = Course(replace(settings, steps=done + 64), folder, Told(Namespace(json=True)), before)
-        assert course.run(threading.Event(), Progress(Namespace(json=True), "train"))
+        course = Trainer(
+            replace(settings, steps=done + 64), folder, TrainingReporter(Namespace(json=True)), before
+        )
+        assert course.run(threading.Event(), ProgressLine(Namespace(json=True), "train"))
         course.close()
     after = read_run(out)[1]
     # Killed between checkpoint and figures, the checkpoint is one evaluation ahead of them.
@@ -357,21 +359,23 @@ def test_killed_at_any_moment_of_keeping_the_best_policy_is_that_of_the_figures(
     """Killed after `last` was written, at the second evaluation, which is the best; then taken up."""
     judged: list[float] = []
 
-    def judge(trials: Trials, act: Any) -> Score:
+    def judge(trials: EvaluationEnvs, act: Any) -> EvaluationScore:
         judged.append([1.0, 2.0, 0.0][len(judged)])
-        return Score(judged[-1], 0.0, 1.0, 500, 0.0, 0.0, 0.0, 2)
+        return EvaluationScore(judged[-1], 0.0, 1.0, 500, 0.0, 0.0, 0.0, 2)
 
-    def write(folder: Folder, name: str, data: bytes) -> Path:
+    def write(folder: TrainingFolder, name: str, data: bytes) -> Path:
         made = folder.make(name, lambda beside: beside.write_bytes(data))
         if len(judged) == 2 and name == last:
             raise KeyboardInterrupt
         return made
 
-    monkeypatch.setattr(Trials, "zero", lambda trials: Score(0.0, 0.0, 1.0, 500, 0.0, 0.0, 0.0, 2))
-    monkeypatch.setattr(Trials, "judge", judge)
+    monkeypatch.setattr(
+        EvaluationEnvs, "zero", lambda trials: EvaluationScore(0.0, 0.0, 1.0, 500, 0.0, 0.0, 0.0, 2)
+    )
+    monkeypatch.setattr(EvaluationEnvs, "judge", judge)
     with taken(tmp_path) as folder:
         with monkeypatch.context() as killed, suppress(KeyboardInterrupt):
-            killed.setattr(Folder, "write", write)
+            killed.setattr(TrainingFolder, "write", write)
             course(folder, SMALL)
         course(folder, SMALL, read_run(tmp_path)[1])
     best = read_run(tmp_path)[1]["best"]
@@ -394,7 +398,7 @@ def test_what_cannot_be_written_leaves_what_was_there(tmp_path: Path) -> None:
 
 def test_a_run_without_its_checkpoint_is_refused(tmp_path: Path) -> None:
     with taken(tmp_path) as folder, pytest.raises(Rejected, match="nothing to go on from"):
-        Course(SMALL, folder, Told(Namespace(json=True)), {"evaluations": [], "seconds": 0.0})
+        Trainer(SMALL, folder, TrainingReporter(Namespace(json=True)), {"evaluations": [], "seconds": 0.0})
 
 
 def test_settings_differ_only_in_what_was_said() -> None:
@@ -405,7 +409,7 @@ def test_settings_differ_only_in_what_was_said() -> None:
 
 
 def test_the_curve_has_both_policies_in_every_panel() -> None:
-    zero = Score(100.0, 20.0, 250.0, 500, 0.8, 0.0, 0.0, 20)
+    zero = EvaluationScore(100.0, 20.0, 250.0, 500, 0.8, 0.0, 0.0, 20)
     points = [(1000 * k, replace(zero, returns=100.0 + 50.0 * k, falls=0.8 - 0.2 * k)) for k in (1, 2, 3)]
     made = figure("Stand", zero, points, 3000)
     assert len(made.axes) == 3
@@ -426,7 +430,7 @@ def test_stand_is_learnt_from_scratch_far_beyond_the_zero_policy(request: pytest
 
     A constant lean does that too: nothing here says that feedback was learnt.
     """
-    trials = Trials(trained.settings(), episodes=64, first_seed=2_000_000)
+    trials = EvaluationEnvs(trained.settings(), episodes=64, first_seed=2_000_000)
     zero, learnt = trials.zero(), trials.judge(load(trained.policy(request.config)).act)
     assert zero.falls > 0.5  # else there would be little to learn
     assert learnt.returns > MARGIN * zero.returns

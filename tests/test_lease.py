@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.safety.lease import STREAMING, TRAJECTORY, Holder, Lease
+from twind.safety.lease import STREAMING, TRAJECTORY, Lease, LeaseHolder
 
 A, B = 1, 2
 
@@ -28,7 +28,7 @@ def test_at_first_nobody_holds_it() -> None:
 
 def test_who_takes_it_holds_it_and_another_is_told_no() -> None:
     lease = held()
-    assert lease.info(10.25) == Holder(A, "uid 1", 1, 0.75)
+    assert lease.info(10.25) == LeaseHolder(A, "uid 1", 1, 0.75)
     assert lease.held_by(A, 10.0)
     assert not lease.acquire(B, "uid 2", 2, 10.5)
     assert (lease.holder_client(10.5), lease.epoch) == (A, 1)
@@ -115,7 +115,7 @@ def test_a_followed_trajectory_keeps_it_and_its_end_begins_a_last_term() -> None
     lease.pin(A, "first")
     lease.pin(A, "second")
     assert lease.holds(100.0)
-    assert lease.info(100.0) == Holder(A, "uid 1", 1, TRAJECTORY)
+    assert lease.info(100.0) == LeaseHolder(A, "uid 1", 1, TRAJECTORY)
     lease.unpin(A, "first")
     lease.unpin(A, "unknown")
     lease.unpin(B, "second")

@@ -4,12 +4,12 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.robot.limits import Limits
+from twind.robot.limits import JointLimits
 
 
-def limits(lower: float, upper: float) -> Limits:
+def limits(lower: float, upper: float) -> JointLimits:
     one = np.array([1.0, 1.0])
-    return Limits(np.array([0.0, lower]), np.array([0.0, upper]), *(one,) * 5)
+    return JointLimits(np.array([0.0, lower]), np.array([0.0, upper]), *(one,) * 5)
 
 
 @given(st.floats(-3.0, 0.0), st.floats(0.0, 3.0), st.floats(-9.0, 9.0))

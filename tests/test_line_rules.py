@@ -7,22 +7,22 @@ from guard_world import FINE, LIMITS, PERIOD, codes, facts, reading
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
-from twind.safety.guard import Guard, Judgement, Reaction, Traffic
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.guard import BusTraffic, Guard, GuardDecision, Reaction
 
 ACTIVE, PASSIVE, OFF = 0, 1, 2
-SERIAL = Traffic(asked=True, answered=True)
-NOBODY = Traffic(asked=True)
-FULL = Traffic(full=1)
-NOT_ASKED = Traffic()
-DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
-ARMING = DISARMED | {"state": State.ARMING, "torque_settled": False}
-MIRROR = {"mode": Mode.MIRROR, "motion": Motion.IDLE, "goal": None, "state": State.CONNECTED}
+SERIAL = BusTraffic(asked=True, answered=True)
+NOBODY = BusTraffic(asked=True)
+FULL = BusTraffic(full=1)
+NOT_ASKED = BusTraffic()
+DISARMED = {"torque_expected": False, "motion": Motion.IDLE, "goal": None, "state": RobotState.CONNECTED}
+ARMING = DISARMED | {"state": RobotState.ARMING, "torque_settled": False}
+MIRROR = {"mode": Mode.MIRROR, "motion": Motion.IDLE, "goal": None, "state": RobotState.CONNECTED}
 
 
-def line(state: int) -> Traffic:
-    return Traffic(asked=True, answered=True, line=state)
+def line(state: int) -> BusTraffic:
+    return BusTraffic(asked=True, answered=True, line=state)
 
 
 class Watch:
@@ -32,11 +32,11 @@ class Watch:
         can = {"arm": [1], "leg": [2]}
         self.guard = Guard(LIMITS, buses=("spine", "arm", "leg"), can=can, support=support)
         self.now, self.period = 10.0, period
-        self.told: list[Code] = []
+        self.told: list[ReasonCode] = []
 
     def see(
-        self, arm: Traffic, leg: Traffic | None = None, spine: Traffic = SERIAL, **over: object
-    ) -> Judgement:
+        self, arm: BusTraffic, leg: BusTraffic | None = None, spine: BusTraffic = SERIAL, **over: object
+    ) -> GuardDecision:
         self.now += self.period
         given = {"now": self.now, "measured": reading(time=self.now), "period": self.period} | over
         traffic = (spine, arm, leg if leg is not None else line(ACTIVE))
@@ -44,7 +44,7 @@ class Watch:
         self.told += codes(judgement)
         return judgement
 
-    def all(self, row: Sequence[Traffic], **over: object) -> list[Judgement]:
+    def all(self, row: Sequence[BusTraffic], **over: object) -> list[GuardDecision]:
         return [self.see(each, **over) for each in row]
 
 
@@ -59,7 +59,7 @@ def test_r24_an_active_line_says_nothing() -> None:
 def test_r24_a_passive_line_is_told_once_and_changes_nothing(over: dict[str, object]) -> None:
     watch = Watch()
     first, *later = watch.all([line(PASSIVE)] * 300, **over)
-    assert codes(first) == [Code.CAN_BUS_STATE]
+    assert codes(first) == [ReasonCode.CAN_BUS_STATE]
     assert (first.reaction, first.latches, first.gone) == (Reaction.NONE, False, ())
     assert (first.findings[0].value, first.findings[0].bound) == (1.0, 1.0)
     for word in ("CAN bus arm", "termination", "bit rate", "wiring"):
@@ -68,18 +68,18 @@ def test_r24_a_passive_line_is_told_once_and_changes_nothing(over: dict[str, obj
     assert not watch.guard.bars
 
 
-@pytest.mark.parametrize("over", [{}, ARMING, {"state": State.SETTLING}, {"state": State.ESTOP}])
+@pytest.mark.parametrize("over", [{}, ARMING, {"state": RobotState.SETTLING}, {"state": RobotState.ESTOP}])
 def test_r24_a_line_that_is_off_is_a_fault_at_once_while_torque_is_or_comes_on(
     over: dict[str, object],
 ) -> None:
     watch = Watch()
     judgement = watch.see(line(OFF), **over)
     assert (judgement.latches, judgement.gone) == (True, (1,))
-    assert codes(judgement) == [Code.CAN_BUS_STATE]
+    assert codes(judgement) == [ReasonCode.CAN_BUS_STATE]
     assert (judgement.findings[0].value, judgement.findings[0].bound) == (2.0, 2.0)
     for word in ("CAN bus arm", "off the wire", "power", "termination", "disarm, reset, arm"):
         assert word in judgement.findings[0].message
-    assert [one.code for one in watch.guard.bars] == [Code.CAN_BUS_STATE]
+    assert [one.code for one in watch.guard.bars] == [ReasonCode.CAN_BUS_STATE]
 
 
 @pytest.mark.parametrize(("support", "reaction"), [
@@ -91,8 +91,8 @@ def test_r24_the_others_hold_or_are_lowered_by_support(support: str, reaction: R
     assert silent[-1].reaction is reaction
 
 
-@pytest.mark.parametrize("state", [State.SETTLING, State.FAULT, State.ESTOP])
-def test_r24_a_robot_on_its_way_down_goes_on(state: State) -> None:
+@pytest.mark.parametrize("state", [RobotState.SETTLING, RobotState.FAULT, RobotState.ESTOP])
+def test_r24_a_robot_on_its_way_down_goes_on(state: RobotState) -> None:
     assert Watch().see(line(OFF), state=state).reaction is Reaction.NONE
 
 
@@ -103,9 +103,9 @@ def test_r24_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
     watch = Watch()
     judgement = watch.see(line(OFF), **over)
     assert (judgement.reaction, judgement.latches, judgement.gone) == (Reaction.NONE, False, ())
-    assert codes(judgement) == [Code.CAN_BUS_STATE]
+    assert codes(judgement) == [ReasonCode.CAN_BUS_STATE]
     assert watch.see(line(OFF), **over) == FINE
-    assert [one.code for one in watch.guard.bars] == [Code.CAN_BUS_STATE]
+    assert [one.code for one in watch.guard.bars] == [ReasonCode.CAN_BUS_STATE]
     watch.see(line(ACTIVE), **over)
     assert not watch.guard.bars
 
@@ -113,28 +113,28 @@ def test_r24_without_our_torque_it_is_told_and_bars_arming_as_long_as_it_lasts(
 def test_r24_a_bus_that_was_given_up_before_is_told_and_not_given_up_again() -> None:
     watch = Watch()
     for gone in (
-        Traffic(asked=True, answered=True, line=OFF, left_out=True),
-        Traffic(asked=True, left_out=True),
+        BusTraffic(asked=True, answered=True, line=OFF, left_out=True),
+        BusTraffic(asked=True, left_out=True),
     ):
         found = watch.all([gone] * 30)
         assert not any(one.gone or one.latches or one.reaction for one in found)
-    assert watch.told == [Code.CAN_BUS_STATE]
-    found = watch.all([Traffic(asked=True, left_out=True)] * 9 + [NOBODY] * 10)
+    assert watch.told == [ReasonCode.CAN_BUS_STATE]
+    found = watch.all([BusTraffic(asked=True, left_out=True)] * 9 + [NOBODY] * 10)
     assert [bool(one.gone) for one in found] == [False] * 18 + [True]
-    watch.see(Traffic(asked=True, line=OFF, left_out=True))
-    assert [one.code for one in watch.guard.bars if one.code is Code.CAN_BUS_STATE]
+    watch.see(BusTraffic(asked=True, line=OFF, left_out=True))
+    assert [one.code for one in watch.guard.bars if one.code is ReasonCode.CAN_BUS_STATE]
 
 
 def test_r24_passive_that_becomes_off_is_told_again() -> None:
     watch = Watch()
     watch.all([line(PASSIVE)] * 5 + [line(OFF)], **DISARMED)
-    assert watch.told == [Code.CAN_BUS_STATE] * 2
+    assert watch.told == [ReasonCode.CAN_BUS_STATE] * 2
     assert watch.all([line(PASSIVE), line(OFF)])[-1].latches
 
 
 def test_r24_what_is_worse_than_off_is_off() -> None:
     assert Watch().see(line(3)).gone == (1,)
-    assert Watch().see(Traffic(asked=True, line=OFF)).findings[0].value == 2.0
+    assert Watch().see(BusTraffic(asked=True, line=OFF)).findings[0].value == 2.0
 
 
 def test_r24_each_bus_is_judged_by_itself() -> None:
@@ -149,7 +149,7 @@ def test_r24_each_bus_is_judged_by_itself() -> None:
 def test_r24_a_serial_bus_has_no_line() -> None:
     watch = Watch()
     for _ in range(4):
-        assert watch.see(line(ACTIVE), spine=Traffic(asked=True, answered=True, line=OFF)) == FINE
+        assert watch.see(line(ACTIVE), spine=BusTraffic(asked=True, answered=True, line=OFF)) == FINE
     for _ in range(15):
         watch.see(line(ACTIVE), spine=NOBODY)
     assert watch.told == []
@@ -165,11 +165,11 @@ def test_r24_a_guard_that_knows_of_no_can_bus_says_nothing() -> None:
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 200.0, 500.0, 1000.0])
 @pytest.mark.parametrize("lost", [NOBODY, FULL])
-def test_r24_nobody_for_100_ms_is_the_same_fault(rate: float, lost: Traffic) -> None:
+def test_r24_nobody_for_100_ms_is_the_same_fault(rate: float, lost: BusTraffic) -> None:
     watch, most = Watch(1.0 / rate), round(0.1 * rate)
     found = watch.all([lost] * most)
     assert [bool(one.gone) for one in found] == [False] * (most - 1) + [True]
-    last = next(one for one in found[-1].findings if one.code is Code.CAN_BUS_STATE)
+    last = next(one for one in found[-1].findings if one.code is ReasonCode.CAN_BUS_STATE)
     assert (last.value, last.bound) == (pytest.approx(0.1), 0.1)
     assert "nobody there answers" in last.message
     assert found[-1].latches
@@ -184,7 +184,7 @@ def test_r24_at_low_rates_less_than_three_lost_answers_are_no_silence(rate: floa
 
 
 @pytest.mark.parametrize("between", [line(ACTIVE), line(PASSIVE), NOT_ASKED])
-def test_r24_one_answer_or_a_bus_that_is_not_asked_begins_anew(between: Traffic) -> None:
+def test_r24_one_answer_or_a_bus_that_is_not_asked_begins_anew(between: BusTraffic) -> None:
     watch = Watch()
     watch.all([NOBODY] * 9 + [between])
     assert not any(one.gone for one in watch.all([NOBODY] * 9))
@@ -195,23 +195,23 @@ def test_r24_one_answer_or_a_bus_that_is_not_asked_begins_anew(between: Traffic)
 def test_r24_silence_that_holds_nobody_up_is_none(over: dict[str, object]) -> None:
     watch = Watch()
     watch.all([NOBODY] * 50, **over)
-    assert Code.CAN_BUS_STATE not in watch.told
+    assert ReasonCode.CAN_BUS_STATE not in watch.told
     assert not any(one.gone for one in watch.all([NOBODY] * 9))
     assert watch.see(NOBODY).gone == (1,)
 
 
 def test_r24_silence_on_a_line_that_is_off_is_told_as_that_alone() -> None:
     watch = Watch()
-    found = watch.all([Traffic(asked=True, line=OFF)] * 15)
+    found = watch.all([BusTraffic(asked=True, line=OFF)] * 15)
     assert all(one.gone == (1,) for one in found)
-    lasting = [one for one in watch.guard.bars if one.code is Code.CAN_BUS_STATE]
+    lasting = [one for one in watch.guard.bars if one.code is ReasonCode.CAN_BUS_STATE]
     assert [(one.value, one.bound) for one in lasting] == [(2.0, 2.0)]
-    silent = watch.all([Traffic(asked=True, line=PASSIVE)])[-1]
+    silent = watch.all([BusTraffic(asked=True, line=PASSIVE)])[-1]
     assert silent.gone == (1,)
 
 
 @given(st.lists(st.sampled_from([NOBODY, FULL, NOT_ASKED, line(ACTIVE)]), max_size=60))
-def test_r24_gone_is_exactly_ten_lost_in_a_row(row: list[Traffic]) -> None:
+def test_r24_gone_is_exactly_ten_lost_in_a_row(row: list[BusTraffic]) -> None:
     count = 0
     for traffic, judgement in zip(row, Watch().all(row), strict=True):
         count = count + 1 if traffic in (NOBODY, FULL) else 0

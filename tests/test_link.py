@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind import link
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
 
 INWARD = get_args(link.Inward)
@@ -48,7 +48,7 @@ def values(kind: Any) -> st.SearchStrategy[Any]:
     if kind is Finding:
         return st.builds(
             Finding,
-            code=st.sampled_from(list(Code)),
+            code=st.sampled_from(list(ReasonCode)),
             joint=st.none() | st.integers(0, 99),
             value=st.none() | st.floats(),
             message=st.text(),

@@ -11,8 +11,8 @@ from rig import Rig
 
 from twind import link
 from twind.config.edited import fingerprint
-from twind.config.files import Sources, describe
-from twind.config.hot import Difference, robot_difference
+from twind.config.files import ConfigSources, describe
+from twind.config.hot import ConfigDifference, robot_difference
 from twind.robot.arrays import Floats
 from twind.robot.trajectory import Trajectory
 from twind.virtual.specimen import buses
@@ -152,13 +152,13 @@ def test_a_table_that_was_written_anew_waits_for_a_restart(path: Path, tmp_path:
     robot = linked.linked(tmp_path)
     other = linked.linked(tmp_path, rods=linked.table(13))
     assert "transmissions" in robot_difference(robot, other).restart
-    assert robot_difference(robot, linked.linked(tmp_path)) == Difference({}, ())
+    assert robot_difference(robot, linked.linked(tmp_path)) == ConfigDifference({}, ())
     text = linked.ROBOT.replace("ank_in: {bus: leg, id: 5}", "ank_in: {bus: leg, id: 7}")
     assert robot_difference(robot, linked.linked(tmp_path, text)).restart == ("actuators.ank_in.id",)
 
 
 def test_its_table_is_one_of_the_files_that_it_is_described_by(path: Path, tmp_path: Path) -> None:
-    found = describe(Sources(mode="sim", robot=str(path), config=str(empty(tmp_path))))
+    found = describe(ConfigSources(mode="sim", robot=str(path), config=str(empty(tmp_path))))
     table = path.parent / "ankle.csv"
     assert found.files[str(table)] == fingerprint(table)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twind.client import NoAnswer, Refused
-from twind.learn.live.reins import LONGEST, Reins
+from twind.learn.live.reins import LONGEST, SetpointSession
 from twind.learn.policy.card import RATES
 
 
@@ -46,8 +46,8 @@ def line() -> Line:
     return Line()
 
 
-def reins(line: Line) -> Reins:
-    made = Reins(line, ["hip"], 0.02)  # type: ignore[arg-type]
+def reins(line: Line) -> SetpointSession:
+    made = SetpointSession(line, ["hip"], 0.02)  # type: ignore[arg-type]
     line.asked.clear()
     return made
 
@@ -79,7 +79,7 @@ def test_a_daemon_that_is_silent_at_the_end_is_hung_up_on(line: Line) -> None:
 
 @pytest.mark.parametrize(("rate", "most"), [(100.0, 1), (50.0, 1), (30.0, 1), (20.0, 0), (12.5, 0)])
 def test_a_setpoint_outlives_so_many_missed_periods(line: Line, rate: float, most: int) -> None:
-    held = Reins(line, ["hip"], 1.0 / rate)  # type: ignore[arg-type]
+    held = SetpointSession(line, ["hip"], 1.0 / rate)  # type: ignore[arg-type]
     assert not held.lapses(most) and held.lapses(most + 1)
 
 

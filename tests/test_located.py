@@ -6,7 +6,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.config.located import MAX_BYTES, MAX_DEPTH, ConfigError, Leaf, Row, Table, parse, read_text
+from twind.config.located import (
+    MAX_BYTES,
+    MAX_DEPTH,
+    ConfigError,
+    YamlMapping,
+    YamlScalar,
+    YamlSequence,
+    parse,
+    read_text,
+)
 
 
 def refused(text: str) -> ConfigError:
@@ -17,7 +26,7 @@ def refused(text: str) -> ConfigError:
 
 def leaf(text: str) -> object:
     node = parse(f"key: {text}", "robot.yaml").items["key"]
-    assert isinstance(node, Leaf)
+    assert isinstance(node, YamlScalar)
     return node.value
 
 
@@ -146,12 +155,12 @@ def test_the_billion_laughs_are_refused_at_the_first_anchor() -> None:
 def test_every_node_and_key_knows_its_place() -> None:
     tree = parse("joints:\n  knee: {id: 34,\n         limits: [0.0, 2.1]}\n", "robot.yaml")
     joints = tree.items["joints"]
-    assert isinstance(joints, Table)
+    assert isinstance(joints, YamlMapping)
     knee = joints.items["knee"]
-    assert isinstance(knee, Table)
+    assert isinstance(knee, YamlMapping)
     assert (joints.keys["knee"].line, joints.keys["knee"].column) == (2, 3)
     limits = knee.items["limits"]
-    assert isinstance(limits, Row)
+    assert isinstance(limits, YamlSequence)
     assert (limits.items[1].mark.line, limits.items[1].mark.column) == (3, 24)
 
 

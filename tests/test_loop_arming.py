@@ -9,15 +9,15 @@ import pytest
 from rig import CLIENT, Rig
 
 from twind import link
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import State
-from twind_drivers.virtual.muscles import Drive, FirstOrder
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import RobotState
+from twind_drivers.virtual.muscles import DriveState, FirstOrderPhysics
 
 STALL = 0.06  # s: beyond the 50 ms that a reading may be old at torque-on, within the gate's 100 ms
 WRITES = 8  # registers that are waiting to be written: each takes a tick at least
 SPEED = 50  # counts, profile velocity; 0 as the servos start
 EVERY = range(24)  # servos of the robot
-FAULT = Finding(Code.INTERNAL, message="ordered by the test")
+FAULT = Finding(ReasonCode.INTERNAL, message="ordered by the test")
 
 
 @contextmanager
@@ -60,7 +60,7 @@ def test_a_daemon_that_stalls_before_arming_arms_from_no_reading_older_than_50_m
         assert np.array_equal(rig.register("goal_position"), goals)
         assert not rig.register("bus_watchdog").any()
         assert not rig.register("torque_enable").any()
-        assert rig.loop.state is State.CONNECTED
+        assert rig.loop.state is RobotState.CONNECTED
 
 
 def test_one_joint_with_an_old_reading_keeps_the_whole_robot_from_being_armed() -> None:
@@ -122,7 +122,7 @@ def test_register_writes_that_wait_are_dropped_when_the_arming_client_is_gone() 
     """Backing out of an arming that still waits for the first temperatures leaves nothing queued."""
     rig = Rig()
     try:
-        while rig.loop.state is not State.CONNECTED:
+        while rig.loop.state is not RobotState.CONNECTED:
             rig.ticks(1)
         assert not np.isfinite(rig.loop.hardware.slow.health_time).all()
         rig.send(link.AcquireLease)
@@ -130,7 +130,7 @@ def test_register_writes_that_wait_are_dropped_when_the_arming_client_is_gone() 
         arming = rig.send(link.Arm)
         rig.ticks(1)
         assert rig.loop.hardware.ports[0].busy
-        rig.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+        rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
         rig.ticks(1)
         assert not rig.loop.hardware.ports[0].busy
         rig.ticks(60)
@@ -155,12 +155,12 @@ def test_disarming_in_the_middle_of_arming_leaves_nothing_that_is_written_later(
         assert not rig.register("torque_enable").any()
 
 
-class Slipping(FirstOrder):
+class Slipping(FirstOrderPhysics):
     """A joint that moves as torque comes on: a horn that slipped."""
 
     slip = 0.0  # ticks
 
-    def drive(self, drive: Drive) -> None:
+    def drive(self, drive: DriveState) -> None:
         """Move joint 0 by `slip` in the moment of its torque."""
         if drive.on[0] and not self._on[0]:
             self.position[0] += self.slip
@@ -174,7 +174,7 @@ def test_a_joint_that_jumps_at_torque_on_ends_arming_with_torque_off(monkeypatch
         assert (finding["code"], finding["joint"], finding["bound"]) == ("ARM_FAILED", 0, 0.05)
         assert not rig.register("torque_enable").any()
         assert (rig.loop.armed, rig.loop.energising) == (False, False)
-        assert rig.loop.state is State.CONNECTED
+        assert rig.loop.state is RobotState.CONNECTED
 
 
 def test_a_robot_found_energised_that_fails_to_arm_keeps_its_torque() -> None:
@@ -210,7 +210,7 @@ def test_arming_holds_every_joint_where_it_is_with_its_watchdog_set() -> None:
         assert rig.register("torque_enable").all()
         assert (rig.register("bus_watchdog") == 5).all()
         rig.seconds(0.5)
-        assert rig.loop.state is State.ARMED
+        assert rig.loop.state is RobotState.ARMED
         assert np.abs(rig.counts - before).max() <= 2
 
 
@@ -278,27 +278,27 @@ def on_the_way(rig: Rig, *, energised: bool) -> int:
         if rig.register("bus_watchdog").all() and written.all() and not rig.loop.hardware.ports[0].busy:
             break
     assert not rig.replies(ticket)
-    assert rig.loop.state is State.ARMING
+    assert rig.loop.state is RobotState.ARMING
     return ticket
 
 
 def test_torque_goes_off_when_the_arming_client_is_gone_before_arming_has_ended() -> None:
     with connected() as rig:
         on_the_way(rig, energised=False)
-        rig.front.outer.send(link.encode(link.Gone(client=CLIENT + 1)))
+        rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT + 1)))
         rig.ticks(1)
         assert rig.register("torque_enable").all()  # another client's connection is no reason
-        rig.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+        rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
         rig.ticks(20)
         assert not rig.register("torque_enable").any()
         assert (rig.loop.armed, rig.loop.energising) == (False, False)
-        assert rig.loop.state is State.CONNECTED
+        assert rig.loop.state is RobotState.CONNECTED
 
 
 def test_a_robot_found_energised_keeps_its_torque_when_the_arming_client_is_gone() -> None:
     with connected(energised=EVERY) as rig:
         on_the_way(rig, energised=True)
-        rig.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+        rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
         rig.ticks(20)
         assert rig.register("torque_enable").all()
         assert (rig.loop.armed, rig.loop.energising, rig.loop.inherited) == (False, False, True)

@@ -7,8 +7,8 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.loop.ports import Link
-from twind.robot.modes import Mode, Motion, State
+from twind.loop.ports import PortState
+from twind.robot.modes import Mode, Motion, RobotState
 
 HEALTH = 20  # ticks between two readings of a servo's own clock (docs/reason-codes.md)
 PROBE = 110  # ticks until a servo that was silent for a moment is asked again, its boot included
@@ -46,7 +46,7 @@ def test_r06_a_noisy_line_holds_the_robot_and_keeps_its_torque(armed: Rig) -> No
     armed.virtual["main"].faults.bit_errors(0.1, to_servos=False)
     until(armed, lambda: armed.loop.executor.motion is Motion.HOLDING, 5 + 2)
     until(armed, latched(armed, "BUS_ERRORS"), 20 + 2)
-    assert armed.loop.state is State.FAULT
+    assert armed.loop.state is RobotState.FAULT
     assert "bus main" in armed.loop.latches["BUS_ERRORS"].message
     assert on(armed).all()
 
@@ -79,7 +79,7 @@ def test_r08_a_stranger_on_the_bus_of_an_armed_robot_inhibits(armed: Rig) -> Non
     move(armed)
     armed.virtual["main"].faults.foreign(3)
     until(armed, latched(armed, "FOREIGN_TRAFFIC"), 3 + 2)
-    assert armed.loop.state is State.INHIBITED
+    assert armed.loop.state is RobotState.INHIBITED
     armed.seconds(0.5)
     assert (armed.register("bus_watchdog") == 255).all()  # nothing was sent: their watchdogs ended the motion
     assert on(armed).all()
@@ -114,7 +114,7 @@ def test_r09_a_servo_that_shuts_down_faults_within_two_ticks_and_says_why(armed:
     until(armed, latched(armed, "SERVO_ALERT"), 2)
     assert "overload" in armed.loop.latches["SERVO_ALERT"].message
     assert armed.loop.latches["SERVO_ALERT"].joint == armed.loop.joints.buses[0].ids.index(9)
-    assert armed.loop.state is State.FAULT
+    assert armed.loop.state is RobotState.FAULT
     armed.seconds(0.5)
     assert armed.loop.executor.motion is Motion.HOLDING
     assert on(armed).sum() == 23  # a gantry carries what hangs: the others hold
@@ -138,7 +138,7 @@ def test_r09_in_mirror_it_is_told() -> None:
     events = mirror.events("SERVO_ALERT")
     assert len(events) == 1
     assert "overload" in events[0].message
-    assert mirror.loop.state is State.CONNECTED
+    assert mirror.loop.state is RobotState.CONNECTED
     mirror.close()
 
 
@@ -159,7 +159,7 @@ def test_r11_a_brown_out_is_a_fault_and_nothing_is_armed_again_by_itself(armed: 
     move(armed)
     armed.virtual["main"].faults.brown_out(9)
     until(armed, latched(armed, "SERVO_REBOOTED"), PROBE + HEALTH + 2)
-    assert armed.loop.state is State.FAULT
+    assert armed.loop.state is RobotState.FAULT
     assert not armed.loop.hardware.connected  # everybody on its bus is asked who they are
     armed.seconds(3.0)
     assert armed.loop.hardware.connected
@@ -179,7 +179,7 @@ def test_r11_a_restart_while_disarmed_is_told_and_identified_anew(live: Rig) -> 
     until(live, lambda: bool(live.events("SERVO_REBOOTED")), PROBE + HEALTH + 2)
     assert not live.loop.latches
     assert not live.loop.hardware.connected
-    until(live, lambda: live.loop.state is State.CONNECTED, 300)
+    until(live, lambda: live.loop.state is RobotState.CONNECTED, 300)
 
 
 def test_r11_a_second_restart_within_a_second_is_identified_anew_too(live: Rig) -> None:
@@ -198,8 +198,8 @@ def test_r11_only_the_bus_of_the_restarted_servo_is_asked_anew() -> None:
     rig.seconds(1.0)
     one, other = rig.loop.hardware.ports
     rig.loop.parts.guard._devices._tick_time[rig.loop.joints.buses[0].joints[0]] -= 20.0
-    until(rig, lambda: one.link is Link.IDENTIFYING, HEALTH + 5)
-    assert other.link is Link.CONNECTED
+    until(rig, lambda: one.link is PortState.IDENTIFYING, HEALTH + 5)
+    assert other.link is PortState.CONNECTED
     rig.close()
 
 
@@ -208,7 +208,7 @@ def test_r11_clocks_that_wrap_are_no_restart(armed: Rig) -> None:
     """e-manual, Realtime Tick (120): 0..32767 ms, then 0."""
     armed.seconds(34.0)
     assert armed.events("SERVO_REBOOTED") == []
-    assert armed.loop.state is State.ARMED
+    assert armed.loop.state is RobotState.ARMED
 
 
 # ----------------------------------------------------------------------------------------------- R13
@@ -240,7 +240,7 @@ def test_r13_a_hand_may_throw_a_limp_joint(live: Rig) -> None:
     shift(live, 9, 700)
     live.ticks(2)
     assert live.loop.measured.heard.all()
-    assert live.loop.state is State.CONNECTED
+    assert live.loop.state is RobotState.CONNECTED
     assert live.events("SENSE_JUMP")
 
 

@@ -6,11 +6,11 @@ from rig import CLIENT, Rig
 
 from twind import link
 from twind.loop.front_process import FrontProcess
-from twind.loop.link import Link
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import Mode, Motion, State
+from twind.loop.link import FrontLink
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import FINE
-from twind_drivers.bus import Ping
+from twind_drivers.bus import PingRequest
 
 
 def on(rig: Rig) -> np.ndarray:
@@ -172,7 +172,7 @@ def test_a_goal_that_fails_its_last_check_holds_the_robot_and_keeps_it_fed(armed
     monkeypatch.setattr(armed.loop.parts.guard, "judge", lambda facts: FINE)  # only the last check is left
     armed.ticks(30)
     assert "WIRE_CLAMP" in armed.loop.latches
-    assert armed.loop.state is State.FAULT
+    assert armed.loop.state is RobotState.FAULT
     assert not (armed.register("bus_watchdog") == 255).any()
     assert on(armed).all()
     assert np.abs(armed.counts - before).max() <= 2
@@ -181,7 +181,7 @@ def test_a_goal_that_fails_its_last_check_holds_the_robot_and_keeps_it_fed(armed
 def test_motion_does_not_outlive_the_lease_under_which_it_was_accepted(armed: Rig) -> None:
     armed.submit(armed.path("head_yaw", [1.0], [4.0]), more=True)
     armed.ticks(50)
-    armed.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+    armed.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
     armed.send(link.AcquireLease, client=CLIENT + 1)
     armed.ticks(60)
     assert armed.loop.lease.held_by(CLIENT + 1, armed.clock.now())
@@ -191,7 +191,7 @@ def test_motion_does_not_outlive_the_lease_under_which_it_was_accepted(armed: Ri
 def test_an_inhibited_daemon_goes_quiet_so_that_the_servos_watchdogs_end_the_motion(armed: Rig) -> None:
     armed.submit(armed.path("head_yaw", [1.0], [4.0]), more=True)
     armed.ticks(50)
-    armed.loop.inhibit(Finding(Code.INTERNAL, message="a bug"), armed.clock.now())
+    armed.loop.inhibit(Finding(ReasonCode.INTERNAL, message="a bug"), armed.clock.now())
     armed.seconds(0.5)
     assert (armed.register("bus_watchdog") == 255).all()
     assert on(armed).all()
@@ -199,7 +199,7 @@ def test_an_inhibited_daemon_goes_quiet_so_that_the_servos_watchdogs_end_the_mot
 
 
 def test_torque_off_does_not_wait_until_an_inhibited_daemon_has_been_quiet_long_enough(armed: Rig) -> None:
-    armed.loop.inhibit(Finding(Code.INTERNAL, message="a bug"), armed.clock.now())
+    armed.loop.inhibit(Finding(ReasonCode.INTERNAL, message="a bug"), armed.clock.now())
     armed.ticks(2)
     assert on(armed).all()
     armed.send(link.EStop, level="cut")
@@ -214,7 +214,7 @@ def test_an_estop_before_everybody_is_identified_still_leads_to_connected_after_
     rig.seconds(1.0)
     rig.call(link.Reset)
     rig.seconds(1.0)
-    assert rig.loop.state is State.CONNECTED
+    assert rig.loop.state is RobotState.CONNECTED
     rig.close()
 
 
@@ -229,7 +229,7 @@ def test_torque_that_could_not_be_read_back_off_leaves_no_state_without_a_way_ou
     assert armed.call(link.Disarm, ticks=900).error is None
     armed.call(link.Reset)
     armed.seconds(1.0)
-    assert armed.loop.state is State.CONNECTED
+    assert armed.loop.state is RobotState.CONNECTED
 
 
 def test_mirror_can_be_taken_to_live_when_torque_was_found_on() -> None:
@@ -254,7 +254,7 @@ def test_a_front_that_cannot_be_started_does_not_stop_the_loop() -> None:
 
     rig = Rig(mode=Mode.SIM)
     front = NoProcess(0, {})
-    out = Link(front)
+    out = FrontLink(front)
     for tick in range(50):
         out.tend(tick * 0.01)
     assert not front.due(0.4)
@@ -281,7 +281,7 @@ def test_a_failed_script_keeps_no_frames_alive(live: Rig) -> None:
     port = live.loop.hardware.ports[0]
 
     def script():
-        yield Ping(99)
+        yield PingRequest(99)
         raise KeyError("nobody")
 
     task = port.run(script())

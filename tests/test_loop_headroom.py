@@ -7,7 +7,7 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 
 
 def codes(reply: link.Reply) -> set[str]:
@@ -22,8 +22,12 @@ def starve(rig: Rig) -> None:
     rig.virtual["main"].servos.supply(10.4)
 
 
-@pytest.mark.parametrize(("order", "code"), [(heat, Code.THERMAL_HEADROOM), (starve, Code.VOLTAGE_LOW)])
-def test_a_hot_or_starved_servo_is_not_armed(order: Callable[[Rig], None], code: Code, live: Rig) -> None:
+@pytest.mark.parametrize(
+    ("order", "code"), [(heat, ReasonCode.THERMAL_HEADROOM), (starve, ReasonCode.VOLTAGE_LOW)]
+)
+def test_a_hot_or_starved_servo_is_not_armed(
+    order: Callable[[Rig], None], code: ReasonCode, live: Rig
+) -> None:
     live.connect()
     order(live)
     live.seconds(0.5)

@@ -14,10 +14,10 @@ from homing_world import JOINT, OTHER, RAD, Homed, codes, energise, failed, home
 from twind import link
 from twind.config.actuator import CAN
 from twind.config.counts import ticks_of
-from twind.config.homing import Stops
+from twind.config.homing import JointEndstops
 from twind.config.robot_file import load_robot
 from twind.motion import homing
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 from twind.virtual.specimen import buses
 
@@ -138,16 +138,16 @@ def test_goals_keep_inside_the_window_on_the_wire() -> None:
 @pytest.mark.parametrize(
     ("how", "code"),
     [
-        ({"current_share": 0.2}, Code.BAD_SCHEMA),
-        ({"current_share": float("nan")}, Code.BAD_SCHEMA),
-        ({"speed": 0.6}, Code.BAD_SCHEMA),
-        ({"speed": -0.1}, Code.BAD_SCHEMA),
-        ({"times": 1}, Code.BAD_SCHEMA),
-        ({"client": OTHER}, Code.LEASE_MISSING),
+        ({"current_share": 0.2}, ReasonCode.BAD_SCHEMA),
+        ({"current_share": float("nan")}, ReasonCode.BAD_SCHEMA),
+        ({"speed": 0.6}, ReasonCode.BAD_SCHEMA),
+        ({"speed": -0.1}, ReasonCode.BAD_SCHEMA),
+        ({"times": 1}, ReasonCode.BAD_SCHEMA),
+        ({"client": OTHER}, ReasonCode.LEASE_MISSING),
     ],
 )
 def test_what_is_asked_for_too_much_is_refused_and_nothing_is_written(
-    how: dict[str, Any], code: Code
+    how: dict[str, Any], code: ReasonCode
 ) -> None:
     with homed() as made:
         made.ready()
@@ -167,7 +167,7 @@ def test_it_needs_the_state_calibrating_and_mode_live() -> None:
         made.lease()
         assert made.call(link.Calibrate, on=True).error is None
         reply = made.last(made.find())
-        assert reply.error == "Refused" and Code.MODE_DENIES in codes(reply)
+        assert reply.error == "Refused" and ReasonCode.MODE_DENIES in codes(reply)
 
 
 def test_a_leg_of_a_robot_that_stands_freely_is_refused() -> None:
@@ -197,7 +197,7 @@ def test_a_joint_that_swings_is_not_driven() -> None:
         for tick in range(400):
             made.bus.servos.muscles.position[made.row] += 20.0 * (-1) ** (tick // 4)
             made.ticks(1)
-        assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
+        assert failed(made, ticket) == [ReasonCode.STOP_NOT_FOUND]
         assert not made.events("HOMING")[1:], "it went on"
 
 
@@ -222,12 +222,15 @@ NOT_BEGUN: Mapping[str, tuple[Callable[[Homed], Any], str]] = {
     "somebody has torque": (lambda made: (energise(made, 5), made.ticks(30)), "torque is on somewhere"),
     "a bus is asked anew": (lambda made: made.loop.hardware.ports[0].identify(), "open and identified"),
     "a restart": (
-        lambda made: made.loop.identity.verified.mar([Finding(Code.INTERNAL, made.place)]),
+        lambda made: made.loop.identity.verified.mar([Finding(ReasonCode.INTERNAL, made.place)]),
         "restarted",
     ),
     "turned with others": (lambda made: described(made, transmission="waist"), "transmission waist"),
-    "no stop there": (lambda made: described(made, stops=Stops(upper=1.6)), "no stop_rad.lower"),
-    "beyond it": (lambda made: described(made, stops=Stops(lower=-1.0)), "beyond where the stop should be"),
+    "no stop there": (lambda made: described(made, stops=JointEndstops(upper=1.6)), "no stop_rad.lower"),
+    "beyond it": (
+        lambda made: described(made, stops=JointEndstops(lower=-1.0)),
+        "beyond where the stop should be",
+    ),
     "too slow": (lambda made: setattr(made.loop, "period", 0.05), "the loop runs at 20 Hz"),
 }
 

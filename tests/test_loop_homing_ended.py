@@ -10,54 +10,62 @@ import pytest
 from homing_world import JOINT, OTHER, RAD, Homed, codes, energise, failed, homed
 
 from twind import link
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 
-End = tuple[Callable[[Homed], Any], set[Code]]
-STOPPED = {Code.ESTOP, Code.NOT_ARMED}
+End = tuple[Callable[[Homed], Any], set[ReasonCode]]
+STOPPED = {ReasonCode.ESTOP, ReasonCode.NOT_ARMED}
 ENDS: Mapping[str, End] = {
-    "its servo falls silent": (lambda made: made.bus.faults.silence(made.spec.id), {Code.STATE_STALE}),
+    "its servo falls silent": (lambda made: made.bus.faults.silence(made.spec.id), {ReasonCode.STATE_STALE}),
     "another master speaks": (
         lambda made: [(made.bus.faults.foreign(3), made.ticks(5)) for _ in range(4)],
-        {Code.FOREIGN_TRAFFIC, Code.BUS_ERRORS},
+        {ReasonCode.FOREIGN_TRAFFIC, ReasonCode.BUS_ERRORS},
     ),
-    "its cap is not obeyed": (lambda made: made.put("goal_current", 1193), {Code.OVERCURRENT}),
-    "it moves against its way": (lambda made: shove(made, 0.35), {Code.STOP_NOT_FOUND}),
-    "it runs ahead": (lambda made: shove(made, -0.35), {Code.STOP_NOT_FOUND}),
-    "its watchdog trips": (lambda made: trip(made), {Code.WATCHDOG_TRIPPED}),
-    "a hardware error": (lambda made: made.bus.faults.damage(made.spec.id, 32), {Code.SERVO_ALERT}),
+    "its cap is not obeyed": (lambda made: made.put("goal_current", 1193), {ReasonCode.OVERCURRENT}),
+    "it moves against its way": (lambda made: shove(made, 0.35), {ReasonCode.STOP_NOT_FOUND}),
+    "it runs ahead": (lambda made: shove(made, -0.35), {ReasonCode.STOP_NOT_FOUND}),
+    "its watchdog trips": (lambda made: trip(made), {ReasonCode.WATCHDOG_TRIPPED}),
+    "a hardware error": (lambda made: made.bus.faults.damage(made.spec.id, 32), {ReasonCode.SERVO_ALERT}),
     "it restarts": (
         lambda made: made.bus.faults.brown_out(made.spec.id),
-        {Code.STATE_STALE, Code.SERVO_REBOOTED, Code.TORQUE_MISMATCH, Code.STOP_NOT_FOUND},
+        {
+            ReasonCode.STATE_STALE,
+            ReasonCode.SERVO_REBOOTED,
+            ReasonCode.TORQUE_MISMATCH,
+            ReasonCode.STOP_NOT_FOUND,
+        },
     ),
-    "its torque goes off": (lambda made: made.put("torque_enable", 0), {Code.TORQUE_MISMATCH}),
-    "another joint has torque": (lambda made: energise(made, 5), {Code.TORQUE_MISMATCH}),
-    "its shaft is held fast": (lambda made: made.bus.faults.lock(made.spec.id), {Code.STOP_NOT_FOUND}),
-    "its encoder is frozen": (lambda made: made.bus.faults.freeze(made.spec.id), {Code.STOP_NOT_FOUND}),
-    "the machine slept": (lambda made: made.clock.sleep_until(made.clock.now() + 0.5), {Code.TIME_GAP}),
-    "the lease is given back": (lambda made: made.call(link.ReleaseLease), {Code.LEASE_LOST}),
+    "its torque goes off": (lambda made: made.put("torque_enable", 0), {ReasonCode.TORQUE_MISMATCH}),
+    "another joint has torque": (lambda made: energise(made, 5), {ReasonCode.TORQUE_MISMATCH}),
+    "its shaft is held fast": (lambda made: made.bus.faults.lock(made.spec.id), {ReasonCode.STOP_NOT_FOUND}),
+    "its encoder is frozen": (lambda made: made.bus.faults.freeze(made.spec.id), {ReasonCode.STOP_NOT_FOUND}),
+    "the machine slept": (lambda made: made.clock.sleep_until(made.clock.now() + 0.5), {ReasonCode.TIME_GAP}),
+    "the lease is given back": (lambda made: made.call(link.ReleaseLease), {ReasonCode.LEASE_LOST}),
     "the lease is taken": (
         lambda made: made.call(link.AcquireLease, client=OTHER, take=True),
-        {Code.LEASE_LOST},
+        {ReasonCode.LEASE_LOST},
     ),
-    "the front is lost": (lambda made: setattr(made.loop.link, "lost", True), {Code.LEASE_LOST}),
+    "the front is lost": (lambda made: setattr(made.loop.link, "lost", True), {ReasonCode.LEASE_LOST}),
     "no client can connect": (
         lambda made: made.front.outer.send(link.encode(link.Reachable(missing="control.sock: removed"))),
-        {Code.SOCKETS_GONE},
+        {ReasonCode.SOCKETS_GONE},
     ),
     "an e-stop": (lambda made: made.call(link.EStop, client=OTHER), STOPPED),
     "an e-stop that cuts": (lambda made: made.call(link.EStop, client=OTHER, level="cut"), STOPPED),
     "somebody disarms": (lambda made: made.call(link.Disarm, client=OTHER), STOPPED),
     "a fault inside": (
         lambda made: made.loop.fail(made.loop.parts.guard.bars or fault(), made.clock.now()),
-        {Code.INTERNAL},
+        {ReasonCode.INTERNAL},
     ),
-    "writing is inhibited": (lambda made: made.loop.inhibit(fault(), made.clock.now()), {Code.INTERNAL}),
+    "writing is inhibited": (
+        lambda made: made.loop.inhibit(fault(), made.clock.now()),
+        {ReasonCode.INTERNAL},
+    ),
 }
 
 
 def fault() -> Any:
-    return Finding(Code.INTERNAL, message="made up")
+    return Finding(ReasonCode.INTERNAL, message="made up")
 
 
 def shove(made: Homed, angle: float) -> None:
@@ -90,7 +98,7 @@ def test_a_client_that_goes_ends_it() -> None:
     with homed() as made:
         made.ready()
         made.powered(made.find())
-        made.front.outer.send(link.encode(link.Gone(client=7)))
+        made.front.outer.send(link.encode(link.ConnectionClosed(client=7)))
         made.seconds(3.0)
         made.undone()
         assert made.loop.state == "connected"
@@ -100,7 +108,7 @@ def test_a_client_that_goes_ends_it() -> None:
 def test_a_stop_elsewhere_is_none(truth: tuple[float, float]) -> None:
     with homed(truth={"stops_rad": truth}) as made:
         made.ready()
-        assert failed(made, made.find(speed=0.5)) == [Code.STOP_NOT_FOUND]
+        assert failed(made, made.find(speed=0.5)) == [ReasonCode.STOP_NOT_FOUND]
 
 
 def test_captures_that_differ_are_refused() -> None:
@@ -113,7 +121,7 @@ def test_captures_that_differ_are_refused() -> None:
             made.ticks(1)
         muscles = made.bus.servos.muscles
         muscles.fence(muscles._lower - 9.0, muscles._upper + 9.0)
-        assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
+        assert failed(made, ticket) == [ReasonCode.STOP_NOT_FOUND]
 
 
 def test_a_daemon_that_is_told_to_end_undoes_it_first() -> None:
@@ -137,7 +145,7 @@ def test_an_adapter_that_goes_and_comes_back_finds_it_undone() -> None:
         made.bus.faults.unplug()
         reply = made.last(ticket)
         assert reply.parameters["phase"] == "failed"
-        assert Code.DEVICE_MISMATCH in codes(reply), "nobody was told that it is not as it was"
+        assert ReasonCode.DEVICE_MISMATCH in codes(reply), "nobody was told that it is not as it was"
         made.bus.faults.replug()
         made.seconds(3.0)
         made.undone()
@@ -154,7 +162,7 @@ def test_ended_at_any_step_it_is_undone(ticks: int, how: str) -> None:
             made.call(link.EStop, client=OTHER)
             failed(made, ticket)
         else:
-            made.front.outer.send(link.encode(link.Gone(client=7)))
+            made.front.outer.send(link.encode(link.ConnectionClosed(client=7)))
             made.seconds(3.0)
             made.undone()
 
@@ -168,7 +176,7 @@ def test_what_is_not_as_it_was_is_told_with_both_values() -> None:
         reply = made.last(ticket)
         assert reply.parameters["phase"] == "failed" and reply.parameters.get("ticks") is None
         [finding] = reply.parameters["findings"]
-        assert finding["code"] == Code.DEVICE_MISMATCH
+        assert finding["code"] == ReasonCode.DEVICE_MISMATCH
         assert str(made.before["min_position_limit"]) in finding["message"] and "100" in finding["message"]
         assert not any(made.torques()) and made.get("operating_mode") == made.before["operating_mode"]
 
@@ -182,7 +190,7 @@ def test_an_estop_while_torque_is_being_taken_off_forgets_nothing(ticks: int) ->
         made.send(link.ReleaseLease)
         made.ticks(ticks)
         made.call(link.EStop, client=OTHER)
-        assert failed(made, ticket)[0] in (Code.LEASE_LOST, Code.ESTOP)
+        assert failed(made, ticket)[0] in (ReasonCode.LEASE_LOST, ReasonCode.ESTOP)
 
 
 def test_whatever_breaks_inside_torque_goes_off(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,9 +198,9 @@ def test_whatever_breaks_inside_torque_goes_off(monkeypatch: pytest.MonkeyPatch)
         made.ready()
         ticket = made.find()
         made.powered(ticket)
-        monkeypatch.setattr("twind.motion.homing.Course.step", lambda *_: 1 / 0)
-        assert failed(made, ticket) == [Code.INTERNAL]
-        assert Code.INTERNAL in made.loop.latches
+        monkeypatch.setattr("twind.motion.homing.EndstopSearch.step", lambda *_: 1 / 0)
+        assert failed(made, ticket) == [ReasonCode.INTERNAL]
+        assert ReasonCode.INTERNAL in made.loop.latches
 
 
 def test_a_daemon_that_was_killed_leaves_a_servo_that_stopped_and_the_next_one_says_what_is_wrong() -> None:
@@ -235,7 +243,7 @@ def test_a_jump_when_torque_comes_on_ends_it() -> None:
         until(made, lambda: bool(made.get("torque_enable")))
         shove(made, 0.3)
         made.bus.faults.lock(made.spec.id)
-        assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
+        assert failed(made, ticket) == [ReasonCode.STOP_NOT_FOUND]
 
 
 @pytest.mark.parametrize("moves", [-0.003, 0.003])  # rad a tick: on its way, and out of its window
@@ -248,7 +256,7 @@ def test_a_joint_that_begins_to_move_before_torque_gets_none(moves: float) -> No
             shove(made, moves)
             made.ticks(1)
             assert not made.get("torque_enable")
-        assert failed(made, ticket) == [Code.STOP_NOT_FOUND]
+        assert failed(made, ticket) == [ReasonCode.STOP_NOT_FOUND]
 
 
 def test_a_count_that_is_no_whole_turn_off_in_the_other_mode_ends_it() -> None:
@@ -256,7 +264,7 @@ def test_a_count_that_is_no_whole_turn_off_in_the_other_mode_ends_it() -> None:
         made.ready()
         made.put("homing_offset", 2000)  # inert in mode 3, live in mode 5 (e-manual, "Homing Offset (20)")
         made.before["homing_offset"] = 2000
-        assert failed(made, made.find()) == [Code.CALIB_MISMATCH]
+        assert failed(made, made.find()) == [ReasonCode.CALIB_MISMATCH]
 
 
 def test_a_bus_that_is_asked_anew_who_is_there_ends_it() -> None:
@@ -265,7 +273,7 @@ def test_a_bus_that_is_asked_anew_who_is_there_ends_it() -> None:
         ticket = made.find()
         made.powered(ticket)
         made.loop.hardware.ports[0].identify()
-        assert failed(made, ticket) == [Code.HW_DISCONNECTED]
+        assert failed(made, ticket) == [ReasonCode.HW_DISCONNECTED]
 
 
 def test_a_servo_of_which_torque_off_cannot_be_read_is_told_and_undone_when_it_answers() -> None:
@@ -276,7 +284,7 @@ def test_a_servo_of_which_torque_off_cannot_be_read_is_told_and_undone_when_it_a
         made.bus.faults.silence(made.spec.id)
         made.seconds(3.0)
         made.bus.faults.silence(made.spec.id, False)
-        assert {Code.STATE_STALE, Code.TORQUE_MISMATCH} <= set(failed(made, ticket))
+        assert {ReasonCode.STATE_STALE, ReasonCode.TORQUE_MISMATCH} <= set(failed(made, ticket))
 
 
 def test_a_servo_that_has_no_such_mode_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -285,4 +293,4 @@ def test_a_servo_that_has_no_such_mode_is_left_as_it_is(monkeypatch: pytest.Monk
         monkeypatch.setattr(
             "twind_drivers.dynamixel.alone.mode_of", lambda *_: (_ for _ in ()).throw(ValueError("no mode 5"))
         )
-        assert failed(made, made.find()) == [Code.STOP_NOT_FOUND]
+        assert failed(made, made.find()) == [ReasonCode.STOP_NOT_FOUND]

@@ -12,10 +12,10 @@ import pytest
 from homing_world import JOINT, OTHER, Homed, codes, failed, homed
 
 from twind import link
-from twind.loop.readings import Readings
+from twind.loop.readings import JointReadings
 from twind.loop.reload import at_rest
-from twind.robot.finding import Code, Finding
-from twind_drivers.bus import Sample, WireClamp
+from twind.robot.finding import Finding, ReasonCode
+from twind_drivers.bus import BusSample, WireClamp
 
 
 def until(made: Homed, done: Callable[[], bool], ticks: int = 400) -> None:
@@ -83,20 +83,20 @@ def test_a_watchdog_that_is_another_than_was_set_ends_it() -> None:
         ticket = made.find()
         made.powered(ticket)
         made.put("bus_watchdog", 0)
-        assert failed(made, ticket) == [Code.DEVICE_MISMATCH]
+        assert failed(made, ticket) == [ReasonCode.DEVICE_MISMATCH]
 
 
 @pytest.mark.parametrize("moves", [0.0, 0.02])
 def test_without_readings_nothing_gets_torque(moves: float, monkeypatch: pytest.MonkeyPatch) -> None:
     with homed() as made:
         made.ready()
-        deaf, take = [False], Readings.take
+        deaf, take = [False], JointReadings.take
 
-        def lost(self: Readings, number: int, sample: Sample) -> Any:
+        def lost(self: JointReadings, number: int, sample: BusSample) -> Any:
             heard = sample.heard & ~(deaf[0] & (np.arange(len(sample.heard)) == made.row))
             return take(self, number, replace(sample, heard=heard))
 
-        monkeypatch.setattr(Readings, "take", lost)
+        monkeypatch.setattr(JointReadings, "take", lost)
         ticket = made.find()
         until(made, lambda: made.get("operating_mode") == 5)
         deaf[0] = True
@@ -105,7 +105,7 @@ def test_without_readings_nothing_gets_torque(moves: float, monkeypatch: pytest.
             made.ticks(1)
             assert not made.get("torque_enable")
         deaf[0] = False
-        assert failed(made, ticket) == [Code.STATE_STALE]
+        assert failed(made, ticket) == [ReasonCode.STATE_STALE]
 
 
 def test_bytes_that_may_not_leave_latch(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,9 +116,9 @@ def test_bytes_that_may_not_leave_latch(monkeypatch: pytest.MonkeyPatch) -> None
         made.ready()
         ticket = made.find()
         made.powered(ticket)
-        monkeypatch.setattr("twind_drivers.dynamixel.alone.AloneServo.goal", wild)
-        assert failed(made, ticket) == [Code.WIRE_CLAMP]
-        assert Code.WIRE_CLAMP in made.loop.latches
+        monkeypatch.setattr("twind_drivers.dynamixel.alone.SingleServoControl.goal", wild)
+        assert failed(made, ticket) == [ReasonCode.WIRE_CLAMP]
+        assert ReasonCode.WIRE_CLAMP in made.loop.latches
 
 
 # ------------------------------------------------------------------------------- while it is owed
@@ -129,7 +129,7 @@ def test_a_joint_that_is_not_given_back_is_in_everybodys_way() -> None:
         made.ready()
         ticket = owed(made)
         troubles = [each for each in made.loop.identity.troubles if each.joint == made.place]
-        assert [each.code for each in troubles] == [Code.CALIB_MISMATCH]
+        assert [each.code for each in troubles] == [ReasonCode.CALIB_MISMATCH]
         assert "Operating Mode (11) 5 (was 3)" in troubles[0].message
         assert not made.loop.identity.verified.joints[made.place]
         until(made, lambda: made.loop.procedures.rank is None)
@@ -146,7 +146,7 @@ def test_a_joint_that_is_not_given_back_is_in_everybodys_way() -> None:
             assert reply.error == "Busy" and JOINT in reply.parameters["what"], (kind, reply)
         assert made.call(link.SetMode, mode="live").error is None
         refused = made.call(link.Arm)
-        assert Code.CALIB_MISMATCH in codes(refused)
+        assert ReasonCode.CALIB_MISMATCH in codes(refused)
         assert made.last(ticket).parameters["phase"] == "failed"
         made.bus.faults.silence(made.spec.id, False)
         made.seconds(2.0)
@@ -166,7 +166,7 @@ def test_who_arms_too_early_does_not_end_the_giving_back(ticks: int) -> None:
         made.send(link.Calibrate, on=False)
         made.ticks(ticks)
         assert made.loop.homing.owed is not None
-        assert Code.CALIB_MISMATCH in codes(made.call(link.Arm))
+        assert ReasonCode.CALIB_MISMATCH in codes(made.call(link.Arm))
         made.undone()
 
 
@@ -181,8 +181,8 @@ def test_a_daemon_that_ends_meanwhile_names_the_mode_that_is_left() -> None:
         until(made, lambda: made.loop.finished, 800)
         assert made.get("operating_mode") == 5
         reply = made.replies(ticket)[-1]
-        assert codes(reply)[-1] == Code.DEVICE_MISMATCH
-        [told] = made.events(Code.DEVICE_MISMATCH)
+        assert codes(reply)[-1] == ReasonCode.DEVICE_MISMATCH
+        [told] = made.events(ReasonCode.DEVICE_MISMATCH)
         for message in (told.message, reply.parameters["findings"][-1]["message"]):
             assert "Operating Mode (11) 5 (was 3)" in message
 
@@ -200,7 +200,7 @@ def test_another_device_in_its_place_is_given_nothing(other: dict[str, Any]) -> 
         debt.device = replace(debt.device, **other)  # it was another than who comes back
         made.bus.faults.replug()
         reply = made.last(ticket)
-        assert codes(reply)[-1] == Code.DEVICE_MISMATCH
+        assert codes(reply)[-1] == ReasonCode.DEVICE_MISMATCH
         assert "another device has its id now" in reply.parameters["findings"][-1]["message"]
         assert made.get("operating_mode") == 5, "it was written to"
         assert made.loop.homing.owed is None
@@ -217,7 +217,7 @@ def test_who_cannot_be_given_anything_is_not_owed_for_ever(monkeypatch: pytest.M
         monkeypatch.setattr("twind_drivers.dynamixel.writer.DynamixelWriter.alone", never)
         made.send(link.ReleaseLease)
         reply = made.last(ticket)
-        assert codes(reply) == [Code.LEASE_LOST, Code.DEVICE_MISMATCH]
+        assert codes(reply) == [ReasonCode.LEASE_LOST, ReasonCode.DEVICE_MISMATCH]
         assert "no such mode" in reply.parameters["findings"][-1]["message"]
         assert made.loop.homing.owed is None
 
@@ -228,6 +228,6 @@ def test_changes_of_the_robot_wait_for_it() -> None:
         ticket = owed(made)
         until(made, lambda: not made.loop.energising)
         found: tuple[Finding, ...] = at_rest(made.loop)
-        assert [each.code for each in found] == [Code.BUSY] and JOINT in found[0].message
+        assert [each.code for each in found] == [ReasonCode.BUSY] and JOINT in found[0].message
         made.bus.faults.silence(made.spec.id, False)
         failed(made, ticket)

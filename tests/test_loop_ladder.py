@@ -6,14 +6,14 @@ from rig import Rig
 from test_loop_reactions import PWM, P, raised, said, soft
 
 from twind import link
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import State
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import RobotState
 from twind.safety.facts import Reaction
 from twind_drivers.dynamixel.damping import SHARE, SOFT
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 
-BUG = Finding(Code.INTERNAL, message="ordered by the test")
+BUG = Finding(ReasonCode.INTERNAL, message="ordered by the test")
 
 
 def torques(rig: Rig) -> np.ndarray:
@@ -44,7 +44,7 @@ def test_an_inhibit_on_the_way_down_writes_nothing_more_and_torque_stays(armed: 
         assert armed.loop.finished
     else:
         armed.seconds(8.0)
-        assert armed.loop.state is State.INHIBITED
+        assert armed.loop.state is RobotState.INHIBITED
     assert torques(armed).all()
     assert np.array_equal(armed.register("goal_position"), goals)
     assert np.array_equal(armed.register("position_p_gain"), gains)

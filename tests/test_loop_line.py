@@ -10,9 +10,9 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 from twind.safety.guard import Guard
-from twind_drivers.bus import Sample
+from twind_drivers.bus import BusSample
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 
@@ -39,7 +39,7 @@ class Can(Rig):
         port = self.port
         finish = port.finish
 
-        def told(now: float) -> Sample | None:
+        def told(now: float) -> BusSample | None:
             sample = finish(now)
             return replace(sample, line=self.line) if sample is not None else None
 
@@ -65,7 +65,7 @@ def test_a_passive_line_is_told_and_the_motion_goes_on() -> None:
     rig.line = PASSIVE
     rig.seconds(0.5)
     assert len(rig.events("CAN_BUS_STATE")) == 1
-    assert rig.loop.state is State.ARMED
+    assert rig.loop.state is RobotState.ARMED
     assert not rig.loop.latches
     assert rig.loop.executor.motion.value == "active"
     rig.close()
@@ -78,7 +78,7 @@ def test_a_bus_that_is_off_gets_nothing_more_and_the_others_hold(support: str) -
     rig.ticks(2)
     told = rig.goals("upper")
     assert {"CAN_BUS_STATE", "PORT_LOST"} <= latched(rig)
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     rig.line = ACTIVE
     rig.seconds(3.0)
     assert rig.goals("upper") == told  # one tick's step at most, and no more
@@ -147,7 +147,7 @@ def test_a_line_that_is_off_bars_arming() -> None:
     rig.line = OFF
     rig.ticks(3)
     assert rig.loop.hardware.connected  # nobody is held up by it: it is told, and no more
-    assert rig.loop.state is State.CONNECTED
+    assert rig.loop.state is RobotState.CONNECTED
     rig.lease()
     refused = rig.call(link.Arm)
     assert [finding["code"] for finding in refused.parameters["findings"]] == ["CAN_BUS_STATE"]
@@ -164,7 +164,7 @@ def test_a_line_that_goes_off_while_arming_ends_the_arming() -> None:
     rig.lease()
     rig.send(link.Arm)
     rig.ticks(3)
-    assert rig.loop.state is State.ARMING
+    assert rig.loop.state is RobotState.ARMING
     rig.line = OFF
     rig.ticks(3)
     assert "CAN_BUS_STATE" in latched(rig)

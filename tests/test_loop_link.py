@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from twind import link, memfd
-from twind.loop.link import BEHIND, LARGEST, PER_TICK, QUEUE, Link
+from twind.loop.link import BEHIND, LARGEST, PER_TICK, QUEUE, FrontLink
 from twind.sockets import Listener, listen
 
 
@@ -106,8 +106,8 @@ class Wreck:
 
 
 @pytest.fixture
-def end(front: Front) -> Link:
-    return Link(front)  # type: ignore[arg-type]
+def end(front: Front) -> FrontLink:
+    return FrontLink(front)  # type: ignore[arg-type]
 
 
 def cancel(ticket: int) -> link.Cancel:
@@ -143,7 +143,7 @@ def tick(sequence: int, dropped: int = 0) -> link.Tick:
     )
 
 
-def fill(end: Link) -> int:
+def fill(end: FrontLink) -> int:
     """Ticks until the pipe is full; how many went in."""
     for sequence in count():
         before = end.dropped
@@ -160,7 +160,7 @@ def open_descriptors() -> set[str]:
 # ------------------------------------------------------------------------------------- in
 
 
-def test_commands_come_in_the_order_they_were_sent(front: Front, end: Link) -> None:
+def test_commands_come_in_the_order_they_were_sent(front: Front, end: FrontLink) -> None:
     for ticket in range(5):
         front.send(cancel(ticket))
     taken = end.commands(1.0)
@@ -168,21 +168,21 @@ def test_commands_come_in_the_order_they_were_sent(front: Front, end: Link) -> N
     assert end.commands(1.0) == []
 
 
-def test_a_flood_waits_in_the_pipe_and_not_in_the_loop(front: Front, end: Link) -> None:
+def test_a_flood_waits_in_the_pipe_and_not_in_the_loop(front: Front, end: FrontLink) -> None:
     for ticket in range(PER_TICK + 10):
         front.send(cancel(ticket))
     assert len(end.commands(1.0)) == PER_TICK
     assert len(end.commands(1.0)) == 10
 
 
-def test_a_heartbeat_is_a_sign_of_life_and_no_command(front: Front, end: Link) -> None:
+def test_a_heartbeat_is_a_sign_of_life_and_no_command(front: Front, end: FrontLink) -> None:
     front.send(link.Heartbeat())
     assert end.commands(7.0) == []
     assert front.said == ["alive at 7"]
 
 
 def test_the_bytes_of_a_memfd_come_with_their_command_and_the_descriptor_is_let_go(
-    front: Front, end: Link
+    front: Front, end: FrontLink
 ) -> None:
     fd = memfd.seal("path", b"numbers")
     before = open_descriptors()
@@ -195,7 +195,7 @@ def test_the_bytes_of_a_memfd_come_with_their_command_and_the_descriptor_is_let_
 
 
 @pytest.mark.parametrize("nonsense", [b"\xc1 no message", link.encode(link.Reply(ticket=1))])
-def test_a_front_that_cannot_spell_is_buried(front: Front, end: Link, nonsense: bytes) -> None:
+def test_a_front_that_cannot_spell_is_buried(front: Front, end: FrontLink, nonsense: bytes) -> None:
     front.send(cancel(1))
     front.send(nonsense)
     front.send(cancel(2))
@@ -204,7 +204,7 @@ def test_a_front_that_cannot_spell_is_buried(front: Front, end: Link, nonsense: 
     assert end.lost
 
 
-def test_a_memfd_that_could_still_change_costs_the_front_its_life(front: Front, end: Link) -> None:
+def test_a_memfd_that_could_still_change_costs_the_front_its_life(front: Front, end: FrontLink) -> None:
     loose = os.memfd_create("loose", os.MFD_ALLOW_SEALING)
     os.write(loose, b"numbers")
     before = open_descriptors()
@@ -215,7 +215,7 @@ def test_a_memfd_that_could_still_change_costs_the_front_its_life(front: Front, 
     os.close(loose)
 
 
-def test_a_descriptor_that_is_no_memfd_costs_the_front_its_life(front: Front, end: Link) -> None:
+def test_a_descriptor_that_is_no_memfd_costs_the_front_its_life(front: Front, end: FrontLink) -> None:
     ours, theirs = os.pipe()
     before = open_descriptors()
     front.send(cancel(1), ours)
@@ -226,7 +226,7 @@ def test_a_descriptor_that_is_no_memfd_costs_the_front_its_life(front: Front, en
     os.close(theirs)
 
 
-def test_what_a_front_said_before_it_died_still_counts(front: Front, end: Link) -> None:
+def test_what_a_front_said_before_it_died_still_counts(front: Front, end: FrontLink) -> None:
     front.send(cancel(1))
     assert front.outer is not None
     front.outer.close()
@@ -239,7 +239,7 @@ def test_what_a_front_said_before_it_died_still_counts(front: Front, end: Link) 
 # ------------------------------------------------------------------------------------- out
 
 
-def test_a_full_pipe_drops_ticks_and_counts_them_until_one_goes_through(front: Front, end: Link) -> None:
+def test_a_full_pipe_drops_ticks_and_counts_them_until_one_goes_through(front: Front, end: FrontLink) -> None:
     sent = fill(end)
     end.state(tick(sent + 1))
     assert end.dropped == 2
@@ -249,7 +249,7 @@ def test_a_full_pipe_drops_ticks_and_counts_them_until_one_goes_through(front: F
     assert end.dropped == 0
 
 
-def test_replies_are_never_dropped_and_keep_their_order(front: Front, end: Link) -> None:
+def test_replies_are_never_dropped_and_keep_their_order(front: Front, end: FrontLink) -> None:
     fill(end)
     for ticket in range(QUEUE):
         end.reply(reply(ticket))
@@ -263,7 +263,9 @@ def test_replies_are_never_dropped_and_keep_their_order(front: Front, end: Link)
     assert not end.lost
 
 
-def test_a_front_that_lets_the_queue_fill_is_buried_with_what_it_was_owed(front: Front, end: Link) -> None:
+def test_a_front_that_lets_the_queue_fill_is_buried_with_what_it_was_owed(
+    front: Front, end: FrontLink
+) -> None:
     fill(end)
     for ticket in range(QUEUE + 1):
         end.reply(reply(ticket))
@@ -279,21 +281,21 @@ def test_a_front_that_lets_the_queue_fill_is_buried_with_what_it_was_owed(front:
     assert front.news() == []
 
 
-def test_events_and_replies_share_one_order(front: Front, end: Link) -> None:
+def test_events_and_replies_share_one_order(front: Front, end: FrontLink) -> None:
     end.reply(reply(1))
     end.event(link.Event(time=0.0, sequence=end.sequence(), level="info", code="A", message="a"))
-    end.event(link.Moment(time=0.0, sequence=end.sequence(), id="t", verdict={}))
+    end.event(link.VerdictReport(time=0.0, sequence=end.sequence(), id="t", verdict={}))
     end.reply(reply(2))
     end.flush()
     kinds = [type(news).__struct_config__.tag for news in front.news()]
     assert kinds == ["Reply", "Event", "Moment", "Reply"]
 
 
-def test_events_are_numbered_one_after_the_other(end: Link) -> None:
+def test_events_are_numbered_one_after_the_other(end: FrontLink) -> None:
     assert [end.sequence() for _ in range(3)] == [1, 2, 3]
 
 
-def test_without_a_front_replies_wait_for_the_next_one(front: Front, end: Link) -> None:
+def test_without_a_front_replies_wait_for_the_next_one(front: Front, end: FrontLink) -> None:
     front.end(0.0)
     end.event(link.Event(time=0.0, sequence=1, level="error", code="A", message="the front was lost"))
     end.flush()
@@ -307,14 +309,16 @@ def test_without_a_front_replies_wait_for_the_next_one(front: Front, end: Link) 
 # ------------------------------------------------------------------------------------- the front's life
 
 
-def test_a_front_without_a_sign_of_life_is_buried(front: Front, end: Link) -> None:
+def test_a_front_without_a_sign_of_life_is_buried(front: Front, end: FrontLink) -> None:
     front.is_overdue = True
     end.tend(1.0)
     assert front.said == ["end"]
     assert end.lost
 
 
-def test_a_front_that_ended_by_itself_is_noticed_and_started_anew_when_due(front: Front, end: Link) -> None:
+def test_a_front_that_ended_by_itself_is_noticed_and_started_anew_when_due(
+    front: Front, end: FrontLink
+) -> None:
     front.has_ended = True
     end.tend(1.0)
     assert end.lost
@@ -329,7 +333,7 @@ def test_a_front_that_ended_by_itself_is_noticed_and_started_anew_when_due(front
 
 
 def test_how_a_front_ended_is_told_and_what_is_said_of_it_waits_for_the_next(
-    front: Front, end: Link, capfd: pytest.CaptureFixture[str]
+    front: Front, end: FrontLink, capfd: pytest.CaptureFixture[str]
 ) -> None:
     front.is_overdue = True
     end.tend(1.0)
@@ -349,7 +353,7 @@ def test_how_a_front_ended_is_told_and_what_is_said_of_it_waits_for_the_next(
 
 
 def test_a_front_that_cannot_be_started_is_tried_again_later_and_the_loop_goes_on(
-    front: Front, end: Link, capfd: pytest.CaptureFixture[str]
+    front: Front, end: FrontLink, capfd: pytest.CaptureFixture[str]
 ) -> None:
     front.end(0.0)
     front.is_due = front.cannot_start = True
@@ -368,14 +372,14 @@ def test_a_front_that_cannot_be_started_is_tried_again_later_and_the_loop_goes_o
     assert end.no_front == ""
 
 
-def test_at_the_end_a_front_gets_what_it_is_owed(front: Front, end: Link) -> None:
+def test_at_the_end_a_front_gets_what_it_is_owed(front: Front, end: FrontLink) -> None:
     end.reply(reply(1))
     end.close()
     assert front.said == ["finish"]
     assert [news.ticket for news in front.news()] == [1]
 
 
-def test_a_memfd_beyond_all_trajectories_costs_the_front_its_life(front: Front, end: Link) -> None:
+def test_a_memfd_beyond_all_trajectories_costs_the_front_its_life(front: Front, end: FrontLink) -> None:
     fd = memfd.seal("path", bytes(LARGEST + 1))
     front.send(cancel(1), fd)
     assert end.commands(1.0) == []
@@ -383,14 +387,14 @@ def test_a_memfd_beyond_all_trajectories_costs_the_front_its_life(front: Front, 
     os.close(fd)
 
 
-def test_a_living_front_is_left_alone(front: Front, end: Link) -> None:
+def test_a_living_front_is_left_alone(front: Front, end: FrontLink) -> None:
     for now in range(10):
         end.tend(float(now))
     assert front.said == []
     assert not end.lost
 
 
-def test_what_a_front_passed_on_before_it_died_is_still_heard(front: Front, end: Link) -> None:
+def test_what_a_front_passed_on_before_it_died_is_still_heard(front: Front, end: FrontLink) -> None:
     front.outer.send(link.encode(link.EStop(ticket=1, client=2, level="cut")))
     front.has_ended = True
     end.tend(1.0)
@@ -403,13 +407,13 @@ def test_what_was_left_before_is_let_go_when_the_front_says_so_and_nobody_writes
     front: Front,
 ) -> None:
     recorded: list[bytes] = []
-    end = Link(front, lambda _, data: recorded.append(data))  # type: ignore[arg-type]
+    end = FrontLink(front, lambda _, data: recorded.append(data))  # type: ignore[arg-type]
     front.wreck = Wreck()  # type: ignore[attr-defined]
     end.tend(1.0)
     front.send(link.Heartbeat())
     assert end.commands(2.0) == []
     assert front.wreck.dones == 0  # type: ignore[attr-defined]
-    front.send(link.WreckDone())
+    front.send(link.CrashRecordingDone())
     assert end.commands(3.0) == []
     assert front.wreck.dones == 1  # type: ignore[attr-defined]
     assert front.said[-1] == "alive at 3"
@@ -431,7 +435,7 @@ def test_a_socket_that_the_front_bound_again_is_kept_with_its_file_and_not_recor
     front: Front, bound: tuple[Listener, list[tuple[str, Listener]]]
 ) -> None:
     recorded: list[bytes] = []
-    end = Link(front, lambda _, data: recorded.append(data))  # type: ignore[arg-type]
+    end = FrontLink(front, lambda _, data: recorded.append(data))  # type: ignore[arg-type]
     made, kept = bound
     assert front.outer is not None
     message = link.encode(link.Rebound(name="control", label=made.label))
@@ -450,7 +454,7 @@ def test_a_socket_that_the_front_bound_again_is_kept_with_its_file_and_not_recor
 def test_a_front_that_sends_no_socket_of_a_known_name_is_ended(
     front: Front, bound: tuple[Listener, list[tuple[str, Listener]]], name: str, label: str, count: int
 ) -> None:
-    end = Link(front)  # type: ignore[arg-type]
+    end = FrontLink(front)  # type: ignore[arg-type]
     made, kept = bound
     assert front.outer is not None
     fds = [made.bound.fileno()] * count

@@ -11,9 +11,9 @@ from rig import Rig
 from turning_world import arm_in
 
 from twind import link
-from twind.loop.readings import Readings
-from twind.loop.release import Manner, release
-from twind.robot.finding import Code, Finding
+from twind.loop.readings import JointReadings
+from twind.loop.release import SettleProfile, release
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 from twind.virtual.truth import JointTruth, Truth
 from twind_drivers.bus import BusError
@@ -83,7 +83,9 @@ def test_who_was_never_heard_gets_no_goal_and_the_others_are_lowered(
     assert int(rig.register("goal_position")[EXTENDED]) == goal
     assert np.abs(rig.truth[[SINGLE, CAPPED]]).max() < 0.02
     assert not rig.register("torque_enable").any()
-    assert any("nobody knows where extended is" in event.message for event in rig.events(Code.CALIB_MISMATCH))
+    assert any(
+        "nobody knows where extended is" in event.message for event in rig.events(ReasonCode.CALIB_MISMATCH)
+    )
     rig.close()
 
 
@@ -93,7 +95,7 @@ def test_a_turn_is_known_though_a_neighbour_is_missing(path: str, what: Any) -> 
     assert not rig.loop.hardware.connected
     assert rig.loop.measured.position[:2] == pytest.approx(rig.truth[:2], abs=0.01)
     assert np.isnan(rig.loop.measured.position[CAPPED])
-    assert rig.events(Code.OUT_OF_LIMIT) == []
+    assert rig.events(ReasonCode.OUT_OF_LIMIT) == []
     assert not rig.loop.identity.verified.joints.any(), "to arm, everybody must be there"
     far = let_go(rig, what)
     assert np.abs(rig.truth[:2]).max() < 0.02, "lowered, not let go where they stood"
@@ -107,7 +109,9 @@ def test_where_the_whole_robot_is_wanted_nothing_moves_and_torque_stays(path: st
 
     def procedure() -> Any:
         try:
-            yield from release(rig.loop, Finding(Code.NOT_ARMED, message="-"), Manner(whole=True))
+            yield from release(
+                rig.loop, Finding(ReasonCode.NOT_ARMED, message="-"), SettleProfile(whole=True)
+            )
         except BusError as error:
             raised.append(str(error))
 
@@ -147,7 +151,7 @@ def test_while_a_limp_servo_restarts_its_position_is_null_and_never_wrong(path: 
         places.append(np.frombuffer(tick.position)[EXTENDED])
     assert np.isnan(places).any() and not np.isnan(places[-1])
     assert np.nanmax(np.abs(np.array(places) - rig.truth[EXTENDED])) < 0.01
-    assert rig.events(Code.OUT_OF_LIMIT) == []
+    assert rig.events(ReasonCode.OUT_OF_LIMIT) == []
     rig.close()
 
 
@@ -155,14 +159,14 @@ def test_readings_that_mislead_for_a_while_decide_nothing_for_good(
     path: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = Rig(path, truth=Truth({"extended": JointTruth(turns=1)}), start=OUT)
-    take, until = Readings.take, 0.3
+    take, until = JointReadings.take, 0.3
 
-    def odd(self: Readings, number: int, sample: Any) -> Any:
+    def odd(self: JointReadings, number: int, sample: Any) -> Any:
         if rig.clock.now() - began < until:
             sample.position[EXTENDED] -= 4103  # as before its power came, and a few counts
         return take(self, number, sample)
 
-    monkeypatch.setattr(Readings, "take", odd)
+    monkeypatch.setattr(JointReadings, "take", odd)
     began = rig.clock.now()
     rig.seconds(0.8)
     assert rig.loop.identity.troubles == []

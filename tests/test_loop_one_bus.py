@@ -5,8 +5,8 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import State
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import RobotState
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 
@@ -19,7 +19,7 @@ def one_bus_lost(support: str | None = None) -> Rig:
     rig.seconds(0.5)
     rig.virtual["upper"].faults.unplug()
     rig.seconds(10.0)
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     assert "PORT_LOST" in rig.loop.latches
     return rig
 
@@ -31,7 +31,7 @@ def test_one_of_two_buses_lost_lowers_the_joints_of_the_other_where_nothing_carr
     assert not any(rig.virtual["lower"].servos["torque_enable"])
     rig.virtual["upper"].faults.replug()
     rig.seconds(3.0)
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     assert rig.loop.inherited is True  # the servos of the lost bus kept their torque
     rig.call(link.Disarm, ticks=1200)
     assert (rig.register("torque_enable") == 0).all()
@@ -56,7 +56,7 @@ def test_one_of_two_buses_lost_leaves_the_other_holding_until_somebody_disarms(s
     upper.faults.replug()
     rig.seconds(3.0)
     assert rig.loop.hardware.connected
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     assert np.array_equal(upper.servos["goal_position"], goals)
     assert np.array_equal(lower.servos["goal_position"], held)
     rig.call(link.Disarm, ticks=700)
@@ -93,7 +93,7 @@ def test_when_the_last_bus_that_holds_is_lost_too_nobody_is_armed_though_another
     rig.seconds(8.0)
     assert rig.loop.armed is False
     assert rig.loop.inherited is True
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     assert all(upper["torque_enable"])
     assert np.array_equal(upper["goal_position"], goals)
     rig.close()
@@ -102,12 +102,12 @@ def test_when_the_last_bus_that_holds_is_lost_too_nobody_is_armed_though_another
 def test_a_bus_lost_by_an_inhibited_robot_does_not_drop_the_other() -> None:
     rig = Rig("h24-split")
     rig.arm()
-    rig.loop.inhibit(Finding(Code.INTERNAL), rig.clock.now())
+    rig.loop.inhibit(Finding(ReasonCode.INTERNAL), rig.clock.now())
     rig.seconds(0.5)
     rig.virtual["upper"].faults.unplug()
     rig.seconds(2.0)
     assert "PORT_LOST" in rig.loop.latches
-    assert rig.loop.state is State.INHIBITED
+    assert rig.loop.state is RobotState.INHIBITED
     assert all(rig.virtual["lower"].servos["torque_enable"])
     rig.close()
 

@@ -9,8 +9,8 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import load_robot
-from twind.loop.release import Manner, release
-from twind.robot.finding import Code, Finding
+from twind.loop.release import SettleProfile, release
+from twind.robot.finding import Finding, ReasonCode
 from twind_drivers.bus import BusError
 
 BEYOND = 2.4  # rad, of a knee that may go to 2.25
@@ -40,7 +40,9 @@ def moved(rig: Rig, seconds: float) -> np.ndarray:
 
 
 def told(rig: Rig) -> list[str]:
-    return [event.message for event in rig.events(Code.OUT_OF_LIMIT) if "would be a step" in event.message]
+    return [
+        event.message for event in rig.events(ReasonCode.OUT_OF_LIMIT) if "would be a step" in event.message
+    ]
 
 
 @pytest.mark.parametrize("command", ["disarm", "e-stop"])
@@ -62,8 +64,8 @@ def test_who_is_a_count_beyond_is_lowered() -> None:
 
 def test_where_all_is_to_be_taken_over_or_nothing_torque_stays() -> None:
     with found_on(l_knee=BEYOND) as rig:
-        why = Finding(Code.NOT_ARMED, message="the daemon was given up")
-        way = release(rig.loop, why, Manner(whole=True))
+        why = Finding(ReasonCode.NOT_ARMED, message="the daemon was given up")
+        way = release(rig.loop, why, SettleProfile(whole=True))
         with pytest.raises(BusError, match="l_knee"):
             next(way)
         assert moved(rig, 1.0).max() < 0.01

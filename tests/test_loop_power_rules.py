@@ -12,7 +12,7 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.robot.modes import Motion, State
+from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 
 HEALTH, LOOK, SLACK = 20, 5, 2  # ticks
@@ -63,7 +63,7 @@ def latched(rig: Rig, code: str) -> Callable[[], bool]:
 def let_go(rig: Rig) -> None:
     """Lowered, and its torque read back off."""
     until(rig, lambda: rig.loop.torque_off is True, 1200)
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
 
 
 # ------------------------------------------------------------------------------------------- R15, R17
@@ -83,7 +83,7 @@ def test_r15_a_joint_that_something_holds_is_held_where_it_is(rig: Rig) -> None:
     until(rig, behind, 200)
     until(rig, latched(rig, "FOLLOW_ERR"), 10 + 1 + SLACK)
     assert rig.loop.latches["FOLLOW_ERR"].joint == place
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     rig.ticks(50)
     assert rig.loop.written[place] == pytest.approx(rig.truth[place], abs=0.01)
     assert rig.loop.hardware.readings.load[place] < 0.1
@@ -99,7 +99,7 @@ def test_a_fault_of_following_needs_an_operator(rig: Rig) -> None:
     until(rig, latched(rig, "FOLLOW_ERR"), 100)
     rig.virtual["main"].faults.free(1)
     rig.seconds(1.0)
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     assert rig.call(link.Disarm, ticks=1500).error is None
     assert rig.call(link.Reset).error is None
     rig.lease()
@@ -126,14 +126,14 @@ def test_a_frozen_encoder_is_told_from_a_held_shaft(rig: Rig) -> None:
     rig.virtual["main"].faults.freeze(1)
     until(rig, latched(rig, "SENSE_FROZEN"), 20 + LOOK + 1 + SLACK)
     assert rig.loop.latches["SENSE_FROZEN"].joint == place
-    assert (rig.loop.state, rig.loop.executor.motion) == (State.FAULT, Motion.HOLDING)
+    assert (rig.loop.state, rig.loop.executor.motion) == (RobotState.FAULT, Motion.HOLDING)
 
 
 def test_a_frozen_encoder_of_a_joint_that_rests_is_no_matter(rig: Rig) -> None:
     nod(rig)
     rig.virtual["main"].faults.freeze(9)
     rig.seconds(3.0)
-    assert rig.loop.state is State.ARMED
+    assert rig.loop.state is RobotState.ARMED
     assert rig.loop.executor.motion is Motion.ACTIVE
 
 
@@ -150,7 +150,7 @@ def test_r18_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(rig: Ri
     crossed: dict[float, int] = {}
     seen: dict[float, int] = {}
     celsius, tick = 57.0, 0
-    while rig.loop.state is State.ARMED and tick < 1500:
+    while rig.loop.state is RobotState.ARMED and tick < 1500:
         if tick % HEALTH == 0:
             celsius += 1.0
             heat(rig, celsius)
@@ -163,9 +163,9 @@ def test_r18_a_motor_that_warms_up_goes_slower_then_the_robot_is_lowered(rig: Ri
                 crossed.setdefault(bound, tick)
             if bound in bounds:
                 seen.setdefault(bound, tick)
-        if seen.get(65.0) and tick > seen[65.0] + 1 and rig.loop.state is State.ARMED:
+        if seen.get(65.0) and tick > seen[65.0] + 1 and rig.loop.state is RobotState.ARMED:
             assert rig.loop.executor.pace == 0.5
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     for bound in (60.0, 65.0, 70.0):
         assert 0 < seen[bound] - crossed[bound] <= 100, (bound, seen, crossed)
     let_go(rig)
@@ -181,7 +181,7 @@ def test_r18_after_that_nobody_arms_before_it_is_cool(rig: Rig) -> None:
         heat(rig, celsius)
         rig.ticks(VOTES + SLACK)
         rig.lease()
-        if rig.loop.state is State.FAULT:
+        if rig.loop.state is RobotState.FAULT:
             assert rig.call(link.Reset).error is None
         reply = rig.call(link.Arm)
         assert (reply.error is None) is arms, reply
@@ -192,7 +192,7 @@ def test_r18_a_spike_is_an_event_and_nothing_else(rig: Rig) -> None:
     rig.virtual["main"].faults.spike(1, 120.0, 0.15)
     until(rig, told(rig, "OVERTEMP", 0), 2 * HEALTH + SLACK)
     rig.seconds(3.0)
-    assert rig.loop.state is State.ARMED
+    assert rig.loop.state is RobotState.ARMED
     assert (rig.loop.executor.motion, rig.loop.executor.pace) == (Motion.ACTIVE, 1.0)
 
 
@@ -207,7 +207,7 @@ def test_r19_a_supply_that_sinks_is_told_lowers_the_robot_and_ends_soft(rig: Rig
     volts, tick = 11.6, 0
     crossed: dict[float, int] = {}
     seen: dict[float, int] = {}
-    while rig.loop.state is State.ARMED and tick < 1000:
+    while rig.loop.state is RobotState.ARMED and tick < 1000:
         if tick % HEALTH == 0:
             volts -= 0.1
             supply(volts)
@@ -220,7 +220,7 @@ def test_r19_a_supply_that_sinks_is_told_lowers_the_robot_and_ends_soft(rig: Rig
                 crossed.setdefault(bound, tick)
             if any(abs(each - bound) < 1e-6 for each in bounds):
                 seen.setdefault(bound, tick)
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     for bound in (11.1, 10.5):
         assert 0 < seen[bound] - crossed[bound] <= 10 + HEALTH + SLACK, (bound, seen, crossed)
     supply(10.4)
@@ -250,7 +250,7 @@ def test_r19_too_much_is_told(rig: Rig) -> None:
     rig.virtual["main"].faults.supply(15.2)
     until(rig, lambda: bool(rig.events("VOLTAGE")), 10 + HEALTH + SLACK)
     rig.seconds(1.0)
-    assert rig.loop.state is State.ARMED
+    assert rig.loop.state is RobotState.ARMED
 
 
 # ------------------------------------------------------------------------------------------- TIME_GAP
@@ -270,7 +270,7 @@ def test_a_gap_is_a_fault_and_no_goal_of_before_leaves_after_it(
     before = rig.loop.written.copy()
     stopped(rig, seconds, slept)
     rig.ticks(1)
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     assert "TIME_GAP" in rig.loop.latches
     assert rig.loop.written == pytest.approx(before, abs=1e-12)
     rig.ticks(100)
@@ -288,7 +288,7 @@ def test_a_gap_of_a_disarmed_robot_is_no_fault(rig: Rig) -> None:
     stopped(rig, 5.0, 60.0)
     rig.seconds(1.0)
     assert "TIME_GAP" not in rig.loop.latches
-    assert rig.loop.state is State.CONNECTED
+    assert rig.loop.state is RobotState.CONNECTED
 
 
 # ------------------------------------------------------------------------------------------- nothing
@@ -342,7 +342,7 @@ def test_a_joint_at_full_speed_trips_nothing(rig: Rig, joints: tuple[int, ...]) 
             fastest = max(fastest, abs(float(rig.loop.measured.velocity[joint])))
         assert fastest > 1.5  # rad/s; the way of some is too short for more
     assert not {event.code for event in rig.events()} & TRIPS
-    assert rig.loop.state is State.ARMED
+    assert rig.loop.state is RobotState.ARMED
 
 
 @pytest.mark.parametrize("name", ["reach", "squat", pytest.param("wave", marks=pytest.mark.slow)])

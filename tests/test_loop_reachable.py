@@ -5,8 +5,8 @@ from rig import Rig
 from stage import ask, move, told
 
 from twind import link
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
 
 GONE = link.Reachable(missing="control.sock: removed")
 BACK = link.Reachable()
@@ -27,13 +27,13 @@ def test_a_motion_holds_and_none_begins_until_clients_can_connect_again(armed: R
     move(armed)
     report(armed, GONE)
     armed.seconds(1.0)
-    assert (armed.loop.state, armed.loop.executor.motion) == (State.ARMED, Motion.HOLDING)
+    assert (armed.loop.state, armed.loop.executor.motion) == (RobotState.ARMED, Motion.HOLDING)
     (event,) = armed.events("SOCKETS_GONE")
     assert (event.level, event.message) == ("error", "control.sock: removed")
     ended = [each for each in armed.events("MOTION") if "aborted" in each.message]
-    assert [finding.code for finding in ended[-1].findings] == [Code.SOCKETS_GONE]
+    assert [finding.code for finding in ended[-1].findings] == [ReasonCode.SOCKETS_GONE]
     assert armed.loop.publisher.status().endswith("SOCKETS_GONE: control.sock: removed")
-    assert Code.SOCKETS_GONE in [finding.code for finding in armed.loop.publisher.overview(0.0).faults]
+    assert ReasonCode.SOCKETS_GONE in [finding.code for finding in armed.loop.publisher.overview(0.0).faults]
 
     armed.lease()
     ticket = armed.submit(armed.path("head_yaw", [0.2], [1.0]))
@@ -77,10 +77,10 @@ def test_an_arming_under_way_is_given_up(live: Rig) -> None:
     live.lease()
     ticket = live.send(link.Arm)
     live.ticks(3)
-    assert live.loop.state is State.ARMING
+    assert live.loop.state is RobotState.ARMING
     report(live, GONE, 100)
     assert live.loop.torque_off is True
-    assert live.loop.state is State.CONNECTED
+    assert live.loop.state is RobotState.CONNECTED
     assert live.replies(ticket)[-1].error is not None
 
 

@@ -13,7 +13,7 @@ from twind import link
 from twind.config.robot_file import load_robot
 from twind.loop import damping, release
 from twind.loop.reactions import react
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Motion
 from twind.safety.facts import Reaction
 from twind.safety.guard import FINE
@@ -23,7 +23,7 @@ from twind_drivers.dynamixel.damping import SHARE, SOFT
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 
-WHY = (Finding(Code.FOLLOW_ERR, 3, value=0.6, bound=0.5, message="rad: ordered by the test"),)
+WHY = (Finding(ReasonCode.FOLLOW_ERR, 3, value=0.6, bound=0.5, message="rad: ordered by the test"),)
 P, PWM = 1600, 885  # of the h24
 
 

@@ -5,7 +5,7 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 
 
 def on(rig: Rig) -> np.ndarray:
@@ -39,7 +39,7 @@ def test_a_reboot_that_waits_does_not_land_on_a_robot_that_is_armed(live: Rig) -
     live.call(link.Arm)
     live.seconds(1.0)
     assert on(live).all() or not on(live).any()
-    assert live.loop.state in (State.ARMED, State.CONNECTED, State.IDENTIFYING)
+    assert live.loop.state in (RobotState.ARMED, RobotState.CONNECTED, RobotState.IDENTIFYING)
 
 
 @pytest.mark.parametrize("kind", [link.Disarm, link.EStop])

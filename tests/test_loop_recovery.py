@@ -9,12 +9,12 @@ from rig import Rig
 from test_loop_reactions import said
 
 from twind import link
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
 from twind.safety.facts import Reaction
 
 JOINT = "l_shoulder_pitch"
-SAMPLE = Code.FOLLOW_ERR  # in every situation; the others in one each, in turn, where time allows
+SAMPLE = ReasonCode.FOLLOW_ERR  # in every situation; the others in one each, in turn, where time allows
 
 
 def hold_still(rig: Rig) -> None:
@@ -65,7 +65,7 @@ def arm_half_way(rig: Rig) -> None:
 SITUATIONS = (hold_still, move, wait_for_a_start, stream, settle, connect, arm_half_way)
 CASES = [(SAMPLE, situation) for situation in SITUATIONS] + [
     pytest.param(code, SITUATIONS[number % len(SITUATIONS)], marks=pytest.mark.slow)
-    for number, code in enumerate(Code)
+    for number, code in enumerate(ReasonCode)
 ]
 
 
@@ -105,7 +105,7 @@ def watch(rig: Rig, ticks: int, ask: int = 8) -> None:
 
 @pytest.mark.parametrize(("code", "situation"), CASES)
 def test_a_latch_holds_until_somebody_resets_and_arms(
-    live: Rig, code: Code, situation: Callable[[Rig], None]
+    live: Rig, code: ReasonCode, situation: Callable[[Rig], None]
 ) -> None:
     situation(live)
     why = (Finding(code, message="latched by the test"),)
@@ -123,7 +123,7 @@ def test_a_latch_holds_until_somebody_resets_and_arms(
     recover(live, code)
 
 
-def recover(rig: Rig, code: Code) -> None:
+def recover(rig: Rig, code: ReasonCode) -> None:
     """The way out: disarm, reset, arm; none of them alone."""
     if rig.loop.torque_on:
         assert rig.call(link.Reset).error == "WrongState"

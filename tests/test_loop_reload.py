@@ -13,7 +13,7 @@ from stage import move
 
 from twind import link
 from twind.loop.readings import ticks
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind_drivers.bus import WireClamp
@@ -105,7 +105,7 @@ def test_gate_stream_guard_and_executor_judge_by_the_new_limits(quiet: Rig) -> N
     assert quiet.adopt(NARROW).error is None
     quiet.call(link.AcquireLease)
     assert quiet.call(link.Arm).error is None
-    for path, code in ((([0.35], [3.0]), Code.POS_LIMIT), (([0.25], [0.3]), Code.VEL_LIMIT)):
+    for path, code in ((([0.35], [3.0]), ReasonCode.POS_LIMIT), (([0.25], [0.3]), ReasonCode.VEL_LIMIT)):
         quiet.lease()
         ticket = quiet.submit(quiet.path("head_yaw", *path))
         quiet.ticks(5)
@@ -113,7 +113,7 @@ def test_gate_stream_guard_and_executor_judge_by_the_new_limits(quiet: Rig) -> N
     quiet.lease()
     place = quiet.names.index("head_yaw")
     streamed = quiet.call(link.Setpoint, joints=[place], positions=[0.31])
-    assert codes(streamed) == [Code.POS_LIMIT]
+    assert codes(streamed) == [ReasonCode.POS_LIMIT]
     ticket = quiet.submit(quiet.path("head_yaw", [0.29], [1.0]), more=True)
     for _ in range(15):
         quiet.lease()
@@ -168,7 +168,7 @@ def test_a_simulated_robot_is_changed_too_and_holds_where_it_was() -> None:
     rig.lease()
     ticket = rig.submit(rig.path("head_yaw", [0.35], [3.0]))
     rig.ticks(5)
-    assert Code.POS_LIMIT in codes(rig.replies(ticket)[-1])
+    assert ReasonCode.POS_LIMIT in codes(rig.replies(ticket)[-1])
     rig.close()
 
 
@@ -188,7 +188,7 @@ def test_a_simulated_robot_is_changed_too_and_holds_where_it_was() -> None:
 def test_a_change_that_may_not_be_made_changes_nothing(quiet: Rig, changes: dict[str, Any]) -> None:
     before = held(quiet)
     reply = quiet.adopt(changes)
-    assert (reply.error, codes(reply)) == ("Refused", [Code.CONFIG_REFUSED])
+    assert (reply.error, codes(reply)) == ("Refused", [ReasonCode.CONFIG_REFUSED])
     assert all(one is other for one, other in zip(before, held(quiet), strict=True))
     assert quiet.front.briefings == []
     assert quiet.loop.reloads.generation == 0
@@ -197,7 +197,7 @@ def test_a_change_that_may_not_be_made_changes_nothing(quiet: Rig, changes: dict
 def test_limits_do_not_change_while_torque_is_on(armed: Rig) -> None:
     before = held(armed)
     reply = armed.adopt(NARROW)
-    assert codes(reply) == [Code.BUSY]
+    assert codes(reply) == [ReasonCode.BUSY]
     assert "disarm" in reply.parameters["findings"][0]["message"]
     assert all(one is other for one, other in zip(before, held(armed), strict=True))
     assert (armed.register("torque_enable") == 1).all()
@@ -208,7 +208,7 @@ def test_limits_do_not_change_while_torque_was_found_on() -> None:
     for row in range(len(rig.names)):
         rig.virtual["main"].servos.torque(row, True)
     rig.connect()
-    assert codes(rig.adopt(NARROW)) == [Code.BUSY]
+    assert codes(rig.adopt(NARROW)) == [ReasonCode.BUSY]
     rig.close()
 
 
@@ -221,7 +221,7 @@ def test_limits_do_not_change_while_a_bus_is_away_that_may_have_torque() -> None
     rig.seconds(1.0)
     before = held(rig)
     reply = rig.adopt(NARROW)
-    assert codes(reply) == [Code.BUSY]
+    assert codes(reply) == [ReasonCode.BUSY]
     assert "not known of bus main" in reply.parameters["findings"][0]["message"]
     assert all(one is other for one, other in zip(before, held(rig), strict=True))
     assert rig.adopt({"thresholds.latency_warn_ms": 20.0}).error is None, "nothing of the robot"
@@ -238,10 +238,10 @@ def test_limits_do_not_change_while_a_simulated_robot_moves_or_brakes() -> None:
     slower = {"joints.l_elbow.velocity_limit_rad_s": 0.5}
     move(rig, to=1.0, seconds=1.5)
     rig.ticks(50)
-    assert codes(rig.adopt(slower)) == [Code.BUSY]
+    assert codes(rig.adopt(slower)) == [ReasonCode.BUSY]
     rig.send(link.Cancel)
     rig.ticks(1)
-    assert codes(rig.adopt(slower)) == [Code.BUSY], "it brakes still"
+    assert codes(rig.adopt(slower)) == [ReasonCode.BUSY], "it brakes still"
     rig.seconds(1.0)
     assert rig.adopt(slower).error is None
     rig.close()
@@ -256,7 +256,7 @@ def test_limits_do_not_change_while_a_long_path_is_judged() -> None:
     rows = np.tile(rig.loop.simulated.position, (count, 1))
     rig.submit(Trajectory(time, rows, np.ones(len(rig.names), np.bool_)))
     reply = rig.adopt(NARROW)
-    assert codes(reply) == [Code.BUSY]
+    assert codes(reply) == [ReasonCode.BUSY]
     assert "judged" in reply.parameters["findings"][0]["message"]
     rig.close()
 
@@ -266,7 +266,7 @@ def test_limits_do_not_change_under_what_somebody_does_to_a_device(quiet: Rig) -
     ticket = quiet.send(link.Reboot, bus="main", id=5)
     quiet.ticks(3)
     reply = quiet.adopt(NARROW)
-    assert codes(reply) == [Code.BUSY]
+    assert codes(reply) == [ReasonCode.BUSY]
     assert "on bus main" in reply.parameters["findings"][0]["message"]
     assert all(one is other for one, other in zip(before, held(quiet), strict=True))
     quiet.seconds(3.0)
@@ -278,7 +278,7 @@ def test_no_joint_is_left_outside_of_new_limits_unsaid() -> None:
     rig = Rig(start={"head_yaw": 0.5})
     rig.connect()
     reply = rig.adopt(NARROW)
-    assert codes(reply) == [Code.POS_LIMIT]
+    assert codes(reply) == [ReasonCode.POS_LIMIT]
     found = reply.parameters["findings"][0]
     assert rig.names[found["joint"]] == "head_yaw"
     assert (found["value"], found["bound"]) == (pytest.approx(0.5, abs=0.01), 0.3)
@@ -297,7 +297,7 @@ def test_changes_that_others_overtook_are_refused(quiet: Rig) -> None:
 
 def test_a_changeable_briefing_is_as_good_as_a_broken_front(quiet: Rig) -> None:
     before = held(quiet)
-    command = link.Adopt(ticket=99, client=0, changes=NARROW, generation=1)
+    command = link.ApplyChanges(ticket=99, client=0, changes=NARROW, generation=1)
     fd = os.memfd_create("loose")
     os.write(fd, b"x")
     socket.send_fds(quiet.front.outer, [link.encode(command)], [fd])
@@ -313,7 +313,7 @@ def test_a_gain_that_a_can_actuator_s_frames_do_not_hold_changes_nothing() -> No
     kind = next(joint.type for joint in rig.robot.joints if joint.type.BUS == "can")
     before = held(rig)
     reply = rig.adopt({f"types.{kind.name}.gains": {"kp": 1e6, "kd": 1.0}})
-    assert (reply.error, codes(reply)) == ("Refused", [Code.CONFIG_REFUSED])
+    assert (reply.error, codes(reply)) == ("Refused", [ReasonCode.CONFIG_REFUSED])
     assert all(one is other for one, other in zip(before, held(rig), strict=True))
     stiff = {"kp": kind.gains.kp / 2, "kd": kind.gains.kd}
     assert rig.adopt({f"types.{kind.name}.gains": stiff}).error is None
@@ -331,7 +331,7 @@ def test_a_path_that_was_judged_by_the_old_limits_is_refused(quiet: Rig) -> None
     assert quiet.call(link.Arm).error is None
     late = quiet.submit(quiet.path("head_yaw", [0.2], [3.0]), generation=0)
     quiet.ticks(5)
-    assert codes(quiet.replies(late)[-1]) == [Code.CMD_EXPIRED]
+    assert codes(quiet.replies(late)[-1]) == [ReasonCode.CMD_EXPIRED]
     quiet.lease()
     fresh = quiet.submit(quiet.path("head_yaw", [0.2], [3.0]), generation=1)
     quiet.ticks(5)

@@ -12,7 +12,7 @@ from test_loop_reload import NARROW, codes, held
 from twind import link
 from twind.loop import reload
 from twind.loop.notify import Notifier
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 
 
 @pytest.fixture
@@ -51,8 +51,8 @@ def test_a_hang_up_asks_the_front_and_ends_with_ready(managed: tuple[Rig, Any]) 
     (first,) = [text for text in told() if "RELOADING" in text]
     stamp = int(first.removeprefix("RELOADING=1\nMONOTONIC_USEC="))
     assert abs(stamp / 1e6 - rig.clock.now()) < 0.1, "in the same datagram (sd_notify(3))"
-    assert [news for news in rig.news if isinstance(news, link.Reread)]
-    rig.front.outer.send(link.encode(link.Rereading()))
+    assert [news for news in rig.news if isinstance(news, link.ReloadWanted)]
+    rig.front.outer.send(link.encode(link.ReloadStarted()))
     rig.ticks(10)
     assert not [text for text in told() if "READY" in text or "RELOADING" in text]
     rig.adopt(NARROW, needs_restart=["rate_hz"])
@@ -65,8 +65,8 @@ def test_a_hang_up_asks_the_front_and_ends_with_ready(managed: tuple[Rig, Any]) 
 
 def test_a_refused_reload_ends_with_ready_too_and_the_status_says_why(managed: tuple[Rig, Any]) -> None:
     rig, told = managed
-    rig.front.outer.send(link.encode(link.Rereading()))
-    rig.front.outer.send(link.encode(link.RereadFailed(message="a.yaml:3:1: no such key")))
+    rig.front.outer.send(link.encode(link.ReloadStarted()))
+    rig.front.outer.send(link.encode(link.ReloadFailed(message="a.yaml:3:1: no such key")))
     rig.seconds(1.2)
     said = told()
     assert [text for text in said if "RELOADING" in text]
@@ -84,11 +84,11 @@ def test_files_that_come_after_it_was_told_that_nothing_was_changed_change_nothi
     monkeypatch.setattr(reload, "PATIENCE", 0.5)
     rig, told = managed
     before = held(rig)
-    rig.front.outer.send(link.encode(link.Rereading()))
+    rig.front.outer.send(link.encode(link.ReloadStarted()))
     rig.seconds(0.7)
     assert "nothing was changed" in rig.events("RELOAD_REFUSED")[-1].message
     reply = rig.adopt({**NARROW, "thresholds.latency_warn_ms": 20.0}, announced=False)
-    assert codes(reply) == [Code.BUSY]
+    assert codes(reply) == [ReasonCode.BUSY]
     assert all(one is other for one, other in zip(before[1:], held(rig)[1:], strict=True))
     assert rig.loop.parts.thresholds.latency_warn != 0.02
     assert told().count("READY=1") == 1

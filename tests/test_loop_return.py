@@ -11,9 +11,9 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import State
-from twind_drivers.bus import Reader, Sample
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import RobotState
+from twind_drivers.bus import BusReader, BusSample
 
 
 def upper_goals(rig: Rig) -> list[int]:
@@ -49,11 +49,11 @@ def test_an_unplugged_bus_is_seen_within_50_ms_and_identified_a_second_after_it_
     while not moving.events("PORT_LOST"):
         moving.ticks(1)
     assert moving.clock.now() - begun <= 0.050
-    assert moving.loop.state is State.FAULT
+    assert moving.loop.state is RobotState.FAULT
     moving.seconds(away)
     upper.faults.replug()
     assert until_connected(moving) <= 1.0
-    assert moving.loop.state is State.FAULT
+    assert moving.loop.state is RobotState.FAULT
 
 
 def test_no_goal_of_before_reaches_a_bus_that_is_back_and_the_other_bus_holds(moving: Rig) -> None:
@@ -124,11 +124,11 @@ def test_a_chain_that_gets_its_power_after_the_daemon_is_identified_at_once(tick
     rig = Rig()
     power_off(rig, "main")
     rig.ticks(ticks)
-    assert rig.loop.state is State.IDENTIFYING
+    assert rig.loop.state is RobotState.IDENTIFYING
     power_on(rig, "main")
     rig.virtual["main"].faults.silence(on=False)
     late = 0
-    while rig.loop.state is not State.CONNECTED:
+    while rig.loop.state is not RobotState.CONNECTED:
         rig.ticks(1)
         late += bool(rig.loop.measured.heard.any())
         assert late < 25
@@ -149,7 +149,7 @@ def test_a_power_blip_is_noticed_and_everybody_is_identified_a_second_after_they
         assert moving.clock.now() - begun < 1.0
     until_connected(moving)
     assert moving.clock.now() - begun < 1.5
-    assert moving.loop.state is State.FAULT
+    assert moving.loop.state is RobotState.FAULT
     limp = moving.counts[:12]
     moving.seconds(1.0)
     assert not any(moving.virtual["upper"].servos["torque_enable"])
@@ -164,7 +164,7 @@ def test_a_robot_that_is_not_armed_is_asked_anew_after_a_blip_and_can_be_armed_a
     power_on(rig, "upper")
     rig.seconds(1.5)  # servos begin anew, everybody is asked, and a second of the bus is good
     assert "nobody answered for" in rig.events("HW_DISCONNECTED")[-1].message
-    assert rig.loop.state is State.CONNECTED
+    assert rig.loop.state is RobotState.CONNECTED
     rig.lease()
     assert rig.call(link.Arm).error is None
     rig.close()
@@ -182,7 +182,7 @@ def test_one_servo_that_is_silent_for_a_moment_is_no_power_blip() -> None:
 
 
 def test_a_loop_that_is_silent_on_purpose_takes_nobody_for_gone(armed: Rig) -> None:
-    armed.loop.inhibit(Finding(Code.INTERNAL), armed.clock.now())
+    armed.loop.inhibit(Finding(ReasonCode.INTERNAL), armed.clock.now())
     armed.seconds(1.0)
     assert not armed.events("HW_DISCONNECTED")
     assert armed.loop.hardware.connected
@@ -195,7 +195,7 @@ def test_what_is_wrong_with_an_open_port_is_told_once_with_its_remedy() -> None:
     rig = Rig()
     opened = rig._open
 
-    def slow(name: str) -> Reader:
+    def slow(name: str) -> BusReader:
         reader = opened(name)
         reader.transport.warning = "the adapter's latency timer is 16 ms"
         return reader
@@ -237,11 +237,11 @@ def mute_readings(rig: Rig, place: int, count: int) -> None:
     """Of the first `count` cyclic readings the one at `place` is not sound: two servos in two places."""
     opened = rig._open
 
-    def opener(name: str) -> Reader:
+    def opener(name: str) -> BusReader:
         reader, left = opened(name), [count]
         finish = reader.finish
 
-        def finished(now: float) -> Sample:
+        def finished(now: float) -> BusSample:
             sample = finish(now)
             left[0] -= 1
             if left[0] >= 0:

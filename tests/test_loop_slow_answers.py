@@ -8,7 +8,7 @@ from eeprom import calibrate, calibrated
 from rig import Rig
 
 from twind import link
-from twind.loop.ports import Link
+from twind.loop.ports import PortState
 
 FACTORY = 250  # counts of 2 us (e-manual, "Return Delay Time (9)")
 
@@ -105,7 +105,7 @@ def test_the_remedy_that_is_printed_works(fresh: Rig) -> None:
 def test_a_reading_longer_than_a_tick_is_not_asked_and_named(old: Rig) -> None:
     old.seconds(3.0)
     (port,) = old.loop.hardware.ports
-    assert (old.loop.state, port.link) == ("identifying", Link.IDENTIFYING)
+    assert (old.loop.state, port.link) == ("identifying", PortState.IDENTIFYING)
     slow, *others = old.loop.identity.troubles
     assert len(others) == 23
     assert all("answers slowly: return delay is 500 us" in each.message for each in (slow, *others))

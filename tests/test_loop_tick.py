@@ -9,7 +9,7 @@ from rig import CLIENT, Rig
 
 from bench.loop import four_buses
 from twind import link
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.modes import Mode, Motion, RobotState
 
 
 def last(rig: Rig, ticket: int) -> link.Reply:
@@ -71,7 +71,7 @@ def test_motion_holds_when_the_lease_lapses(armed: Rig) -> None:
     armed.submit(armed.path("head_yaw", [1.0], [4.0]))
     armed.seconds(1.5)
     assert armed.loop.executor.motion is Motion.HOLDING
-    assert armed.loop.state is State.ARMED
+    assert armed.loop.state is RobotState.ARMED
     assert (armed.register("torque_enable") == 1).all()
     assert 0.05 < armed.truth[0] < 0.6
 
@@ -80,7 +80,7 @@ def test_an_open_submission_keeps_the_lease_and_a_closed_connection_drops_it(arm
     armed.submit(armed.path("head_yaw", [1.0], [4.0]), more=True)
     armed.seconds(2.0)
     assert armed.loop.executor.motion is Motion.ACTIVE
-    armed.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+    armed.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
     armed.seconds(0.5)
     assert armed.loop.executor.motion is Motion.HOLDING
 
@@ -100,14 +100,14 @@ def test_a_servo_silent_for_half_a_second_is_a_fault_and_the_others_hold(armed: 
     armed.virtual["main"].faults.silence(7)
     armed.ticks(15)
     assert armed.loop.executor.motion is Motion.HOLDING
-    assert armed.loop.state is State.ARMED
+    assert armed.loop.state is RobotState.ARMED
     armed.seconds(0.5)
-    assert armed.loop.state is State.FAULT
+    assert armed.loop.state is RobotState.FAULT
     held = armed.truth
     armed.seconds(6.0)
     assert (armed.register("torque_enable") == 1).all()  # it hangs on a gantry
     assert armed.truth == pytest.approx(held, abs=0.002)
-    assert armed.loop.state is State.FAULT
+    assert armed.loop.state is RobotState.FAULT
     assert armed.call(link.Disarm, ticks=1000).error is not None  # one cannot confirm it
     assert (np.delete(armed.register("torque_enable"), 6) == 0).all()
 
@@ -118,7 +118,7 @@ def test_a_servo_silent_for_half_a_second_lowers_what_stands_freely() -> None:
     rig.arm()
     rig.virtual["main"].faults.silence(7)
     rig.seconds(0.6)
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     rig.seconds(14.0)
     assert (np.delete(rig.register("torque_enable"), 6) == 0).all()
     rig.close()
@@ -129,13 +129,13 @@ def test_unplugged_while_moving_it_is_disconnected_and_comes_back_disarmed(armed
     armed.ticks(50)
     armed.virtual["main"].faults.unplug()
     armed.ticks(2)
-    assert armed.loop.state is State.DISCONNECTED
+    assert armed.loop.state is RobotState.DISCONNECTED
     assert armed.loop.armed is False
     armed.seconds(0.5)
     armed.virtual["main"].faults.replug()
     before = armed.truth
     armed.seconds(2.0)
-    assert armed.loop.state is State.FAULT  # the lost port stays latched
+    assert armed.loop.state is RobotState.FAULT  # the lost port stays latched
     assert armed.loop.inherited is True  # the servos kept their torque
     assert np.abs(armed.truth - before).max() <= 2 * armed.loop.hardware.resolution.max()
 
@@ -143,7 +143,7 @@ def test_unplugged_while_moving_it_is_disconnected_and_comes_back_disarmed(armed
 def test_a_stalled_loop_finds_tripped_watchdogs_and_an_operator_recovers(armed: Rig) -> None:
     armed.clock.time += 0.25
     armed.seconds(0.5)
-    assert armed.loop.state is State.FAULT
+    assert armed.loop.state is RobotState.FAULT
     assert "WATCHDOG_TRIPPED" in armed.loop.latches
     armed.call(link.Disarm, ticks=900)
     assert (armed.register("torque_enable") == 0).all()
@@ -155,7 +155,7 @@ def test_a_stalled_loop_finds_tripped_watchdogs_and_an_operator_recovers(armed: 
 def test_a_servo_that_drops_its_torque_is_a_fault(armed: Rig) -> None:
     armed.virtual["main"].servos.torque(3, False)
     armed.seconds(0.3)
-    assert armed.loop.state is State.FAULT
+    assert armed.loop.state is RobotState.FAULT
     assert "TORQUE_MISMATCH" in armed.loop.latches
 
 
@@ -252,7 +252,7 @@ def test_one_bus_lost_lowers_the_rest_of_a_free_robot_and_torque_goes_off_there(
     first, second = rig.virtual.values()
     first.faults.unplug()
     rig.seconds(11.0)
-    assert rig.loop.state is State.FAULT
+    assert rig.loop.state is RobotState.FAULT
     assert (np.asarray(second.servos["torque_enable"]) == 0).all()
     rig.close()
 
@@ -304,11 +304,11 @@ def test_a_bus_on_which_nobody_answers_counts_as_disconnected_and_is_asked_anew(
     assert live.loop.hardware.connected
     live.seconds(1.5)
     assert not live.loop.hardware.connected
-    assert live.loop.state is State.IDENTIFYING
+    assert live.loop.state is RobotState.IDENTIFYING
     for id in range(1, 25):
         live.virtual["main"].faults.silence(id, False)
     live.seconds(3.0)
-    assert live.loop.state is State.CONNECTED
+    assert live.loop.state is RobotState.CONNECTED
     assert not live.loop.identity.troubles
 
 
@@ -338,7 +338,7 @@ def test_a_minute_of_robot_without_a_refusal_a_fault_or_a_missed_reading() -> No
         assert last(rig, ticket).parameters["phase"] == "succeeded"
         ends += 1
     assert ends > 8
-    assert rig.loop.state is State.ARMED
+    assert rig.loop.state is RobotState.ARMED
     assert rig.loop.hardware.ports[0].counts.errors == 0
     assert rig.loop.figures.missed == 0
     rig.close()

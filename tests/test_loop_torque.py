@@ -5,14 +5,14 @@ import pytest
 from rig import Rig
 
 from twind import link
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import Mode, Motion, State
-from twind_drivers.virtual.muscles import FirstOrder
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind_drivers.virtual.muscles import FirstOrderPhysics
 
 pytestmark = pytest.mark.slow  # whole lives of the loop: half of all fast tests' time
 
 
-class Hopper(FirstOrder):
+class Hopper(FirstOrderPhysics):
     """Muscles that hop when torque comes on: a horn that slipped, a turn that was lost."""
 
     hop = 200.0  # ticks
@@ -31,7 +31,7 @@ def codes(reply: link.Reply) -> list[str]:
 def test_nothing_moves_and_torque_never_changes_because_a_daemon_started(live: Rig) -> None:
     before = live.truth
     live.seconds(2.0)
-    assert live.loop.state is State.CONNECTED
+    assert live.loop.state is RobotState.CONNECTED
     assert (live.register("torque_enable") == 0).all()
     assert np.array_equal(live.truth, before)
 
@@ -46,7 +46,7 @@ def test_arming_holds_every_joint_where_it_was_found_with_its_watchdog_armed(liv
     assert (live.register("torque_enable") == 1).all()
     assert (live.register("bus_watchdog") == 5).all()
     live.seconds(1.0)
-    assert live.loop.state is State.ARMED
+    assert live.loop.state is RobotState.ARMED
     assert live.loop.executor.motion is Motion.HOLDING
     assert np.abs(live.counts - before).max() <= 2
 
@@ -97,7 +97,7 @@ def test_a_joint_that_jumps_at_torque_on_is_disarmed_again() -> None:
     assert codes(reply) == ["ARM_FAILED"]
     assert reply.parameters["findings"][0]["joint"] == 0
     assert (rig.register("torque_enable") == 0).all()
-    assert rig.loop.state is State.CONNECTED
+    assert rig.loop.state is RobotState.CONNECTED
     rig.close()
 
 
@@ -226,7 +226,7 @@ def test_sigterm_leaves_inherited_torque_as_it_was_found() -> None:
 
 
 def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
-    armed.loop.inhibit(Finding(Code.INTERNAL), armed.clock.now())
+    armed.loop.inhibit(Finding(ReasonCode.INTERNAL), armed.clock.now())
     armed.ticks(5)
     assert (armed.register("torque_enable") == 1).all()
     reply = armed.call(link.Disarm, ticks=50)
@@ -240,7 +240,7 @@ def test_an_inhibited_robot_can_be_let_go_by_its_operator(armed: Rig) -> None:
 
 
 def test_sigterm_ends_an_inhibited_daemon_and_writes_nothing(armed: Rig) -> None:
-    armed.loop.inhibit(Finding(Code.INTERNAL), armed.clock.now())
+    armed.loop.inhibit(Finding(ReasonCode.INTERNAL), armed.clock.now())
     armed.loop.stop_wanted = True
     armed.ticks(5)
     assert armed.loop.finished
@@ -301,7 +301,7 @@ def test_sigterm_at_any_moment_of_arming_leaves_no_torque_but_what_was_found(
         rig.lease()
         rig.send(link.Arm)
         rig.ticks(moment)
-        assert rig.loop.state is State.ARMING
+        assert rig.loop.state is RobotState.ARMING
         rig.loop.stop_wanted = True
         rig.ticks(10)
         assert rig.loop.finished

@@ -3,7 +3,7 @@
 import numpy as np
 from rig import Rig
 
-from twind.loop.described import Robot
+from twind.loop.described import BoundRobot
 from twind.robot.modes import Mode
 from twind.twin.binding import bind
 from twind.virtual.truth import JointTruth, Truth
@@ -14,7 +14,7 @@ WOUND = ("head_yaw", "l_shoulder_yaw", "r_hip_yaw", "l_ankle_roll", "r_knee")
 def test_the_simulation_begins_inside_the_limits_and_stays_sound() -> None:
     rig = Rig(mode=Mode.MIRROR, truth=Truth(dict.fromkeys(WOUND, JointTruth(turns=3))))
     rig.loop.close()
-    rig.one = Robot(rig.robot, None, bind(rig.robot, None))
+    rig.one = BoundRobot(rig.robot, None, bind(rig.robot, None))
     rig.loop = rig.born(Mode.MIRROR)
     rig.connect()
     rig.seconds(1.0)

@@ -11,8 +11,8 @@ from rig import Rig
 from turning_world import arm_in
 
 from twind import link
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, State
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, RobotState
 from twind.virtual.truth import JointTruth, Truth
 
 ZEROS = {"single": 1500, "extended": 4000, "capped": 60}  # the last two have a seam in their travel
@@ -68,8 +68,8 @@ def test_nobody_is_verified_before_everybody_was_identified(arm: Rig) -> None:
 
 def test_before_its_turn_is_known_nobody_says_that_a_joint_is_out_of_its_limits(arm: Rig) -> None:
     arm.connect()
-    assert arm.events(Code.OUT_OF_LIMIT) == []
-    assert arm.events(Code.CALIB_MISMATCH) == []
+    assert arm.events(ReasonCode.OUT_OF_LIMIT) == []
+    assert arm.events(ReasonCode.CALIB_MISMATCH) == []
 
 
 def test_in_mirror_they_are_marked_and_in_sim_nobody_says(path: str) -> None:
@@ -147,9 +147,9 @@ def test_out_of_its_travel_it_is_refused_and_in_it_again_it_is_not(path: str) ->
     rig.connect()
     rig.lease()
     [finding] = rig.call(link.Arm).parameters["findings"]
-    assert (finding["code"], finding["joint"]) == (Code.CALIB_MISMATCH, CAPPED)
+    assert (finding["code"], finding["joint"]) == (ReasonCode.CALIB_MISMATCH, CAPPED)
     assert verified(rig) == [True, True, False]
-    assert len(rig.events(Code.CALIB_MISMATCH)) == 1  # said once, however long it is so
+    assert len(rig.events(ReasonCode.CALIB_MISMATCH)) == 1  # said once, however long it is so
     servos(rig).muscles.position[CAPPED] = rig.zeros["capped"]
     rig.ticks(3)
     assert verified(rig) == [True] * 3
@@ -185,7 +185,7 @@ def test_position_mode_a_turn_off_gets_no_torque_until_it_has_restarted(path: st
     before = rig.counts
     rig.lease()
     [finding] = rig.call(link.Arm).parameters["findings"]
-    assert (finding["code"], finding["joint"]) == (Code.CALIB_MISMATCH, SINGLE)
+    assert (finding["code"], finding["joint"]) == (ReasonCode.CALIB_MISMATCH, SINGLE)
     assert "switch its power off and on" in finding["message"]
     assert not rig.register("torque_enable").any()
     rig.virtual["main"].faults.power(False)
@@ -212,7 +212,7 @@ def test_a_restart_while_armed_changes_no_turn_until_torque_is_off(arm: Rig) -> 
             others.append(arm.loop.measured.position[[SINGLE, CAPPED]])
     assert len(others) > 20
     assert np.abs(np.diff(np.array(others), axis=0)).max() < 0.05
-    assert arm.loop.state is State.FAULT
+    assert arm.loop.state is RobotState.FAULT
     assert not verified(arm)[EXTENDED]
     arm.call(link.Disarm, ticks=900)
     arm.call(link.Reset)

@@ -12,12 +12,19 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from recorded import SESSION, write
 
-from twind.observe.recording.mcap_records import LARGEST, Attachment, McapFile, Message, Metadata, NotMcap
+from twind.observe.recording.mcap_records import (
+    LARGEST,
+    McapAttachment,
+    McapMessage,
+    McapMetadata,
+    McapScanner,
+    NotMcap,
+)
 
 
-def messages(path: Path) -> tuple[McapFile, list[Message]]:
-    file = McapFile(path)
-    return file, [each for each in file.contents() if isinstance(each, Message)]
+def messages(path: Path) -> tuple[McapScanner, list[McapMessage]]:
+    file = McapScanner(path)
+    return file, [each for each in file.contents() if isinstance(each, McapMessage)]
 
 
 def of_the_library(path: Path) -> list[tuple[str, int, int, bytes]]:
@@ -32,10 +39,10 @@ def test_a_whole_file_is_what_the_library_reads(tmp_path: Path) -> None:
     assert not file.cut and not file.damaged and file.kept == file.size and file.profile == "ros2"
     rows = [(file.channels[each.channel].topic, each.log_time, each.sequence, each.data) for each in found]
     assert rows == of_the_library(path) and len(rows) == 400 + 4
-    others = [each for each in McapFile(path).contents() if not isinstance(each, Message)]
+    others = [each for each in McapScanner(path).contents() if not isinstance(each, McapMessage)]
     assert [each.name for each in others] == ["twind", "robot.json", "model.mjcf"]
-    assert isinstance(others[0], Metadata) and others[0].data == SESSION.about
-    assert isinstance(others[1], Attachment) and others[1].data == b'{"name": "two"}'
+    assert isinstance(others[0], McapMetadata) and others[0].data == SESSION.about
+    assert isinstance(others[1], McapAttachment) and others[1].data == b'{"name": "two"}'
 
 
 @pytest.mark.parametrize("compression", CompressionType)

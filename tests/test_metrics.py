@@ -25,8 +25,8 @@ from twind.ctl.verb import Rejected, UsageError
 from twind.observe import metrics
 from twind.observe.measuring import serve as metrics_serve
 from twind.observe.measuring.families import families
-from twind.observe.measuring.ledger import STALE, Ledger
-from twind.robot.finding import Code
+from twind.observe.measuring.ledger import STALE, MetricsLedger
+from twind.robot.finding import ReasonCode
 
 FILES = Path(__file__).parents[1] / "packaging" / "metrics"
 NOW, WALL = 100.0, 1_800_000_000.0
@@ -37,7 +37,7 @@ Samples = Mapping[tuple[str, frozenset[tuple[str, str]]], float]
 class Told:
     """A registry of what a ledger says at `now`."""
 
-    def __init__(self, ledger: Ledger, now: float = NOW) -> None:
+    def __init__(self, ledger: MetricsLedger, now: float = NOW) -> None:
         self.registry = CollectorRegistry()
         self.ledger, self.now = ledger, now
         self.registry.register(self)  # type: ignore[arg-type]
@@ -58,8 +58,8 @@ class Told:
         return self.samples.get((name, frozenset(labels.items())))
 
 
-def ledger(*messages: Mapping[str, Any], now: float = NOW) -> Ledger:
-    made = Ledger(WALL)
+def ledger(*messages: Mapping[str, Any], now: float = NOW) -> MetricsLedger:
+    made = MetricsLedger(WALL)
     for message in messages:
         made.take(message, now, WALL + now)
     return made
@@ -157,7 +157,7 @@ def names(samples: Samples) -> set[str]:
 
 
 @pytest.mark.parametrize("made", [ledger(), ledger(status()), ledger(state()), ledger(verdict("FLOOR"))])
-def test_before_all_is_known_nothing_is_told_but_that(made: Ledger) -> None:
+def test_before_all_is_known_nothing_is_told_but_that(made: MetricsLedger) -> None:
     assert Told(made).samples == {("twind_up", frozenset()): 0.0}
 
 
@@ -232,9 +232,9 @@ def test_a_count_goes_down_with_a_new_beginning_alone() -> None:
 
 def test_what_it_costs_in_series_is_bounded_by_the_robot_and_the_interface() -> None:
     joints = [joint(f"joint_{place}") for place in range(24)]
-    many = [verdict(str(code)) for code in Code] * 50
+    many = [verdict(str(code)) for code in ReasonCode] * 50
     told = Told(ledger(status(), state(*joints), WHOLE[2], *many)).samples
-    assert len(told) < 24 * 12 + 4 * len(Code) + 120
+    assert len(told) < 24 * 12 + 4 * len(ReasonCode) + 120
 
 
 # ---------------------------------------------------------------------------------------- files beside it

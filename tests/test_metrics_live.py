@@ -24,8 +24,8 @@ from prometheus_client.parser import text_string_to_metric_families as older_tex
 
 from twind.client import Client, Refused
 from twind.observe.measuring import http as metrics_http
-from twind.observe.measuring.http import LONGEST, Door
-from twind.observe.measuring.ledger import STALE, Ledger
+from twind.observe.measuring.http import LONGEST, MetricsHttpHandler
+from twind.observe.measuring.ledger import STALE, MetricsLedger
 from twind.observe.measuring.serve import registry
 
 pytestmark = pytest.mark.realtime
@@ -174,7 +174,7 @@ def test_a_unix_socket_is_served_and_taken_away(tmp_path: Path) -> None:
 @contextmanager
 def door(patience: float = 5.0) -> Iterator[int]:
     """What serves scrapers, of a robot of two joints, in a thread of its own; its port."""
-    ledger, loop = Ledger(0.0), asyncio.new_event_loop()
+    ledger, loop = MetricsLedger(0.0), asyncio.new_event_loop()
     listener = socket.create_server(("127.0.0.1", 0), backlog=256)
 
     async def tell() -> None:
@@ -184,7 +184,7 @@ def door(patience: float = 5.0) -> Iterator[int]:
             await asyncio.sleep(STALE / 4)
 
     async def serve() -> None:
-        handler = Door(make_wsgi_app(registry(ledger)))
+        handler = MetricsHttpHandler(make_wsgi_app(registry(ledger)))
         async with await asyncio.start_server(handler, sock=listener, limit=LONGEST):
             await tell()
 

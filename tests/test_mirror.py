@@ -13,7 +13,7 @@ from twind.config.robot_file import load_robot
 from twind.robot.arrays import Bools, Floats
 from twind.robot.state import JointState
 from twind.twin.binding import bind
-from twind.twin.mirror import Mirror
+from twind.twin.mirror import TwinMirror
 
 ROBOT = load_robot("h24")
 BINDING = bind(ROBOT, None)
@@ -39,7 +39,7 @@ poses = arrays(np.float64, COUNT, elements=st.floats(-2.0, 2.0))
 @settings(max_examples=25)
 @given(poses)
 def test_every_body_stands_where_forward_kinematics_puts_it(pose: Floats) -> None:
-    mirror = Mirror(BINDING)
+    mirror = TwinMirror(BINDING)
     mirror.update(reading(pose))
     data = mujoco.MjData(BINDING.model)
     data.qpos[BINDING.qpos] = pose
@@ -51,7 +51,7 @@ def test_every_body_stands_where_forward_kinematics_puts_it(pose: Floats) -> Non
 
 def test_joints_are_found_by_name_not_by_place() -> None:
     pose = np.linspace(-0.5, 0.5, COUNT)
-    there, back = Mirror(BINDING), Mirror(BACKWARDS)
+    there, back = TwinMirror(BINDING), TwinMirror(BACKWARDS)
     there.update(reading(pose))
     back.update(reading(pose[::-1].copy()))
     assert np.allclose(there.data.xpos, back.data.xpos)
@@ -61,7 +61,7 @@ def test_joints_are_found_by_name_not_by_place() -> None:
 def test_the_model_torque_is_that_of_gravity_at_rest() -> None:
     pose = np.zeros(COUNT)
     pose[ROBOT.names.index("l_hip_pitch")] = -1.2
-    mirror = Mirror(BINDING)
+    mirror = TwinMirror(BINDING)
     mirror.update(reading(pose))
     data = mujoco.MjData(BINDING.model)
     data.qpos[BINDING.qpos] = pose
@@ -73,7 +73,7 @@ def test_the_model_torque_is_that_of_gravity_at_rest() -> None:
 def test_contacts_and_joint_stops_put_no_torque_into_the_mirror() -> None:
     pose = np.zeros(COUNT)
     pose[KNEE] = 2.6  # beyond the stop of the model, and the foot in the thigh
-    mirror = Mirror(BINDING)
+    mirror = TwinMirror(BINDING)
     mirror.update(reading(pose))
     assert np.abs(mirror.effort).max() < 3.0
     assert mirror.data.ncon == 0
@@ -82,12 +82,12 @@ def test_contacts_and_joint_stops_put_no_torque_into_the_mirror() -> None:
 
 def test_the_shared_model_keeps_its_contacts() -> None:
     before = BINDING.model.opt.disableflags
-    Mirror(BINDING)
+    TwinMirror(BINDING)
     assert BINDING.model.opt.disableflags == before == 0
 
 
 def test_joints_not_heard_keep_their_last_and_are_not_taken() -> None:
-    mirror = Mirror(BINDING)
+    mirror = TwinMirror(BINDING)
     mirror.update(reading(np.full(COUNT, 0.1)))
     heard = np.ones(COUNT, np.bool_)
     heard[KNEE] = False
@@ -100,7 +100,7 @@ def test_joints_not_heard_keep_their_last_and_are_not_taken() -> None:
 
 
 def test_torque_of_a_joint_never_heard_is_unknown() -> None:
-    mirror = Mirror(BINDING)
+    mirror = TwinMirror(BINDING)
     assert np.isnan(mirror.effort).all()
     heard = np.zeros(COUNT, np.bool_)
     heard[KNEE] = True
@@ -116,7 +116,7 @@ def test_torque_of_a_joint_never_heard_is_unknown() -> None:
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, 1e3])
 @pytest.mark.parametrize("where", ["position", "velocity"])
 def test_what_is_no_reading_never_enters_the_model(bad: float, where: str) -> None:
-    mirror = Mirror(BINDING)
+    mirror = TwinMirror(BINDING)
     mirror.update(reading(np.full(COUNT, 0.1)))
     position, velocity = np.full(COUNT, 0.2), np.zeros(COUNT)
     (position if where == "position" else velocity)[KNEE] = bad * (1.0 if where == "position" else 10.0)
@@ -135,7 +135,7 @@ def test_what_is_no_reading_never_enters_the_model(bad: float, where: str) -> No
     arrays(np.bool_, COUNT),
 )
 def test_whatever_arrives_the_model_stays_finite(position: Floats, velocity: Floats, heard: Bools) -> None:
-    mirror = Mirror(BINDING)
+    mirror = TwinMirror(BINDING)
     mirror.update(reading(position, velocity, heard))
     assert np.isfinite(mirror.data.xpos).all()
     assert np.isfinite(mirror.data.qfrc_inverse).all()
@@ -145,7 +145,7 @@ def test_whatever_arrives_the_model_stays_finite(position: Floats, velocity: Flo
 
 def test_a_jump_of_the_pose_leaves_no_trace() -> None:
     straight, bent = np.zeros(COUNT), np.full(COUNT, 0.4)
-    jumped, direct = Mirror(BINDING), Mirror(BINDING)
+    jumped, direct = TwinMirror(BINDING), TwinMirror(BINDING)
     for pose in (bent, straight, bent):
         jumped.update(reading(pose))
     direct.update(reading(bent))
@@ -153,7 +153,7 @@ def test_a_jump_of_the_pose_leaves_no_trace() -> None:
 
 
 def test_whoever_looks_between_two_readings_changes_nothing_for_whoever_looks_later() -> None:
-    looked, unseen = Mirror(BINDING), Mirror(BINDING)
+    looked, unseen = TwinMirror(BINDING), TwinMirror(BINDING)
     for place in (0.3, -0.2, 0.1):
         looked.update(reading(np.full(COUNT, place)))
         unseen.update(reading(np.full(COUNT, place)))

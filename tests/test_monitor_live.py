@@ -16,7 +16,7 @@ from screen import Run, Screen
 from stand_in import NAMES, StandIn
 
 from twind.client import Client
-from twind.ctl.picture.live import Feed
+from twind.ctl.picture.live import MonitorFeed
 
 pytestmark = pytest.mark.realtime
 FRAME = b"\x1b[?2026h"
@@ -222,7 +222,7 @@ def test_while_the_terminal_stands_still_no_news_are_lost(run: Callable[..., Run
 
 
 def test_news_are_taken_as_they_come_while_nobody_draws(loop: StandIn) -> None:
-    feed = Feed(lambda: Client(loop.directory, name="observe"), rate=100.0)
+    feed = MonitorFeed(lambda: Client(loop.directory, name="observe"), rate=100.0)
     try:
         end = time.monotonic() + 10.0
         while not feed.watched.whole:

@@ -10,7 +10,7 @@ import pytest
 from dxl_responder import Servos, Wire
 
 from twind.config.robot_file import load_robot
-from twind.loop.open_bus import Buses
+from twind.loop.open_bus import BusOpener
 from twind.twin.binding import bind
 from twind_drivers.bus import PortError, WireClamp
 from twind_drivers.dynamixel.bus import DynamixelReader
@@ -31,8 +31,8 @@ def ports() -> Iterator[list[str]]:
             os.close(fd)
 
 
-def made(first: str | None, second: str | None) -> Buses:
-    return Buses(ROBOT, JOINTS, {FIRST: first, SECOND: second}, 100.0)
+def made(first: str | None, second: str | None) -> BusOpener:
+    return BusOpener(ROBOT, JOINTS, {FIRST: first, SECOND: second}, 100.0)
 
 
 def test_each_bus_opens_its_own_port_with_its_own_servos(ports: list[str]) -> None:
@@ -115,6 +115,6 @@ def test_the_bus_is_timed_by_its_baud_and_its_slowest_servo(ports: list[str]) ->
 @pytest.mark.parametrize("one_write", [True, False])
 def test_whether_goals_and_request_leave_together_is_the_robot_files(one_write: bool) -> None:
     robot = replace(ROBOT, buses=tuple(replace(bus, one_write=one_write) for bus in ROBOT.buses))
-    reader = Buses(robot, JOINTS, {FIRST: None, SECOND: None}, 100.0).reader(FIRST, Wire(Servos(())))
+    reader = BusOpener(robot, JOINTS, {FIRST: None, SECOND: None}, 100.0).reader(FIRST, Wire(Servos(())))
     assert isinstance(reader, DynamixelReader)
     assert reader.line.one_write is one_write

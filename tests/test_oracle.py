@@ -10,7 +10,7 @@ from oracle.__main__ import broken, judged, work
 from oracle.dense import excess
 from oracle.draws import Question, question
 
-from twind.robot.finding import Code, Verdict
+from twind.robot.finding import ReasonCode, Verdict
 from twind.robot.trajectory import Reference
 
 
@@ -19,18 +19,24 @@ def test_the_gate_accepts_nothing_that_the_oracle_refuses() -> None:
     seen = work(4, 0, 250)
     assert seen.false_accepts == []
     assert seen.accepted > 60 and seen.exact >= 3
-    assert {Code.RETIMED, Code.STOP_APPENDED} <= set(seen.changed)
+    assert {ReasonCode.RETIMED, ReasonCode.STOP_APPENDED} <= set(seen.changed)
     assert {"POS_LIMIT", "VEL_LIMIT", "ACC_LIMIT", "BRAKE_DISTANCE", "START_JUMP"} <= set(seen.refused)
     assert len(seen.false_refusals) <= seen.asked // 100
 
 
-CURVE = (Code.POS_LIMIT, Code.VEL_LIMIT, Code.ACC_LIMIT, Code.START_JUMP, Code.END_NOT_AT_REST)
+CURVE = (
+    ReasonCode.POS_LIMIT,
+    ReasonCode.VEL_LIMIT,
+    ReasonCode.ACC_LIMIT,
+    ReasonCode.START_JUMP,
+    ReasonCode.END_NOT_AT_REST,
+)
 
 
 @pytest.fixture(scope="module")
-def refused() -> dict[Code, Question]:
+def refused() -> dict[ReasonCode, Question]:
     """A refused question for each rule of the curve, which a blind gate would let in."""
-    found: dict[Code, Question] = {}
+    found: dict[ReasonCode, Question] = {}
     for number in range(400):
         if found.keys() >= set(CURVE):
             break
@@ -43,7 +49,9 @@ def refused() -> dict[Code, Question]:
 
 
 @pytest.mark.parametrize("code", CURVE)
-def test_the_oracle_sees_what_a_blind_gate_lets_in(refused: dict[Code, Question], code: Code) -> None:
+def test_the_oracle_sees_what_a_blind_gate_lets_in(
+    refused: dict[ReasonCode, Question], code: ReasonCode
+) -> None:
     asked = refused[code]
     blind = replace(judged(asked), verdict=Verdict(), path=asked.path)
     assert any(words.startswith(code) for words in broken(asked, blind, exactly=False))
@@ -72,9 +80,9 @@ def test_a_single_point_at_once_may_stop_what_counts_as_at_rest_and_nothing_else
     running = (entry or 0.0) - (change - 1e-12 if rest else change)
     before = Reference(np.zeros(2), np.array([sign * running, 0.9]), np.zeros(2))
     limit = w.limits()
-    assert (Code.ACC_LIMIT not in w.codes(w.ask(path, limit, before))) is rest
-    assert (excess(path, before, limit)[Code.ACC_LIMIT] <= 0.0) is rest
-    assert w.oracle_faults(path, before, limit) == (set() if rest else {Code.ACC_LIMIT})
+    assert (ReasonCode.ACC_LIMIT not in w.codes(w.ask(path, limit, before))) is rest
+    assert (excess(path, before, limit)[ReasonCode.ACC_LIMIT] <= 0.0) is rest
+    assert w.oracle_faults(path, before, limit) == (set() if rest else {ReasonCode.ACC_LIMIT})
 
 
 def test_the_speed_that_counts_as_rest_is_the_last_one_a_single_point_may_stop() -> None:
@@ -92,5 +100,5 @@ def test_the_exact_oracle_sees_the_step_of_a_path_that_begins_at_once(velocity: 
     path = w.path([0.0, 0.1], [0.0, 0.0], rates)
     for strongest, seen in ((10.0 + 1e-9, False), (10.0 - 1e-6, True)):
         limit = w.limits(1, acceleration=strongest)
-        assert (Code.ACC_LIMIT in w.oracle_faults(path, before, limit)) is seen
-        assert (Code.ACC_LIMIT in w.codes(w.ask(path, limit, before))) is seen
+        assert (ReasonCode.ACC_LIMIT in w.oracle_faults(path, before, limit)) is seen
+        assert (ReasonCode.ACC_LIMIT in w.codes(w.ask(path, limit, before))) is seen

@@ -11,16 +11,16 @@ from rig import Rig
 
 from twind import link
 from twind.config.robot_file import read_robot
-from twind.loop.outlook import LEAST, Lookahead
+from twind.loop.outlook import LEAST, CollisionLookahead
 from twind.motion.course import along, braking
-from twind.motion.executor import Executor
-from twind.motion.stops import Ramp
+from twind.motion.executor import TrajectoryExecutor
+from twind.motion.stops import StopRamp
 from twind.robot.modes import Mode, Motion
 from twind.robot.splines import hold, interpolate
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.facts import Outlook
+from twind.safety.facts import ClearanceAhead
 from twind.twin.binding import Binding, bind
-from twind.twin.collision import Bodies
+from twind.twin.collision import CollisionModel
 
 PERIOD = 0.01
 OPEN = "{allow: [[base, middle]]}"
@@ -31,14 +31,14 @@ class World:
     """An executor and what looks ahead of it."""
 
     def __init__(self, binding: Binding, start: list[float] | None = None) -> None:
-        self.binding, self.bodies = binding, Bodies(binding, 0.02)
-        self.executor = Executor(binding.limits, PERIOD)
+        self.binding, self.bodies = binding, CollisionModel(binding, 0.02)
+        self.executor = TrajectoryExecutor(binding.limits, PERIOD)
         self.executor.begin(np.array(binding.rest if start is None else start))
-        self.look = Lookahead(self.bodies, binding.limits, PERIOD)
+        self.look = CollisionLookahead(self.bodies, binding.limits, PERIOD)
         self.oracle = Oracle(binding, [pair.geoms for pair in self.bodies.pairs])
         self.now = 0.0
 
-    def tick(self) -> Outlook | None:
+    def tick(self) -> ClearanceAhead | None:
         self.now += PERIOD
         self.executor.goal(self.now)
         return self.look.look(self.executor)
@@ -127,7 +127,7 @@ def test_who_stands_too_close_and_leaves_is_let_go(world: World) -> None:
 
 def test_what_is_no_number_is_no_clearance(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     elbow(world, 1.0, 2.0)
-    monkeypatch.setattr("twind.motion.course.Plan.course", lambda *_: np.full((1, 3), np.nan))
+    monkeypatch.setattr("twind.motion.course.LookaheadPlan.course", lambda *_: np.full((1, 3), np.nan))
     outlook = world.tick()
     assert outlook is not None
     assert isnan(outlook.clearance)
@@ -193,7 +193,7 @@ def test_a_whole_humanoid_streamed_at_random_never_touches_itself() -> None:
 
 def test_braking_is_where_a_ramp_goes(world: World) -> None:
     reference = Reference(np.zeros(3), np.array([1.0, -1.5, 0.0]), np.zeros(3))
-    ramp = Ramp(reference, world.binding.limits, PERIOD)
+    ramp = StopRamp(reference, world.binding.limits, PERIOD)
     times = np.array([0.0, 0.05, 0.1, 0.5])
     found = braking(reference, world.binding.limits, times)
     assert found == pytest.approx(np.array([ramp.at(t).position for t in times]))
@@ -242,13 +242,13 @@ def rig() -> Iterator[Rig]:
     made.close()
 
 
-def clearance(rig: Rig, bodies: Bodies) -> float:
+def clearance(rig: Rig, bodies: CollisionModel) -> float:
     oracle = Oracle(rig.one.binding, [pair.geoms for pair in bodies.pairs])
     return float((oracle.row(rig.loop.executor.reference.position) - bodies.block).min())
 
 
 def test_a_setpoint_into_the_robot_itself_is_refused_by_the_loop(rig: Rig) -> None:
-    bodies = Bodies(rig.one.binding)
+    bodies = CollisionModel(rig.one.binding)
     joints = [rig.names.index(name) for name in INTO_ITSELF]
     refused: list[str] = []
     for _ in range(300):
@@ -266,7 +266,7 @@ def test_a_path_into_the_robot_itself_that_nobody_refused_is_held_before_it(mode
     rig = Rig(mode=mode)
     rig.ticks(5)
     rig.call(link.AcquireLease)
-    bodies = Bodies(rig.one.binding)
+    bodies = CollisionModel(rig.one.binding)
     end = np.array([INTO_ITSELF.get(name, 0.0) for name in rig.names])
     path = Trajectory(np.array([3.0]), end[None], np.ones(24, np.bool_))
     rig.submit(path, policy="retime")

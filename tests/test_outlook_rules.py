@@ -8,17 +8,17 @@ from guard_world import FINE, PERIOD, codes, judge
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
-from twind.safety.facts import Outlook
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.facts import ClearanceAhead
 from twind.safety.guard import MOVING, REACTING, Reaction
 
 BLOCK, WARN = 0.002, 0.010
 TINY = 1e-9
 
 
-def outlook(clearance: float, ahead: float = 0.2) -> Outlook:
-    return Outlook(clearance, ahead, ("l_hand", "l_thigh"), BLOCK, WARN)
+def outlook(clearance: float, ahead: float = 0.2) -> ClearanceAhead:
+    return ClearanceAhead(clearance, ahead, ("l_hand", "l_thigh"), BLOCK, WARN)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,7 @@ def test_r20_nearer_is_slower_then_held(
     judgement = judge(outlook=outlook(clearance, ahead))
     assert (judgement.reaction, judgement.latches, judgement.goal_refused) == (reaction, False, False)
     assert judgement.pace == pytest.approx(pace)
-    assert codes(judgement) == ([] if clearance > WARN else [Code.LOOKAHEAD_COLLISION])
+    assert codes(judgement) == ([] if clearance > WARN else [ReasonCode.LOOKAHEAD_COLLISION])
     if reaction:
         (finding,) = judgement.findings
         assert (finding.time, finding.bound) == (ahead, BLOCK)
@@ -61,21 +61,21 @@ def test_r20_too_close_is_too_close_whenever_that_is(clearance: float, ahead: fl
 
 
 @pytest.mark.parametrize("clearance", [0.006, 0.0, nan])
-@pytest.mark.parametrize(("state", "motion"), list(product(State, Motion)))
+@pytest.mark.parametrize(("state", "motion"), list(product(RobotState, Motion)))
 def test_r20_no_hold_no_stop_and_no_way_down_is_touched(
-    clearance: float, state: State, motion: Motion
+    clearance: float, state: RobotState, motion: Motion
 ) -> None:
     over = {"state": state, "motion": motion, "mode": Mode.SIM, "setpoint_age": 0.0}
     without, found = judge(**over), judge(**over, outlook=outlook(clearance))
     if motion in MOVING and state not in REACTING:
-        assert Code.LOOKAHEAD_COLLISION in codes(found)
+        assert ReasonCode.LOOKAHEAD_COLLISION in codes(found)
     else:
         assert found == without
 
 
 def test_r20_without_bounds_only_what_touches_is_held_and_now() -> None:
-    assert judge(outlook=Outlook(0.0005)) == FINE
-    found = judge(outlook=Outlook(-0.01))
+    assert judge(outlook=ClearanceAhead(0.0005)) == FINE
+    found = judge(outlook=ClearanceAhead(-0.01))
     assert found.reaction is Reaction.HOLD
     assert [(one.time, one.bound) for one in found.findings] == [(0.0, 0.0)]
 
@@ -89,7 +89,7 @@ def test_r20_the_pace_is_a_share_and_falls_with_the_clearance(
     block: float, room: float, clearance: float
 ) -> None:
     def at(value: float) -> tuple[int, float]:
-        seen = judge(outlook=Outlook(value, 0.1, ("a", "b"), block, block + room))
+        seen = judge(outlook=ClearanceAhead(value, 0.1, ("a", "b"), block, block + room))
         return seen.reaction, seen.pace
 
     (reaction, pace), (nearer, slower) = at(clearance), at(clearance - 0.001)

@@ -8,8 +8,8 @@ import pytest
 from picture_world import bus, event, loop, told, view, watched
 
 from twind.ctl.picture.blocks import (
-    Block,
-    Row,
+    PictureBlock,
+    PictureRow,
     ago,
     events,
     header,
@@ -21,12 +21,12 @@ from twind.ctl.picture.blocks import (
 )
 from twind.ctl.picture.lines import Line, line
 from twind.ctl.picture.paint import plain
-from twind.ctl.picture.view import View
+from twind.ctl.picture.view import PictureState
 from twind.ctl.reasons import remedy
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 
 
-def text(block: Block) -> str:
+def text(block: PictureBlock) -> str:
     return plain(block.shown(block.whole))
 
 
@@ -46,7 +46,7 @@ def test_the_header_says_who_in_which_mode_and_what_must_not_be_missed() -> None
     said = plain([header(dataclasses.replace(view(inherited=True, state="connected"), lost=4), 120)])
     assert "! torque was found on" in said
     assert "! 4 news lost" in said
-    assert "waiting" in plain([header(View(now=0.0), 80)])
+    assert "waiting" in plain([header(PictureState(now=0.0), 80)])
 
 
 def test_a_daemon_that_is_gone_is_said_first_with_since_when_and_why() -> None:
@@ -82,7 +82,7 @@ def test_long_reasons_go_on_below_and_lose_nothing() -> None:
 
 
 def test_every_reason_code_has_a_remedy_that_fits_into_one_line() -> None:
-    assert all(5 < len(remedy(code)) <= 90 for code in Code)
+    assert all(5 < len(remedy(code)) <= 90 for code in ReasonCode)
 
 
 def test_a_lease_counts_down_between_the_news() -> None:
@@ -163,8 +163,8 @@ def test_a_name_with_escapes_in_it_moves_no_cursor() -> None:
 
 
 def test_urgent_rows_come_first_where_not_all_have_room() -> None:
-    rows = [Row(line(str(k)), urgent=k == 7) for k in range(9)]
-    block = Block("numbers", (line("head"),), rows, 3, scrolls=True)
+    rows = [PictureRow(line(str(k)), urgent=k == 7) for k in range(9)]
+    block = PictureBlock("numbers", (line("head"),), rows, 3, scrolls=True)
     assert plain(block.shown(5)).splitlines() == [
         "head",
         "7",
@@ -190,7 +190,7 @@ def test_events_are_there_with_their_level() -> None:
     assert "warn" in styles([row.line for row in shown.rows])
 
 
-def leaning(**other: Any) -> View:
+def leaning(**other: Any) -> PictureState:
     """A robot that leans 20 degrees forward and a little to its right."""
     half = radians(10.0)
     turned = {"quaternion": [cos(half) * 0.998, 0.0634, sin(half) * 0.998, 0.0], "age_ms": 4.0}

@@ -7,19 +7,19 @@ import pytest
 from picture_world import NAMES, bus, joints, troubled, view
 from rich.console import Console
 
-from twind.ctl.picture.layout import PAGES, Shown, picture
+from twind.ctl.picture.layout import PAGES, PageSelection, picture
 from twind.ctl.picture.lines import length
-from twind.ctl.picture.paint import Picture, plain
-from twind.ctl.picture.view import View
+from twind.ctl.picture.paint import RichPicture, plain
+from twind.ctl.picture.view import PictureState
 
 GOLDEN = Path(__file__).parent / "data" / "monitor"
 SIZES = [(80, 24), (120, 40), (200, 60)]
 
 
-def printed(seen: View, width: int, height: int, shown: Shown | None = None) -> str:
+def printed(seen: PictureState, width: int, height: int, shown: PageSelection | None = None) -> str:
     """As rich prints it on a console of that size."""
     console = Console(width=width, height=height, file=StringIO(), color_system=None)
-    console.print(Picture(picture(seen, width, height, shown, seen.now)), end="")
+    console.print(RichPicture(picture(seen, width, height, shown, seen.now)), end="")
     assert isinstance(console.file, StringIO)
     return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines()) + "\n"
 
@@ -40,9 +40,9 @@ def test_the_picture_is_this_to_the_letter(kind: str, width: int, height: int) -
 @pytest.mark.parametrize("width", [1, 2, 9, 20, 39, 40, 79, 81, 99, 100, 133, 184, 185, 250])
 @pytest.mark.parametrize("height", [1, 2, 3, 5, 11, 24, 70])
 def test_it_is_never_wider_nor_taller_than_the_terminal(width: int, height: int) -> None:
-    for seen in (View(now=0.0), view(), troubled()):
+    for seen in (PictureState(now=0.0), view(), troubled()):
         for page in PAGES:
-            lines = picture(seen, width, height, Shown(page, offset=7, frozen_since=1.0), seen.now)
+            lines = picture(seen, width, height, PageSelection(page, offset=7, frozen_since=1.0), seen.now)
             assert len(lines) <= height
             assert max(length(each) for each in lines) <= width
 
@@ -50,7 +50,7 @@ def test_it_is_never_wider_nor_taller_than_the_terminal(width: int, height: int)
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_what_is_wrong_is_in_every_picture_whatever_its_size_and_page(width: int, height: int) -> None:
     for page in PAGES:
-        text = plain(picture(troubled(), width, height, Shown(page)))
+        text = plain(picture(troubled(), width, height, PageSelection(page)))
         assert "!! FAULT !!" in text
         assert "FAULT  FOLLOW_ERR: l_knee" in text
         assert "do: check what blocks it, load and gains" in text
@@ -74,12 +74,12 @@ def test_what_has_no_room_is_named_and_another_page_has_it() -> None:
     lines = plain(picture(view(), 80, 24)).splitlines()
     assert lines[-1].startswith("no room for hops, lateness, recorder, events: Tab shows more pages")
     assert "moved" not in "\n".join(lines)
-    assert "! moved" in plain(picture(view(), 80, 24, Shown("timing")))
+    assert "! moved" in plain(picture(view(), 80, 24, PageSelection("timing")))
 
 
 def test_the_rows_of_joints_move_by_keys_and_stop_at_their_end() -> None:
     def names(offset: int) -> list[str]:
-        lines = plain(picture(view(), 80, 24, Shown(offset=offset))).splitlines()
+        lines = plain(picture(view(), 80, 24, PageSelection(offset=offset))).splitlines()
         return [name for line in lines for name in NAMES if line[2:].startswith(f"{name} ")]
 
     first, last = names(0), names(500)
@@ -99,7 +99,7 @@ def test_a_picture_without_a_size_has_everything_and_no_line_of_keys() -> None:
 def test_while_it_is_frozen_it_says_so_and_for_how_long() -> None:
     seen = view()
     assert (
-        plain(picture(seen, 80, 24, Shown(frozen_since=seen.now - 12.0), seen.now))
+        plain(picture(seen, 80, 24, PageSelection(frozen_since=seen.now - 12.0), seen.now))
         .splitlines()[-1]
         .startswith(" FROZEN for 12 s  ")
     )

@@ -10,8 +10,8 @@ from picture_world import NAMES, event, joints, robot, status
 from processes import until
 
 from twind.client import ClientError, Disconnected
-from twind.ctl.picture.live import Feed, show
-from twind.ctl.picture.view import Bounds
+from twind.ctl.picture.live import MonitorFeed, show
+from twind.ctl.picture.view import DisplayThresholds
 
 pytestmark = pytest.mark.realtime
 
@@ -49,13 +49,13 @@ class Daemon:
         raise Disconnected("hung up")
 
 
-def bounds(feed: Feed) -> Bounds:
+def bounds(feed: MonitorFeed) -> DisplayThresholds:
     return feed.watched.view(time.monotonic()).bounds[NAMES[0]]
 
 
 def test_after_a_message_that_is_none_the_next_connection_is_taken() -> None:
     daemon = Daemon([STATUS, STATE, {"topic": "status", "status": {}}], [STATUS, STATE])
-    feed = Feed(lambda: daemon, 5.0)  # type: ignore[arg-type,return-value]
+    feed = MonitorFeed(lambda: daemon, 5.0)  # type: ignore[arg-type,return-value]
     until(lambda: feed.watched.count >= 3, 5.0, "the second connection")
     assert feed.watched.view(time.monotonic()).gone == ""
     daemon.told.put({"no": "topic"})
@@ -70,7 +70,7 @@ def test_a_daemon_that_never_makes_sense_ends_it_with_the_reason() -> None:
 
 def test_after_a_reload_the_bounds_are_the_new_ones() -> None:
     daemon = Daemon([STATUS, STATE])
-    feed = Feed(lambda: daemon, 5.0)  # type: ignore[arg-type,return-value]
+    feed = MonitorFeed(lambda: daemon, 5.0)  # type: ignore[arg-type,return-value]
     until(lambda: feed.watched.whole, 5.0, "a picture")
     assert bounds(feed).upper == 3.0
     daemon.robot = {"joints": [{"name": NAMES[0], "lower": -1.0, "upper": 1.0}]}

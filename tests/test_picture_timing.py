@@ -9,7 +9,7 @@ from picture_world import HOPS, bus, loop, told, view, watched
 from twind.ctl.picture.lines import Line
 from twind.ctl.picture.paint import plain
 from twind.ctl.picture.timing import BARS, buses, hops, lateness, merged
-from twind.ctl.picture.view import Watched
+from twind.ctl.picture.view import MonitorCollector
 
 
 def said(**different: Any) -> tuple[str, set[str], bool]:
@@ -100,7 +100,7 @@ def test_buckets_without_anything_at_the_ends_are_left_out_and_many_are_joined()
 
 
 def test_what_was_not_told_yet_has_no_block() -> None:
-    one = Watched()
+    one = MonitorCollector()
     assert (
         hops(one.view(0.0), 80).whole
         == lateness(one.view(0.0), 80).whole

@@ -3,11 +3,11 @@
 import pytest
 from picture_world import REFUSAL, bus, event, joints, loop, robot, status, told, watched
 
-from twind.ctl.picture.view import KEPT, Watched
+from twind.ctl.picture.view import KEPT, MonitorCollector
 
 
 def test_until_status_and_joints_have_come_there_is_nothing_to_show() -> None:
-    one = Watched()
+    one = MonitorCollector()
     assert not one.whole
     told(one, "status", status(), 1.0)
     assert not one.whole
@@ -17,7 +17,7 @@ def test_until_status_and_joints_have_come_there_is_nothing_to_show() -> None:
 
 
 def test_the_rate_of_a_bus_is_counted_over_a_second_and_anew_after_a_restart() -> None:
-    one = Watched()
+    one = MonitorCollector()
     for now, exchanges in ((1.0, 1000), (1.5, 1049), (2.0, 1098)):
         told(one, "status", status(buses=[bus("main", exchanges=exchanges)]), now)
     assert one.view(2.0).rates == {"main": pytest.approx(98.0)}
@@ -36,7 +36,7 @@ def test_a_histogram_that_is_told_once_a_second_stays_until_the_next() -> None:
 
 
 def test_refusals_are_kept_the_newest_first_and_an_accepted_trajectory_is_none() -> None:
-    one = Watched()
+    one = MonitorCollector()
     for number in range(KEPT + 5):
         finding = {"code": "BUSY", "message": str(number)}
         told(one, "verdicts", {"refusals": [finding], "warnings": [], "changes": []}, float(number))
@@ -52,7 +52,7 @@ def test_one_refusal_says_how_many_reasons_there_were() -> None:
 
 
 def test_an_episode_lasts_from_its_mark_to_its_end_and_an_end_without_one_is_none() -> None:
-    one = Watched()
+    one = MonitorCollector()
     told(one, "events", event("EPISODE_END", "x", kind="end", success=True), 1.0)
     told(one, "events", event("EPISODE_BEGIN", "x", kind="begin", task="pour"), 2.0)
     told(one, "events", event("NOTE", "hm", kind="note"), 3.0)
@@ -65,7 +65,7 @@ def test_an_episode_lasts_from_its_mark_to_its_end_and_an_end_without_one_is_non
 
 
 def test_an_episode_ends_with_the_next_ones_begin_and_with_its_daemon() -> None:
-    one = Watched()
+    one = MonitorCollector()
     for now, task in ((1.0, "a"), (2.0, "b")):
         told(one, "events", event("EPISODE_BEGIN", task, kind="begin", task=task), now)
     told(one, "events", event("EPISODE_END", "b", kind="end", success=True), 3.0)
@@ -99,7 +99,7 @@ def test_lost_news_add_up_and_changes_are_counted() -> None:
 
 
 def test_bounds_come_from_the_robots_file_and_what_it_leaves_out_is_never_reached() -> None:
-    one = Watched()
+    one = MonitorCollector()
     one.robot(robot())
     known = one.view(0.0).bounds["l_knee"]
     assert (known.lower, known.warm, known.hot, known.low, known.flat) == (-3.0, 60.0, 70.0, 11.1, 10.5)
@@ -114,7 +114,7 @@ def test_a_topic_that_is_newer_than_this_program_changes_nothing() -> None:
 
 
 def test_what_an_older_daemon_leaves_out_is_missed_by_nobody() -> None:
-    one = Watched()
+    one = MonitorCollector()
     old = status()
     del old["flight"], old["skew_ms"]
     del old["loop"]["lateness"]

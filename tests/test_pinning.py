@@ -13,14 +13,14 @@ from twind.config.robot_file import built_in_robots, load_robot
 from twind.config.robot_spec import RobotFile
 from twind.learn.model import plant_of
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Reference, Trajectory
 from twind.twin.base_pose import UPRIGHT
 from twind.twin.binding import Binding, BindingError, bind
 from twind.twin.clearance import survey
-from twind.twin.collision import Bodies, candidates
-from twind.twin.foresight import Foresight
-from twind.twin.muscles import MujocoMuscles, body_of
+from twind.twin.collision import CollisionModel, candidates
+from twind.twin.foresight import TrajectoryPrecheck
+from twind.twin.muscles import MujocoPhysics, body_of
 from twind.twin.pinning import pin
 
 PAIR = '<contact><pair geom1="torso" geom2="head"/></contact>'
@@ -83,7 +83,7 @@ def alike(one: list[Gap], other: list[Gap]) -> bool:
     return same and np.allclose([gap for _, gap in one], [gap for _, gap in other], atol=1e-7)
 
 
-def virtual(robot: RobotFile, **more: str) -> MujocoMuscles:
+def virtual(robot: RobotFile, **more: str) -> MujocoPhysics:
     return body_of(robot, dict.fromkeys(robot.names, 2048), **more)  # type: ignore[arg-type]
 
 
@@ -160,7 +160,7 @@ def test_the_same_pairs_of_the_robot_are_judged(tmp_path: Path, compiler: str) -
         for support in ("free", "gantry", "fixed")
     }
     judged = {
-        support: {frozenset(pair.bodies) for pair in Bodies(bind(robot, None)).pairs}
+        support: {frozenset(pair.bodies) for pair in CollisionModel(bind(robot, None)).pairs}
         for support, robot in robots.items()
     }
     assert judged["gantry"] == judged["free"]
@@ -182,14 +182,14 @@ def test_a_motion_is_accepted_without_a_warning(tmp_path: Path) -> None:
         np.array([2.0]), np.array([[0.5, 0.0, 0.0, 0.0]]), np.array([True, False, False, False])
     )
     still = Reference(binding.rest, 0.0 * binding.rest, 0.0 * binding.rest)
-    steps = Foresight(binding, 0.01).judging(path, still)
+    steps = TrajectoryPrecheck(binding, 0.01).judging(path, still)
     while True:
         try:
             next(steps)
         except StopIteration as stop:
             verdict = stop.value
             break
-    assert Code.SELF_COLLISION not in {finding.code for finding in verdict.warnings}
+    assert ReasonCode.SELF_COLLISION not in {finding.code for finding in verdict.warnings}
     assert verdict.refusals == ()
 
 

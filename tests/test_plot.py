@@ -18,13 +18,21 @@ from twind.ctl.verb import Rejected, UsageError
 from twind.observe import plot
 from twind.observe.plotting.lines import MOST, line, marks, worst
 from twind.observe.plotting.page import DOTS, PAGE, figure, save
-from twind.observe.recording.columns import Episode, Floats, Hop, Recording, Said, Slow, open_recording
+from twind.observe.recording.columns import (
+    Floats,
+    LatencyColumns,
+    RecordedEpisode,
+    RecordedMessage,
+    RobotRecording,
+    SlowColumns,
+    open_recording,
+)
 
 ALL = (-inf, inf)
 ROWS = ("measured", "velocity", "effort", "goal", "simulated")
 
 
-def recording(seconds: float = 2.0, joints: int = 24) -> Recording:
+def recording(seconds: float = 2.0, joints: int = 24) -> RobotRecording:
     """At 100 Hz; joint k follows a sine with an error of k mrad; joint 0 was not heard from 0.5 to 0.8 s."""
     time = np.arange(0.0, seconds, 0.01)
     goal = np.sin(time)[:, None] * np.ones(joints)
@@ -32,7 +40,7 @@ def recording(seconds: float = 2.0, joints: int = 24) -> Recording:
     measured[(time > 0.5) & (time < 0.8), 0] = nan
     slow = np.arange(0.0, seconds, 0.5)
     table = np.full((slow.size, joints), 40.0) + np.arange(joints)
-    return Recording(
+    return RobotRecording(
         path=Path("walk.mcap"),
         start_ns=1_800_000_000_000_000_000,
         joints=tuple(f"joint_{place}" for place in range(joints)),
@@ -42,9 +50,9 @@ def recording(seconds: float = 2.0, joints: int = 24) -> Recording:
         effort=np.full_like(goal, nan),
         goal=goal,
         simulated=np.full_like(goal, nan),
-        statuses=(Said(0.0, {"mode": "live"}),),
-        slow=Slow(slow, table, table - 28.0, np.ones_like(table), np.zeros_like(table)),
-        latency={"total": Hop(slow, {"now_ms": np.full(slow.size, 2.5)}, ())},
+        statuses=(RecordedMessage(0.0, {"mode": "live"}),),
+        slow=SlowColumns(slow, table, table - 28.0, np.ones_like(table), np.zeros_like(table)),
+        latency={"total": LatencyColumns(slow, {"now_ms": np.full(slow.size, 2.5)}, ())},
         meta={"robot": "h24", "version": "1.2.3"},
     )
 
@@ -149,7 +157,7 @@ def test_a_simulated_robot_is_called_one() -> None:
             whole,
             simulated=whole.measured,
             measured=whole.effort,
-            statuses=(Said(0.0, {"mode": "sim"}),),
+            statuses=(RecordedMessage(0.0, {"mode": "sim"}),),
         ),
         None,
         ALL,
@@ -204,7 +212,7 @@ def test_a_stretch_is_what_is_drawn() -> None:
 @pytest.mark.parametrize("state", ["fault", "estop", "inhibited"])
 def test_what_an_operator_must_acknowledge_goes_through_every_panel(state: str) -> None:
     told = {"level": "info", "code": state, "message": f"armed → {state}"}
-    (mark,) = marks(replace(recording(), events=(Said(1.5, told),), verdicts=()), ALL)
+    (mark,) = marks(replace(recording(), events=(RecordedMessage(1.5, told),), verdicts=()), ALL)
     assert (mark.time, mark.text, mark.bad) == (1.5, state, True)
 
 
@@ -213,12 +221,15 @@ def test_what_happened_is_marked_with_its_word_and_faults_go_through_every_panel
     happened = replace(
         recording(),
         events=(
-            Said(0.2, {"level": "info", "code": "ARMED"}),
-            Said(1.5, {"level": "error", "code": "OVERTEMP"}),
-            Said(1.0, {"level": "info", "code": "EPISODE_END", "annotation": annotation}),
+            RecordedMessage(0.2, {"level": "info", "code": "ARMED"}),
+            RecordedMessage(1.5, {"level": "error", "code": "OVERTEMP"}),
+            RecordedMessage(1.0, {"level": "info", "code": "EPISODE_END", "annotation": annotation}),
         ),
-        verdicts=(Said(0.5, {"refusals": [{"code": "POS_LIMIT"}]}), Said(0.6, {"refusals": []})),
-        episodes=(Episode("pick", nan, 1.0, True),),
+        verdicts=(
+            RecordedMessage(0.5, {"refusals": [{"code": "POS_LIMIT"}]}),
+            RecordedMessage(0.6, {"refusals": []}),
+        ),
+        episodes=(RecordedEpisode("pick", nan, 1.0, True),),
     )
     told = [(mark.time, mark.text, mark.bad) for mark in marks(happened, ALL)]
     assert told == [
@@ -238,8 +249,8 @@ def test_what_happened_is_marked_with_its_word_and_faults_go_through_every_panel
 def test_what_happened_after_the_last_reading_is_on_the_page() -> None:
     whole = replace(
         recording(),
-        events=(Said(2.4, {"level": "error", "code": "STATE_STALE"}),),
-        verdicts=(Said(2.6, {"refusals": [{"code": "NOT_ARMED"}]}),),
+        events=(RecordedMessage(2.4, {"level": "error", "code": "STATE_STALE"}),),
+        verdicts=(RecordedMessage(2.6, {"refusals": [{"code": "NOT_ARMED"}]}),),
     )
     page = figure(whole, None, ALL)
     assert page.axes[0].get_xlim() == (0.0, 2.6)
@@ -259,7 +270,7 @@ def test_a_dollar_in_a_name_or_a_mark_is_no_formula(tmp_path: Path) -> None:
     whole = replace(
         recording(joints=2),
         joints=(r"$\hip$", "knee"),
-        events=(Said(0.2, {"level": "info", "code": "NOTE", "annotation": annotation}),),
+        events=(RecordedMessage(0.2, {"level": "info", "code": "NOTE", "annotation": annotation}),),
         meta={"individual": r"$\bar$"},
     )
     save(figure(whole, None, ALL), tmp_path / "page.png")

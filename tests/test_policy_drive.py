@@ -8,7 +8,7 @@ import pytest
 from test_policy_pilot import PERIOD, World
 
 from twind.client import Disconnected, Refused
-from twind.learn.policy.drive import Drive
+from twind.learn.policy.drive import PolicyRun
 from twind_drivers.clock import FakeClock
 
 
@@ -23,7 +23,7 @@ class Robot(World):
         self.tried = self.settled = 0
         self.clock = FakeClock()
         self.clock.time = self.now
-        self.drive = Drive(self.pilot, self, self, PERIOD, 0.01, self.clock, self.said.append)  # type: ignore[arg-type]
+        self.drive = PolicyRun(self.pilot, self, self, PERIOD, 0.01, self.clock, self.said.append)  # type: ignore[arg-type]
 
     @property
     def newest(self) -> Any:

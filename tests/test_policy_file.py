@@ -20,10 +20,10 @@ import onnx
 import onnxruntime
 from policies import TWO, network, plain, written
 
-from twind.learn.policy.card import Body, Card, PolicyError, differences, require_fit
-from twind.learn.policy.file import KEY, Layer, load, save
+from twind.learn.policy.card import PolicyCard, PolicyError, PolicyRobot, differences, require_fit
+from twind.learn.policy.file import KEY, NetworkLayer, load, save
 
-BODY = Body("two", TWO.joints, TWO.layout, TWO.lower, TWO.upper, TWO.velocity, TWO.acceleration, 100.0)
+BODY = PolicyRobot("two", TWO.joints, TWO.layout, TWO.lower, TWO.upper, TWO.velocity, TWO.acceleration, 100.0)
 Observations = np.random.default_rng(3).normal(0.0, 1.0, (200, TWO.observations)).astype(np.float32)
 
 
@@ -142,8 +142,8 @@ def test_a_policy_runs_where_no_library_of_onnx_is(tmp_path: Path) -> None:
 
 def test_a_network_that_makes_nan_gives_nan_and_not_its_bound(tmp_path: Path) -> None:
     # Infinite twice, then their difference: one sum is infinite or NaN as the processor adds it up.
-    infinite = Layer(np.full((2, TWO.observations), 3e38, np.float32), np.zeros(2, np.float32))
-    layers = [infinite, Layer(np.array([[1, -1], [-1, 1]], np.float32), np.zeros(2, np.float32))]
+    infinite = NetworkLayer(np.full((2, TWO.observations), 3e38, np.float32), np.zeros(2, np.float32))
+    layers = [infinite, NetworkLayer(np.array([[1, -1], [-1, 1]], np.float32), np.zeros(2, np.float32))]
     observation = np.full(TWO.observations, 3.0, np.float32)
     assert np.isnan(load(written(tmp_path, layers=layers)).act(observation)).all()
 
@@ -156,7 +156,7 @@ def test_an_observation_of_another_size_is_refused(tmp_path: Path) -> None:
 def test_a_failed_save_leaves_what_was_there(tmp_path: Path) -> None:
     path = written(tmp_path)
     before = path.read_bytes()
-    wide = [Layer(np.full((2, TWO.observations), np.nan, np.float32), np.zeros(2, np.float32))]
+    wide = [NetworkLayer(np.full((2, TWO.observations), np.nan, np.float32), np.zeros(2, np.float32))]
     with pytest.raises(PolicyError, match="not finite"):
         save(path, wide, *plain(TWO), TWO)
     assert path.read_bytes() == before and os.listdir(tmp_path) == [path.name]
@@ -458,4 +458,4 @@ def test_a_card_that_nobody_could_read_again_is_not_written() -> None:
     bad = replace(TWO, evaluation={"return": float("nan")})
     with pytest.raises((PolicyError, ValueError)):
         bad.text()
-    assert Card is type(bad)
+    assert PolicyCard is type(bad)

@@ -18,19 +18,21 @@ from standing_rig import StandingRig, soft, truth
 
 from twind.config.robot_file import load_robot
 from twind.learn.model import plant_of
-from twind.learn.policy.file import Card, Layer, Policy, load, save
-from twind.learn.shaping import Shaping
+from twind.learn.policy.file import NetworkLayer, Policy, PolicyCard, load, save
+from twind.learn.shaping import ActionShaping
 
 PLANT = plant_of(load_robot("h24-standing"), period=0.02)
-CARD = Card.of("Stand", "h24-standing", PLANT.layout, PLANT.binding.limits, PLANT.default, Shaping())
+CARD = PolicyCard.of(
+    "Stand", "h24-standing", PLANT.layout, PLANT.binding.limits, PLANT.default, ActionShaping()
+)
 
 
-def policy(folder: Path, layers: list[Layer]) -> Policy:
+def policy(folder: Path, layers: list[NetworkLayer]) -> Policy:
     save(folder / "policy.onnx", layers, *plain(CARD), CARD)
     return load(folder / "policy.onnx")
 
 
-def bending(size: float = 0.3) -> list[Layer]:
+def bending(size: float = 0.3) -> list[NetworkLayer]:
     """Knees that bend and stretch for ever: a rotation of two of the last actions, in both legs."""
     names, at = CARD.joints, PLANT.layout.places["action"].start
     weight = np.zeros((len(names), PLANT.layout.size), np.float32)
@@ -43,7 +45,7 @@ def bending(size: float = 0.3) -> list[Layer]:
     for name, share in (("r_knee", 1.0), ("hip_pitch", -0.5), ("ankle_pitch", -0.5)):
         for joint in [name] if name == "r_knee" else [f"l_{name}", f"r_{name}"]:
             weight[names.index(joint)], bias[names.index(joint)] = share * weight[one], share * bias[one]
-    return [Layer(weight, bias)]
+    return [NetworkLayer(weight, bias)]
 
 
 @pytest.fixture

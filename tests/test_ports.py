@@ -8,18 +8,18 @@ from typing import Any
 import pytest
 from two_buses import PERIOD, TwoBuses
 
-from twind.loop.ports import REOPEN_FIRST, REOPEN_MOST, Link, Port, Task
+from twind.loop.ports import REOPEN_FIRST, REOPEN_MOST, BusPort, PortState, ScriptRun
 from twind_drivers.bus import (
     BusError,
     DeviceRefused,
-    Ping,
+    PingRequest,
     PortError,
-    Read,
-    Reboot,
-    Reply,
+    ReadRequest,
+    RebootRequest,
+    RequestReply,
     Script,
     WireClamp,
-    Write,
+    WriteRequest,
 )
 
 TORQUE = 64  # register, 1 byte
@@ -33,7 +33,7 @@ def world() -> TwoBuses:
 
 
 @pytest.fixture
-def port(world: TwoBuses) -> Port:
+def port(world: TwoBuses) -> BusPort:
     """The left bus, servos 1 to 3, open for writing."""
     return world.ports[0]
 
@@ -42,14 +42,14 @@ def pings(*ids: int) -> Script[list[int]]:
     """Who of them answers."""
     found = []
     for id in ids:
-        reply = yield Ping(id)
+        reply = yield PingRequest(id)
         found += list(reply.data)
     return found
 
 
-def refused(port: Port) -> Script[None]:
+def refused(port: BusPort) -> Script[None]:
     raise DeviceRefused(port.name, 3, "torque", "not today")
-    yield Ping(1)
+    yield PingRequest(1)
 
 
 # ------------------------------------------------------------------------------------- open and lost
@@ -81,7 +81,7 @@ def test_after_a_success_the_tries_begin_fast_again(world: TwoBuses) -> None:
     assert gaps(world.tries, "left")[0] == pytest.approx(REOPEN_FIRST, abs=1.1 * PERIOD)
     world.virtual["left"].faults.replug()
     world.tick(count=60)
-    assert world.ports[0].link is Link.IDENTIFYING
+    assert world.ports[0].link is PortState.IDENTIFYING
     assert world.ports[0].trouble == ""
 
 
@@ -89,14 +89,14 @@ def test_without_a_port_nothing_is_ever_opened() -> None:
     def opener(name: str) -> Any:
         raise AssertionError(f"{name} was opened")
 
-    port = Port("main", None, opener, opener)
+    port = BusPort("main", None, opener, opener)
     assert not any(port.open(now) for now in (0.0, 1.0, 1e6))
 
 
-def test_a_port_just_opened_asks_everybody_who_they_are(world: TwoBuses, port: Port) -> None:
+def test_a_port_just_opened_asks_everybody_who_they_are(world: TwoBuses, port: BusPort) -> None:
     world.virtual["left"].faults.silence(2)
     port.identify()
-    assert port.link is Link.IDENTIFYING
+    assert port.link is PortState.IDENTIFYING
     task = port.identification
     assert task is not None
     world.tick(count=40)
@@ -104,7 +104,7 @@ def test_a_port_just_opened_asks_everybody_who_they_are(world: TwoBuses, port: P
     assert [device.id for device in task.result or ()] == [1, 3]
 
 
-def test_being_asked_anew_ends_the_identification_that_is_under_way(world: TwoBuses, port: Port) -> None:
+def test_being_asked_anew_ends_the_identification_that_is_under_way(world: TwoBuses, port: BusPort) -> None:
     port.identify()
     first = port.identification
     world.tick(count=1)
@@ -117,23 +117,25 @@ def test_being_asked_anew_ends_the_identification_that_is_under_way(world: TwoBu
     assert [device.id for device in port.identification.result or ()] == [1, 2, 3]
 
 
-def test_identification_does_not_starve_the_upkeep_of_a_bus_that_holds(world: TwoBuses, port: Port) -> None:
+def test_identification_does_not_starve_the_upkeep_of_a_bus_that_holds(
+    world: TwoBuses, port: BusPort
+) -> None:
     assert port.reader is not None
     before = port.reader.registers.status_time.copy()
     for _ in range(20):
         port.identify()
         world.tick()
-    assert port.link is Link.IDENTIFYING
+    assert port.link is PortState.IDENTIFYING
     assert (port.reader.registers.status_time > before).all()
 
 
-def test_with_the_port_every_task_ends_and_what_was_known_of_it_goes(world: TwoBuses, port: Port) -> None:
+def test_with_the_port_every_task_ends_and_what_was_known_of_it_goes(world: TwoBuses, port: BusPort) -> None:
     tasks = [port.run(pings(1, 2, 3)) for _ in range(3)]
     reader = port.reader
     assert reader is not None
     world.virtual["left"].faults.unplug()
     world.tick()
-    assert port.link is Link.CLOSED
+    assert port.link is PortState.CLOSED
     assert (port.reader, port.writer, port.devices, port.identification) == (None, None, (), None)
     assert [task.done for task in tasks] == [True] * 3
     assert all(isinstance(task.error, PortError) and task.error.lost for task in tasks)
@@ -141,7 +143,7 @@ def test_with_the_port_every_task_ends_and_what_was_known_of_it_goes(world: TwoB
         reader.transport.drain()
 
 
-def test_a_bus_that_went_away_gets_no_goals_when_it_is_back(world: TwoBuses, port: Port) -> None:
+def test_a_bus_that_went_away_gets_no_goals_when_it_is_back(world: TwoBuses, port: BusPort) -> None:
     world.hardware.hold(True)
     assert port.holding
     world.virtual["left"].faults.unplug()
@@ -153,7 +155,7 @@ def test_a_bus_that_went_away_gets_no_goals_when_it_is_back(world: TwoBuses, por
 
 
 def test_a_lost_port_counts_as_an_error_and_one_closed_on_purpose_does_not(
-    world: TwoBuses, port: Port
+    world: TwoBuses, port: BusPort
 ) -> None:
     before = port.counts.errors
     port.close()
@@ -166,7 +168,7 @@ def test_a_lost_port_counts_as_an_error_and_one_closed_on_purpose_does_not(
     assert port.counts.errors == before + 1
 
 
-def test_a_closed_port_ends_its_tasks_too(world: TwoBuses, port: Port) -> None:
+def test_a_closed_port_ends_its_tasks_too(world: TwoBuses, port: BusPort) -> None:
     task = port.run(pings(1))
     port.close()
     assert task.done
@@ -178,7 +180,7 @@ def test_a_closed_port_ends_its_tasks_too(world: TwoBuses, port: Port) -> None:
 
 
 def test_an_urgent_script_takes_one_transaction_a_tick_and_hands_over_its_result(
-    world: TwoBuses, port: Port
+    world: TwoBuses, port: BusPort
 ) -> None:
     world.virtual["left"].faults.silence(2)
     task = port.run(pings(1, 2, 3), urgent=True)
@@ -190,7 +192,7 @@ def test_an_urgent_script_takes_one_transaction_a_tick_and_hands_over_its_result
     assert (task.result, task.error) == ([1, 3], None)
 
 
-def test_a_script_that_ends_at_once_is_done_and_never_queued(port: Port) -> None:
+def test_a_script_that_ends_at_once_is_done_and_never_queued(port: BusPort) -> None:
     task = port.run(pings())
     assert (task.done, task.result) == (True, [])
     assert port.tasks == []
@@ -200,10 +202,10 @@ def test_a_script_that_ends_at_once_is_done_and_never_queued(port: Port) -> None
     "error", [BusError("silent"), KeyError("no such register"), ValueError("out of range")]
 )
 def test_a_script_that_fails_keeps_its_error_for_whoever_waits(
-    world: TwoBuses, port: Port, error: Exception
+    world: TwoBuses, port: BusPort, error: Exception
 ) -> None:
     def script() -> Script[None]:
-        yield Ping(1)
+        yield PingRequest(1)
         raise error
 
     task = port.run(script())
@@ -212,16 +214,18 @@ def test_a_script_that_fails_keeps_its_error_for_whoever_waits(
     assert task.error is error
 
 
-def test_what_a_script_never_promised_to_raise_is_not_swallowed(port: Port) -> None:
+def test_what_a_script_never_promised_to_raise_is_not_swallowed(port: BusPort) -> None:
     def script() -> Script[None]:
         raise ZeroDivisionError
-        yield Ping(1)
+        yield PingRequest(1)
 
     with pytest.raises(ZeroDivisionError):
         port.run(script())
 
 
-def test_scripts_run_in_the_order_they_came_but_one_that_must_be_first(world: TwoBuses, port: Port) -> None:
+def test_scripts_run_in_the_order_they_came_but_one_that_must_be_first(
+    world: TwoBuses, port: BusPort
+) -> None:
     early, late = port.run(pings(1, 2)), port.run(pings(1))
     urgent = port.run(pings(3), urgent=True)
     order = []
@@ -231,7 +235,7 @@ def test_scripts_run_in_the_order_they_came_but_one_that_must_be_first(world: Tw
     assert "".join(dict.fromkeys(order)) == "uel"
 
 
-def test_dropping_ends_everything_but_identification(world: TwoBuses, port: Port) -> None:
+def test_dropping_ends_everything_but_identification(world: TwoBuses, port: BusPort) -> None:
     port.identify()
     task = port.run(pings(1, 2, 3))
     world.tick()
@@ -244,12 +248,12 @@ def test_dropping_ends_everything_but_identification(world: TwoBuses, port: Port
     assert port.identification.error is None
 
 
-def test_a_dropped_script_does_not_get_the_answer_it_asked_for(world: TwoBuses, port: Port) -> None:
-    heard: list[Reply] = []
+def test_a_dropped_script_does_not_get_the_answer_it_asked_for(world: TwoBuses, port: BusPort) -> None:
+    heard: list[RequestReply] = []
 
     def script() -> Script[None]:
         while True:
-            heard.append((yield Ping(1)))
+            heard.append((yield PingRequest(1)))
 
     task = port.run(script())
     assert port.begin_rare(world.clock.now(), inf)
@@ -264,11 +268,11 @@ def test_a_cancelled_script_is_closed_so_that_it_can_clean_up() -> None:
 
     def script() -> Iterator[Any]:
         try:
-            yield Ping(1)
+            yield PingRequest(1)
         finally:
             closed.append(True)
 
-    task: Task[None] = Task(script())  # type: ignore[arg-type]
+    task: ScriptRun[None] = ScriptRun(script())  # type: ignore[arg-type]
     task.advance(None)
     task.cancel(BusError("first"))
     task.cancel(BusError("second"))
@@ -279,7 +283,7 @@ def test_a_cancelled_script_is_closed_so_that_it_can_clean_up() -> None:
 # ------------------------------------------------------------------------------------- read-only
 
 
-@pytest.mark.parametrize("order", [Write({1: b"\1"}, TORQUE), Reboot(1)])
+@pytest.mark.parametrize("order", [WriteRequest({1: b"\1"}, TORQUE), RebootRequest(1)])
 def test_a_read_only_port_refuses_every_order_and_the_servos_hear_nothing(order: Any) -> None:
     world = TwoBuses(live=False)
     world.connect()
@@ -297,10 +301,10 @@ def test_a_read_only_port_refuses_every_order_and_the_servos_hear_nothing(order:
 
 
 def test_an_order_that_fails_the_last_check_ends_its_script_and_the_reading_goes_on(
-    world: TwoBuses, port: Port
+    world: TwoBuses, port: BusPort
 ) -> None:
     def script() -> Script[None]:
-        yield Write({1: (9999).to_bytes(4, "little")}, 116)  # a goal outside the clamp
+        yield WriteRequest({1: (9999).to_bytes(4, "little")}, 116)  # a goal outside the clamp
 
     before = world.goals()
     task = port.run(script())
@@ -314,7 +318,7 @@ def test_an_order_that_fails_the_last_check_ends_its_script_and_the_reading_goes
 
 
 def test_what_changes_torque_waits_for_no_room_and_no_script_waits_for_ever(
-    world: TwoBuses, port: Port
+    world: TwoBuses, port: BusPort
 ) -> None:
     now = world.clock.now()
     assert not port.begin_rare(now, now + 0.0001)  # upkeep
@@ -324,13 +328,13 @@ def test_what_changes_torque_waits_for_no_room_and_no_script_waits_for_ever(
     assert not tries[0]
 
 
-def test_an_urgent_script_begins_at_once_however_late_the_tick_is(world: TwoBuses, port: Port) -> None:
+def test_an_urgent_script_begins_at_once_however_late_the_tick_is(world: TwoBuses, port: BusPort) -> None:
     now = world.clock.now()
     port.run(pings(1), urgent=True)
     assert port.begin_rare(now, now - 1.0)
 
 
-def test_scripts_that_keep_coming_do_not_starve_the_upkeep(world: TwoBuses, port: Port) -> None:
+def test_scripts_that_keep_coming_do_not_starve_the_upkeep(world: TwoBuses, port: BusPort) -> None:
     assert port.reader is not None
     before = port.reader.registers.status_time.copy()
     for _ in range(20):
@@ -341,7 +345,7 @@ def test_scripts_that_keep_coming_do_not_starve_the_upkeep(world: TwoBuses, port
     assert port.full
 
 
-def test_upkeep_reads_the_slow_registers_while_no_script_waits(world: TwoBuses, port: Port) -> None:
+def test_upkeep_reads_the_slow_registers_while_no_script_waits(world: TwoBuses, port: BusPort) -> None:
     assert port.reader is not None
     before = port.reader.registers.status_time.copy()
     world.tick(count=20)
@@ -349,7 +353,7 @@ def test_upkeep_reads_the_slow_registers_while_no_script_waits(world: TwoBuses, 
 
 
 def test_every_exchange_is_counted_and_those_with_a_silent_servo_as_errors(
-    world: TwoBuses, port: Port
+    world: TwoBuses, port: BusPort
 ) -> None:
     before = (port.counts.exchanges, port.counts.errors)
     world.tick(count=5)
@@ -366,7 +370,7 @@ def test_every_exchange_is_counted_and_those_with_a_silent_servo_as_errors(
     assert 0.0 < port.counts.busy < PERIOD
 
 
-def test_bytes_astray_in_the_answer_to_a_script_are_counted_too(world: TwoBuses, port: Port) -> None:
+def test_bytes_astray_in_the_answer_to_a_script_are_counted_too(world: TwoBuses, port: BusPort) -> None:
     before, task = port.strays, port.run(pings(1), urgent=True)
     world.virtual["left"].faults.corrupt(1, id=1)
     port.begin_rare(world.clock.now(), inf)
@@ -377,9 +381,9 @@ def test_bytes_astray_in_the_answer_to_a_script_are_counted_too(world: TwoBuses,
     assert (task.result, port.strays > before) == ([], True)
 
 
-def test_a_read_of_somebody_else_is_answered_by_nobody(world: TwoBuses, port: Port) -> None:
+def test_a_read_of_somebody_else_is_answered_by_nobody(world: TwoBuses, port: BusPort) -> None:
     def script() -> Script[dict[int, bytes]]:
-        reply = yield Read((5,), TORQUE, 1)
+        reply = yield ReadRequest((5,), TORQUE, 1)
         return dict(reply.data)
 
     task = port.run(script())
@@ -387,7 +391,7 @@ def test_a_read_of_somebody_else_is_answered_by_nobody(world: TwoBuses, port: Po
     assert task.result == {}
 
 
-def test_a_script_may_fail_before_its_first_request(port: Port) -> None:
+def test_a_script_may_fail_before_its_first_request(port: BusPort) -> None:
     task = port.run(refused(port))
     assert task.done
     assert "left: id 3: torque: not today" in str(task.error)

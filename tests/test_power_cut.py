@@ -21,7 +21,7 @@ from test_calibration_file import ROBOT, made
 
 from twind.config import saving
 from twind.config.calibration_file import dump_calibration, load_calibration
-from twind.config.saving import Rights, alone, draft_of, save_text
+from twind.config.saving import FileOwnership, alone, draft_of, save_text
 
 
 def text(zero: int) -> str:
@@ -177,7 +177,7 @@ def test_a_file_has_its_rights_before_it_has_its_name(
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", renamed)
-        save_text(tmp_path, "h24", NEW, KEPT, Rights(0o604))
+        save_text(tmp_path, "h24", NEW, KEPT, FileOwnership(0o604))
     assert seen == [0o604]
     assert (tmp_path / "h24.yaml").stat().st_mode & 0o777 == 0o604
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from guard_world import FINE, LIMITS, PERIOD, TINY, N, codes, facts, joints, reading
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, State
-from twind.robot.ratings import Ratings
-from twind.safety.guard import Guard, Judgement, Reaction, Thresholds
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, RobotState
+from twind.robot.ratings import ActuatorRatings
+from twind.safety.guard import Guard, GuardDecision, GuardThresholds, Reaction
 from twind.safety.power_rules import VoltageRules
 
 HOLD, SETTLE, DAMP, NONE = Reaction.HOLD, Reaction.SETTLE, Reaction.DAMP, Reaction.NONE
 RATED = replace(
-    Ratings.unknown(N),
+    ActuatorRatings.unknown(N),
     low_warn=np.full(N, 11.1),
     low_settle=np.full(N, 10.5),
     low_fault=np.full(N, 10.0),
@@ -38,12 +38,12 @@ class Watch:
     def __init__(self, **usual: object) -> None:
         self.guard, self.now, self.usual = Guard(LIMITS, support="gantry", ratings=RATED), 10.0, usual
 
-    def tick(self, dt: float = PERIOD, **over: object) -> Judgement:
+    def tick(self, dt: float = PERIOD, **over: object) -> GuardDecision:
         self.now += dt
         given = {"now": self.now, "period": dt, "measured": reading(time=self.now)}
         return self.guard.judge(facts(**(given | self.usual | over)))
 
-    def load(self, value: float, ticks: int, **over: object) -> list[Judgement]:
+    def load(self, value: float, ticks: int, **over: object) -> list[GuardDecision]:
         """Joint 2, which bears its whole limit for ever, and so is told of for its current alone."""
         return [self.tick(load=joints(0.0, 0.0, value), **over) for _ in range(ticks)]
 
@@ -64,7 +64,7 @@ def test_r17_near_the_current_limit_for_too_long(
     assert (last.reaction, last.latches) == (reaction, bool(reaction))
     assert last.here == ((2,) if reaction else ())
     said = [finding for one in found for finding in one.findings]
-    assert {one.code for one in said} == ({Code.OVERCURRENT} if bound else set())
+    assert {one.code for one in said} == ({ReasonCode.OVERCURRENT} if bound else set())
     if bound:
         assert (said[-1].joint, said[-1].value, said[-1].bound) == (2, load, bound)
 
@@ -99,7 +99,7 @@ def test_r17_while_all_is_well_it_looks_every_fifty_milliseconds() -> None:
 
 def test_r17_it_is_damped_after_twice_the_time_whatever_that_is() -> None:
     watch = Watch()
-    watch.guard = Guard(LIMITS, Thresholds(load_hold_for=0.25), support="gantry", ratings=RATED)
+    watch.guard = Guard(LIMITS, GuardThresholds(load_hold_for=0.25), support="gantry", ratings=RATED)
     found = [one.reaction for one in watch.load(1.0, 60)]
     assert (found.index(HOLD), found.index(DAMP)) == (25, 50)
 
@@ -112,7 +112,7 @@ def test_r17_all_may_be_loaded_at_once() -> None:
 
 def test_r17_right_at_each_bound_it_counts_and_a_long_rest_is_no_credit() -> None:
     """0.75 of the current limit, of which 0.5 is borne: 5/64 s in each quarter of a second, exactly."""
-    bounds = Thresholds(tired_warn=10 / 64, tired_hold=20 / 64, tired_settle=40 / 64)
+    bounds = GuardThresholds(tired_warn=10 / 64, tired_hold=20 / 64, tired_settle=40 / 64)
     watch = Watch()
     watch.guard = Guard(LIMITS, bounds, support="gantry", ratings=replace(RATED, continuous=np.full(N, 0.5)))
     assert all(watch.tick(0.25, load=np.zeros(N)) == FINE for _ in range(100))
@@ -135,13 +135,13 @@ def test_r17_without_our_torque_nothing_is_told(over: dict[str, object]) -> None
 
 
 def test_r17_on_the_way_down_it_is_latched_and_not_held_but_still_damped() -> None:
-    watch = Watch(state=State.SETTLING, torque_settled=False)
+    watch = Watch(state=RobotState.SETTLING, torque_settled=False)
     found = watch.load(1.0, 110)[-1]
     assert (found.reaction, found.latches) == (NONE, True)
     assert watch.load(1.0, 110)[-1].reaction is DAMP
 
 
-def tire(load: float, seconds: float) -> list[Judgement]:
+def tire(load: float, seconds: float) -> list[GuardDecision]:
     """Joint 1, which bears 0.35 for ever."""
     watch = Watch()
     return [watch.tick(load=joints(0.0, load, 0.0)) for _ in range(round(seconds / PERIOD))]
@@ -155,7 +155,7 @@ def test_r17_what_tires_is_the_square_beyond_what_is_borne(load: float) -> None:
         short, full = tire(load, before), tire(load, after)
         assert bound not in [finding.bound for one in short for finding in one.findings]
         said = [finding for one in full for finding in one.findings]
-        assert (said[-1].code, said[-1].joint, said[-1].bound) == (Code.OVERCURRENT, 1, bound)
+        assert (said[-1].code, said[-1].joint, said[-1].bound) == (ReasonCode.OVERCURRENT, 1, bound)
         assert said[-1].value == pytest.approx(amount, abs=0.05)
         assert (full[-1].reaction, full[-1].latches) == (reaction, bool(reaction))
 
@@ -174,7 +174,7 @@ def test_r17_under_a_latch_only_who_still_pushes_is_held_where_it_is(load: float
     watch = Watch()
     while not watch.tick(load=joints(0.0, 0.79, 0.0)).reaction:
         assert watch.now < 20.0
-    assert watch.tick(load=joints(0.0, load, 0.0), state=State.FAULT).reaction is reaction
+    assert watch.tick(load=joints(0.0, load, 0.0), state=RobotState.FAULT).reaction is reaction
 
 
 def test_r17_all_may_be_tired_at_once() -> None:
@@ -230,7 +230,9 @@ def test_r17_who_is_tired_is_not_armed_before_it_has_rested() -> None:
     assert not watch.tick(load=joints(0.0, 0.79, 0.0)).reaction
     for _ in range(20):
         rested = watch.tick(load=joints(0.0, 0.35, 0.0))
-        assert [(one.code, one.joint, one.bound) for one in watch.guard.bars] == [(Code.OVERCURRENT, 1, 0.5)]
+        assert [(one.code, one.joint, one.bound) for one in watch.guard.bars] == [
+            (ReasonCode.OVERCURRENT, 1, 0.5)
+        ]
         assert (rested.reaction, rested.latches, rested.findings) == (NONE, False, ())  # told once before
     for _ in range(round(0.25 / 0.35**2 / PERIOD)):
         last = watch.tick(load=joints(0.0, nan, 0.0))
@@ -245,13 +247,13 @@ def test_r17_who_is_tired_is_not_armed_before_it_has_rested() -> None:
 class Supply(Watch):
     """Supplies as they are read five times a second."""
 
-    def volts(self, *volts: float, dt: float = 0.2, **over: object) -> Judgement:
+    def volts(self, *volts: float, dt: float = 0.2, **over: object) -> GuardDecision:
         """All joints read anew."""
         read = np.full(N, self.now + dt)
         return self.tick(dt, voltage=np.array(volts), health_time=read, **over)
 
 
-def twice(volts: list[float], **usual: object) -> Judgement:
+def twice(volts: list[float], **usual: object) -> GuardDecision:
     watch = Supply(**usual)
     assert watch.volts(12.0, 12.0, 12.0) == FINE
     first = watch.volts(*volts)
@@ -276,11 +278,11 @@ def test_r19_a_low_supply_is_told_then_lowers_then_damps(
     else:
         (finding,) = found.findings
         exactly = pytest.approx(bound, rel=0.0, abs=1e-12)
-        assert (finding.code, finding.joint, finding.bound) == (Code.VOLTAGE, 1, exactly)
+        assert (finding.code, finding.joint, finding.bound) == (ReasonCode.VOLTAGE, 1, exactly)
 
 
 def test_r19_a_bound_counts_though_a_milder_one_is_not_known() -> None:
-    ratings = replace(Ratings.unknown(N), low_settle=np.full(N, 10.5))
+    ratings = replace(ActuatorRatings.unknown(N), low_settle=np.full(N, 10.5))
     watch = Supply()
     watch.guard = Guard(LIMITS, support="gantry", ratings=ratings)
     assert watch.volts(12.0, 12.0, 12.0) == FINE
@@ -291,7 +293,7 @@ def test_r19_a_bound_counts_though_a_milder_one_is_not_known() -> None:
 def test_r19_the_register_s_own_steps_are_on_the_bound() -> None:
     for raw, reaction in ((111, NONE), (105, SETTLE), (100, DAMP)):
         assert twice([12.0, raw * 0.1, 12.0]).reaction is reaction
-        assert codes(twice([12.0, raw * 0.1, 12.0])) == [Code.VOLTAGE]
+        assert codes(twice([12.0, raw * 0.1, 12.0])) == [ReasonCode.VOLTAGE]
 
 
 @pytest.mark.parametrize(
@@ -300,7 +302,7 @@ def test_r19_the_register_s_own_steps_are_on_the_bound() -> None:
 def test_r19_too_much_is_told_at_once_and_only_told(volts: float, told: bool) -> None:
     found = Supply().volts(12.0, 12.0, volts)
     assert (found.reaction, found.latches) == (NONE, False)
-    assert [(one.code, one.joint) for one in found.findings] == ([(Code.VOLTAGE, 2)] if told else [])
+    assert [(one.code, one.joint) for one in found.findings] == ([(ReasonCode.VOLTAGE, 2)] if told else [])
     assert all(one.bound == pytest.approx(14.8, rel=0.0, abs=1e-12) for one in found.findings)
 
 
@@ -327,8 +329,8 @@ def test_r19_who_was_never_read_has_no_supply() -> None:
 @pytest.mark.parametrize("count", [1, 2, 24])
 def test_r19_of_any_number_of_joints(count: int) -> None:
     low = {"low_warn": np.full(count, 11.1), "low_settle": np.full(count, 10.5)}
-    rated = replace(Ratings.unknown(count), **low)
-    rules = VoltageRules(rated, Thresholds())
+    rated = replace(ActuatorRatings.unknown(count), **low)
+    rules = VoltageRules(rated, GuardThresholds())
     for now in (10.0, 10.2):
         read = {"now": now, "health_time": np.full(count, now), "voltage": np.full(count, 10.2)}
         found = list(rules.judge(facts(**read)))
@@ -408,7 +410,7 @@ def test_r19_a_servo_whose_supply_is_forgotten_is_told_when_it_stays_so() -> Non
         found = watch.tick(0.1, health_time=read, **gone)
         assert found.reaction is NONE
         told += [(one.code, one.joint, one.bound) for one in found.findings]
-    assert told == [(Code.VOLTAGE, 0, 2.0)]
+    assert told == [(ReasonCode.VOLTAGE, 0, 2.0)]
 
 
 @pytest.mark.parametrize(("age", "told"), [(2.0, False), (2.0 + TINY, True), (inf, True), (nan, True)])
@@ -424,7 +426,7 @@ def test_r19_readings_that_are_old_are_told(age: float, told: bool) -> None:
 
 def test_r19_what_was_not_read_before_the_arming_has_two_seconds_to_be_read() -> None:
     watch = Supply(health_time=np.full(N, 1.0))
-    assert [codes(watch.tick(0.5)) for _ in range(6)] == [[]] * 5 + [[Code.VOLTAGE]]
+    assert [codes(watch.tick(0.5)) for _ in range(6)] == [[]] * 5 + [[ReasonCode.VOLTAGE]]
 
 
 def test_without_ratings_no_supply_is_too_low() -> None:
@@ -450,4 +452,4 @@ def test_r19_a_supply_that_has_only_an_upper_bound_is_judged_by_it() -> None:
     watch.guard = Guard(LIMITS, support="gantry", ratings=replace(MUTE, high_warn=RATED.high_warn))
     assert all(watch.volts(12.0, 12.0, 14.8) == FINE for _ in range(3))
     (told,) = watch.volts(12.0, 12.0, 15.0).findings
-    assert (told.code, told.joint, told.value) == (Code.VOLTAGE, 2, 15.0)
+    assert (told.code, told.joint, told.value) == (ReasonCode.VOLTAGE, 2, 15.0)

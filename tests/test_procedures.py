@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from twind.loop.ports import Task
-from twind.loop.procedures import Procedure, Procedures, Rank, all_of, ticks
-from twind_drivers.bus import BusError, Ping, Script
+from twind.loop.ports import ScriptRun
+from twind.loop.procedures import Priority, Procedure, ProcedureRunner, all_of, ticks
+from twind_drivers.bus import BusError, PingRequest, Script
 
 
 class Story:
@@ -37,12 +37,12 @@ def nothing() -> Procedure:
     yield
 
 
-@pytest.mark.parametrize("rank", list(Rank))
+@pytest.mark.parametrize("rank", list(Priority))
 def test_a_more_urgent_procedure_takes_the_torque_and_a_less_urgent_one_does_not(
-    story: Story, rank: Rank
+    story: Story, rank: Priority
 ) -> None:
-    for other in Rank:
-        procedures = Procedures()
+    for other in Priority:
+        procedures = ProcedureRunner()
         assert procedures.own(rank, lambda: story.body("first"))
         story.lines.clear()
         taken = procedures.own(other, lambda: story.body("second"))
@@ -52,18 +52,26 @@ def test_a_more_urgent_procedure_takes_the_torque_and_a_less_urgent_one_does_not
 
 
 def test_an_estop_is_more_urgent_than_all_else_but_a_cut() -> None:
-    order = [Rank.ARM, Rank.HOME, Rank.DISARM, Rank.FAULT, Rank.SHUTDOWN, Rank.ESTOP, Rank.CUT]
-    assert sorted(Rank) == order
+    order = [
+        Priority.ARM,
+        Priority.HOME,
+        Priority.DISARM,
+        Priority.FAULT,
+        Priority.SHUTDOWN,
+        Priority.ESTOP,
+        Priority.CUT,
+    ]
+    assert sorted(Priority) == order
 
 
 def test_each_procedure_takes_one_step_a_tick_and_is_told_the_time(story: Story) -> None:
-    procedures = Procedures()
-    procedures.own(Rank.ARM, lambda: story.body("arm", 2))
+    procedures = ProcedureRunner()
+    procedures.own(Priority.ARM, lambda: story.body("arm", 2))
     procedures.beside(story.body("read", 1))
     assert story.lines == ["arm begins", "read begins"]
     procedures.step(1.0)
     assert story.lines[2:] == ["arm at 1", "read at 1", "read is done"]
-    assert procedures.rank is Rank.ARM
+    assert procedures.rank is Priority.ARM
     procedures.step(2.0)
     procedures.step(3.0)
     assert story.lines[5:] == ["arm at 2", "arm is done"]
@@ -71,25 +79,25 @@ def test_each_procedure_takes_one_step_a_tick_and_is_told_the_time(story: Story)
 
 
 def test_one_that_ends_at_once_owns_nothing(story: Story) -> None:
-    procedures = Procedures()
-    assert procedures.own(Rank.CUT, nothing)
+    procedures = ProcedureRunner()
+    assert procedures.own(Priority.CUT, nothing)
     assert procedures.rank is None
     procedures.beside(nothing())
     procedures.step(1.0)
-    assert procedures.own(Rank.ARM, lambda: story.body("arm"))
+    assert procedures.own(Priority.ARM, lambda: story.body("arm"))
 
 
 def test_what_runs_beside_is_not_ended_by_a_new_owner(story: Story) -> None:
-    procedures = Procedures()
+    procedures = ProcedureRunner()
     procedures.beside(story.body("read"))
-    procedures.own(Rank.ARM, lambda: story.body("arm"))
-    procedures.own(Rank.CUT, lambda: story.body("cut"))
+    procedures.own(Priority.ARM, lambda: story.body("arm"))
+    procedures.own(Priority.CUT, lambda: story.body("cut"))
     procedures.step(1.0)
     assert story.lines == ["read begins", "arm begins", "arm is ended", "cut begins", "cut at 1", "read at 1"]
 
 
 def test_one_begun_by_another_is_not_lost(story: Story) -> None:
-    procedures = Procedures()
+    procedures = ProcedureRunner()
 
     def parent() -> Procedure:
         yield
@@ -102,36 +110,36 @@ def test_one_begun_by_another_is_not_lost(story: Story) -> None:
 
 
 def test_what_runs_beside_may_start_an_owner_more_urgent_than_the_present_one(story: Story) -> None:
-    procedures = Procedures()
+    procedures = ProcedureRunner()
 
     def watcher() -> Procedure:
         yield
-        procedures.own(Rank.FAULT, lambda: story.body("fault"))
+        procedures.own(Priority.FAULT, lambda: story.body("fault"))
 
-    procedures.own(Rank.ARM, lambda: story.body("arm"))
+    procedures.own(Priority.ARM, lambda: story.body("arm"))
     procedures.beside(watcher())
     procedures.step(1.0)
-    assert procedures.rank is Rank.FAULT
+    assert procedures.rank is Priority.FAULT
     assert story.lines == ["arm begins", "arm at 1", "arm is ended", "fault begins"]
 
 
 def test_abandoning_ends_the_owner_and_is_no_harm_without_one(story: Story) -> None:
-    procedures = Procedures()
+    procedures = ProcedureRunner()
     procedures.abandon()
-    procedures.own(Rank.DISARM, lambda: story.body("disarm"))
+    procedures.own(Priority.DISARM, lambda: story.body("disarm"))
     procedures.abandon()
     assert procedures.rank is None
     assert story.lines == ["disarm begins", "disarm is ended"]
 
 
 def test_a_procedure_that_breaks_is_gone_after_the_next_step(story: Story) -> None:
-    procedures = Procedures()
+    procedures = ProcedureRunner()
 
     def broken() -> Procedure:
         yield
         raise ZeroDivisionError
 
-    procedures.own(Rank.ARM, broken)
+    procedures.own(Priority.ARM, broken)
     procedures.beside(story.body("read"))
     with pytest.raises(ZeroDivisionError):
         procedures.step(1.0)
@@ -144,16 +152,16 @@ def test_a_procedure_that_breaks_is_gone_after_the_next_step(story: Story) -> No
 
 
 def script() -> Script[None]:
-    yield Ping(1)
+    yield PingRequest(1)
 
 
-def waiting(task: Task[None]) -> Task[None]:
+def waiting(task: ScriptRun[None]) -> ScriptRun[None]:
     task.advance(None)
     return task
 
 
 def test_waiting_for_tasks_ends_when_all_are_done_and_raises_the_first_error() -> None:
-    tasks = [waiting(Task(script())) for _ in range(3)]
+    tasks = [waiting(ScriptRun(script())) for _ in range(3)]
     wait: Iterator[None] = all_of(tasks)
     next(wait)
     tasks[1].cancel(BusError("one"))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from twind.ctl.progress import BAR, Progress
+from twind.ctl.progress import BAR, ProgressLine
 
 
 class Terminal(io.StringIO):
@@ -27,7 +27,7 @@ class Told:
         monkeypatch.setenv("TERM", "xterm")
         self.out, self.time = Terminal(), 100.0
         options = argparse.Namespace(json=json)
-        self.progress = Progress(options, "scan", out=self.out, now=lambda: self.time, **how)
+        self.progress = ProgressLine(options, "scan", out=self.out, now=lambda: self.time, **how)
 
     def after(self, seconds: float, text: str, share: float | None = None) -> str:
         """What is written when this is told so much later."""
@@ -101,11 +101,11 @@ def test_in_a_pipe_with_json_and_on_a_terminal_that_moves_no_cursor_it_is_silent
 ) -> None:
     assert Told(monkeypatch, json=True).after(0.0, "x", 0.5) == ""
     pipe = io.StringIO()
-    Progress(argparse.Namespace(json=False), "scan", out=pipe).tell("x", 0.5)
+    ProgressLine(argparse.Namespace(json=False), "scan", out=pipe).tell("x", 0.5)
     assert pipe.getvalue() == ""
     monkeypatch.setenv("TERM", "dumb")
     terminal = Terminal()
-    Progress(argparse.Namespace(json=False), "scan", out=terminal).tell("x", 0.5)
+    ProgressLine(argparse.Namespace(json=False), "scan", out=terminal).tell("x", 0.5)
     assert terminal.getvalue() == ""
 
 
@@ -114,7 +114,7 @@ def test_a_line_is_never_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch
     ours, theirs = pty.openpty()
     with open(theirs, "w", encoding="utf-8") as out:
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 40, 0, 0))
-        Progress(argparse.Namespace(json=False), "scan", out=out).tell("a" * 100, 0.5)
+        ProgressLine(argparse.Namespace(json=False), "scan", out=out).tell("a" * 100, 0.5)
         shown = os.read(ours, 4096).decode()
     os.close(ours)
     assert len(shown.strip("\r").removesuffix("\x1b[K")) == 39
@@ -156,7 +156,7 @@ TOLD = {  # which verbs each file with a progress serves
 def test_the_page_names_every_verb_that_tells_its_progress_and_no_other() -> None:
     root = Path(__file__).parents[1]
     files = [*(root / "twind").rglob("*.py"), *(root / "calibration" / "twind_calibration").rglob("*.py")]
-    telling = [file for file in files if "import Progress\n" in file.read_text(encoding="utf-8")]
+    telling = [file for file in files if "import ProgressLine\n" in file.read_text(encoding="utf-8")]
     found = {"/".join(file.parts[-2:]) for file in telling}
     assert found - {"calibrating/board.py"} == set(TOLD)  # the board has a progress of another kind
     page = (root / "docs" / "observe.md").read_text(encoding="utf-8")

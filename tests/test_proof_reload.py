@@ -12,7 +12,7 @@ from test_reading import briefed
 
 from twind import link
 from twind.config.calibration_file import Calibration, fitting, save_calibration
-from twind.config.files import Sources, describe
+from twind.config.files import ConfigSources, describe
 from twind.config.keys import PROOF
 from twind.config.robot_file import load_robot
 from twind.front.reading import read_again
@@ -20,13 +20,13 @@ from twind.front.reading import read_again
 SHOWN = {"sign": "gravity", "base_pose": "back", "slope_ratio": 0.94}
 
 
-def put(sources: Sources, calibration: Calibration) -> None:
+def put(sources: ConfigSources, calibration: Calibration) -> None:
     path = Path(str(sources.calibration))
     save_calibration(calibration, path.parent, path.stem)
 
 
 @pytest.fixture
-def ground(tmp_path: Path) -> tuple[Sources, Calibration]:
+def ground(tmp_path: Path) -> tuple[ConfigSources, Calibration]:
     sources = files(tmp_path)
     robot = load_robot(str(tmp_path / "body.yaml"))
     zeros = dict.fromkeys(robot.names, 2048)
@@ -44,7 +44,7 @@ def proved(calibration: Calibration, *places: int) -> Calibration:
     return replace(calibration, joints=tuple(joints), created="2026-11-22T10:00:00Z", tool="twind 0.2.0")
 
 
-def test_proofs_are_taken_and_the_file_counts_as_read(ground: tuple[Sources, Calibration]) -> None:
+def test_proofs_are_taken_and_the_file_counts_as_read(ground: tuple[ConfigSources, Calibration]) -> None:
     sources, made = ground
     old = describe(sources)
     put(sources, proved(made, 3, 5))
@@ -74,7 +74,7 @@ def other_device(calibration: Calibration) -> Calibration:
 
 @pytest.mark.parametrize("change", [moved, one_fewer, other_device])
 def test_whatever_else_is_another_one_waits_and_its_proof_with_it(
-    ground: tuple[Sources, Calibration], change: Callable[[Calibration], Calibration]
+    ground: tuple[ConfigSources, Calibration], change: Callable[[Calibration], Calibration]
 ) -> None:
     sources, made = ground
     old = describe(sources)
@@ -85,7 +85,7 @@ def test_whatever_else_is_another_one_waits_and_its_proof_with_it(
     assert then.files == old.files, "what is not in force keeps everybody from arming"
 
 
-def test_the_next_front_tells_the_proof(ground: tuple[Sources, Calibration]) -> None:
+def test_the_next_front_tells_the_proof(ground: tuple[ConfigSources, Calibration]) -> None:
     sources, made = ground
     before = briefed(sources)
     put(sources, proved(made, 0))

@@ -11,12 +11,12 @@ from proving_world import ANY, BASES, H24, NOISE, TORQUE, judged, place
 
 from twind.config.calibration_file import JointCalibration
 from twind.config.counts import angle_of, ticks_of
-from twind.config.homing import Stops
+from twind.config.homing import JointEndstops
 from twind.robot.arrays import Floats
 from twind.virtual.specimen import calibration, specimen
 from twind_calibration.calibrating.placing import by_ends, by_pose
-from twind_calibration.calibrating.slots import Slot, slots
-from twind_calibration.proving.judge import GROSS, Against, Proof
+from twind_calibration.calibrating.slots import CalibrationActuator, slots
+from twind_calibration.proving.judge import GROSS, ProofContradiction, SignProof
 from twind_calibration.proving.mirror import mirror, offsets
 
 MADE = calibration(specimen(H24))
@@ -24,24 +24,24 @@ TRUE_ZERO = 2048
 SHORT = st.floats(0.0, 0.1)  # rad that a hand leaves out at an end
 
 
-def slot_of(name: str) -> Slot:
+def slot_of(name: str) -> CalibrationActuator:
     return slots(H24)[place(name)]
 
 
-def swept(slot: Slot, ends: tuple[float, float], *, wrong: bool) -> JointCalibration:
+def swept(slot: CalibrationActuator, ends: tuple[float, float], *, wrong: bool) -> JointCalibration:
     """A joint that was moved by hand between these true angles (rad); its zero is nothing yet."""
     true = replace(slot.joint, sign=-slot.joint.sign) if wrong else slot.joint
     low, high = sorted(ticks_of(true, TRUE_ZERO, end) for end in ends)
     return replace(MADE.by_name[slot.name], sweep_ticks=(low, high))
 
 
-def error(slot: Slot, entry: JointCalibration, *, wrong: bool) -> float:
+def error(slot: CalibrationActuator, entry: JointCalibration, *, wrong: bool) -> float:
     """Rad by which the zero of an entry is off; of a wrong sign, what true and told angle add up to."""
     off = angle_of(slot.joint, TRUE_ZERO, entry.zero_ticks)
     return -off if wrong else off
 
 
-def by_its_ends(slot: Slot, entry: JointCalibration) -> JointCalibration:
+def by_its_ends(slot: CalibrationActuator, entry: JointCalibration) -> JointCalibration:
     """As `zero --from-sweep` places it."""
     stops = slot.joint.stops
     ends = (stops.lower, stops.upper) if stops.described else (slot.lower, slot.upper)
@@ -57,7 +57,7 @@ def test_a_wrong_sign_whose_zero_came_of_its_travel_is_never_proved_nor_plausibl
     stops = slot.joint.stops
     assert stops.lower is not None and stops.upper is not None
     if not known:
-        slot = replace(slot, joint=replace(slot.joint, stops=Stops()))
+        slot = replace(slot, joint=replace(slot.joint, stops=JointEndstops()))
     ends = (stops.lower + a, stops.upper - b) if known else (slot.lower - 3.0 * a, slot.upper + 3.0 * b)
     entry = by_its_ends(slot, swept(slot, ends, wrong=True))
     low, high = mirror(slot.joint, entry)
@@ -65,11 +65,11 @@ def test_a_wrong_sign_whose_zero_came_of_its_travel_is_never_proved_nor_plausibl
     assert low - 0.002 <= off <= high + 0.002
     at = slot.lower + 0.3 + where * max(slot.upper - slot.lower - 0.6, 0.0)
     found = judged(base, name, wrong=True, off=-off, at=at, stretch=stretch, noise=noise, entry=entry)
-    assert found.proof in (Proof.UNOBSERVABLE, Proof.CONTRADICTED)
+    assert found.proof in (SignProof.UNOBSERVABLE, SignProof.CONTRADICTED)
     if found.foreseen.observable:
         assert (found.proof, found.against) in (
-            (Proof.CONTRADICTED, Against.SIGN),
-            (Proof.CONTRADICTED, Against.ZERO),
+            (SignProof.CONTRADICTED, ProofContradiction.SIGN),
+            (SignProof.CONTRADICTED, ProofContradiction.ZERO),
         )
 
 
@@ -88,7 +88,7 @@ def test_a_wrong_sign_whose_zero_came_of_a_pose_is_never_proved_nor_plausible(
     off = error(slot, entry, wrong=True)
     assert abs(off - 2.0 * angle) < 0.002 or abs(abs(off - 2.0 * angle) - 2.0 * pi) < 0.002
     found = judged(base, name, wrong=True, off=-off, stretch=stretch, noise=noise, entry=entry)
-    assert found.proof in (Proof.UNOBSERVABLE, Proof.CONTRADICTED)
+    assert found.proof in (SignProof.UNOBSERVABLE, SignProof.CONTRADICTED)
 
 
 @given(st.sampled_from(BASES), ANY, SHORT, SHORT, TORQUE, NOISE)
@@ -102,8 +102,8 @@ def test_a_right_sign_whose_zero_came_of_its_travel_is_never_contradicted(
     off = error(slot, entry, wrong=False)
     assert abs(off) <= 0.95 * GROSS
     found = judged(base, name, off=off, stretch=stretch, noise=noise, entry=entry)
-    assert found.proof is not Proof.CONTRADICTED
-    assert (found.proof is Proof.PROVED) == found.foreseen.observable
+    assert found.proof is not SignProof.CONTRADICTED
+    assert (found.proof is SignProof.PROVED) == found.foreseen.observable
 
 
 @pytest.mark.parametrize(
@@ -120,10 +120,10 @@ def test_a_right_sign_whose_zero_came_of_its_travel_is_never_contradicted(
 def test_where_a_joint_has_to_stand_so_that_its_mirror_image_shows(
     base: str, name: str, at: float, observable: bool
 ) -> None:
-    assert (judged(base, name, at=at).proof is Proof.PROVED) is observable
+    assert (judged(base, name, at=at).proof is SignProof.PROVED) is observable
     low, high = mirror(slot_of(name).joint, None)
     caught = judged(base, name, wrong=True, off=-(low + high) / 2.0, at=at).proof
-    assert caught is Proof.CONTRADICTED or (caught is Proof.UNOBSERVABLE and not observable)
+    assert caught is SignProof.CONTRADICTED or (caught is SignProof.UNOBSERVABLE and not observable)
 
 
 def test_the_mirror_image_is_where_each_end_of_the_travel_was_the_other() -> None:
@@ -135,7 +135,7 @@ def test_the_mirror_image_is_where_each_end_of_the_travel_was_the_other() -> Non
     tried = offsets((1.95, 2.15))
     assert (tried[0], tried[-1]) == pytest.approx((-2.15 - GROSS, -1.95 + GROSS))
     assert np.diff(tried).max() <= GROSS / 2.0 + 1e-9
-    unknown = replace(slot.joint, stops=Stops())
+    unknown = replace(slot.joint, stops=JointEndstops())
     assert mirror(unknown, None) == pytest.approx((2.1, 2.1))
 
 
@@ -143,4 +143,4 @@ def test_a_zero_that_is_grossly_off_is_doubted_before_the_sign() -> None:
     """Hanging, a hip whose zero is off by the sum of its ends is the image of one whose sign is wrong."""
     low, high = mirror(slot_of("l_hip_pitch").joint, None)
     found = judged("upright", "l_hip_pitch", off=(low + high) / 2.0)
-    assert (found.proof, found.against) == (Proof.CONTRADICTED, Against.ZERO)
+    assert (found.proof, found.against) == (SignProof.CONTRADICTED, ProofContradiction.ZERO)

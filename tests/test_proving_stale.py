@@ -16,13 +16,13 @@ from twind.ctl.verb import Rejected
 from twind.virtual.specimen import calibration, specimen
 from twind_calibration.calibrating.kept import save
 from twind_calibration.proving.records import in_force, measured, unlike
-from twind_calibration.proving.verb import Session
-from twind_calibration.wiggling.body import Body
+from twind_calibration.proving.verb import ProofSession
+from twind_calibration.wiggling.body import PosedModel
 from twind_drivers.clock import FakeClock
 
 H24 = load_robot("h24")
 MADE = calibration(specimen(H24))
-BODY = Body(H24)
+BODY = PosedModel(H24)
 
 
 def told(made: Calibration) -> Any:
@@ -59,12 +59,12 @@ class Daemon:
         }
 
 
-def session(path: Path, goes_by: Calibration | None = MADE) -> Session:
+def session(path: Path, goes_by: Calibration | None = MADE) -> ProofSession:
     options = argparse.Namespace(
         calibration=None, joints=[], pose=None, bends=[], base="back", socket=None, json=True
     )
     client: Any = Daemon(path, goes_by)
-    return Session(options, client, FakeClock())
+    return ProofSession(options, client, FakeClock())
 
 
 @pytest.fixture

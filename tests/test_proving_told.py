@@ -15,15 +15,15 @@ from twind.ctl.main import main
 from twind.ctl.verb import Rejected, UsageError
 from twind.virtual.specimen import calibration, specimen
 from twind_calibration.calibrating.kept import save
-from twind_calibration.proving.judge import Against, Foreseen, Judged, Proof
+from twind_calibration.proving.judge import LoadPrediction, LoadVerdict, ProofContradiction, SignProof
 from twind_calibration.proving.plan import best
 from twind_calibration.proving.pose import wanted_pose
 from twind_calibration.proving.records import recorded
-from twind_calibration.proving.told import Verdict
-from twind_calibration.proving.weighed import Weighed
-from twind_calibration.wiggling.body import Body
-from twind_calibration.wiggling.judge import Answer, Motion
-from twind_calibration.wiggling.motion import Gone
+from twind_calibration.proving.told import ProofVerdict
+from twind_calibration.proving.weighed import LoadComparison
+from twind_calibration.wiggling.body import PosedModel
+from twind_calibration.wiggling.judge import EncoderObservation, EncoderResponse
+from twind_calibration.wiggling.motion import MoveResult
 
 H24 = load_robot("h24")
 MADE = calibration(specimen(H24))
@@ -33,72 +33,83 @@ Captured = pytest.CaptureFixture[str]
 
 
 def verdict(
-    proof: Proof = Proof.PROVED,
-    against: Against = Against.NOTHING,
+    proof: SignProof = SignProof.PROVED,
+    against: ProofContradiction = ProofContradiction.NOTHING,
     *,
     joint: str = "l_knee",
-    motion: Motion = Motion.FOLLOWS,
+    motion: EncoderResponse = EncoderResponse.FOLLOWS,
     others: tuple[int, ...] = (),
     off: float = 0.0,
     confirmed: bool | None = None,
-    gone: Gone | None = None,
-) -> Verdict:
-    judged = Judged(proof, against, Foreseen(0.1, 0.85, 0.5, 0.05), 0.94, 0.01, 0.8, 0.04, 0.1, 0.05)
-    return Verdict(
+    gone: MoveResult | None = None,
+) -> ProofVerdict:
+    judged = LoadVerdict(
+        proof, against, LoadPrediction(0.1, 0.85, 0.5, 0.05), 0.94, 0.01, 0.8, 0.04, 0.1, 0.05
+    )
+    return ProofVerdict(
         joint=joint,
         bus="main",
         id=16,
         base="back",
-        gone=gone or Gone(0.3),
-        seen=Answer(motion, 0.3, 0.3, 0.3, off, others, (0.2,) * len(others)),
-        weighed=Weighed(judged, like=(KNEE,) if against is not Against.NOTHING else ()),
+        gone=gone or MoveResult(0.3),
+        seen=EncoderObservation(motion, 0.3, 0.3, 0.3, off, others, (0.2,) * len(others)),
+        weighed=LoadComparison(judged, like=(KNEE,) if against is not ProofContradiction.NOTHING else ()),
         confirmed=confirmed,
         names=H24.names,
     )
 
 
-CONTRADICTED = verdict(Proof.CONTRADICTED, Against.SIGN)
+CONTRADICTED = verdict(SignProof.CONTRADICTED, ProofContradiction.SIGN)
 
 
 # ------------------------------------------------------------------------------------- the verdict
 
 
-@pytest.mark.parametrize("proof", [Proof.PROVED, Proof.PLAUSIBLE, Proof.UNOBSERVABLE])
-def test_an_eye_confirms_what_gravity_does_not_show_and_contradicts_what_it_does(proof: Proof) -> None:
+@pytest.mark.parametrize("proof", [SignProof.PROVED, SignProof.PLAUSIBLE, SignProof.UNOBSERVABLE])
+def test_an_eye_confirms_what_gravity_does_not_show_and_contradicts_what_it_does(proof: SignProof) -> None:
     assert verdict(proof).proof is proof
-    assert verdict(proof, confirmed=True).proof is (proof if proof is Proof.PROVED else Proof.CONFIRMED)
+    assert verdict(proof, confirmed=True).proof is (
+        proof if proof is SignProof.PROVED else SignProof.CONFIRMED
+    )
     told = verdict(proof, confirmed=False)
-    assert (told.proof, told.against, told.good) == (Proof.CONTRADICTED, Against.EYE, False)
+    assert (told.proof, told.against, told.good) == (SignProof.CONTRADICTED, ProofContradiction.EYE, False)
 
 
 def test_an_eye_does_not_make_good_what_gravity_contradicts() -> None:
-    assert verdict(Proof.CONTRADICTED, Against.SIGN, confirmed=True).proof is Proof.CONTRADICTED
+    assert (
+        verdict(SignProof.CONTRADICTED, ProofContradiction.SIGN, confirmed=True).proof
+        is SignProof.CONTRADICTED
+    )
 
 
 @pytest.mark.parametrize(
     "odd",
     [
-        verdict(motion=Motion.STILL),
-        verdict(motion=Motion.BACKWARDS),
+        verdict(motion=EncoderResponse.STILL),
+        verdict(motion=EncoderResponse.BACKWARDS),
         verdict(others=(3,)),
         verdict(off=0.2),
     ],
 )
 def test_a_joint_that_does_not_go_alone_where_it_is_sent_is_contradicted_whatever_its_load(
-    odd: Verdict,
+    odd: ProofVerdict,
 ) -> None:
-    assert (odd.proof, odd.against, odd.record(AT)) == (Proof.CONTRADICTED, Against.MOTION, None)
+    assert (odd.proof, odd.against, odd.record(AT)) == (
+        SignProof.CONTRADICTED,
+        ProofContradiction.MOTION,
+        None,
+    )
 
 
 @pytest.mark.parametrize(
     "nothing",
     [
-        verdict(gone=Gone(0.3, refused=("POS_LIMIT",))),
-        verdict(gone=Gone(0.3, ended=("cancelled",), left=0.1)),
-        verdict(motion=Motion.UNHEARD),
+        verdict(gone=MoveResult(0.3, refused=("POS_LIMIT",))),
+        verdict(gone=MoveResult(0.3, ended=("cancelled",), left=0.1)),
+        verdict(motion=EncoderResponse.UNHEARD),
     ],
 )
-def test_what_was_not_measured_is_neither_good_nor_contradicted(nothing: Verdict) -> None:
+def test_what_was_not_measured_is_neither_good_nor_contradicted(nothing: ProofVerdict) -> None:
     assert (nothing.proof, nothing.good, nothing.record(AT)) == (None, False, None)
     assert nothing.lines()[0].startswith("not done     l_knee (main id 16)")
 
@@ -109,9 +120,12 @@ def test_every_verdict_is_said_in_words_and_in_json() -> None:
             verdict(),
             "proved       l_knee (main id 16): slope +0.94, off by 0.01 N·m, with the other sign 0.80",
         ),
-        (verdict(Proof.UNOBSERVABLE), "unobservable l_knee (main id 16): here a wrong sign is 0.85 N·m off"),
+        (
+            verdict(SignProof.UNOBSERVABLE),
+            "unobservable l_knee (main id 16): here a wrong sign is 0.85 N·m off",
+        ),
         (CONTRADICTED, "contradicted l_knee"),
-        (verdict(Proof.UNOBSERVABLE, confirmed=True), "confirmed    l_knee"),
+        (verdict(SignProof.UNOBSERVABLE, confirmed=True), "confirmed    l_knee"),
     ):
         assert one.lines()[0].startswith(word)
         assert json.loads(json.dumps(one.told()))["proof"] == one.proof
@@ -146,12 +160,12 @@ def test_a_proof_is_kept_and_reads_back_as_it_was_written() -> None:
 @pytest.mark.parametrize(
     "other",
     [
-        verdict(Proof.PLAUSIBLE),
-        verdict(Proof.UNOBSERVABLE),
-        verdict(gone=Gone(0.3, refused=("POS_LIMIT",))),
+        verdict(SignProof.PLAUSIBLE),
+        verdict(SignProof.UNOBSERVABLE),
+        verdict(gone=MoveResult(0.3, refused=("POS_LIMIT",))),
     ],
 )
-def test_what_proves_nothing_is_not_kept_and_leaves_an_earlier_proof(other: Verdict) -> None:
+def test_what_proves_nothing_is_not_kept_and_leaves_an_earlier_proof(other: ProofVerdict) -> None:
     assert recorded(MADE, {"l_knee": other}, AT) == (MADE, [], [])
     before, _, _ = recorded(MADE, {"l_knee": verdict()}, AT)
     assert recorded(before, {"l_knee": other}, "2027-01-01T00:00:00Z") == (before, [], [])
@@ -165,7 +179,7 @@ def test_what_contradicts_is_never_kept_and_takes_an_earlier_proof_away() -> Non
 
 
 def test_an_eye_is_kept_as_such_and_replaces_no_gravity() -> None:
-    seen = verdict(Proof.UNOBSERVABLE, confirmed=True)
+    seen = verdict(SignProof.UNOBSERVABLE, confirmed=True)
     after, _, _ = recorded(MADE, {"l_knee": seen}, AT)
     found = proof_of(after)
     assert isinstance(found, dict) and found["sign"] == "operator"
@@ -201,14 +215,14 @@ def test_a_saved_file_keeps_who_may_read_it_and_a_first_one_needs_its_folder(tmp
     ],
 )
 def test_the_simplest_way_that_proves_a_joint_is_planned(name: str, base: str, bent: str | None) -> None:
-    way = best(Body(H24), H24.names.index(name), radians(15.0), 0.1)
+    way = best(PosedModel(H24), H24.names.index(name), radians(15.0), 0.1)
     assert way is not None and way.foreseen.observable
     assert way.base == base
     assert (None if way.bend is None else H24.names[way.bend[0]]) == bent
 
 
 def test_a_joint_that_no_pose_shows_is_planned_for_the_eye() -> None:
-    way = best(Body(H24), H24.names.index("l_ankle_roll"), radians(15.0), 0.1)
+    way = best(PosedModel(H24), H24.names.index("l_ankle_roll"), radians(15.0), 0.1)
     assert way is not None and not way.foreseen.observable
     assert way.foreseen.flip < 0.1
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind_calibration.proving.sweep import LEAST, OVER, sweeps, swept
-from twind_calibration.wiggling.trace import Stay
+from twind_calibration.wiggling.trace import HoldMean
 
 ANGLES = st.floats(-2.0, 2.0)
 
@@ -39,7 +39,7 @@ def test_a_joint_without_room_has_no_way() -> None:
 def test_the_means_are_of_both_directions() -> None:
     way = sweeps(0.1, -1.0, 1.0, 0.2)[0]
     stays = [
-        Stay(np.array([at]), np.array([at]), np.array([10.0 * at + (1.0 if up else -1.0)]))
+        HoldMean(np.array([at]), np.array([at]), np.array([10.0 * at + (1.0 if up else -1.0)]))
         for up, at in zip([True] * 6 + [False] * 6, way.visits, strict=True)
     ]
     shown = swept(way, stays)

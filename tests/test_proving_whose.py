@@ -15,9 +15,9 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind_calibration.proving.expected import strained
 from twind_calibration.proving.expected import swept as at_places
-from twind_calibration.proving.judge import Against, Proof
-from twind_calibration.proving.weighed import Weighed, weigh
-from twind_calibration.wiggling.body import Body
+from twind_calibration.proving.judge import ProofContradiction, SignProof
+from twind_calibration.proving.weighed import LoadComparison, weigh
+from twind_calibration.wiggling.body import PosedModel
 
 MIRRORED = re.compile(r"r_(\w+_pitch|knee|elbow)")
 PITCHES = re.compile(r'(<joint name="r_(?:\w+_pitch|knee|elbow)" axis="0 )1( 0" range=")(\S+) (\S+)"')
@@ -52,9 +52,9 @@ def weighed(
     size: float = 0.25,
     friction: float = FRICTION,
     pose: dict[str, float] | None = None,
-) -> Weighed:
+) -> LoadComparison:
     """Of a joint whose servo has the place of `other`; None: its own."""
-    one, joint = Body(robot, base), robot.names.index(name)
+    one, joint = PosedModel(robot, base), robot.names.index(name)
     start = np.array([(pose or {}).get(each, 0.0) for each in robot.names])
     poses = at_places(start, joint, start[joint] + np.linspace(-size, size, 4))
     if other is None:
@@ -73,10 +73,10 @@ def test_after_a_failed_sign_proof_the_twin_is_named_before_the_sign_is_touched(
     assert len({joint.sign for joint in robot.joints}) == (2 if kind == "h24" else 1)
     for name in ("hip_pitch", "shoulder_pitch"):
         found = weighed(robot, "back", f"l_{name}", other=f"r_{name}")
-        assert (found.judged.proof, found.judged.against) == (Proof.CONTRADICTED, Against.SIGN)
+        assert (found.judged.proof, found.judged.against) == (SignProof.CONTRADICTED, ProofContradiction.SIGN)
         assert robot.names.index(f"r_{name}") in found.like
         right = weighed(robot, "back", f"l_{name}")
-        assert right.judged.proof is Proof.PROVED and not right.like
+        assert right.judged.proof is SignProof.PROVED and not right.like
 
 
 def test_twins_with_parallel_axes_are_untold_by_their_own_load_and_told_by_what_hangs_from_them() -> None:
@@ -84,11 +84,11 @@ def test_twins_with_parallel_axes_are_untold_by_their_own_load_and_told_by_what_
     alike = replace(H24, joints=tuple(replace(joint, sign=1) for joint in H24.joints))
     right = alike.names.index("r_hip_pitch")
     found = weighed(alike, "back", "l_hip_pitch", other="r_hip_pitch")
-    assert found.judged.proof is Proof.PROVED  # its sign is right, whoever it is
+    assert found.judged.proof is SignProof.PROVED  # its sign is right, whoever it is
     assert right in found.untold
     far = {"size": 0.7, "friction": 0.03}
     told = weighed(alike, "upright", "l_hip_pitch", other="r_hip_pitch", **far)
-    assert (told.judged.proof, told.judged.against) == (Proof.CONTRADICTED, Against.PLACE)
+    assert (told.judged.proof, told.judged.against) == (SignProof.CONTRADICTED, ProofContradiction.PLACE)
     assert right in told.like
     assert right not in weighed(alike, "upright", "l_hip_pitch", **far).untold
 
@@ -103,7 +103,7 @@ def test_twins_with_parallel_axes_are_untold_by_their_own_load_and_told_by_what_
 )
 def test_whose_servo_is_here_is_named_where_few_measure_so_much(base: str, name: str, other: str) -> None:
     found = weighed(H24, base, name, other=other)
-    assert found.judged.proof is Proof.CONTRADICTED
+    assert found.judged.proof is SignProof.CONTRADICTED
     assert place(other) in found.like
 
 
@@ -115,66 +115,70 @@ def test_exchanged_servos_are_contradicted_or_left_untold_never_excluded(
     if place(other) not in body().twins(place(name)):
         return
     found = weighed(H24, base, name, other=other)
-    assert found.judged.proof is Proof.CONTRADICTED or place(other) in found.untold
+    assert found.judged.proof is SignProof.CONTRADICTED or place(other) in found.untold
 
 
 def test_a_neighbour_with_the_wrong_sign_is_named() -> None:
     """The forearm is bent where the model believes it is bent the other way."""
-    one, joint, elbow = Body(H24, "left"), place("l_hip_yaw"), place("l_hip_pitch")
+    one, joint, elbow = PosedModel(H24, "left"), place("l_hip_yaw"), place("l_hip_pitch")
     start = np.zeros(len(H24.names))
     start[elbow] = -0.6
     poses = at_places(start, joint, PLACES)
     loads = np.array([one.flipped(each, elbow) for each in poses])
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
-    assert found.judged.proof is Proof.CONTRADICTED
+    assert found.judged.proof is SignProof.CONTRADICTED
     assert found.bent == (elbow,)
 
 
 def test_upright_the_waist_feels_a_hip_that_goes_the_wrong_way_and_the_hip_itself_does_not() -> None:
-    one, joint = Body(H24), place("l_hip_pitch")
+    one, joint = PosedModel(H24), place("l_hip_pitch")
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
     loads = np.array([one.flipped(each, joint) for each in poses])
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
-    assert (found.judged.proof, found.judged.against) == (Proof.CONTRADICTED, Against.OTHERS)
+    assert (found.judged.proof, found.judged.against) == (SignProof.CONTRADICTED, ProofContradiction.OTHERS)
     assert found.judged.misfit < 0.01, "its own load fits"
     loads[:, place("waist_pitch")] = 0.0  # propped
     alone = weigh(one, joint, measured_by(loads, poses), FRICTION)
-    assert alone.judged.proof is Proof.UNOBSERVABLE
+    assert alone.judged.proof is SignProof.UNOBSERVABLE
 
 
 def test_a_propped_joint_is_no_witness() -> None:
     """Its load does not change, whoever is moved: that is no sign of an exchanged servo."""
-    one, joint = Body(H24, "left"), place("waist_yaw")
+    one, joint = PosedModel(H24, "left"), place("waist_yaw")
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
     loads = np.array([one.torque(each) for each in poses])
     assert np.ptp(loads[:, place("waist_pitch")]) > 1.0
     loads[:, place("waist_pitch")] = 0.0
     found = weigh(one, joint, measured_by(loads, poses), FRICTION)
-    assert (found.judged.proof, found.like) == (Proof.UNOBSERVABLE, ())
+    assert (found.judged.proof, found.like) == (SignProof.UNOBSERVABLE, ())
 
 
 def test_what_the_ground_carries_or_nobody_heard_proves_nothing() -> None:
     free = replace(H24, support="free")
-    assert weighed(free, "upright", "l_hip_pitch").judged.proof is Proof.UNOBSERVABLE
-    assert weighed(free, "back", "l_hip_pitch").judged.proof is Proof.PROVED
-    one, joint = Body(H24, "back"), place("l_hip_pitch")
+    assert weighed(free, "upright", "l_hip_pitch").judged.proof is SignProof.UNOBSERVABLE
+    assert weighed(free, "back", "l_hip_pitch").judged.proof is SignProof.PROVED
+    one, joint = PosedModel(H24, "back"), place("l_hip_pitch")
     poses = at_places(np.zeros(len(H24.names)), joint, PLACES)
     loads = np.array([one.torque(each) for each in poses])
     unheard = poses.copy()
     unheard[0, 0] = np.nan
     found = weigh(one, joint, measured_by(loads, unheard), FRICTION)
-    assert found.judged.proof is Proof.UNOBSERVABLE
+    assert found.judged.proof is SignProof.UNOBSERVABLE
 
 
 def test_a_joint_that_holds_much_is_named_with_what_it_holds() -> None:
     nothing = np.zeros(len(H24.names))
-    assert strained(Body(H24), nothing) == {}
-    assert list(strained(Body(H24, "back"), nothing).values()) == ["waist_pitch holds 3.9 of its 4.1 N·m"]
+    assert strained(PosedModel(H24), nothing) == {}
+    assert list(strained(PosedModel(H24, "back"), nothing).values()) == [
+        "waist_pitch holds 3.9 of its 4.1 N·m"
+    ]
 
 
 def test_the_mirrored_robot_is_one(mirrored: RobotFile) -> None:
     """The fixture: the same pose in space, angles of the right side's pitch joints negated."""
     pose = np.array([0.1 * (place + 1) % 0.5 for place in range(len(H24.names))])
     flip = np.array([-1.0 if MIRRORED.fullmatch(name) else 1.0 for name in H24.names])
-    assert Body(mirrored).torque(flip * pose) == pytest.approx(flip * Body(H24).torque(pose), abs=1e-9)
+    assert PosedModel(mirrored).torque(flip * pose) == pytest.approx(
+        flip * PosedModel(H24).torque(pose), abs=1e-9
+    )
     assert Path(mirrored.mjcf_path).parent != H24.path.parent

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.loop.raw import Raw
-from twind_drivers.bus import Sample
+from twind.loop.raw import RawCounts
+from twind_drivers.bus import BusSample
 
 COUNT = 3
 ANSWERS = st.lists(
@@ -15,10 +15,10 @@ ANSWERS = st.lists(
 )
 
 
-def sample(answers: list[tuple[int, int, bool]], at: float, told: list[bool] | None = None) -> Sample:
+def sample(answers: list[tuple[int, int, bool]], at: float, told: list[bool] | None = None) -> BusSample:
     """Answers of one bus; who was not heard has zeros, as a driver leaves them."""
     heard = np.array([each[2] for each in answers])
-    return Sample(
+    return BusSample(
         sent=at,
         received=at + 0.002,
         position=np.where(heard, [each[0] for each in answers], 0),
@@ -35,7 +35,7 @@ def sample(answers: list[tuple[int, int, bool]], at: float, told: list[bool] | N
 
 @given(st.lists(ANSWERS, min_size=1, max_size=6))
 def test_each_actuator_has_its_own_last_answer_and_the_age_of_that(answers: list) -> None:
-    raw = Raw(COUNT)
+    raw = RawCounts(COUNT)
     for number, each in enumerate(answers):
         raw.take(slice(0, COUNT), sample(each, float(number)))
     for place in range(COUNT):
@@ -50,7 +50,7 @@ def test_each_actuator_has_its_own_last_answer_and_the_age_of_that(answers: list
 
 
 def test_two_buses_fill_their_own_places_in_any_order() -> None:
-    raw = Raw(2 * COUNT)
+    raw = RawCounts(2 * COUNT)
     raw.take(np.array([5, 0, 3]), sample([(50, 5, True), (-1, 6, True), (4097, 7, True)], 1.0))
     raw.take(np.array([1, 2, 4]), sample([(10, 1, True), (0, 0, False), (40, 4, True)], 2.0))
     assert raw.ticks[[5, 0, 3, 1, 4]].tolist() == [50, -1, 4097, 10, 40]
@@ -58,7 +58,7 @@ def test_two_buses_fill_their_own_places_in_any_order() -> None:
 
 
 def test_an_effort_that_was_not_told_is_unknown_and_not_zero() -> None:
-    raw = Raw(COUNT)
+    raw = RawCounts(COUNT)
     raw.take(slice(0, COUNT), sample([(1, 0, True)] * COUNT, 1.0, told=[True, False, True]))
     assert np.isnan(raw.effort).tolist() == [False, True, False]
     assert raw.ticks.tolist() == [1, 1, 1]

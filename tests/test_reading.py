@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from test_hot import files
 
-from twind.briefing import Briefing, Reading
-from twind.config.files import Sources, describe, packed, unpacked
-from twind.config.hot import NotHot
+from twind.briefing import Briefing, ReloadResult
+from twind.config.files import ConfigSources, describe, packed, unpacked
+from twind.config.hot import RestartRequired
 from twind.front.reading import read_again
 from twind.front.told import BY_CLIENT, with_settings
 from twind.loop import assembly
-from twind.loop.described import Robot
+from twind.loop.described import BoundRobot
 from twind.memfd import unseal
 from twind.twin import handover
 from twind.twin.binding import bind
@@ -22,10 +22,10 @@ YAW_ID = "head_yaw:         {id: 1, "
 YAW = {YAW_ID: "head_yaw: {velocity_limit_rad_s: 0.5, id: 1, "}
 
 
-def briefed(sources: Sources) -> Briefing:
+def briefed(sources: ConfigSources) -> Briefing:
     """As the daemon's start does it."""
     told = describe(sources)
-    one = Robot(told.robot, told.calibration, bind(told.robot, told.calibration))
+    one = BoundRobot(told.robot, told.calibration, bind(told.robot, told.calibration))
     settings = told.settings
     fd = assembly.brief(
         one, told.rate_hz, settings.parameters(), settings.log_level, told.files, packed(sources, told)
@@ -39,7 +39,7 @@ def start(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Briefing]:
     return folder, briefed(files(folder))
 
 
-def encoded(reading: Reading | Briefing) -> bytes:
+def encoded(reading: ReloadResult | Briefing) -> bytes:
     return msgspec.msgpack.encode(reading)
 
 
@@ -125,6 +125,6 @@ def test_what_a_client_sets_is_shown_as_its_own_until_the_files_are_read(
     assert reading.changes == {"thresholds.latency_warn_ms": 50.0, "log_level": "info"}
     assert reading.briefing is not None
     assert reading.briefing.parameters["origins"] == before.parameters["origins"]
-    with pytest.raises(NotHot):
+    with pytest.raises(RestartRequired):
         with_settings(before, {"thresholds.latency_warn_ms": 51.0})
     assert unpacked(before.described)[1].settings.latency_warn_ms == 50.0

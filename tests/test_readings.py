@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_buses import JOINTS, PERIOD, TURN, TwoBuses
 
-from twind.loop.readings import Readings, ticks, where
-from twind_drivers.bus import Sample
+from twind.loop.readings import JointReadings, ticks, where
+from twind_drivers.bus import BusSample
 
 ANGLES = st.lists(st.floats(-1.5, 1.5), min_size=6, max_size=6).map(np.array)
 BUSES = TwoBuses().hardware  # never exchanged: its arithmetic only
@@ -45,10 +45,10 @@ def test_an_index_of_a_bus_names_its_joints_whatever_their_order(order: list[int
     assert np.arange(6)[where(bus)].tolist() == order[:count]
 
 
-def sample(position: int, heard: list[bool], at: float, error: int = 0) -> Sample:
+def sample(position: int, heard: list[bool], at: float, error: int = 0) -> BusSample:
     """Of the three devices of a bus, all `position` ticks from their zero."""
     ears = np.array(heard)
-    return Sample(
+    return BusSample(
         sent=at,
         received=at + 0.002,
         position=np.where(ears, JOINTS.buses[0].zero + position, 0),
@@ -64,7 +64,7 @@ def sample(position: int, heard: list[bool], at: float, error: int = 0) -> Sampl
 
 @given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=1, max_size=12))
 def test_who_is_not_heard_keeps_number_and_stamp(rows: list[list[bool]]) -> None:
-    readings, bus = Readings(JOINTS, PERIOD), JOINTS.buses[0]
+    readings, bus = JointReadings(JOINTS, PERIOD), JOINTS.buses[0]
     last = np.full(3, np.nan)
     stamp = np.full(3, -np.inf)
     for turn, heard in enumerate(rows):
@@ -78,7 +78,7 @@ def test_who_is_not_heard_keeps_number_and_stamp(rows: list[list[bool]]) -> None
 
 
 def test_who_begins_to_say_that_it_has_an_error_is_named_once() -> None:
-    readings, all_three = Readings(JOINTS, PERIOD), [True] * 3
+    readings, all_three = JointReadings(JOINTS, PERIOD), [True] * 3
     row = [
         (0x04, all_three),
         (0x80, [True, False, True]),
@@ -93,7 +93,7 @@ def test_who_begins_to_say_that_it_has_an_error_is_named_once() -> None:
 
 
 def test_a_lost_bus_is_forgotten_and_the_other_is_not() -> None:
-    readings = Readings(JOINTS, PERIOD)
+    readings = JointReadings(JOINTS, PERIOD)
     for store in (readings.slow.torque, readings.slow.fault, readings.slow.watchdog, readings.slow.tick):
         store[:] = 1
     readings.slow.health_time[:] = 5.0
@@ -105,7 +105,7 @@ def test_a_lost_bus_is_forgotten_and_the_other_is_not() -> None:
 
 
 def test_when_a_lost_bus_is_back_its_joints_may_be_anywhere() -> None:
-    readings = Readings(JOINTS, PERIOD)
+    readings = JointReadings(JOINTS, PERIOD)
     assert readings.take(0, sample(0, [True] * 3, 10.0)).all()
     assert not readings.take(0, sample(2000, [True] * 3, 10.01)).any()
     readings.forget(0)
@@ -115,7 +115,7 @@ def test_when_a_lost_bus_is_back_its_joints_may_be_anywhere() -> None:
 def test_the_load_is_a_share_of_the_current_limit_without_a_sign_and_nan_where_that_is_unknown() -> None:
     left, right = JOINTS.buses
     known = replace(left, load_scale=np.array([0.001, np.nan, 0.01]))
-    readings = Readings(replace(JOINTS, buses=(known, right)), PERIOD)
+    readings = JointReadings(replace(JOINTS, buses=(known, right)), PERIOD)
     assert np.isnan(readings.load).all()
     for heard, effort in (([True] * 3, -50), ([True, True, False], 80)):  # all of it, then a part
         given = replace(sample(0, heard, 10.0), effort=np.full(3, effort))
@@ -128,7 +128,7 @@ def test_the_load_is_a_share_of_the_current_limit_without_a_sign_and_nan_where_t
 def test_what_a_silent_joint_draws_is_not_known_any_more() -> None:
     both = JOINTS.buses
     known = tuple(replace(bus, load_scale=np.full(3, 0.01)) for bus in both)
-    readings = Readings(replace(JOINTS, buses=known), PERIOD)
+    readings = JointReadings(replace(JOINTS, buses=known), PERIOD)
     assert np.isnan(readings.loads(10.0)).all()
     for number in (0, 1):
         readings.take(number, replace(sample(0, [True] * 3, 10.0), effort=np.full(3, 90)))
@@ -143,7 +143,7 @@ def test_what_a_silent_joint_draws_is_not_known_any_more() -> None:
 
 
 def test_an_effort_that_was_not_told_is_unknown_and_so_is_the_load() -> None:
-    readings = Readings(JOINTS, PERIOD)
+    readings = JointReadings(JOINTS, PERIOD)
     mine = JOINTS.buses[0].joints
     for heard in ([True] * 3, [True, True, False]):
         whole = sample(3, heard, 1.0)

@@ -13,9 +13,9 @@ from twind.client import Disconnected
 from twind.observe import record
 from twind.observe.recording.columns import open_recording
 from twind.observe.writing import daemon as record_daemon
-from twind.observe.writing.course import Course
-from twind.observe.writing.daemon import Listening
-from twind.observe.writing.folder import Bounds
+from twind.observe.writing.course import Recorder
+from twind.observe.writing.daemon import RecordSubscriber
+from twind.observe.writing.folder import DiskQuota
 from twind.observe.writing.writer import RecordWriter
 
 RUBBISH = {"topic": "state", "time": 101.0, "dropped": 0, "joints": [{"name": "hip"}]}
@@ -65,13 +65,13 @@ def robot(monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
 
 
 def writer(folder: Path) -> RecordWriter:
-    return RecordWriter(folder, Bounds(1 << 40, 0, 1 << 40), lambda: 100.0)
+    return RecordWriter(folder, DiskQuota(1 << 40, 0, 1 << 40), lambda: 100.0)
 
 
 def test_what_nobody_understands_ends_the_listening_and_counts_as_lost(tmp_path: Path, robot: Robot) -> None:
     robot.says = {"state": [state(100.0), RUBBISH, state(102.0)]}
     into = writer(tmp_path)
-    listening = Listening(argparse.Namespace(), into)
+    listening = RecordSubscriber(argparse.Namespace(), into)
     listening._threads[0].join(5.0)
     assert listening.ended == "what it says cannot be understood: KeyError: 'position'"
     assert isinstance(listening.failure, KeyError)
@@ -90,7 +90,7 @@ def test_the_recorder_connects_again_and_tells_the_error_once(
     parser.add_argument("--json", action="store_true")
     record.add_arguments(parser)
     robot.over.set()
-    assert Course(parser.parse_args(["--seconds", "0.7"]), writer(tmp_path), threading.Event()).run() == 0
+    assert Recorder(parser.parse_args(["--seconds", "0.7"]), writer(tmp_path), threading.Event()).run() == 0
     said = capsys.readouterr().err
     assert robot.connections > 1 and said.count("Traceback") == 1 and "KeyError: 'position'" in said
 
@@ -102,7 +102,7 @@ def test_after_a_reload_the_next_file_has_what_is_in_force_now(tmp_path: Path, r
 
     robot.says = {"status": [event(100.0, "ARMED"), reload, event(102.0, "ESTOP"), event(103.0, "ESTOP")]}
     into = writer(tmp_path)
-    listening = Listening(argparse.Namespace(), into)
+    listening = RecordSubscriber(argparse.Namespace(), into)
     robot.over.set()
     listening._threads[1].join(5.0)
     into.close()
@@ -120,7 +120,7 @@ def test_a_robot_of_other_joints_is_listened_to_anew(tmp_path: Path, robot: Robo
 
     robot.says = {"status": [reload, event(102.0, "ESTOP")]}
     into = writer(tmp_path)
-    listening = Listening(argparse.Namespace(), into)
+    listening = RecordSubscriber(argparse.Namespace(), into)
     listening._threads[1].join(5.0)
     assert listening.ended == "the robot has other joints now" and listening.failure is None
     into.close()

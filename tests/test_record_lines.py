@@ -9,15 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded import CLOCKS, JOINTS, event, joint, state, status
 
-from twind.client.clocks import STEP, Clocks
-from twind.observe.writing.lines import Line, Scribe, note, shifted
+from twind.client.clocks import STEP, ClockPair
+from twind.observe.writing.lines import RecordEncoder, RecordLine, note, shifted
 from twind.observe.writing.schemas import ROS, json_schemas
 from twind.protocol import CONTROL, load
 from twind.ros import IMU, JOINT_STATE, JOINT_TRAJECTORY, decode, stamp
 
 
-def told(*answers: dict[str, Any], mode: str = "live") -> list[Line]:
-    scribe = Scribe(JOINTS, CLOCKS, mode)
+def told(*answers: dict[str, Any], mode: str = "live") -> list[RecordLine]:
+    scribe = RecordEncoder(JOINTS, CLOCKS, mode)
     return [line for answer in answers for line in scribe.take(answer)]
 
 
@@ -83,7 +83,7 @@ def test_a_trajectory_is_stamped_with_its_start_and_named_by_its_frame() -> None
 
 @pytest.mark.parametrize("by", [-(10**19), 10**19])
 def test_a_clock_that_is_centuries_off_makes_a_stamp_at_the_end_of_what_there_is(by: int) -> None:
-    (line, *_) = Scribe(JOINTS, CLOCKS).take(state(100.0))
+    (line, *_) = RecordEncoder(JOINTS, CLOCKS).take(state(100.0))
     found = decode(JOINT_STATE, shifted(line, by).data)["header"]["stamp"]
     assert found["sec"] == (0 if by < 0 else (1 << 31) - 1)
 
@@ -103,8 +103,8 @@ def test_every_topic_has_a_type_or_a_schema_with_the_fields_of_the_interface() -
 def test_a_clock_that_was_set_is_a_step_and_one_that_runs_on_is_none(
     later: float, wall: int, jump: int
 ) -> None:
-    began = Clocks(1000.0, wall)
-    now = Clocks(1000.0 + later, began.wall(1000.0 + later) + jump)
+    began = ClockPair(1000.0, wall)
+    now = ClockPair(1000.0 + later, began.wall(1000.0 + later) + jump)
     assert began.step(now) == (jump if abs(jump) > STEP else 0)
 
 

@@ -25,8 +25,8 @@ from processes import Daemon, daemon, favour, patiently, robot, until
 from rosbags.highlevel import AnyReader
 
 from twind.client import Client, ClientError
-from twind.client.clocks import Clocks
-from twind.observe.recording.columns import Recording, open_recording
+from twind.client.clocks import ClockPair
+from twind.observe.recording.columns import RobotRecording, open_recording
 from twind.observe.recover import recover
 
 pytestmark = pytest.mark.realtime
@@ -154,7 +154,7 @@ def story() -> Iterator[Story]:
 def known(path: Path, witness: Witness) -> dict[int, list[dict[str, Any]]]:
     """What the witness heard, by log time."""
     about = open_recording(path).meta
-    clocks = Clocks(float(about["monotonic"]), int(about["wall_ns"]))
+    clocks = ClockPair(float(about["monotonic"]), int(about["wall_ns"]))
     return {clocks.wall(time): joints for time, joints in list(witness.states.items())}
 
 
@@ -263,7 +263,7 @@ def test_a_kill_loses_less_than_a_second_and_the_rest_recovers(story: Story) -> 
     assert found.out is not None and str(found.out).endswith("-recovered.mcap")
     whole = open_recording(found.out)
     assert not whole.damage and whole.time.size == cut.time.size
-    about = Clocks(float(whole.meta["monotonic"]), int(whole.meta["wall_ns"]))
+    about = ClockPair(float(whole.meta["monotonic"]), int(whole.meta["wall_ns"]))
     last = whole.start_ns + round(whole.time[-1] * 1e9)
     heard = max(time for time in story.witness.states if time <= story.killed)
     assert about.wall(heard) - last <= 1_000_000_000
@@ -279,7 +279,7 @@ def test_a_full_disk_stops_it_with_a_reason_and_leaves_a_readable_file(story: St
     (path,) = story.files("small")
     assert code == 1 and "File too large" in said["stopped"] and str(path) in said["stopped"]
     assert path.stat().st_size <= SMALL
-    found: Recording = open_recording(path)
+    found: RobotRecording = open_recording(path)
     with path.open("rb") as stream:
         rows = list(make_reader(stream).iter_messages(topics="/hw/joint_states"))
     assert len(rows) == int(np.isfinite(found.measured).any(axis=1).sum())

@@ -10,17 +10,17 @@ from typing import Any
 import pytest
 from recorded import CLOCKS, SESSION, Told
 
-from twind.client.clocks import Clocks
-from twind.ctl.progress import Progress
+from twind.client.clocks import ClockPair
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import UsageError
 from twind.observe import record
 from twind.observe.recording.columns import open_recording
 from twind.observe.recording.topics import NOTES
 from twind.observe.writing import course as record_run
-from twind.observe.writing.course import Course, line, summary
-from twind.observe.writing.folder import Bounds
+from twind.observe.writing.course import Recorder, line, summary
+from twind.observe.writing.folder import DiskQuota
 from twind.observe.writing.schemas import json_schemas
-from twind.observe.writing.writer import Mark, RecordWriter, Tally
+from twind.observe.writing.writer import OpenEpisode, RecordCounts, RecordWriter
 
 SIZES = [("0", 0), ("512", 512), ("1k", 1024), ("500M", 500 << 20), ("1.5GiB", 3 << 29), ("2T", 2 << 40)]
 
@@ -81,13 +81,13 @@ def test_the_usual_folder_is_the_daemons_where_we_may_write_there(
 def test_a_clock_that_is_set_is_noted_once_with_both_and_times_go_on_as_they_were(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, Bounds(1 << 40, 0, 1 << 40), now))
-    course = Course(options(), told.writer, threading.Event())
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now))
+    course = Recorder(options(), told.writer, threading.Event())
     listening: Any = SimpleNamespace(session=SESSION)
     jump = 3_600_000_000_000
     for _ in range(5):
         told.run(1.0)
-        now = Clocks(told.time, CLOCKS.wall(told.time) + (jump if told.time > 102.5 else 0))
+        now = ClockPair(told.time, CLOCKS.wall(told.time) + (jump if told.time > 102.5 else 0))
         monkeypatch.setattr(record_run, "clocks", lambda now=now: now)
         course._look_at_clock(listening)
     told.writer.close()
@@ -103,13 +103,13 @@ def test_a_clock_that_was_set_is_no_news_to_the_file_that_begins_after_it(
 ) -> None:
     jump = 3_600_000_000_000
 
-    def clocks() -> Clocks:
-        return Clocks(told.time, CLOCKS.wall(told.time) + (jump if told.time > 102.5 else 0))
+    def clocks() -> ClockPair:
+        return ClockPair(told.time, CLOCKS.wall(told.time) + (jump if told.time > 102.5 else 0))
 
-    short = Bounds(1 << 40, 0, 1 << 40, longest=5.0)
+    short = DiskQuota(1 << 40, 0, 1 << 40, longest=5.0)
     told = Told(lambda now: RecordWriter(tmp_path, short, now, clocks=clocks))
     monkeypatch.setattr(record_run, "clocks", clocks)
-    course = Course(options(), told.writer, threading.Event())
+    course = Recorder(options(), told.writer, threading.Event())
     listening: Any = SimpleNamespace(session=SESSION)
     for _ in range(8):
         told.run(1.0)
@@ -123,9 +123,9 @@ def test_a_clock_that_was_set_is_no_news_to_the_file_that_begins_after_it(
 def test_where_the_daemon_cannot_be_told_of_an_episode_the_file_is_in_the_words_of_its_schema(
     tmp_path: Path,
 ) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, Bounds(1 << 40, 0, 1 << 40), now))
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now))
     told.writer.start()
-    course = Course(options(task="pick", socket=str(tmp_path)), told.writer, threading.Event())
+    course = Recorder(options(task="pick", socket=str(tmp_path)), told.writer, threading.Event())
     listening: Any = SimpleNamespace(session=SESSION)
     course._mark(listening, "begin")
     course._mark(listening, "end")
@@ -141,9 +141,9 @@ def test_where_the_daemon_cannot_be_told_of_an_episode_the_file_is_in_the_words_
 def test_every_file_is_named_as_soon_as_it_is_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, Bounds(1 << 40, 0, 1 << 40, longest=2.0), now))
-    course = Course(options(), told.writer, threading.Event())
-    with Progress(options(), "record") as progress:
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40, longest=2.0), now))
+    course = Recorder(options(), told.writer, threading.Event())
+    with ProgressLine(options(), "record") as progress:
         for _ in range(3):
             course._name_files(progress, "two")
             told.run(1.5)
@@ -156,14 +156,14 @@ def test_every_file_is_named_as_soon_as_it_is_there(
 
 
 def test_what_is_told_of_it_names_what_was_lost() -> None:
-    tally = Tally(path=Path("/x/a.mcap"), files=(Path("/x/a.mcap"),), messages=9, bytes=3 << 20)
+    tally = RecordCounts(path=Path("/x/a.mcap"), files=(Path("/x/a.mcap"),), messages=9, bytes=3 << 20)
     assert line(tally, 301.4) == "301 messages/s  3.0 MiB  a.mcap"
-    busy = Tally(path=Path("/x/a.mcap"), dropped=3, missed=2, episode=Mark("pick", 0))
+    busy = RecordCounts(path=Path("/x/a.mcap"), dropped=3, missed=2, episode=OpenEpisode("pick", 0))
     assert line(busy, 0.0) == "0 messages/s  0.0 MiB  5 DROPPED  episode pick  a.mcap"
     assert summary(tally, 2.0) == "/x/a.mcap\n2.0 s, 9 messages; nothing dropped"
-    lost = Tally(files=(Path("/x/a.mcap"),), messages=9, dropped=3, missed=2, episodes=2, removed=1)
+    lost = RecordCounts(files=(Path("/x/a.mcap"),), messages=9, dropped=3, missed=2, episodes=2, removed=1)
     assert summary(lost, 2.0).endswith(
         "2.0 s, 9 messages, 2 episodes; dropped: 2 by the daemon, 3 here (the disk was too slow); "
         "1 old recordings made room"
     )
-    assert summary(Tally(), 1.0) == "nothing was recorded"
+    assert summary(RecordCounts(), 1.0) == "nothing was recorded"

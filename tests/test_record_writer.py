@@ -12,16 +12,16 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from recorded import CLOCKS, JOINTS, SESSION, FullDisk, Told, event, mark, state
 
-from twind.client.clocks import Clocks
+from twind.client.clocks import ClockPair
 from twind.observe.recording.columns import Unreadable, open_recording
 from twind.observe.recover import recover
 from twind.observe.writing import writer as record_writer
-from twind.observe.writing.file import Disk, RecordFile
-from twind.observe.writing.folder import Bounds, fresh, make_room
-from twind.observe.writing.lines import Scribe
+from twind.observe.writing.file import BufferedFile, RecordFile
+from twind.observe.writing.folder import DiskQuota, fresh, make_room
+from twind.observe.writing.lines import RecordEncoder
 from twind.observe.writing.writer import RecordWriter
 
-WIDE = Bounds(keep=1 << 40, free=0, file=1 << 40)
+WIDE = DiskQuota(keep=1 << 40, free=0, file=1 << 40)
 
 
 def metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
@@ -76,7 +76,7 @@ def test_between_two_daemons_nothing_is_written_and_the_next_has_a_file_of_its_o
 
 
 def test_a_file_ends_at_its_hour(tmp_path: Path) -> None:
-    minute = Bounds(keep=1 << 40, free=0, file=1 << 40, longest=60.0)
+    minute = DiskQuota(keep=1 << 40, free=0, file=1 << 40, longest=60.0)
     told = Told(lambda now: RecordWriter(tmp_path, minute, now))
     told.run(100.0, rate=2.0)
     told.writer.close()
@@ -92,7 +92,7 @@ def test_the_oldest_recordings_of_ours_go_and_nobody_elses(tmp_path: Path) -> No
         path.write_bytes(bytes(100_000))
     old = tmp_path / "twind-20200101T000000Z-two.mcap"
     old.write_bytes(bytes(100_000))
-    told = Told(lambda now: RecordWriter(tmp_path, Bounds(keep=60_000, free=0, file=1 << 40), now))
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(keep=60_000, free=0, file=1 << 40), now))
     told.run(60.0)
     told.writer.close()
     tally = told.writer.tally
@@ -126,7 +126,7 @@ def test_names_are_of_the_robot_and_never_taken_twice(tmp_path: Path) -> None:
 def test_the_floor_of_free_space_stops_it_with_a_reason_and_a_whole_file(tmp_path: Path) -> None:
     told = Told(lambda now: RecordWriter(tmp_path, WIDE, now))
     told.run(1.0)
-    told.writer._bounds = Bounds(keep=1 << 40, free=1 << 60, file=1 << 40)
+    told.writer._bounds = DiskQuota(keep=1 << 40, free=1 << 60, file=1 << 40)
     told.run(1.0)
     assert "MiB are free, 1099511627776 MiB are to stay so; make room" in told.writer.stopped
     (path,) = told.writer.tally.files
@@ -159,7 +159,7 @@ def test_a_full_disk_stops_it_with_a_reason_and_the_file_is_readable(tmp_path: P
 def test_a_slow_disk_costs_messages_that_are_counted_and_nobody_waits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Stuck(Disk):
+    class Stuck(BufferedFile):
         def pour(self, data: memoryview) -> None:
             moving.wait(10.0)
             super().pour(data)
@@ -170,7 +170,7 @@ def test_a_slow_disk_costs_messages_that_are_counted_and_nobody_waits(
     monkeypatch.setattr(record_writer, "ROOM", 20_000)
     moving = threading.Event()
     writer = RecordWriter(tmp_path, WIDE, lambda: 100.0, open_file=on)
-    scribe = Scribe(JOINTS, CLOCKS)
+    scribe = RecordEncoder(JOINTS, CLOCKS)
     writer.begin(SESSION)
     writer.start()
     lines = [line for place in range(1000) for line in scribe.take(state(100.0 + place / 100))]
@@ -239,7 +239,7 @@ def test_an_episode_may_have_a_file_of_its_own_and_nothing_else_does(tmp_path: P
 
 @pytest.mark.parametrize("why", ["its size", "another daemon"])
 def test_an_episode_goes_on_in_the_next_file_where_its_own_ended_before_it(tmp_path: Path, why: str) -> None:
-    half = Bounds(keep=1 << 40, free=0, file=20_000 if why == "its size" else 1 << 40)
+    half = DiskQuota(keep=1 << 40, free=0, file=20_000 if why == "its size" else 1 << 40)
     told = Told(lambda now: RecordWriter(tmp_path, half, now, per_episode=True))
     told.run(1.0)
     told.tell(mark(told.time, "begin"))
@@ -273,11 +273,11 @@ def test_an_episode_is_over_though_its_end_is_in_no_file(tmp_path: Path) -> None
 
 
 def test_the_next_file_has_the_right_time_after_the_clock_was_set(tmp_path: Path) -> None:
-    years, minute = 5 * 365 * 86_400 * 10**9, Bounds(1 << 40, 0, 1 << 40, longest=60.0)
+    years, minute = 5 * 365 * 86_400 * 10**9, DiskQuota(1 << 40, 0, 1 << 40, longest=60.0)
 
-    def clocks() -> Clocks:
+    def clocks() -> ClockPair:
         at = told.time
-        return Clocks(at, CLOCKS.wall(at) + (years if at > 130.0 else 10_000_000))
+        return ClockPair(at, CLOCKS.wall(at) + (years if at > 130.0 else 10_000_000))
 
     told = Told(lambda now: RecordWriter(tmp_path, minute, now, clocks=clocks))
     told.run(100.0, rate=2.0)
@@ -344,7 +344,7 @@ def test_where_a_file_system_has_no_locks_it_goes_without_and_spares_its_own_fil
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", none)
-    told = Told(lambda now: RecordWriter(tmp_path, Bounds(keep=8, free=0, file=1 << 40), now))
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(keep=8, free=0, file=1 << 40), now))
     old = tmp_path / "twind-20200101T000000Z-two.mcap"
     old.write_bytes(bytes(9))
     told.run(0.3)

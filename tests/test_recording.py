@@ -13,12 +13,18 @@ from replayed import flight, recording
 from rosbags.highlevel import AnyReader
 
 from twind.ctl.verb import Rejected
-from twind.flight import Flight, Kind, save
+from twind.flight import EntryKind, FlightFile, save
 from twind.observe.export import export
-from twind.observe.recording.columns import Recording, Said, Unreadable, marked, open_recording
-from twind.observe.recording.mcap_records import McapFile, Message
+from twind.observe.recording.columns import (
+    RecordedMessage,
+    RobotRecording,
+    Unreadable,
+    marked,
+    open_recording,
+)
+from twind.observe.recording.mcap_records import McapMessage, McapScanner
 from twind.observe.recording.topics import WIRE
-from twind.observe.writing.folder import Bounds
+from twind.observe.writing.folder import DiskQuota
 from twind.observe.writing.schemas import json_schemas
 from twind.observe.writing.writer import RecordWriter
 from twind.ros import JOINT_STATE, definition_text, encode, stamp
@@ -26,8 +32,8 @@ from twind.ros import JOINT_STATE, definition_text, encode, stamp
 START = 1_700_000_000_000_000_000
 
 
-def record(folder: Path, *answers: dict[str, Any]) -> Recording:
-    told = Told(lambda now: RecordWriter(folder, Bounds(1 << 40, 0, 1 << 40), now))
+def record(folder: Path, *answers: dict[str, Any]) -> RobotRecording:
+    told = Told(lambda now: RecordWriter(folder, DiskQuota(1 << 40, 0, 1 << 40), now))
     told.tell(*answers)
     told.writer.close()
     return open_recording(told.writer.tally.files[0])
@@ -103,8 +109,8 @@ def test_latency_is_columns_by_hop_with_the_last_histogram(tmp_path: Path) -> No
 
 
 def test_episodes_are_what_was_marked_by_whom_ever() -> None:
-    def said(*answers: dict[str, Any]) -> list[Said]:
-        return [Said(answer["time"], answer["event"]) for answer in answers]
+    def said(*answers: dict[str, Any]) -> list[RecordedMessage]:
+        return [RecordedMessage(answer["time"], answer["event"]) for answer in answers]
 
     begun = mark(3.0, "begin", "b"), mark(4.0, "begin", "c")
     rows = said(mark(1.0, "end", "a", True), event(2.0, "ESTOP"), *begun)
@@ -148,7 +154,7 @@ def test_what_is_no_recording_is_refused_in_words(tmp_path: Path) -> None:
 
 
 def test_a_cut_recording_is_read_as_far_as_it_goes_and_says_so(tmp_path: Path) -> None:
-    told = Told(lambda now: RecordWriter(tmp_path, Bounds(1 << 40, 0, 1 << 40), now))
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now))
     told.run(2.0)
     path = told.writer.tally.path
     assert path is not None
@@ -157,7 +163,7 @@ def test_a_cut_recording_is_read_as_far_as_it_goes_and_says_so(tmp_path: Path) -
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> Flight:
+def flown(tmp_path_factory: pytest.TempPathFactory) -> FlightFile:
     """A real loop and its bytes: armed, one motion, an e-stop."""
     folder = tmp_path_factory.mktemp("flown")
     rig = recording()
@@ -167,11 +173,11 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Flight:
     taken = flight(rig, folder)
     rig.close()
     wall = {"wall_ns": START, "monotonic": 5.0, "buses": ["main"], "reason": "dump"}
-    return Flight(wall, taken.briefing, taken.contents)
+    return FlightFile(wall, taken.briefing, taken.contents)
 
 
 @pytest.fixture
-def flight_file(flown: Flight, tmp_path: Path) -> Path:
+def flight_file(flown: FlightFile, tmp_path: Path) -> Path:
     path = tmp_path / "a.flight"
     save(path, dict(flown.meta), msgspec.msgpack.encode(flown.briefing), flown.contents)
     return path
@@ -190,7 +196,7 @@ def test_a_flight_file_has_the_same_columns(flight_file: Path) -> None:
 
 
 def test_an_exported_flight_is_the_same_recording_with_its_bytes(
-    flight_file: Path, flown: Flight, tmp_path: Path
+    flight_file: Path, flown: FlightFile, tmp_path: Path
 ) -> None:
     out = tmp_path / "a.mcap"
     assert export(flight_file, out) > 100
@@ -208,13 +214,13 @@ def test_an_exported_flight_is_the_same_recording_with_its_bytes(
     ]
     assert [each.what for each in after.verdicts] == [each.what for each in before.verdicts]
     assert after.robot == before.robot and after.mjcf == before.mjcf
-    file = McapFile(out)
+    file = McapScanner(out)
     said = [
         json.loads(each.data)
         for each in file.contents()
-        if isinstance(each, Message) and file.channels[each.channel].topic == "/twind/wire"
+        if isinstance(each, McapMessage) and file.channels[each.channel].topic == "/twind/wire"
     ]
-    wire = [each.data for each in flown.contents.entries if each.kind in (Kind.IN, Kind.OUT)]
+    wire = [each.data for each in flown.contents.entries if each.kind in (EntryKind.IN, EntryKind.OUT)]
     assert [bytes.fromhex(each["hex"]) for each in said if each["kind"] != "port"] == wire
     assert {each["bus"] for each in said} == {"main"}
     schema = json.loads(json_schemas()[WIRE])["properties"]

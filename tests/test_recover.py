@@ -14,15 +14,15 @@ from rosbags.highlevel import AnyReader
 from twind.ctl.verb import Rejected
 from twind.observe import recover as verb
 from twind.observe.recording.columns import open_recording
-from twind.observe.recording.mcap_records import McapFile, Message
+from twind.observe.recording.mcap_records import McapMessage, McapScanner
 from twind.observe.recover import recover
 from twind.observe.writing.file import RecordFile
-from twind.observe.writing.folder import Bounds
+from twind.observe.writing.folder import DiskQuota
 from twind.observe.writing.writer import RecordWriter
 
 
 def count(path: Path) -> int:
-    return sum(isinstance(each, Message) for each in McapFile(path).contents())
+    return sum(isinstance(each, McapMessage) for each in McapScanner(path).contents())
 
 
 def options(path: Path, out: Path | None = None) -> argparse.Namespace:
@@ -98,7 +98,7 @@ def test_a_recording_that_a_full_disk_ended_is_not_taken_for_a_whole_one(tmp_pat
     def on(path: Path, about: Any, attachments: Any, time_ns: int) -> RecordFile:
         return RecordFile(path, about, attachments, time_ns, disk=FullDisk(path, 20_000))
 
-    told = Told(lambda now: RecordWriter(tmp_path, Bounds(1 << 40, 0, 1 << 40), now, open_file=on))
+    told = Told(lambda now: RecordWriter(tmp_path, DiskQuota(1 << 40, 0, 1 << 40), now, open_file=on))
     told.run(20.0)
     tally = told.writer.tally
     (path,) = tally.files
@@ -110,7 +110,7 @@ def test_a_recording_that_a_full_disk_ended_is_not_taken_for_a_whole_one(tmp_pat
 
 
 def test_what_claims_to_be_one_and_is_not_is_refused_in_words(tmp_path: Path) -> None:
-    whole = McapFile(write(tmp_path / "f.mcap", 0.5))
+    whole = McapScanner(write(tmp_path / "f.mcap", 0.5))
     path = tmp_path / "foreign.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream, use_chunking=False)

@@ -16,9 +16,9 @@ from replayed import Replay, flight, recording, unlike
 from rig import CLIENT, Rig
 
 from twind import link
-from twind.flight import Contents, Entry, Flight, Kind, load
-from twind.observe.replaying.bus import ToldBus
-from twind.observe.replaying.outcome import Answer, Outcome, differences, outcome_of, uncompared
+from twind.flight import EntryKind, FlightContents, FlightEntry, FlightFile, load
+from twind.observe.replaying.bus import ReplayBus
+from twind.observe.replaying.outcome import CommandOutcome, ReplayOutcome, differences, outcome_of, uncompared
 from twind.observe.replaying.score import score
 from twind.robot.modes import Mode
 from twind_drivers.dynamixel import packet
@@ -26,12 +26,12 @@ from twind_drivers.dynamixel import packet
 ROUND = 0.06  # s: torque, hardware error and watchdog are read twenty times a second
 
 
-def played(recorded: Flight, folder: Path) -> Outcome:
+def played(recorded: FlightFile, folder: Path) -> ReplayOutcome:
     with closing(Replay(recorded, folder)) as replay:
         return replay.run()
 
 
-def found(wanted: Outcome, recorded: Flight, folder: Path) -> list[str]:
+def found(wanted: ReplayOutcome, recorded: FlightFile, folder: Path) -> list[str]:
     return list(differences(wanted, played(recorded, folder), ROUND))
 
 
@@ -54,7 +54,7 @@ def test_a_golden_capture_comes_out_as_it_was(name: str, tmp_path: Path) -> None
 def test_without_the_recorded_bytes_a_golden_capture_does_not_come_out(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(ToldBus, "_find", lambda *_: None)
+    monkeypatch.setattr(ReplayBus, "_find", lambda *_: None)
     noise = golden("noise", tmp_path / "noise")
     assert [each.split()[0] for each in noise] == ["verbatim", "errors"], noise
     silent = golden("silent", tmp_path / "silent")
@@ -75,9 +75,11 @@ def test_the_captures_hold_what_they_are_for() -> None:
 # ------------------------------------------------------------------------------------------- broken ones
 
 
-def changed(recorded: Flight, entries: tuple[Entry, ...] | None = None, **kept: Any) -> Flight:
+def changed(recorded: FlightFile, entries: tuple[FlightEntry, ...] | None = None, **kept: Any) -> FlightFile:
     contents = recorded.contents
-    return replace(recorded, contents=Contents(kept.get("kept", contents.kept), entries or contents.entries))
+    return replace(
+        recorded, contents=FlightContents(kept.get("kept", contents.kept), entries or contents.entries)
+    )
 
 
 def test_one_alert_that_was_not_there_is_found(tmp_path: Path) -> None:
@@ -88,7 +90,10 @@ def test_one_alert_that_was_not_there_is_found(tmp_path: Path) -> None:
     place = next(
         place
         for place, each in enumerate(entries)
-        if each.kind == Kind.IN and each.time > late and each.data[4:5] == b"\xfe" and _healthy(each.data)
+        if each.kind == EntryKind.IN
+        and each.time > late
+        and each.data[4:5] == b"\xfe"
+        and _healthy(each.data)
     )
     entries[place] = entries[place]._replace(data=_alert(entries[place].data))
     broken = found(expected("noise"), changed(recorded, tuple(entries)), tmp_path)
@@ -117,7 +122,7 @@ def test_one_broken_byte_of_an_identification_is_found(tmp_path: Path) -> None:
     model = packet.status(1, 0, b"")[:5]
     spoilt = [
         each._replace(data=each.data.replace(model, model[:-1] + b"\xfd"))
-        if each.kind == Kind.IN and len(each.data) > 60
+        if each.kind == EntryKind.IN and len(each.data) > 60
         else each
         for each in entries
     ]
@@ -149,10 +154,10 @@ def test_an_outcome_survives_its_file() -> None:
 
 
 def test_what_is_not_told_to_its_end_is_compared_as_far_as_it_goes() -> None:
-    def with_answer(**fields: Any) -> Outcome:
-        return Outcome((Answer("SubmitTrajectory", **fields),), {}, "armed", "live", True)
+    def with_answer(**fields: Any) -> ReplayOutcome:
+        return ReplayOutcome((CommandOutcome("SubmitTrajectory", **fields),), {}, "armed", "live", True)
 
-    def same(then: Outcome, now: Outcome) -> bool:
+    def same(then: ReplayOutcome, now: ReplayOutcome) -> bool:
         return not list(differences(then, now, 0.1))
 
     running, ended = with_answer(phase="running"), with_answer(phase="succeeded")
@@ -258,7 +263,7 @@ def test_checks_of_which_nothing_moved_are_not_asked_again_and_that_is_said_once
 
 
 def hang_up(rig: Rig) -> None:
-    rig.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+    rig.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
     rig.seconds(0.1)
 
 
@@ -278,7 +283,7 @@ def test_who_hung_up_with_all_answers_waits_for_them_where_they_come_later(tmp_p
     begun = next(each.time for each in asked.asked if isinstance(each.command, link.Submit))
     moved = [
         each._replace(time=begun + later)
-        if each.kind in (Kind.COMMAND, Kind.ARRAYS) and begun <= each.time < begun + later
+        if each.kind in (EntryKind.COMMAND, EntryKind.ARRAYS) and begun <= each.time < begun + later
         else each
         for each in recorded.contents.entries
     ]

@@ -11,10 +11,10 @@ import pytest
 from twind import link
 from twind.observe.replaying import conductor
 from twind.observe.replaying.calls import Reply
-from twind.observe.replaying.conductor import Conductor
-from twind.observe.replaying.outcome import Outcome
-from twind.observe.replaying.score import STAY, Asked, Heard, Score
-from twind.observe.replaying.servos import Passage
+from twind.observe.replaying.conductor import ReplayClient
+from twind.observe.replaying.outcome import ReplayOutcome
+from twind.observe.replaying.score import STAY, Heard, RecordedCommand, ReplayScript
+from twind.observe.replaying.servos import ReplayPosition
 from twind.robot.trajectory import Trajectory
 from twind_drivers.clock import FakeClock
 
@@ -28,7 +28,7 @@ SCENE = (
     (0.000, link.AcquireLease(ticket=1, client=ONE)),
     (0.010, link.Submit(ticket=2, client=ONE, id="a", points=1, commanded=[0], more=True)),
     (1.015, link.ReleaseLease(ticket=3, client=ONE)),
-    (1.022, link.Gone(client=ONE)),
+    (1.022, link.ConnectionClosed(client=ONE)),
     (1.030, link.AcquireLease(ticket=4, client=OTHER)),
 )
 ALL: Heard = {1: True, 2: True, 3: True}
@@ -88,11 +88,11 @@ def played(
     """What came of the calls, and what the daemon heard: s since the beginning."""
     clock = FakeClock(500.0)
     daemon = Daemon(clock, late)
-    monkeypatch.setattr(conductor, "Line", lambda _: Line(daemon))
+    monkeypatch.setattr(conductor, "ReplayConnection", lambda _: Line(daemon))
     monkeypatch.setattr(conductor, "wait", daemon.wait)
-    asked = tuple(Asked(BEGIN + time, command, link.pack_path(PATH)) for time, command in SCENE)
-    recorded = Outcome((), {}, "armed", "live", True)
-    score = Score(
+    asked = tuple(RecordedCommand(BEGIN + time, command, link.pack_path(PATH)) for time, command in SCENE)
+    recorded = ReplayOutcome((), {}, "armed", "live", True)
+    score = ReplayScript(
         names=("head_yaw",),
         begin=BEGIN,
         end=BEGIN + 4.0,
@@ -106,9 +106,9 @@ def played(
         whole=True,
         heard={ONE: heard},
     )
-    passage = Passage(BEGIN)
+    passage = ReplayPosition(BEGIN)
     passage.go(clock.now(), BEGIN)
-    made = Conductor(score, Path("nowhere"), passage, clock).play()
+    made = ReplayClient(score, Path("nowhere"), passage, clock).play()
     times = [(time - passage.shift - BEGIN, what) for time, what in daemon.heard]
     return [each.words() for each in made.answers], times
 

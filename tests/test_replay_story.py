@@ -4,8 +4,17 @@ from collections.abc import Sequence
 
 import pytest
 
-from twind.flight import Contents, Entry, Kind
-from twind.observe.replaying.story import CHANGED, DAMAGED, HEARD, READ, SILENT, Story, Unknown, story
+from twind.flight import EntryKind, FlightContents, FlightEntry
+from twind.observe.replaying.story import (
+    CHANGED,
+    DAMAGED,
+    HEARD,
+    READ,
+    SILENT,
+    BusTimeline,
+    IncompleteRecording,
+    story,
+)
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.tables import number_of
 
@@ -13,33 +22,33 @@ ID, MODEL = 5, number_of("XM430-W350")
 TORQUE, FAULT, DOG, POSITION = 64, 70, 98, 132
 
 
-def asked(time: float, address: int, data: bytes, *, error: int = 0) -> list[Entry]:
+def asked(time: float, address: int, data: bytes, *, error: int = 0) -> list[FlightEntry]:
     """A read that is answered."""
     return [
-        Entry(time, Kind.OUT, 0, packet.read(ID, address, len(data))),
-        Entry(time + 0.001, Kind.IN, 0, packet.status(ID, error, data)),
+        FlightEntry(time, EntryKind.OUT, 0, packet.read(ID, address, len(data))),
+        FlightEntry(time + 0.001, EntryKind.IN, 0, packet.status(ID, error, data)),
     ]
 
 
-def silent(time: float) -> list[Entry]:
-    return [Entry(time, Kind.OUT, 0, packet.read(ID, POSITION, 4))]
+def silent(time: float) -> list[FlightEntry]:
+    return [FlightEntry(time, EntryKind.OUT, 0, packet.read(ID, POSITION, 4))]
 
 
-def wrote(time: float, address: int, data: bytes) -> list[Entry]:
+def wrote(time: float, address: int, data: bytes) -> list[FlightEntry]:
     return [
-        Entry(time, Kind.OUT, 0, packet.write(ID, address, data)),
-        Entry(time + 0.001, Kind.IN, 0, packet.status(ID, 0)),
+        FlightEntry(time, EntryKind.OUT, 0, packet.write(ID, address, data)),
+        FlightEntry(time + 0.001, EntryKind.IN, 0, packet.status(ID, 0)),
     ]
 
 
 WHO = asked(0.0, 0, MODEL.to_bytes(2, "little") + bytes(4) + b"\x2f")
 
 
-def told(*parts: Sequence[Entry], kept: Sequence[Entry] = ()) -> Story:
-    return story("main", 0, Contents({0: tuple(kept)}, tuple(each for part in parts for each in part)))
+def told(*parts: Sequence[FlightEntry], kept: Sequence[FlightEntry] = ()) -> BusTimeline:
+    return story("main", 0, FlightContents({0: tuple(kept)}, tuple(each for part in parts for each in part)))
 
 
-def happened(made: Story, what: int, address: int | None = None) -> list[tuple[float, bytes]]:
+def happened(made: BusTimeline, what: int, address: int | None = None) -> list[tuple[float, bytes]]:
     turns = [each for each in made.turns() if each.what == what]
     return [(each.time, each.data) for each in turns if address in (None, each.address)]
 
@@ -86,19 +95,22 @@ def test_a_hardware_error_holds_since_the_first_alert() -> None:
 
 
 def test_a_port_is_gone_between_its_loss_and_shortly_before_it_was_opened() -> None:
-    lost, opened = Entry(2.0, Kind.PORT, 0, b"lost: gone"), Entry(3.0, Kind.PORT, 0, b"opened /dev/ttyX")
+    lost, opened = (
+        FlightEntry(2.0, EntryKind.PORT, 0, b"lost: gone"),
+        FlightEntry(3.0, EntryKind.PORT, 0, b"opened /dev/ttyX"),
+    )
     made = told(WHO, asked(1.99, POSITION, b"abcd"), [lost], [opened], asked(3.1, POSITION, b"abcd"))
     assert made.plugged(1.995) and not made.plugged(2.0) and not made.plugged(2.9) and made.plugged(2.98)
 
 
 def test_a_port_that_took_something_not_was_there() -> None:
-    refused = Entry(2.0, Kind.PORT, 0, b"refused 30 bytes: /dev/ttyX: 90 bytes wait")
-    lost = Entry(1.0, Kind.PORT, 0, b"lost: gone")
+    refused = FlightEntry(2.0, EntryKind.PORT, 0, b"refused 30 bytes: /dev/ttyX: 90 bytes wait")
+    lost = FlightEntry(1.0, EntryKind.PORT, 0, b"lost: gone")
     assert told(WHO, asked(0.99, POSITION, b"abcd"), [refused]).plugs == ()
     assert not told(WHO, asked(0.99, POSITION, b"abcd"), [lost], [refused]).plugged(2.5)
 
 
 def test_a_model_that_no_table_has_cannot_be_played() -> None:
     strange = asked(0.0, 0, b"\xfe\xfe" + bytes(4) + b"\1")
-    with pytest.raises(Unknown, match="model number 65278"):
+    with pytest.raises(IncompleteRecording, match="model number 65278"):
         told(strange).turns()

@@ -14,11 +14,11 @@ from twind import link
 from twind.briefing import Briefing
 from twind.ctl.main import main
 from twind.ctl.verb import DONE, REFUSED, USAGE
-from twind.flight import Contents, Entry, Kind, load, save
+from twind.flight import EntryKind, FlightContents, FlightEntry, load, save
 from twind.observe import replay, viewing
 from twind.observe.recording.columns import open_recording
 from twind.observe.replaying.calls import call
-from twind.observe.replaying.score import Unplayable, score
+from twind.observe.replaying.score import NotReplayable, score
 from twind.observe.replaying.shown import messages
 from twind.observe.replaying.stage import lay_out
 from twind_drivers.clock import FakeClock
@@ -38,7 +38,9 @@ def told(
     verbatim, missed = changes.pop("verbatim", 0.7), changes.pop("missed", 0)
     asked = replace(asked, **changes)
     outcome = expected("limit")
-    monkeypatch.setattr(replay, "_play", lambda *_, **__: replay.Played(asked, outcome, verbatim, missed))
+    monkeypatch.setattr(
+        replay, "_play", lambda *_, **__: replay.ReplayResult(asked, outcome, verbatim, missed)
+    )
     return run(capsys, str(HERE / "limit.flight"))
 
 
@@ -70,7 +72,7 @@ def test_what_a_file_says_moves_no_cursor(
 def test_a_recording_without_a_moment_of_rest_says_so() -> None:
     recorded = load(HERE / "silent.flight")
     begin = recorded.contents.entries[-1].time - 0.5
-    with pytest.raises(Unplayable, match=r"no moment to begin at: .* fault.*--view"):
+    with pytest.raises(NotReplayable, match=r"no moment to begin at: .* fault.*--view"):
         score(cut(recorded, begin))
 
 
@@ -102,7 +104,7 @@ def test_a_robot_file_with_other_buses_than_were_recorded_is_refused(
     names: tuple[str, ...], tmp_path: Path
 ) -> None:
     """A bus that is not played would keep the port of the file: one of this machine."""
-    with pytest.raises(Unplayable, match=r"recorded were .*--robot FILE"):
+    with pytest.raises(NotReplayable, match=r"recorded were .*--robot FILE"):
         lay_out(with_buses(load(HERE / "limit.flight").briefing, *names), tmp_path)
 
 
@@ -125,7 +127,7 @@ def test_a_bus_that_was_not_recorded_never_opens_the_port_of_its_file(named: boo
         other = lay_out(briefing, kept).robot
         other.write_text(more)
         spoilt = briefing
-    with pytest.raises(Unplayable, match="extra"):
+    with pytest.raises(NotReplayable, match="extra"):
         lay_out(spoilt, folder, other)
 
 
@@ -143,7 +145,7 @@ def test_names_of_buses_are_no_paths(tmp_path: Path) -> None:
 
 def test_a_recording_without_its_robot_says_how_to_name_it(tmp_path: Path) -> None:
     briefing = msgspec.structs.replace(load(HERE / "limit.flight").briefing, texts={})
-    with pytest.raises(Unplayable, match="--robot FILE"):
+    with pytest.raises(NotReplayable, match="--robot FILE"):
         lay_out(briefing, tmp_path)
 
 
@@ -206,7 +208,7 @@ def test_a_recording_whose_files_are_no_files_is_refused_in_words(tmp_path: Path
     for place, path in enumerate(("/" + "x" * 300, "/a\0b")):
         folder = tmp_path / str(place)
         folder.mkdir()
-        with pytest.raises(Unplayable, match="cannot be laid out"):
+        with pytest.raises(NotReplayable, match="cannot be laid out"):
             lay_out(msgspec.structs.replace(briefing, texts={**briefing.texts, path: "x"}), folder)
 
 
@@ -238,11 +240,11 @@ def test_the_last_seconds_can_be_played_alone() -> None:
     assert len(last.commands) < len(whole.commands)
 
 
-@pytest.mark.parametrize(("kind", "what"), [(Kind.NEWS, "messages"), (Kind.COMMAND, "commands")])
-def test_what_this_version_does_not_understand_is_not_played_without_it(kind: Kind, what: str) -> None:
+@pytest.mark.parametrize(("kind", "what"), [(EntryKind.NEWS, "messages"), (EntryKind.COMMAND, "commands")])
+def test_what_this_version_does_not_understand_is_not_played_without_it(kind: EntryKind, what: str) -> None:
     recorded = load(HERE / "limit.flight")
     entries = recorded.contents.entries
-    foreign = Entry(entries[-1].time, kind, 255, b"\xc1 of a later version")
-    contents = Contents(recorded.contents.kept, (*entries, foreign))
-    with pytest.raises(Unplayable, match=f"does not read the {what}"):
+    foreign = FlightEntry(entries[-1].time, kind, 255, b"\xc1 of a later version")
+    contents = FlightContents(recorded.contents.kept, (*entries, foreign))
+    with pytest.raises(NotReplayable, match=f"does not read the {what}"):
         score(replace(recorded, contents=contents))

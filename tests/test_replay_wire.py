@@ -2,8 +2,8 @@
 
 import pytest
 
-from twind.flight import Entry, Kind
-from twind.observe.replaying.wire import Told, asks, exchanges, packets
+from twind.flight import EntryKind, FlightEntry
+from twind.observe.replaying.wire import DeviceReply, asks, exchanges, packets
 from twind_drivers.dynamixel import packet
 
 ASK = packet.sync_read((1, 2), 128, 4)
@@ -12,12 +12,12 @@ ONE, TWO = packet.status(1, 0, b"abcd"), packet.status(2, 0x80, b"efgh")
 GOALS = packet.sync_write(116, {1: b"\x01\0\0\0", 2: b"\x02\0\0\0"})
 
 
-def out(time: float, data: bytes) -> Entry:
-    return Entry(time, Kind.OUT, 0, data)
+def out(time: float, data: bytes) -> FlightEntry:
+    return FlightEntry(time, EntryKind.OUT, 0, data)
 
 
-def heard(time: float, data: bytes) -> Entry:
-    return Entry(time, Kind.IN, 0, data)
+def heard(time: float, data: bytes) -> FlightEntry:
+    return FlightEntry(time, EntryKind.IN, 0, data)
 
 
 def test_goals_and_question_of_one_write_are_one_exchange() -> None:
@@ -27,7 +27,7 @@ def test_goals_and_question_of_one_write_are_one_exchange() -> None:
         (1, 116, b"\x01\0\0\0"),
         (2, 116, b"\x02\0\0\0"),
     ]
-    assert found.told == (Told(1, 0, 128, b"abcd"), Told(2, 0x80, 128, b"efgh"))
+    assert found.told == (DeviceReply(1, 0, 128, b"abcd"), DeviceReply(2, 0x80, 128, b"efgh"))
     assert found.missed == ()
     assert [data for _, data in found.answers] == [ONE, TWO]
     assert [at for at, _ in found.answers] == pytest.approx([0.002, 0.003])
@@ -60,7 +60,7 @@ def test_what_waited_when_the_next_question_left_came_before_it() -> None:
 
 def test_a_ping_tells_model_and_firmware_where_they_lie() -> None:
     (found,) = exchanges([out(1.0, packet.ping(7)), heard(1.001, packet.status(7, 0, b"\xfc\x03\x2f"))])
-    assert found.told == (Told(7, 0, 0, b"\xfc\x03"), Told(7, 0, 6, b"\x2f"))
+    assert found.told == (DeviceReply(7, 0, 0, b"\xfc\x03"), DeviceReply(7, 0, 6, b"\x2f"))
 
 
 def test_bytes_before_the_first_question_belong_to_none() -> None:

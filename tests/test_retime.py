@@ -8,18 +8,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import Demand
+from twind.safety.gate import TrajectoryRequest
 from twind.safety.retime import changed, needed
 
-RETIME, STOP, BOTH = Demand("retime"), Demand(append_stop=True), Demand("retime", append_stop=True)
+RETIME, STOP, BOTH = (
+    TrajectoryRequest("retime"),
+    TrajectoryRequest(append_stop=True),
+    TrajectoryRequest("retime", append_stop=True),
+)
 
 
 def factor(judged: object) -> float:
     (change,) = judged.verdict.changes
-    assert change.code is Code.RETIMED
+    assert change.code is ReasonCode.RETIMED
     return change.value
 
 
@@ -29,19 +33,19 @@ def test_a_retimed_path_passes_the_same_gate_and_hardly_a_faster_one_does(path: 
     limit, before = w.limits(velocity=1.5, acceleration=8.0), w.at_rest(path.position[0])
     judged = w.ask(path, limit, before, RETIME)
     plain = w.ask(path, limit, before)
-    if Code.RETIMED not in {change.code for change in judged.verdict.changes}:
+    if ReasonCode.RETIMED not in {change.code for change in judged.verdict.changes}:
         assert judged.verdict == plain.verdict
         return
     stretch = factor(judged)
     assert stretch > 1.0
-    assert w.codes(judged) <= {Code.END_NOT_AT_REST}
+    assert w.codes(judged) <= {ReasonCode.END_NOT_AT_REST}
     assert not w.oracle_faults(judged.path, before, limit)
     assert np.allclose(judged.path.time, path.time * stretch)
     assert np.array_equal(judged.path.position, path.position)
     again = w.ask(judged.path, limit, before)
     assert again.verdict.refusals == judged.verdict.refusals
     faster = w.ask(path.stretched(stretch * (1.0 - 1e-6)), limit, before)
-    assert w.codes(faster) & {Code.VEL_LIMIT, Code.ACC_LIMIT, Code.BRAKE_DISTANCE}
+    assert w.codes(faster) & {ReasonCode.VEL_LIMIT, ReasonCode.ACC_LIMIT, ReasonCode.BRAKE_DISTANCE}
 
 
 def test_twice_too_fast_takes_twice_as_long() -> None:
@@ -71,13 +75,13 @@ def test_a_place_is_never_healed_by_time() -> None:
     plain = w.ask(path, w.limits(1), w.at_rest([0.0]))
     judged = w.ask(path, w.limits(1), w.at_rest([0.0]), RETIME)
     assert judged.verdict == plain.verdict
-    assert Code.POS_LIMIT in w.codes(judged)
+    assert ReasonCode.POS_LIMIT in w.codes(judged)
     assert judged.path is path
 
 
 def test_a_jump_at_zero_is_not_healed_and_one_that_time_heals_is() -> None:
     jump = w.ask(w.path([0.0, 0.1], [0.2, 1.2]), w.limits(1), w.at_rest([0.0]), RETIME)
-    assert w.codes(jump) == {Code.START_JUMP}
+    assert w.codes(jump) == {ReasonCode.START_JUMP}
     later = w.ask(w.path([0.1, 2.0], [1.0, 1.0]), w.limits(1), w.at_rest([0.0]), RETIME)
     assert later.verdict.accepted
 
@@ -85,7 +89,7 @@ def test_a_jump_at_zero_is_not_healed_and_one_that_time_heals_is() -> None:
 def test_a_path_that_would_take_more_than_a_minute_is_refused_as_it_is() -> None:
     path = w.path([30.0], [1.0])
     judged = w.ask(path, w.limits(1, velocity=0.01), w.at_rest([0.0]), RETIME)
-    assert w.codes(judged) == {Code.START_JUMP, Code.VEL_LIMIT}
+    assert w.codes(judged) == {ReasonCode.START_JUMP, ReasonCode.VEL_LIMIT}
     assert judged.verdict.changes == ()
     assert judged.path is path
 
@@ -120,13 +124,20 @@ def test_a_reference_that_no_slower_path_can_follow_ends_in_a_refusal() -> None:
 
 
 def test_what_no_stretch_can_heal_asks_for_an_endless_one() -> None:
-    assert needed([Finding(Code.VEL_LIMIT, value=1.0, bound=0.0)]) == float("inf")
+    assert needed([Finding(ReasonCode.VEL_LIMIT, value=1.0, bound=0.0)]) == float("inf")
     assert np.isnan(
-        needed([Finding(Code.ACC_LIMIT, value=nan, bound=1.0), Finding(Code.VEL_LIMIT, value=2.0, bound=1.0)])
+        needed(
+            [
+                Finding(ReasonCode.ACC_LIMIT, value=nan, bound=1.0),
+                Finding(ReasonCode.VEL_LIMIT, value=2.0, bound=1.0),
+            ]
+        )
     )
-    assert needed([Finding(Code.POS_LIMIT, value=9.0, bound=1.0), Finding(Code.BUSY)]) == pytest.approx(1.0)
+    assert needed(
+        [Finding(ReasonCode.POS_LIMIT, value=9.0, bound=1.0), Finding(ReasonCode.BUSY)]
+    ) == pytest.approx(1.0)
     judged = w.ask(w.path([1.0], [0.5]), w.limits(1, velocity=0.0), w.at_rest([0.0]), RETIME)
-    assert Code.VEL_LIMIT in w.codes(judged)
+    assert ReasonCode.VEL_LIMIT in w.codes(judged)
 
 
 # ------------------------------------------------------------------------------------------ the stop
@@ -138,13 +149,13 @@ def test_a_moving_end_gets_a_ramp_to_rest_and_the_verdict_says_so(sign: float, a
     rest = [[0.0], [0.0]] if accelerations else None
     path = w.path([1.0, 2.0], [[0.0], [sign * 0.5]], [[0.0], [sign * 1.0]], rest)
     before = w.at_rest([0.0])
-    assert w.codes(w.ask(path, w.limits(1), before)) == {Code.END_NOT_AT_REST}
+    assert w.codes(w.ask(path, w.limits(1), before)) == {ReasonCode.END_NOT_AT_REST}
     judged = w.ask(path, w.limits(1), before, STOP)
     assert judged.verdict.accepted
     (change,) = judged.verdict.changes
     T = (0.1 if accelerations else 0.05) * (1.0 + 1e-9)
     assert (change.code, change.point, change.time, change.value) == (
-        Code.STOP_APPENDED,
+        ReasonCode.STOP_APPENDED,
         1,
         2.0,
         pytest.approx(T),
@@ -171,8 +182,8 @@ def test_an_end_at_rest_needs_no_ramp() -> None:
 def test_a_ramp_that_leaves_the_limits_is_refused() -> None:
     path = w.path([2.0], [1.99], [1.0])
     judged = w.ask(path, w.limits(1, hard_upper=9.0), w.at_rest([1.0]), STOP)
-    assert Code.POS_LIMIT in w.codes(judged)
-    assert Code.END_NOT_AT_REST not in w.codes(judged)
+    assert ReasonCode.POS_LIMIT in w.codes(judged)
+    assert ReasonCode.END_NOT_AT_REST not in w.codes(judged)
 
 
 def test_joints_that_do_not_take_part_do_not_lengthen_the_ramp() -> None:
@@ -184,10 +195,13 @@ def test_joints_that_do_not_take_part_do_not_lengthen_the_ramp() -> None:
 
 
 def test_ramp_and_stretch_go_together() -> None:
-    limit: Limits = w.limits(1, velocity=1.0, acceleration=5.0)
+    limit: JointLimits = w.limits(1, velocity=1.0, acceleration=5.0)
     judged = w.ask(w.path([0.5, 1.0], [0.5, 1.2], [1.5, 1.5]), limit, w.at_rest([0.0]), BOTH)
     assert judged.verdict.accepted
-    assert [change.code for change in judged.verdict.changes] == [Code.STOP_APPENDED, Code.RETIMED]
+    assert [change.code for change in judged.verdict.changes] == [
+        ReasonCode.STOP_APPENDED,
+        ReasonCode.RETIMED,
+    ]
     assert not w.oracle_faults(judged.path, w.at_rest([0.0]), limit)
 
 
@@ -206,12 +220,12 @@ def same(one: Trajectory, other: Trajectory) -> bool:
 @given(w.paths(most=4))
 def test_the_changes_of_a_verdict_make_the_path_that_was_judged_to_the_last_bit(path: Trajectory) -> None:
     limit, before = w.limits(velocity=1.5, acceleration=8.0), w.at_rest(path.position[0])
-    for demand in (Demand(), RETIME, STOP, BOTH):
+    for demand in (TrajectoryRequest(), RETIME, STOP, BOTH):
         judged = w.ask(path, limit, before, demand)
         assert same(changed(path, judged.verdict.changes), judged.path)
 
 
 def test_a_finding_that_is_no_change_changes_nothing() -> None:
     path = w.path([1.0], [0.5], [0.0])
-    assert changed(path, [Finding(Code.POS_LIMIT, value=2.0)]) is path
+    assert changed(path, [Finding(ReasonCode.POS_LIMIT, value=2.0)]) is path
     assert changed(path, []) is path

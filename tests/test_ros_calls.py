@@ -10,7 +10,7 @@ import pytest
 from processes import until
 from told_line import ToldDaemon
 
-from twind.bridge.ros.calls import MODE_PACE, STOP_PACE, Calls, denied
+from twind.bridge.ros.calls import MODE_PACE, STOP_PACE, RosServiceCalls, denied
 from twind.bridge.ros.endpoints import (
     E_STOP,
     GET_STATUS,
@@ -21,7 +21,7 @@ from twind.bridge.ros.endpoints import (
     TO_E_STOP,
     TO_MODE,
     TO_STOP,
-    Topic,
+    RosTopic,
 )
 from twind.ros import STRING, encode
 
@@ -40,7 +40,9 @@ class Desk:
         self.broken = False  # nothing can be said
         self.closed: dict[bool, str] = {}  # why no stop (True), no mode (False) is taken
         client = self.daemon.client
-        self.calls = Calls(client, client, self.stopping, json.dumps, self.why, self.say, self.lines.append)
+        self.calls = RosServiceCalls(
+            client, client, self.stopping, json.dumps, self.why, self.say, self.lines.append
+        )
         self.calls.start()
 
     def why(self, stop: bool) -> str:
@@ -56,7 +58,7 @@ class Desk:
             raise BrokenPipeError("nobody reads it")
         self.results.append(dict(result))
 
-    def heard(self, topic: Topic, data: bytes) -> dict[str, Any]:
+    def heard(self, topic: RosTopic, data: bytes) -> dict[str, Any]:
         """What became of it."""
         before = len(self.results)
         self.calls.heard(topic, data)
@@ -141,7 +143,7 @@ def test_a_flood_of_modes_ends_with_the_last_that_was_asked_for(desk: Desk) -> N
     ],
 )
 def test_a_flood_has_a_call_and_a_result_now_and_then(
-    desk: Desk, topic: Topic, texts: tuple[bytes, ...], pace: float
+    desk: Desk, topic: RosTopic, texts: tuple[bytes, ...], pace: float
 ) -> None:
     begun = time.monotonic()
     while time.monotonic() < begun + 1.0:
@@ -183,7 +185,7 @@ def test_a_stop_whose_outcome_cannot_be_told_is_not_the_last_one(desk: Desk) -> 
 def test_an_e_stop_takes_the_other_way_where_the_one_fails(desk: Desk) -> None:
     full = ToldDaemon()
     full.refuse["EStop"] = ("Busy", {"what": "all places are taken"})
-    calls = Calls(
+    calls = RosServiceCalls(
         desk.daemon.client, full.client, desk.stopping, str, desk.why, desk.results.append, desk.lines.append
     )
     assert calls.e_stop("cut") == (True, "estop")

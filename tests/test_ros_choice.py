@@ -4,14 +4,14 @@ import pytest
 
 from twind.bridge.ros import choice
 from twind.bridge.ros.choice import usual, without_ros
-from twind.bridge.ros.launcher import Distribution
+from twind.bridge.ros.launcher import RosDistribution
 from twind.ctl.verb import UsageError
 
 ZENOH = {"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"}
-FOUND = Distribution("/opt/ros/jazzy/bin/python3", {})
+FOUND = RosDistribution("/opt/ros/jazzy/bin/python3", {})
 
 
-def told(monkeypatch: pytest.MonkeyPatch, found: Distribution | None, fault: str) -> list[str]:
+def told(monkeypatch: pytest.MonkeyPatch, found: RosDistribution | None, fault: str) -> list[str]:
     """Lines that `usual` reports, with this rclpy on the machine and this fault of it."""
     monkeypatch.setattr(choice, "installed", lambda environment, distro: found)
     monkeypatch.setattr(choice, "fault", lambda found: fault)

@@ -16,7 +16,7 @@ import pytest
 from processes import until
 from stand_in import StandIn
 
-from twind.bridge.ros.course import AGAIN, Course
+from twind.bridge.ros.course import AGAIN, RosBridge
 from twind.bridge.ros.endpoints import (
     DIAGNOSTICS,
     E_STOP,
@@ -32,8 +32,8 @@ from twind.bridge.ros.endpoints import (
     TO_STOP,
     TOPICS,
     TRAJECTORY,
-    Service,
-    Topic,
+    RosService,
+    RosTopic,
 )
 from twind.bridge.ros.report import ERROR
 from twind.bridge.ros.transport import Asked, Heard, TransportError
@@ -54,18 +54,20 @@ class Paper:
     def __init__(self) -> None:
         self.said: dict[str, list[bytes]] = {}
         self.broken, self.opened, self.closed, self.dropped = "", 0, 0, 0
-        self.topics: Sequence[Topic] = ()
-        self.services: Sequence[Service] = ()
+        self.topics: Sequence[RosTopic] = ()
+        self.services: Sequence[RosService] = ()
         self.hang = threading.Event()
         self.hang.set()
 
-    def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
+    def open(
+        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+    ) -> None:
         if self.broken:
             raise TransportError(self.broken)
         self.topics, self.services, self.heard, self.asked = topics, services, heard, asked
         self.opened += 1
 
-    def publish(self, topic: Topic, data: bytes) -> None:
+    def publish(self, topic: RosTopic, data: bytes) -> None:
         if self.broken:
             raise TransportError(self.broken)
         self.said.setdefault(topic.name, []).append(data)
@@ -74,12 +76,12 @@ class Paper:
         self.hang.wait(20.0)
         self.closed += 1
 
-    def last(self, topic: Topic) -> Any:
+    def last(self, topic: RosTopic) -> Any:
         """The newest message of a topic, once there is one."""
         until(lambda: self.said.get(topic.name), 20.0, f"something on {topic.name}")
         return decode(topic.kind, self.said[topic.name][-1])
 
-    def words(self, topic: Topic) -> Any:
+    def words(self, topic: RosTopic) -> Any:
         return json.loads(self.last(topic)["data"])
 
 
@@ -88,14 +90,14 @@ class Run:
 
     def __init__(self, sockets: Path, **options: Any) -> None:
         self.graph, self.lines, self.stop = Paper(), list[str](), threading.Event()
-        self.course = Course(self.graph, str(sockets), tell=self.lines.append, stop=self.stop, **options)
+        self.course = RosBridge(self.graph, str(sockets), tell=self.lines.append, stop=self.stop, **options)
         self.code: int | None = None
         self._thread = threading.Thread(target=self._run)
 
     def _run(self) -> None:
         self.code = self.course.run()
 
-    def outcome(self, topic: Topic, data: bytes) -> Any:
+    def outcome(self, topic: RosTopic, data: bytes) -> Any:
         """What became of it."""
         before = len(self.graph.said.get(RESULTS.name, ()))
         self.graph.heard(topic, data)
@@ -182,7 +184,7 @@ def test_a_bridge_that_only_looks_does_the_e_stop_and_says_why_nothing_else(loop
 def test_over_a_back_end_without_commands_the_status_says_why(loop: StandIn) -> None:
     run = Run(loop.directory)
     run.graph.refuses = "this middleware loses commands"
-    run.course = Course(run.graph, str(loop.directory), tell=run.lines.append, stop=run.stop)
+    run.course = RosBridge(run.graph, str(loop.directory), tell=run.lines.append, stop=run.stop)
     with run:
         bridge = run.graph.words(STATUS)["bridge"]
         assert bridge["commands"] is False
@@ -309,7 +311,7 @@ def test_an_e_stop_does_not_wait_for_a_socket_whose_queue_is_full(loop: StandIn,
             each.setblocking(False)
             with suppress(BlockingIOError):
                 each.connect(str(tmp_path / "observe.sock"))
-        course = Course(Paper(), str(tmp_path), tell=print, stop=threading.Event())
+        course = RosBridge(Paper(), str(tmp_path), tell=print, stop=threading.Event())
         begun = time.monotonic()
         done, words = course._calls.e_stop("cut")
         assert done, words

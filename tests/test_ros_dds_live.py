@@ -16,9 +16,9 @@ from dds_domain import free_domain
 from processes import until
 from rosbags.typesys import Stores, get_typestore
 
-from twind.bridge.ros.dds import Dds
+from twind.bridge.ros.dds import DdsTransport
 from twind.bridge.ros.dds.names import GRAPH, dds_name
-from twind.bridge.ros.discovery import Discovery
+from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.endpoints import HW_JOINTS, SERVICES, STATUS, TOPICS
 from twind.ros import (
     JOINT_STATE,
@@ -42,12 +42,12 @@ STATUS_ON_DDS = ("rt/bridge/status", dds_type(STRING), True)
 GRAPH_ON_DDS = ("ros_discovery_info", dds_type(PARTICIPANT_ENTITIES), True)
 
 
-class Node(Dds):
+class Node(DdsTransport):
     """Ours, and what it told."""
 
     def __init__(self, domain: int, distro: str = "jazzy") -> None:
         self.told: list[str] = []
-        super().__init__(Discovery(domain=domain, distro=distro), self.told.append)
+        super().__init__(DiscoverySettings(domain=domain, distro=distro), self.told.append)
         self.open(TOPICS, SERVICES, lambda *_: None, lambda *_: (False, ""))
 
 

@@ -4,13 +4,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.discovery import LAST_DOMAIN, Discovery, DiscoveryError, Range, discovery
+from twind.bridge.ros.discovery import (
+    LAST_DOMAIN,
+    DiscoveryError,
+    DiscoveryRange,
+    DiscoverySettings,
+    discovery,
+)
 
 TEXTS = st.text(st.characters(exclude_characters="\0"), max_size=12)
 
 
 def test_without_a_variable_nothing_leaves_this_machine() -> None:
-    assert discovery({}) == Discovery(0, Range.LOCALHOST, (), "jazzy")
+    assert discovery({}) == DiscoverySettings(0, DiscoveryRange.LOCALHOST, (), "jazzy")
     assert discovery({}).local
 
 
@@ -23,7 +29,7 @@ def test_the_variables_of_ros_are_taken_as_ros_takes_them() -> None:
             "ROS_DISTRO": "humble",
         }
     )
-    assert found == Discovery(42, Range.SUBNET, ("192.168.0.1", "robot.local"), "humble")
+    assert found == DiscoverySettings(42, DiscoveryRange.SUBNET, ("192.168.0.1", "robot.local"), "humble")
     assert found.humble and not found.local
 
 

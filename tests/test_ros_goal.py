@@ -15,15 +15,15 @@ from twind.bridge.ros.goal import (
     LONGEST,
     NUMBERS,
     POINTS,
-    Heading,
-    Unfit,
+    CommandHeader,
+    InvalidRosCommand,
     heading,
     trajectory,
 )
 from twind.bridge.ros.orders import MORE
 from twind.front.server import LIMITS
 from twind.ros import JOINT_TRAJECTORY, encode, stamp
-from twind.ros.cdr import Source
+from twind.ros.cdr import CdrReader
 from twind.ros.joint_state import SECOND
 
 NOW = 1_795_000_000_000_000_000  # ns since 1970
@@ -40,7 +40,7 @@ def command(*points: dict[str, Any], when: int = 0, joints: Any = ("l_knee",), f
 
 
 def code_of(data: bytes) -> str:
-    with pytest.raises(Unfit) as refused:
+    with pytest.raises(InvalidRosCommand) as refused:
         trajectory(data, NOW)
     return str(refused.value.findings[0]["code"])
 
@@ -55,7 +55,7 @@ def test_stamp_zero_is_now_and_empty_columns_are_left_out() -> None:
 def test_a_future_stamp_waits_and_one_too_far_ahead_names_the_clock() -> None:
     assert trajectory(command(point(1.0), when=NOW + 2 * SECOND), NOW)["start_in"] == 2.0
     assert code_of(command(point(1.0), when=NOW + round(AHEAD * SECOND) + 1)) == "TOO_DISTANT"
-    with pytest.raises(Unfit, match=r"86400.000 s ahead of the robot's clock.*stamp 0 means now"):
+    with pytest.raises(InvalidRosCommand, match=r"86400.000 s ahead of the robot's clock.*stamp 0 means now"):
         trajectory(command(point(1.0), when=NOW + DAY), NOW)
 
 
@@ -65,7 +65,7 @@ def test_of_a_past_stamp_what_is_over_is_left_out_and_all_over_is_refused() -> N
     assert found["start_in"] == 0.0
     assert found["points"] == [{"positions": [0.3], "time_from_start": 1.0}]
     assert code_of(command(*points, when=NOW - 3 * SECOND)) == "CMD_EXPIRED"
-    with pytest.raises(Unfit, match=r"86397\.000 s in the past"):
+    with pytest.raises(InvalidRosCommand, match=r"86397\.000 s in the past"):
         trajectory(command(*points, when=NOW - DAY), NOW)
 
 
@@ -77,7 +77,7 @@ def test_whatever_is_left_of_a_past_command_happens_at_its_own_time(times: list[
     points = [point(0.0) | {"time_from_start": stamp(time)} for time in times]
     try:
         found = trajectory(command(*points, when=NOW - late), NOW)
-    except Unfit:
+    except InvalidRosCommand:
         assert times[-1] <= late
         return
     left = [time for time in times if time > late]
@@ -95,7 +95,7 @@ def test_of_a_past_command_out_of_order_nobody_knows_what_is_over() -> None:
 @pytest.mark.parametrize("column", ["positions", "velocities", "accelerations"])
 def test_a_number_that_is_none_is_named(column: str, value: float) -> None:
     row = {"positions": [0.1, 0.2], column: [0.0, value]}
-    with pytest.raises(Unfit, match=rf"r_knee, point 1: {column} is {value}"):
+    with pytest.raises(InvalidRosCommand, match=rf"r_knee, point 1: {column} is {value}"):
         trajectory(command(point(1.0, [0.1, 0.2]), point(2.0, **row), joints=("l_knee", "r_knee")), NOW)
 
 
@@ -112,8 +112,8 @@ def test_bytes_that_are_no_command_are_refused_with_what_is_wrong() -> None:
 @given(st.binary(max_size=200))
 def test_no_bytes_break_it(data: bytes) -> None:
     for each in (data, b"\x00\x01\x00\x00" + data):
-        assert heading(each) is None or isinstance(heading(each), Heading)
-        with contextlib.suppress(Unfit):
+        assert heading(each) is None or isinstance(heading(each), CommandHeader)
+        with contextlib.suppress(InvalidRosCommand):
             trajectory(each, NOW)
 
 
@@ -128,22 +128,22 @@ def test_what_the_socket_could_not_carry_is_refused_before_it_costs_anything() -
 def test_the_heading_is_read_without_the_rest() -> None:
     data = command(point(1.0), when=NOW, joints=("a", "b"), frame="mine")
     head = heading(data)
-    assert head == Heading(*divmod(NOW, SECOND), "mine", ("a", "b")) and head.time_ns == NOW
+    assert head == CommandHeader(*divmod(NOW, SECOND), "mine", ("a", "b")) and head.time_ns == NOW
     assert heading(data[:20]) is None
-    assert heading(data[:30]) == Heading(*divmod(NOW, SECOND), "mine")
+    assert heading(data[:30]) == CommandHeader(*divmod(NOW, SECOND), "mine")
 
 
 def test_whose_a_command_is_is_told_without_reading_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     read = list[str]()
-    text = Source.text
-    monkeypatch.setattr(Source, "text", lambda source: (read.append(""), text(source))[1])
+    text = CdrReader.text
+    monkeypatch.setattr(CdrReader, "text", lambda source: (read.append(""), text(source))[1])
     many = command(point(1.0), joints=[""] * 500_000, frame="mine", when=NOW)
-    assert heading(many) == Heading(*divmod(NOW, SECOND), "mine")
+    assert heading(many) == CommandHeader(*divmod(NOW, SECOND), "mine")
     assert len(read) <= FRONT // 4
     read.clear()
     assert code_of(many[:LONGEST]) == "FRAME_TOO_LARGE" and len(read) <= FRONT // 4
-    assert heading(command(joints=["a" * 1_000_000], frame="mine")) == Heading(frame="mine")
-    assert heading(command(frame="x" * 5000)) == Heading(0, 0, "x" * FRAME, ("l_knee",))
+    assert heading(command(joints=["a" * 1_000_000], frame="mine")) == CommandHeader(frame="mine")
+    assert heading(command(frame="x" * 5000)) == CommandHeader(0, 0, "x" * FRAME, ("l_knee",))
     assert heading(command(frame="x" * 1_000_000)) is None
 
 

@@ -8,7 +8,13 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from twind.bridge.ros.endpoints import SERVICES, TOPICS
-from twind.ros import PARTICIPANT_ENTITIES, DefinitionError, Definitions, dds_type, participant_entities
+from twind.ros import (
+    PARTICIPANT_ENTITIES,
+    DefinitionError,
+    MessageDefinitions,
+    dds_type,
+    participant_entities,
+)
 from twind.ros.definitions import EVENT_INFO, GID, KNOWN, NODE_ENTITIES
 from twind.ros.hashes import type_hash
 
@@ -58,12 +64,14 @@ def test_every_kind_of_field_is_hashed_as_rosbags_does() -> None:
     text = ODD.replace("char[5] letters\n", "")
     peer = get_typestore(Stores.EMPTY)
     peer.register(get_types_from_msg(text, "some_msgs/msg/Whole"))
-    assert type_hash(Definitions("some_msgs/msg/Whole", text)) == peer.hash_rihs01("some_msgs/msg/Whole")
+    assert type_hash(MessageDefinitions("some_msgs/msg/Whole", text)) == peer.hash_rihs01(
+        "some_msgs/msg/Whole"
+    )
 
 
 def test_a_char_is_hashed_as_the_uint8_that_it_is() -> None:
     with_char, with_number = (
-        Definitions("some_msgs/msg/Whole", text) for text in (ODD, ODD.replace("char", "uint8"))
+        MessageDefinitions("some_msgs/msg/Whole", text) for text in (ODD, ODD.replace("char", "uint8"))
     )
     assert type_hash(with_char) == type_hash(with_number)
 

@@ -6,14 +6,14 @@ import time
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.ros.goal import Heading
-from twind.bridge.ros.inbox import PACE, ROOM, Command, Inbox
+from twind.bridge.ros.goal import CommandHeader
+from twind.bridge.ros.inbox import PACE, ROOM, RosCommand, RosCommandQueue
 
 NAMES = st.sets(st.sampled_from("abcd"), min_size=1).map(lambda joints: tuple(sorted(joints)))
 
 
-def command(*joints: str, stamp: int = 0, frame: str = "", came: float = 0.0) -> Command:
-    return Command(b"", Heading(stamp, 0, frame, joints), came)
+def command(*joints: str, stamp: int = 0, frame: str = "", came: float = 0.0) -> RosCommand:
+    return RosCommand(b"", CommandHeader(stamp, 0, frame, joints), came)
 
 
 class StubClock:
@@ -25,7 +25,7 @@ class StubClock:
         return self.time
 
 
-def taken(inbox: Inbox, clock: StubClock, *, good: bool = True) -> list[Command]:
+def taken(inbox: RosCommandQueue, clock: StubClock, *, good: bool = True) -> list[RosCommand]:
     """All that waits, each when it is time for it. `good`: each is accepted."""
     found = []
     while True:
@@ -40,7 +40,7 @@ def taken(inbox: Inbox, clock: StubClock, *, good: bool = True) -> list[Command]
 
 def test_a_newer_command_for_the_same_joints_takes_the_place_of_one_that_waits() -> None:
     clock = StubClock()
-    inbox = Inbox(clock.now)
+    inbox = RosCommandQueue(clock.now)
     old, other, new = command("a"), command("b"), command("a", "c")
     for each in (old, other, new):
         assert inbox.put(each) == []
@@ -50,7 +50,7 @@ def test_a_newer_command_for_the_same_joints_takes_the_place_of_one_that_waits()
 
 def test_a_newer_command_that_is_refused_loses_none_that_waits() -> None:
     clock = StubClock()
-    inbox = Inbox(clock.now)
+    inbox = RosCommandQueue(clock.now)
     old, other, new = command("a"), command("b"), command("a", "c")
     for each in (old, other, new):
         inbox.put(each)
@@ -60,7 +60,7 @@ def test_a_newer_command_that_is_refused_loses_none_that_waits() -> None:
 
 def test_what_came_after_it_is_not_void_by_what_was_accepted() -> None:
     clock = StubClock()
-    inbox = Inbox(clock.now)
+    inbox = RosCommandQueue(clock.now)
     inbox.put(command("a"))
     clock.time += PACE
     first = inbox.take(0.0)
@@ -72,11 +72,11 @@ def test_what_came_after_it_is_not_void_by_what_was_accepted() -> None:
 
 def test_what_begins_later_or_is_waited_for_or_is_no_command_is_kept() -> None:
     clock = StubClock()
-    inbox = Inbox(clock.now)
+    inbox = RosCommandQueue(clock.now)
     later, followed, malformed, now = (
         command("a", stamp=7),
         command("a"),
-        Command(b"x", None, 0.0),
+        RosCommand(b"x", None, 0.0),
         command("a"),
     )
     followed.told = lambda result: None
@@ -91,7 +91,7 @@ def test_whatever_comes_few_wait_the_newest_is_among_them_and_all_are_counted(
     asked: list[tuple[tuple[str, ...], int]],
 ) -> None:
     clock = StubClock()
-    inbox = Inbox(clock.now)
+    inbox = RosCommandQueue(clock.now)
     commands = [command(*joints, stamp=stamp) for joints, stamp in asked]
     for each in commands:
         inbox.put(each)
@@ -108,7 +108,7 @@ def test_whatever_comes_few_wait_the_newest_is_among_them_and_all_are_counted(
 
 
 def test_of_those_that_find_no_room_whoever_waits_to_hear_of_them_is_told() -> None:
-    inbox = Inbox(StubClock().now)
+    inbox = RosCommandQueue(StubClock().now)
     first = command("a", stamp=1)
     first.told = lambda result: None
     gone = [inbox.put(each) for each in [first, *(command("a", stamp=2 + place) for place in range(ROOM))]]
@@ -117,7 +117,7 @@ def test_of_those_that_find_no_room_whoever_waits_to_hear_of_them_is_told() -> N
 
 def test_two_are_taken_no_closer_together_than_the_daemon_wants_them() -> None:
     clock = StubClock()
-    inbox = Inbox(clock.now)
+    inbox = RosCommandQueue(clock.now)
     inbox.put(command("a"))
     inbox.put(command("b"))
     assert inbox.take(0.0) is not None
@@ -129,18 +129,18 @@ def test_two_are_taken_no_closer_together_than_the_daemon_wants_them() -> None:
 
 def test_drops_are_told_once_a_second_at_most() -> None:
     clock = StubClock()
-    inbox = Inbox(clock.now)
+    inbox = RosCommandQueue(clock.now)
     for place in range(ROOM + 2):
         inbox.put(command("a", stamp=7, frame=str(place)))
-    assert inbox.dropped() == (2, Heading(7, 0, "1", ("a",)))
+    assert inbox.dropped() == (2, CommandHeader(7, 0, "1", ("a",)))
     inbox.put(command("a", stamp=7))
     assert inbox.dropped() is None
     clock.time += 1.0
-    assert inbox.dropped() == (1, Heading(7, 0, "2", ("a",)))
+    assert inbox.dropped() == (1, CommandHeader(7, 0, "2", ("a",)))
 
 
 def test_whoever_waits_for_a_command_is_woken() -> None:
-    inbox, begun = Inbox(), time.monotonic()
+    inbox, begun = RosCommandQueue(), time.monotonic()
     inbox.wake()
     assert inbox.take(20.0) is None
     assert time.monotonic() - begun < 20.0
@@ -148,11 +148,11 @@ def test_whoever_waits_for_a_command_is_woken() -> None:
 
 def test_whoever_waits_for_the_time_of_the_next_is_woken_too_but_not_by_those_that_come() -> None:
     clock = StubClock()  # which stands still: the time never comes
-    inbox = Inbox(clock.now)
+    inbox = RosCommandQueue(clock.now)
     inbox.put(command("a"))
     assert inbox.take(0.0) is not None
     clock.time -= 30.0
-    begun, found = time.monotonic(), list[Command | None]()
+    begun, found = time.monotonic(), list[RosCommand | None]()
     waiting = threading.Thread(target=lambda: found.append(inbox.take(20.0)))
     waiting.start()
     for place in range(3):

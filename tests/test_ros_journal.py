@@ -4,7 +4,7 @@ import threading
 
 from processes import until
 
-from twind.bridge.ros.journal import ROOM, Journal, line
+from twind.bridge.ros.journal import ROOM, CommandJournal, line
 
 
 def test_a_line_has_what_whose_and_why() -> None:
@@ -22,7 +22,7 @@ def test_a_reader_that_hangs_holds_up_nobody_and_what_had_no_room_is_counted() -
         go_on.wait(20.0)
         lines.append(line)
 
-    journal = Journal(slow)
+    journal = CommandJournal(slow)
     journal.start()
     for number in range(10 * ROOM):
         journal.note({"topic": "/x", "phase": str(number)})

@@ -22,9 +22,9 @@ from twind.ros import (
     STRING,
     TRIGGER,
     CdrError,
-    Definitions,
     JointStateBuffer,
     JointStateLayout,
+    MessageDefinitions,
     decode,
     definition_text,
     encode,
@@ -215,16 +215,16 @@ def test_the_definitions_of_others_are_read_too() -> None:
         + "=" * 80
         + "\nMSG: some_msgs/Part\nbool on true\n"
     )
-    found = Definitions("some_msgs/msg/Whole", text)
+    found = MessageDefinitions("some_msgs/msg/Whole", text)
     message = {"name": "x", "axis": [1.0, 2.0, 3.5], "bits": [1, 2], "parts": [{"on": True}, {"on": False}]}
     assert decode(found, encode(found, message)) == message
     assert decode(found, encode(found, {}))["axis"] == [0.0, 0.0, 0.0]
     with pytest.raises(CdrError, match="axis: 2 values, must be 3"):
         encode(found, {"axis": [1.0, 2.0]})
     with pytest.raises(DefinitionError, match="other_msgs/msg/Gone: not defined"):
-        encode(Definitions("a/msg/B", "other_msgs/Gone x"), {})
+        encode(MessageDefinitions("a/msg/B", "other_msgs/Gone x"), {})
     with pytest.raises(DefinitionError, match="has no fields"):
-        encode(Definitions("std_msgs/msg/Empty", ""), {})
+        encode(MessageDefinitions("std_msgs/msg/Empty", ""), {})
 
 
 @pytest.mark.parametrize(("store", "width"), [(Stores.ROS2_HUMBLE, 24), (Stores.ROS2_JAZZY, 16)])

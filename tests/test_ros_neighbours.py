@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from twind.bridge.ros.neighbours import MOST, SILENT, Neighbours
+from twind.bridge.ros.neighbours import MOST, SILENT, PeerBridges
 from twind.ros import STRING, encode
 
 
@@ -15,7 +15,7 @@ def said(**bridge: Any) -> bytes:
 
 def test_another_that_takes_commands_is_named_with_the_remedy_until_it_is_silent() -> None:
     time = [100.0]
-    neighbours = Neighbours(lambda: time[0])
+    neighbours = PeerBridges(lambda: time[0])
     neighbours.heard(said(id="abc", commands=True))
     assert "right (bridge abc)" in neighbours.wrong() and "ROS_DOMAIN_ID" in neighbours.wrong()
     time[0] += SILENT
@@ -23,7 +23,7 @@ def test_another_that_takes_commands_is_named_with_the_remedy_until_it_is_silent
 
 
 def test_neither_ourselves_nor_who_only_looks_nor_who_ended_is_another() -> None:
-    neighbours = Neighbours()
+    neighbours = PeerBridges()
     neighbours.heard(said(id=neighbours.id, commands=True))
     neighbours.heard(said(id="looks", commands=False))
     neighbours.heard(said(id="ends", commands=True))
@@ -33,14 +33,14 @@ def test_neither_ourselves_nor_who_only_looks_nor_who_ended_is_another() -> None
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"bridge": 7}', '{"bridge": null}', "[" * 100_000])
 def test_what_is_no_status_is_nobody(text: str) -> None:
-    neighbours = Neighbours()
+    neighbours = PeerBridges()
     neighbours.heard(encode(STRING, {"data": text}))
     neighbours.heard(text.encode())
     assert not neighbours.wrong()
 
 
 def test_of_many_some_are_kept() -> None:
-    neighbours = Neighbours()
+    neighbours = PeerBridges()
     for number in range(10 * MOST):
         neighbours.heard(said(id=str(number), commands=True))
     assert neighbours.wrong().count("(bridge ") == MOST

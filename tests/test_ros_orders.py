@@ -10,7 +10,7 @@ from told_line import ToldDaemon, ended, ended_in_words, moving
 from twind.bridge.ros import orders
 from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.inbox import PACE, ROOM
-from twind.bridge.ros.orders import MORE, PATIENT, Orders
+from twind.bridge.ros.orders import MORE, PATIENT, TrajectoryDispatcher
 
 FAR: Any = ("Refused", {"findings": [{"code": "POS_LIMIT", "joint": "l_knee", "message": "l_knee: 9 rad"}]})
 HELD: Any = ("LeaseHeld", {"lease": {"holder": "uid 7, pid 8", "uid": 7, "expires_in": 0.5}})
@@ -24,7 +24,9 @@ class Desk:
     def __init__(self) -> None:
         self.time, self.daemon = 100.0, ToldDaemon()
         self.results: list[dict[str, Any]] = []
-        self.orders = Orders(self.daemon.client, self.results.append, lambda: NOW, lambda: self.time)
+        self.orders = TrajectoryDispatcher(
+            self.daemon.client, self.results.append, lambda: NOW, lambda: self.time
+        )
 
     def after(self, seconds: float = PACE) -> list[str]:
         """The phases that were told meanwhile."""

@@ -122,16 +122,16 @@ def test_what_make_ros_built_is_found_after_every_other_and_only_for_its_distrib
 def test_an_rclpy_that_loads_has_no_fault_and_one_that_does_not_has_a_reason(tmp_path: Path) -> None:
     python = interpreters.python("3.12")
     stand_in = Path(__file__).parent / "ros_stand_in"
-    loads = launcher.Distribution(python, PATH | {"PYTHONPATH": str(stand_in)})
+    loads = launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(stand_in)})
     assert launcher.fault(loads) == ""
-    assert "rclpy does not load under" in launcher.fault(launcher.Distribution(python, PATH))
+    assert "rclpy does not load under" in launcher.fault(launcher.RosDistribution(python, PATH))
     ends = "import os, sys; print('a library is old', file=sys.stderr, flush=True); os._exit(102)"
     for package in ("rclpy", "rcl_interfaces"):
         (tmp_path / package).mkdir()
         (tmp_path / package / "__init__.py").write_text(ends)
-    broken = launcher.Distribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
+    broken = launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
     assert launcher.fault(broken) == f"rclpy of {python} is not used: a library is old"
-    missing = launcher.Distribution(str(tmp_path / "python"), PATH)
+    missing = launcher.RosDistribution(str(tmp_path / "python"), PATH)
     assert "No such file" in launcher.fault(missing)
 
 
@@ -140,7 +140,7 @@ def test_the_check_starts_no_bridge_and_names_a_message_package_that_is_missing(
     for each in (Path(__file__).parent / "ros_stand_in").iterdir():
         if each.name != "diagnostic_msgs":
             (tmp_path / each.name).symlink_to(each)
-    found = launcher.Distribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
+    found = launcher.RosDistribution(python, PATH | {"PYTHONPATH": str(tmp_path)})
     assert "no diagnostic_msgs/msg/DiagnosticArray" in launcher.fault(found)
 
 

@@ -16,7 +16,7 @@ HOST = """
 import json, os, sys, time
 from twind.bridge.ros.discovery import discovery
 from twind.bridge.ros.endpoints import HW_JOINTS, SERVICES, STATUS, TO_MODE, TOPICS, TRAJECTORY
-from twind.bridge.ros.rclpy_node import Rclpy
+from twind.bridge.ros.rclpy_node import RclpyTransport
 from twind.bridge.ros.transport import TransportError
 from twind.ros import JOINT_STATE, STRING, encode
 
@@ -39,7 +39,7 @@ def begin(node):
     node.open(TOPICS, SERVICES, hear, asked)
     node.publish(STATUS, encode(STRING, {"data": json.dumps({"mode": "sim"})}))
 
-node = Rclpy(discovery(os.environ), told.append)
+node = RclpyTransport(discovery(os.environ), told.append)
 begin(node)
 print("ready", flush=True)
 for line in sys.stdin:
@@ -124,9 +124,9 @@ from types import SimpleNamespace
 import rclpy
 from control_msgs.action import FollowJointTrajectory
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from twind.bridge.ros.rclpy_follow import Follow
+from twind.bridge.ros.rclpy_follow import TrajectoryActionServer
 rclpy.init()
-follow = Follow(rclpy.create_node("feedback"), FollowJointTrajectory, None, None)
+follow = TrajectoryActionServer(rclpy.create_node("feedback"), FollowJointTrajectory, None, None)
 told = []
 goal = SimpleNamespace(trajectory=SimpleNamespace(joint_names=["a"]))
 joints = [{"name": "a", "goal": 0.5, "simulated": 0.25}]

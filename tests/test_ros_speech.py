@@ -16,14 +16,14 @@ from twind.bridge.ros.endpoints import (
     JOINTS,
     MIRRORED_JOINTS,
     SIM_JOINTS,
-    Topic,
+    RosTopic,
 )
-from twind.bridge.ros.speech import SHAPES, Message, Speech
-from twind.client.clocks import SECOND, Clocks
+from twind.bridge.ros.speech import SHAPES, Message, RosStateMessages
+from twind.client.clocks import SECOND, ClockPair
 from twind.ros import JOINT_STATE, JOINT_TRAJECTORY, decode, stamp
 from twind.ros.joint_state import LAST
 
-CLOCKS = Clocks(100.0, 1_795_000_000_000_000_000)
+CLOCKS = ClockPair(100.0, 1_795_000_000_000_000_000)
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -31,13 +31,13 @@ def state(rows: list[dict[str, Any]], time: float = 101.0, mode: str = "live", *
     return {"topic": "state", "time": time, "dropped": 0, "joints": rows, "mode": mode, **more}
 
 
-def said(messages: list[Message]) -> dict[Topic, dict[str, Any]]:
+def said(messages: list[Message]) -> dict[RosTopic, dict[str, Any]]:
     assert len({topic for topic, _ in messages}) == len(messages)
     return {topic: decode(topic.kind, data) for topic, data in messages}
 
 
-def bridged(connected: bool, mode: str) -> Speech:
-    speech = Speech()
+def bridged(connected: bool, mode: str) -> RosStateMessages:
+    speech = RosStateMessages()
     speech.status({"mode": mode, "hw_connected": connected})
     return speech
 
@@ -72,7 +72,7 @@ def test_whoever_was_heard_is_there_and_the_stamp_is_when_the_last_of_them_was(
     ("mode", "simulated"), [("sim", SIM_JOINTS), ("mirror", MIRRORED_JOINTS), ("live", SIM_JOINTS)]
 )
 def test_each_mode_says_what_it_simulates_by_its_own_name_and_what_it_measures_if_anything(
-    mode: str, simulated: Topic, connected: bool
+    mode: str, simulated: RosTopic, connected: bool
 ) -> None:
     rows = joints() if connected or mode == "sim" else joints(**{name: {"heard": False} for name in NAMES})
     found = said(bridged(connected, mode).state(state(rows, mode=mode), CLOCKS))
@@ -111,14 +111,14 @@ def test_rosbags_reads_the_same() -> None:
 def test_a_clock_that_is_set_is_seen_in_the_next_stamp() -> None:
     speech, day = bridged(True, "live"), 86_400 * SECOND
     first = said(speech.state(state(joints()), CLOCKS))[JOINTS]["header"]["stamp"]
-    other = Clocks(CLOCKS.monotonic, CLOCKS.wall_ns - day)
+    other = ClockPair(CLOCKS.monotonic, CLOCKS.wall_ns - day)
     second = said(speech.state(state(joints(), time=101.01), other))[JOINTS]["header"]["stamp"]
     assert first["sec"] - second["sec"] in (86_399, 86_400)
 
 
 @pytest.mark.parametrize("wall", [-5 * SECOND, 2 * LAST])
 def test_a_clock_beyond_all_stamps_is_the_first_or_the_last_stamp(wall: int) -> None:
-    message = said(bridged(True, "live").state(state(joints()), Clocks(101.0, wall)))[JOINTS]
+    message = said(bridged(True, "live").state(state(joints()), ClockPair(101.0, wall)))[JOINTS]
     assert message["header"]["stamp"] == stamp(min(max(wall, 0), LAST))
 
 
@@ -136,7 +136,7 @@ def test_what_passed_the_gate_is_a_trajectory_that_begins_at_its_stamp() -> None
     points = [{"positions": [0.5], "velocities": [0.0], "time_from_start": 1.5}]
     path = {"joint_names": ["l_knee"], "points": points, "start_in": 2.0}
     answer = {"topic": "trajectories", "time": 101.0, "accepted": {"id": "x1", "trajectory": path}}
-    ((topic, data),) = Speech().accepted(answer, CLOCKS)
+    ((topic, data),) = RosStateMessages().accepted(answer, CLOCKS)
     message = decode(JOINT_TRAJECTORY, data)
     assert topic is ACCEPTED and message["header"] == {"stamp": stamp(CLOCKS.wall(103.0)), "frame_id": "x1"}
     assert message["points"][0]["time_from_start"] == stamp(1_500_000_000)

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from twind.bridge.ros import choice, verb
-from twind.bridge.ros.discovery import Discovery, Range
+from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
 from twind.ctl.extras import how_to_add
 from twind.ctl.main import main
 from twind.ctl.verb import UsageError
@@ -73,25 +73,35 @@ def test_a_package_that_is_missing_is_named_with_its_remedy(
     monkeypatch.setattr(verb, "find_spec", lambda name: None)
     module = verb.BACK_ENDS[name][1][0]
     with pytest.raises(UsageError, match=rf"needs {module}.*{re.escape(how_to_add('ros'))}"):
-        verb.made(options("--backend", name), Discovery())
+        verb.made(options("--backend", name), DiscoverySettings())
 
 
 @pytest.mark.parametrize("name", verb.BACK_ENDS)
 def test_the_extra_of_this_environment_has_every_module_that_is_needed(name: str) -> None:
     pytest.importorskip(verb.BACK_ENDS[name][1][0], reason="no wheel for this machine")
-    assert bool(verb.made(options("--backend", name), Discovery()).refuses) == (name == "dds")
+    assert bool(verb.made(options("--backend", name), DiscoverySettings()).refuses) == (name == "dds")
 
 
 @pytest.mark.parametrize(
     ("graph", "words", "said"),
     [
-        (Discovery(), [], "domain 0: this machine; this machine may move the robot"),
-        (Discovery(5), ["--no-commands"], "domain 5: this machine; look only: --no-commands"),
-        (Discovery(0, Range.SUBNET, ("10.0.0.1",)), [], "this network (SUBNET, 10.0.0.1) may move the robot"),
-        (Discovery(0, Range.LOCALHOST, ("10.0.0.1",)), [], "this network (LOCALHOST, 10.0.0.1) may move"),
+        (DiscoverySettings(), [], "domain 0: this machine; this machine may move the robot"),
+        (DiscoverySettings(5), ["--no-commands"], "domain 5: this machine; look only: --no-commands"),
+        (
+            DiscoverySettings(0, DiscoveryRange.SUBNET, ("10.0.0.1",)),
+            [],
+            "this network (SUBNET, 10.0.0.1) may move the robot",
+        ),
+        (
+            DiscoverySettings(0, DiscoveryRange.LOCALHOST, ("10.0.0.1",)),
+            [],
+            "this network (LOCALHOST, 10.0.0.1) may move",
+        ),
     ],
 )
-def test_it_says_first_who_may_do_what(graph: Discovery, words: list[str], said: str, tmp_path: Path) -> None:
+def test_it_says_first_who_may_do_what(
+    graph: DiscoverySettings, words: list[str], said: str, tmp_path: Path
+) -> None:
     given: Any = options("--backend", "rclpy", *words)
     given.socket = str(tmp_path)
     assert said in verb._headline(given, graph)
@@ -103,10 +113,10 @@ def test_over_dds_the_first_line_says_that_no_command_is_taken_and_by_which_back
     pytest.importorskip("cyclonedds", reason="no wheel for this machine")
     lines: list[str] = []
     monkeypatch.setattr(verb, "tell", lines.append)
-    monkeypatch.setattr("twind.bridge.ros.course.Course.run", lambda course: 0)
+    monkeypatch.setattr("twind.bridge.ros.course.RosBridge.run", lambda course: 0)
     given: Any = options("--backend", "dds")
     given.socket = str(tmp_path)
-    assert verb._bridge(given, Discovery(5), threading.Event()) == 0
+    assert verb._bridge(given, DiscoverySettings(5), threading.Event()) == 0
     assert lines[0].startswith(
         "ROS 2 by dds, domain 5: this machine; look only: DDS without ROS takes no commands"
     )

@@ -17,7 +17,7 @@ from ros_zenoh_peer import Peer
 from ros_zenoh_us import Us, joined
 from zenoh_router import Router
 
-from twind.bridge.ros.discovery import Discovery
+from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.endpoints import (
     DIAGNOSTICS,
     HW_JOINTS,
@@ -28,14 +28,14 @@ from twind.bridge.ros.endpoints import (
     STOP,
     TOPICS,
     TRAJECTORY,
-    Topic,
+    RosTopic,
 )
 from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
-from twind.bridge.ros.zenoh import Zenoh
+from twind.bridge.ros.zenoh import ZenohTransport
 from twind.bridge.ros.zenoh.attachment import attachment
 from twind.bridge.ros.zenoh.names import gid
-from twind.bridge.ros.zenoh.node import Writer
+from twind.bridge.ros.zenoh.node import ZenohWriter
 from twind.ros import FLOATS, JOINT_TRAJECTORY, STRING, JointStateBuffer, decode, encode
 
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")
@@ -63,7 +63,7 @@ def us(router: Router, peer: Peer) -> Iterator[Us]:
         yield us
 
 
-def heard(peer: Peer, topic: Topic) -> list[str]:
+def heard(peer: Peer, topic: RosTopic) -> list[str]:
     return [each["data"] for each in peer.ask("heard", topic=topic.name)]
 
 
@@ -73,13 +73,13 @@ def endpoints(peer: Peer) -> dict[str, dict[str, str]]:
     return {each["qualified_name"]: each for each in told}
 
 
-def hears(us: Us, peer: Peer, topic: Topic) -> None:
+def hears(us: Us, peer: Peer, topic: RosTopic) -> None:
     """The peer hears a topic: what is said now comes."""
     peer.ask("hear", topic=topic.name, kind=topic.kind)
     comes(us, peer, topic, "there?")
 
 
-def comes(us: Us, peer: Peer, topic: Topic, text: str) -> None:
+def comes(us: Us, peer: Peer, topic: RosTopic, text: str) -> None:
     """Said again and again, it is heard: what finds no room on the way is dropped."""
 
     def came() -> bool:
@@ -196,7 +196,7 @@ def test_messages_of_several_threads_go_out_in_the_order_of_their_numbers() -> N
             self.sent.append(number)
 
     channel: Any = Slow()
-    writer = Writer(channel, bytes(16), labelled=False)
+    writer = ZenohWriter(channel, bytes(16), labelled=False)
     threads = [threading.Thread(target=writer.put, args=(b"x",)) for _ in range(3)]
     for thread in threads:
         thread.start()
@@ -215,7 +215,7 @@ def test_beside_each_message_are_its_number_its_time_and_the_id_of_its_publisher
         json.dumps({"mode": "client", "connect": {"endpoints": [router.endpoint]}, "scouting": QUIET})
     )
     domain = 100 + labelled  # nobody else's
-    node = Zenoh(Discovery(domain), lambda line: None, router.endpoint, labelled=labelled)
+    node = ZenohTransport(DiscoverySettings(domain), lambda line: None, router.endpoint, labelled=labelled)
     with zenoh.open(config) as session:
         samples = session.declare_subscriber(f"{domain}/bridge/results/**")
         node.open([RESULTS], [], lambda topic, data: None, lambda service, data: (True, ""))

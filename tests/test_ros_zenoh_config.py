@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from twind.bridge.ros.discovery import Discovery
+from twind.bridge.ros.discovery import DiscoverySettings
 from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
-from twind.bridge.ros.zenoh import Zenoh
+from twind.bridge.ros.zenoh import ZenohTransport
 from twind.bridge.ros.zenoh.config import CONFIG, OVERRIDE, session_config
 
 
@@ -67,8 +67,8 @@ def test_a_variable_that_does_not_count_over_zenoh_is_told(
     told: list[str] = []
     for each in ("ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS"):
         monkeypatch.delenv(each, raising=False)
-    Zenoh(Discovery(), told.append)
+    ZenohTransport(DiscoverySettings(), told.append)
     assert told == []
     monkeypatch.setenv(name, value)
-    Zenoh(Discovery(), told.append)
+    ZenohTransport(DiscoverySettings(), told.append)
     assert told == [f"zenoh: {name}: not heeded here; who reaches the router is in the graph"]

@@ -11,10 +11,10 @@ from twind.bridge.ros.endpoints import (
     STATUS,
     TOPICS,
     TRAJECTORY,
-    Service,
-    Topic,
+    RosService,
+    RosTopic,
 )
-from twind.bridge.ros.zenoh.names import Names, gid
+from twind.bridge.ros.zenoh.names import ZenohNames, gid
 from twind.ros import type_hash
 
 ZID = "fd92a319fe4fc447f778cdc2607d8327"
@@ -22,31 +22,31 @@ sdk = pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it n
 
 
 def test_a_key_is_domain_topic_type_and_hash() -> None:
-    assert Names(42, ZID).key(HW_JOINTS) == (
+    assert ZenohNames(42, ZID).key(HW_JOINTS) == (
         "42/hw/joint_states/sensor_msgs::msg::dds_::JointState_/"
         "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"
     )
 
 
 def test_among_nodes_of_humble_a_word_stands_in_place_of_the_hash() -> None:
-    names = Names(0, ZID, hashed=False)
+    names = ZenohNames(0, ZID, hashed=False)
     assert names.key(STATUS) == "0/bridge/status/std_msgs::msg::dds_::String_/TypeHashNotSupported"
     assert "/TypeHashNotSupported/1:" in names.token(3, STATUS)
 
 
 @pytest.mark.parametrize("endpoint", [*TOPICS, *SERVICES], ids=lambda each: each.name)
-def test_keys_and_tokens_are_those_that_the_peer_builds(endpoint: Topic | Service) -> None:
+def test_keys_and_tokens_are_those_that_the_peer_builds(endpoint: RosTopic | RosService) -> None:
     from zenoh_ros2_sdk.entity import EndpointEntity, EntityKind, NodeEntity
     from zenoh_ros2_sdk.keyexpr import endpoint_liveliness_keyexpr, node_liveliness_keyexpr, topic_keyexpr
     from zenoh_ros2_sdk.qos import QosDurability, QosProfile
     from zenoh_ros2_sdk.utils import ros2_to_dds_type
 
-    names, kind = Names(7, ZID), ros2_to_dds_type(endpoint.kind)
+    names, kind = ZenohNames(7, ZID), ros2_to_dds_type(endpoint.kind)
     node = NodeEntity(7, ZID, 0, "twind")
     assert names.node_token() == node_liveliness_keyexpr(node)
     assert names.key(endpoint) == topic_keyexpr(7, endpoint.name, kind, type_hash(endpoint.kind))
     what, latched, depth = EntityKind.SERVICE, False, 10
-    if isinstance(endpoint, Topic):
+    if isinstance(endpoint, RosTopic):
         what = EntityKind.PUBLISHER if endpoint.out else EntityKind.SUBSCRIPTION
         latched, depth = endpoint.latched, endpoint.depth
     token = names.token(9, endpoint)
@@ -58,14 +58,14 @@ def test_keys_and_tokens_are_those_that_the_peer_builds(endpoint: Topic | Servic
 
 
 def test_each_endpoint_says_what_it_is() -> None:
-    names = Names(0, ZID)
+    names = ZenohNames(0, ZID)
     kinds = [names.token(1, each).split("/")[5] for each in (STATUS, TRAJECTORY, SET_LIVE)]
     assert kinds == ["MP", "MS", "SS"]
 
 
 @given(st.integers(1, 10_000), st.integers(1, 10_000))
 def test_ids_are_sixteen_bytes_and_as_unlike_as_the_tokens(one: int, other: int) -> None:
-    names = Names(0, ZID)
+    names = ZenohNames(0, ZID)
     ids = [gid(names.token(number, STATUS)) for number in (one, other)]
     assert [len(each) for each in ids] == [16, 16]
     assert (ids[0] == ids[1]) == (one == other)

@@ -15,9 +15,9 @@ from twind.bridge.ros.endpoints import (
     TO_E_STOP,
     TO_STOP,
     TRAJECTORY,
-    Service,
+    RosService,
 )
-from twind.bridge.ros.zenoh.attachment import Attachment, attachment
+from twind.bridge.ros.zenoh.attachment import ZenohAttachment, attachment
 from twind.ros import JOINT_TRAJECTORY, SET_BOOL, TRIGGER, decode, encode
 
 pytest.importorskip("zenoh_ros2_sdk", reason="no zenoh-ros2-sdk here (it needs git)")
@@ -56,7 +56,7 @@ def test_services_answer_with_what_is_said(us: Us, peer: Peer) -> None:
 def test_a_reply_says_whose_request_it_answers_in_the_form_of_the_request(
     us: Us, peer: Peer, labelled: bool
 ) -> None:
-    asked = Attachment(77, 5, bytes(range(16)), labelled)
+    asked = ZenohAttachment(77, 5, bytes(range(16)), labelled)
     request = encode(f"{SET_BOOL}_Request", {"data": True}).hex()
     told = peer.ask(
         "query", service=SET_LIVE.name, kind=SET_BOOL, data=request, attachment=asked.pack().hex()
@@ -72,7 +72,7 @@ def test_a_reply_says_whose_request_it_answers_in_the_form_of_the_request(
 
 def test_a_request_that_cannot_be_read_asks_for_nothing_and_is_refused_in_words(us: Us, peer: Peer) -> None:
     us.asked.clear()
-    beside = Attachment(1, 1, bytes(16)).pack().hex()
+    beside = ZenohAttachment(1, 1, bytes(16)).pack().hex()
     for data in ("", "00010000", "ffff000001", "00010000" + "01" * 20):
         told = peer.ask("query", service=SET_LIVE.name, kind=SET_BOOL, data=data, attachment=beside)
         answer = decode(f"{SET_BOOL}_Response", bytes.fromhex(told["data"]))
@@ -84,10 +84,10 @@ def test_a_request_that_cannot_be_read_asks_for_nothing_and_is_refused_in_words(
 
 
 @pytest.mark.parametrize("service", [TO_STOP, TO_E_STOP])
-@pytest.mark.parametrize("beside", [None, "00" * 33, Attachment(1, 1, bytes(16)).pack().hex()])
+@pytest.mark.parametrize("beside", [None, "00" * 33, ZenohAttachment(1, 1, bytes(16)).pack().hex()])
 @pytest.mark.parametrize("data", ["", "00010000", "0007000000", "ff" * 40])
 def test_a_stop_is_a_stop_whatever_its_bytes(
-    us: Us, peer: Peer, service: Service, beside: str | None, data: str
+    us: Us, peer: Peer, service: RosService, beside: str | None, data: str
 ) -> None:
     us.asked.clear()
     told = peer.ask("query", service=service.name, kind=TRIGGER, data=data, attachment=beside)

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code
-from twind.robot.limits import Limits
+from twind.robot.finding import ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import Demand, check
-from twind.safety.rules import Subject, Thresholds, judge, relaxed, some, start
+from twind.safety.gate import TrajectoryRequest, check
+from twind.safety.rules import CurveSubject, GateThresholds, judge, relaxed, some, start
 
-CURVE = {Code.POS_LIMIT, Code.VEL_LIMIT, Code.ACC_LIMIT, Code.BRAKE_DISTANCE}
+CURVE = {ReasonCode.POS_LIMIT, ReasonCode.VEL_LIMIT, ReasonCode.ACC_LIMIT, ReasonCode.BRAKE_DISTANCE}
 LIMITS = st.sampled_from(
     (
         w.limits(),
@@ -29,7 +29,7 @@ LIMITS = st.sampled_from(
 
 @settings(max_examples=150, deadline=None)
 @given(w.paths(), w.REFERENCES, LIMITS)
-def test_the_gate_and_the_exact_oracle_agree(path: Trajectory, before: Reference, limit: Limits) -> None:
+def test_the_gate_and_the_exact_oracle_agree(path: Trajectory, before: Reference, limit: JointLimits) -> None:
     judged = w.codes(w.ask(path, limit, before)) & CURVE
     seen = w.oracle_faults(path, before, limit)
     assert seen <= judged
@@ -37,11 +37,11 @@ def test_the_gate_and_the_exact_oracle_agree(path: Trajectory, before: Reference
 
 @settings(max_examples=100, deadline=None)
 @given(w.paths(), LIMITS)
-def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, limit: Limits) -> None:
+def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, limit: JointLimits) -> None:
     judged = w.ask(path, limit)
     before = w.at_rest(path.position[0])
     for finding in judged.verdict.refusals:
-        if finding.code not in CURVE or (path.velocity is None and finding.code is Code.ACC_LIMIT):
+        if finding.code not in CURVE or (path.velocity is None and finding.code is ReasonCode.ACC_LIMIT):
             continue
         segments = w.oracle_segments(path, before, finding.joint)
         starts = np.cumsum([0.0] + [float(T) for T, _ in segments]) + (
@@ -53,14 +53,16 @@ def test_a_finding_names_a_place_of_the_curve_that_is_outside(path: Trajectory, 
             s = w.Fraction(finding.time - starts[i])
             p, v, a = (float(w._value(segments[i][1], s, d)) for d in range(3))
             near.append(
-                {Code.POS_LIMIT: p, Code.VEL_LIMIT: abs(v), Code.ACC_LIMIT: abs(a)}.get(finding.code, abs(v))
+                {ReasonCode.POS_LIMIT: p, ReasonCode.VEL_LIMIT: abs(v), ReasonCode.ACC_LIMIT: abs(a)}.get(
+                    finding.code, abs(v)
+                )
             )
         if finding.time == 0.0 == path.time[0] and path.velocity is not None and len(path.time) > 1:
             step = abs(path.velocity[0, finding.joint] - before.velocity[finding.joint])
             near.append(step / (0.5 * path.time[1]))  # the step at the start, as at a corner of lines (S20)
         if segments:
             assert min(abs(value - finding.value) for value in near) < 1e-6 * (1.0 + abs(finding.value))
-            assert abs(finding.value) >= abs(finding.bound) or finding.code is Code.POS_LIMIT
+            assert abs(finding.value) >= abs(finding.bound) or finding.code is ReasonCode.POS_LIMIT
 
 
 @settings(max_examples=40, deadline=None)
@@ -83,14 +85,14 @@ def test_limits_a_hair_above_the_largest_values_pass(path: Trajectory, joint: in
         lower=low[:, 0] - slack[0], upper=top[:, 0] + slack[0], velocity=fast[:, 1], acceleration=fast[:, 2]
     )
     refused = w.codes(w.ask(path, wide))
-    assert Code.POS_LIMIT not in refused
-    assert Code.VEL_LIMIT not in refused
+    assert ReasonCode.POS_LIMIT not in refused
+    assert ReasonCode.VEL_LIMIT not in refused
     if path.velocity is not None and path.time[0] > 0.0:
-        assert Code.ACC_LIMIT not in refused
+        assert ReasonCode.ACC_LIMIT not in refused
     if path.position[:, joint].max() <= before.position[joint]:
         return  # it only comes in from there, which is allowed
     row = top[joint, 0] - 1e-9
-    assert Code.POS_LIMIT in w.codes(
+    assert ReasonCode.POS_LIMIT in w.codes(
         w.ask(path, replace(wide, upper=np.where(np.arange(2) == joint, row, wide.upper)))
     )
 
@@ -114,8 +116,8 @@ def test_tightening_a_limit_never_lets_a_path_in(path: Trajectory, name: str, by
 @given(w.paths(), st.floats(1.0, 5.0), st.sampled_from((0.5, 2.0)))
 def test_stretching_time_never_makes_a_path_too_fast(path: Trajectory, factor: float, fastest: float) -> None:
     limit = w.limits(velocity=fastest)
-    if Code.VEL_LIMIT not in w.codes(w.ask(path, limit)):
-        assert Code.VEL_LIMIT not in w.codes(w.ask(path.stretched(factor), limit))
+    if ReasonCode.VEL_LIMIT not in w.codes(w.ask(path, limit)):
+        assert ReasonCode.VEL_LIMIT not in w.codes(w.ask(path.stretched(factor), limit))
 
 
 # ------------------------------------------------------------------------------------------ edges
@@ -129,9 +131,9 @@ def test_the_position_limit_is_inclusive_to_the_last_bit(rates: int, sign: float
     before = w.at_rest([sign * 1.5])
     for end, passes in ((2.0, True), (nextafter(2.0, 0.0), True), (nextafter(2.0, 3.0), False)):
         judged = w.ask(w.path([2.0, 4.0], [sign * 1.7, sign * end], *given), w.limits(1), before)
-        assert (Code.POS_LIMIT not in w.codes(judged)) is passes
+        assert (ReasonCode.POS_LIMIT not in w.codes(judged)) is passes
         if not passes:
-            (finding,) = [one for one in judged.verdict.refusals if one.code is Code.POS_LIMIT]
+            (finding,) = [one for one in judged.verdict.refusals if one.code is ReasonCode.POS_LIMIT]
             assert (finding.joint, finding.point, finding.time) == (0, 1, 4.0)
             assert (finding.value, finding.bound) == (sign * end, sign * 2.0)
 
@@ -140,7 +142,7 @@ def test_the_position_limit_is_inclusive_to_the_last_bit(rates: int, sign: float
 def test_a_curve_that_leaves_the_limits_between_its_points_is_seen(sign: float) -> None:
     path = w.path([1.0, 2.0], [sign * 1.95, sign * 1.95], [sign * 0.4, sign * -0.4])
     judged = w.ask(path, w.limits(1), w.at_rest([sign * 1.8]))
-    (finding,) = [one for one in judged.verdict.refusals if one.code is Code.POS_LIMIT]
+    (finding,) = [one for one in judged.verdict.refusals if one.code is ReasonCode.POS_LIMIT]
     assert finding.point == 0
     assert finding.time == pytest.approx(1.5, abs=1e-4)
     assert finding.value == pytest.approx(sign * 2.05, abs=1e-9)
@@ -155,7 +157,7 @@ def test_the_velocity_limit_is_inclusive_to_the_last_bit(sign: float) -> None:
         cubics = w.path([1.0, 2.0], [sign * 0.5, sign * 0.6], [sign * v, 0.0])
         for path in (lines, cubics):
             judged = w.ask(path, replace(wide, velocity=np.array([1.5])), w.at_rest([0.0]))
-            assert (Code.VEL_LIMIT not in w.codes(judged)) is passes
+            assert (ReasonCode.VEL_LIMIT not in w.codes(judged)) is passes
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -163,7 +165,7 @@ def test_the_acceleration_at_the_points_is_inclusive_to_the_last_bit(sign: float
     for a, passes in ((3.0, True), (nextafter(3.0, 0.0), True), (nextafter(3.0, 4.0), False)):
         path = w.path([1.0, 3.0], [0.0, 0.0], [0.0, 0.0], [0.0, sign * a])
         judged = w.ask(path, w.limits(1, acceleration=3.0), w.at_rest([0.0]))
-        assert (Code.ACC_LIMIT not in w.codes(judged)) is passes
+        assert (ReasonCode.ACC_LIMIT not in w.codes(judged)) is passes
 
 
 def test_the_corner_of_two_lines_counts_over_half_of_both() -> None:
@@ -172,7 +174,7 @@ def test_the_corner_of_two_lines_counts_over_half_of_both() -> None:
         judged = w.ask(path, w.limits(1, acceleration=a), w.at_rest([0.0]))
         assert judged.verdict.accepted is passes
     (finding,) = judged.verdict.refusals
-    assert (finding.code, finding.point, finding.time, finding.value) == (Code.ACC_LIMIT, 0, 1.0, 1.0)
+    assert (finding.code, finding.point, finding.time, finding.value) == (ReasonCode.ACC_LIMIT, 0, 1.0, 1.0)
 
 
 def test_the_first_line_takes_over_the_speed_of_the_reference() -> None:
@@ -198,13 +200,13 @@ def test_speed_towards_a_limit_must_leave_room_to_stop(sign: float) -> None:
     for hard, passes in ((end + 2.2**2 / 40.0 + 1e-9, True), (end + 2.2**2 / 40.0 - 1e-9, False)):
         limit = w.limits(1, hard_upper=hard, hard_lower=-hard)
         judged = w.ask(path, limit, w.at_rest([sign * (end - v)]))
-        assert (Code.BRAKE_DISTANCE not in w.codes(judged)) is passes
+        assert (ReasonCode.BRAKE_DISTANCE not in w.codes(judged)) is passes
     (finding,) = judged.verdict.refusals
     assert finding.value == pytest.approx(2.0)
     assert finding.bound == pytest.approx(2.0, abs=1e-6)
     assert finding.time == pytest.approx(11.0)
     away = w.path([10.0, 11.0], [sign * end, sign * (end - v)])
-    assert Code.BRAKE_DISTANCE not in w.codes(w.ask(away, limit, w.at_rest([sign * end])))
+    assert ReasonCode.BRAKE_DISTANCE not in w.codes(w.ask(away, limit, w.at_rest([sign * end])))
 
 
 def test_creeping_to_the_limit_is_free() -> None:
@@ -218,11 +220,11 @@ def test_jerk_only_warns() -> None:
     path = w.path([0.1, 0.12], [0.0, 0.0002], [0.0, 0.0], [0.0, 101.0])
     judged = w.ask(path, w.limits(1, acceleration=1e3), w.at_rest([0.0]))
     assert judged.verdict.accepted
-    assert {finding.code for finding in judged.verdict.warnings} == {Code.JERK_LIMIT}
+    assert {finding.code for finding in judged.verdict.warnings} == {ReasonCode.JERK_LIMIT}
     lines = w.path([1.0, 1.001, 1.002], [0.0, 0.00001, 0.0])
     judged = w.ask(lines, w.limits(1), w.at_rest([0.0]))
     assert judged.verdict.accepted
-    assert {finding.code for finding in judged.verdict.warnings} == {Code.JERK_LIMIT}
+    assert {finding.code for finding in judged.verdict.warnings} == {ReasonCode.JERK_LIMIT}
 
 
 # ------------------------------------------------------------------------------------------ the start
@@ -232,10 +234,10 @@ def test_a_joint_outside_may_come_in_but_never_go_further_out() -> None:
     limit = w.limits(1)
     for first, passes in ((1.99, True), (2.01, False), (2.03, False)):
         judged = w.ask(w.path([1.0], [first]), limit, w.at_rest([2.02]))
-        assert (Code.POS_LIMIT not in w.codes(judged)) is passes
+        assert (ReasonCode.POS_LIMIT not in w.codes(judged)) is passes
     outwards = Reference(np.array([2.02]), np.array([0.04]), np.zeros(1))
     cubic = w.path([1.0], [1.9], [0.0])
-    assert Code.POS_LIMIT in w.codes(w.ask(cubic, limit, outwards))
+    assert ReasonCode.POS_LIMIT in w.codes(w.ask(cubic, limit, outwards))
     assert w.ask(cubic, limit, w.at_rest([2.02])).verdict.accepted
 
 
@@ -244,17 +246,17 @@ def test_a_path_that_begins_at_once_must_take_over_the_speed_of_the_reference() 
     path = w.path([0.0, 1.0], [0.0, 0.25], [0.0, 0.0])
     for a, passes in ((2.0, True), (nextafter(1.0, 0.0), False)):
         judged = w.ask(path, w.limits(1, acceleration=a), moving)
-        assert (Code.ACC_LIMIT not in w.codes(judged)) is passes
+        assert (ReasonCode.ACC_LIMIT not in w.codes(judged)) is passes
     goes_on = w.path([0.0, 1.0], [0.0, 0.25], [0.5, 0.0])
     assert w.ask(goes_on, w.limits(1, acceleration=2.0), moving).verdict.accepted
 
 
 def test_a_single_point_at_zero_is_a_place_to_hold() -> None:
     assert w.ask(w.path([0.0], [0.5]), w.limits(1)).verdict.accepted
-    assert w.codes(w.ask(w.path([0.0], [2.001]), w.limits(1))) == {Code.POS_LIMIT}
+    assert w.codes(w.ask(w.path([0.0], [2.001]), w.limits(1))) == {ReasonCode.POS_LIMIT}
     moving = Reference(np.array([0.0]), np.array([0.06]), np.zeros(1))
     (finding,) = w.ask(w.path([0.0], [0.0]), w.limits(1), moving).verdict.refusals
-    assert (finding.code, finding.value) == (Code.ACC_LIMIT, inf)
+    assert (finding.code, finding.value) == (ReasonCode.ACC_LIMIT, inf)
     moving = replace(moving, velocity=np.array([0.05]))
     assert w.ask(w.path([0.0], [0.0]), w.limits(1), moving).verdict.accepted
     assert w.ask(w.path([0.0], [0.0], [0.05]), w.limits(1), moving).verdict.accepted
@@ -267,8 +269,8 @@ def test_a_single_point_at_zero_is_a_place_to_hold() -> None:
 @given(w.paths(most=12), w.REFERENCES, st.integers(1, 4))
 def test_slices_find_what_the_whole_finds(path: Trajectory, before: Reference, step: int) -> None:
     snap = w.snapshot(2, reference=before)
-    whole = check(path, snap, w.limits(), Demand(), w.TH).verdict
-    parts = check(path, snap, w.limits(), Demand(), w.TH, points_per_step=step).verdict
+    whole = check(path, snap, w.limits(), TrajectoryRequest(), w.TH).verdict
+    parts = check(path, snap, w.limits(), TrajectoryRequest(), w.TH, points_per_step=step).verdict
     assert {(f.code, f.joint) for f in whole.refusals} == {(f.code, f.joint) for f in parts.refusals}
     for one, other in zip(whole.refusals, parts.refusals, strict=True):
         if one.joint == other.joint and one.value is not None:
@@ -284,12 +286,12 @@ def test_a_path_that_is_wrong_everywhere_names_each_joint_once_per_rule_at_its_w
     refusals = w.ask(path, w.limits(n, velocity=1.0)).verdict.refusals
     where = [(f.code, f.joint) for f in refusals]
     assert len(where) == len(set(where))
-    positions = [f for f in refusals if f.code is Code.POS_LIMIT]
+    positions = [f for f in refusals if f.code is ReasonCode.POS_LIMIT]
     assert len(positions) == n
     for finding in positions:
         assert abs(finding.value) == np.abs(wave[:, finding.joint]).max()
         assert wave[finding.point, finding.joint] == finding.value
-    speeds = [f for f in refusals if f.code is Code.VEL_LIMIT]
+    speeds = [f for f in refusals if f.code is ReasonCode.VEL_LIMIT]
     assert [f.value for f in speeds] == sorted((f.value for f in speeds), reverse=True)
     slopes = np.abs(np.diff(wave, axis=0)).max(axis=0) / 0.05
     for finding in speeds:
@@ -319,7 +321,9 @@ def test_any_limits_get_a_verdict(path: Trajectory, value: float) -> None:
         {"velocity": value, "acceleration": value},
         {},
     ):
-        judged = w.ask(path, w.limits(**bounds, **rates), w.at_rest([0.0, 0.0]), Demand("retime", True))
+        judged = w.ask(
+            path, w.limits(**bounds, **rates), w.at_rest([0.0, 0.0]), TrajectoryRequest("retime", True)
+        )
         assert not (judged.verdict.accepted and np.isnan(value))
 
 
@@ -327,8 +331,8 @@ def test_the_parts_are_pure_functions_of_their_arguments() -> None:
     from twind.robot.splines import knots
 
     path, before = w.path([1.0, 2.0], [3.0, 0.0]), w.at_rest([0.0])
-    limit, th = some(w.limits(3), np.array([1])), Thresholds()
-    subject = Subject(knots(path, before), np.array([1]), limit, before.velocity, 1)
+    limit, th = some(w.limits(3), np.array([1])), GateThresholds()
+    subject = CurveSubject(knots(path, before), np.array([1]), limit, before.velocity, 1)
     assert {spot.finding.joint for spot in judge(subject, 0, 2, limit, th)} == {1}
     assert start(subject, th) == []
     assert relaxed(subject) is None
@@ -350,7 +354,7 @@ def test_a_cubic_is_held_to_its_acceleration_at_either_end(
     path = w.path([1.0], [[sign * 0.1]], [[sign * end_velocity]])  # a(0) = 6h - 2v, a(1) = 4v - 6h
     for strongest, fine in ((peak * 1.001, True), (peak * 0.999, False)):
         judged = w.ask(path, w.limits(1, acceleration=strongest), w.at_rest([0.0]))
-        assert (Code.ACC_LIMIT not in w.codes(judged)) is fine
+        assert (ReasonCode.ACC_LIMIT not in w.codes(judged)) is fine
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -358,4 +362,4 @@ def test_a_cubic_is_held_to_its_acceleration_at_either_end(
 def test_a_cubic_is_warned_of_by_its_jerk(sign: float, share: float) -> None:
     h, T = share * 5000.0 * 0.05**3 / 12.0, 0.05  # from rest to rest the jerk is 12 h / T³
     judged = w.ask(w.path([T], [[sign * h]], [[0.0]]), w.limits(1, acceleration=1e4), w.at_rest([0.0]))
-    assert any(f.code is Code.JERK_LIMIT for f in judged.verdict.warnings) is (share > 1.0)
+    assert any(f.code is ReasonCode.JERK_LIMIT for f in judged.verdict.warnings) is (share > 1.0)

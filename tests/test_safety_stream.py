@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code
-from twind.robot.limits import Limits
-from twind.safety.stream import LONGEST, Aim, judge
+from twind.robot.finding import ReasonCode
+from twind.robot.limits import JointLimits
+from twind.safety.stream import LONGEST, SetpointResult, judge
 
 N = 4
-LIMITS = Limits(
+LIMITS = JointLimits(
     lower=np.array([-1.0, -0.5, 0.0, -2.0]),
     upper=np.array([1.0, 0.5, 1.5, -1.0]),
     hard_lower=np.array([-1.05, -0.55, -0.05, -2.05]),
@@ -40,13 +40,13 @@ def setpoints(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray, np.ndarray | Non
     return np.array(joints, np.int64), draw(numbers), draw(st.none() | numbers)
 
 
-def ask(joints: Any, position: Any, velocity: Any = None, **more: Any) -> Aim:
+def ask(joints: Any, position: Any, velocity: Any = None, **more: Any) -> SetpointResult:
     given: dict[str, Any] = {"valid_for": 0.1, "allow_clamp": False} | more
     speeds = None if velocity is None else np.array(velocity, np.float64)
     return judge(np.array(joints, np.int64), np.array(position, np.float64), speeds, LIMITS, **given)
 
 
-def codes(aim: Aim) -> list[Code]:
+def codes(aim: SetpointResult) -> list[ReasonCode]:
     return [finding.code for finding in aim.verdict.refusals]
 
 
@@ -64,11 +64,11 @@ def test_nothing_outside_the_limits_passes(
     assert (aim.position >= LIMITS.lower[joints]).all()
     assert (aim.position <= LIMITS.upper[joints]).all()
     changed = {(finding.code, finding.joint) for finding in aim.verdict.changes}
-    moved = {(Code.POS_LIMIT, int(joint)) for joint in joints[aim.position != position]}
+    moved = {(ReasonCode.POS_LIMIT, int(joint)) for joint in joints[aim.position != position]}
     if velocity is not None:
         assert aim.velocity is not None
         assert (np.abs(aim.velocity) <= LIMITS.velocity[joints]).all()
-        moved |= {(Code.VEL_LIMIT, int(joint)) for joint in joints[aim.velocity != velocity]}
+        moved |= {(ReasonCode.VEL_LIMIT, int(joint)) for joint in joints[aim.velocity != velocity]}
     assert changed == moved  # whatever was brought in is told, and nothing else
     assert clamp or not moved
 
@@ -89,8 +89,18 @@ def test_what_is_inside_passes_unchanged(shares: list[float], clamp: bool) -> No
 
 def test_a_refusal_names_joint_value_and_bound() -> None:
     (position, velocity) = ask([2, 1], [1.6, 0.0], [0.0, -3.5]).verdict.refusals
-    assert (position.code, position.joint, position.value, position.bound) == (Code.POS_LIMIT, 2, 1.6, 1.5)
-    assert (velocity.code, velocity.joint, velocity.value, velocity.bound) == (Code.VEL_LIMIT, 1, -3.5, -3.0)
+    assert (position.code, position.joint, position.value, position.bound) == (
+        ReasonCode.POS_LIMIT,
+        2,
+        1.6,
+        1.5,
+    )
+    assert (velocity.code, velocity.joint, velocity.value, velocity.bound) == (
+        ReasonCode.VEL_LIMIT,
+        1,
+        -3.5,
+        -3.0,
+    )
 
 
 def test_only_on_demand_is_it_brought_in_and_then_reported() -> None:
@@ -99,43 +109,45 @@ def test_only_on_demand_is_it_brought_in_and_then_reported() -> None:
     assert aim.position.tolist() == [1.5, 0.0]
     assert aim.velocity is not None
     assert aim.velocity.tolist() == [0.0, -3.0]
-    assert [finding.code for finding in aim.verdict.changes] == [Code.POS_LIMIT, Code.VEL_LIMIT]
+    assert [finding.code for finding in aim.verdict.changes] == [ReasonCode.POS_LIMIT, ReasonCode.VEL_LIMIT]
 
 
 @pytest.mark.parametrize("wrong", [nan, inf, -inf])
 def test_what_is_no_number_is_refused_even_where_clamping_is_allowed(wrong: float) -> None:
-    assert codes(ask([0, 1], [0.0, wrong], allow_clamp=True)) == [Code.NONFINITE]
-    assert codes(ask([0, 1], [0.0, 0.0], [wrong, 0.0], allow_clamp=True)) == [Code.NONFINITE]
+    assert codes(ask([0, 1], [0.0, wrong], allow_clamp=True)) == [ReasonCode.NONFINITE]
+    assert codes(ask([0, 1], [0.0, 0.0], [wrong, 0.0], allow_clamp=True)) == [ReasonCode.NONFINITE]
 
 
 @pytest.mark.parametrize(
     ("joints", "position", "velocity", "expected"),
     [
-        ([], [], None, Code.NO_JOINTS),
-        ([0, 0], [0.0, 0.0], None, Code.DUP_JOINT),
-        ([N], [0.0], None, Code.UNKNOWN_JOINT),
-        ([-1], [0.0], None, Code.UNKNOWN_JOINT),
-        ([0, 1], [0.0], None, Code.BAD_SHAPE),
-        ([0], [0.0, 0.0], None, Code.BAD_SHAPE),
-        ([0], [0.0], [], Code.BAD_SHAPE),
+        ([], [], None, ReasonCode.NO_JOINTS),
+        ([0, 0], [0.0, 0.0], None, ReasonCode.DUP_JOINT),
+        ([N], [0.0], None, ReasonCode.UNKNOWN_JOINT),
+        ([-1], [0.0], None, ReasonCode.UNKNOWN_JOINT),
+        ([0, 1], [0.0], None, ReasonCode.BAD_SHAPE),
+        ([0], [0.0, 0.0], None, ReasonCode.BAD_SHAPE),
+        ([0], [0.0], [], ReasonCode.BAD_SHAPE),
     ],
 )
-def test_a_malformed_setpoint_is_refused(joints: Any, position: Any, velocity: Any, expected: Code) -> None:
+def test_a_malformed_setpoint_is_refused(
+    joints: Any, position: Any, velocity: Any, expected: ReasonCode
+) -> None:
     assert codes(ask(joints, position, velocity, allow_clamp=True)) == [expected]
 
 
 @pytest.mark.parametrize(
     ("valid_for", "expected"),
     [
-        (0.0, [Code.CMD_EXPIRED]),
-        (-1.0, [Code.CMD_EXPIRED]),
-        (nan, [Code.CMD_EXPIRED]),
-        (-inf, [Code.CMD_EXPIRED]),
-        (float(np.nextafter(LONGEST, inf)), [Code.TOO_DISTANT]),
-        (inf, [Code.TOO_DISTANT]),
+        (0.0, [ReasonCode.CMD_EXPIRED]),
+        (-1.0, [ReasonCode.CMD_EXPIRED]),
+        (nan, [ReasonCode.CMD_EXPIRED]),
+        (-inf, [ReasonCode.CMD_EXPIRED]),
+        (float(np.nextafter(LONGEST, inf)), [ReasonCode.TOO_DISTANT]),
+        (inf, [ReasonCode.TOO_DISTANT]),
         (LONGEST, []),
         (1e-9, []),
     ],
 )
-def test_a_setpoint_is_valid_for_a_moment_and_no_longer(valid_for: float, expected: list[Code]) -> None:
+def test_a_setpoint_is_valid_for_a_moment_and_no_longer(valid_for: float, expected: list[ReasonCode]) -> None:
     assert codes(ask([0], [0.0], valid_for=valid_for)) == expected

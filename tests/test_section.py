@@ -6,14 +6,14 @@ from collections.abc import Callable
 import pytest
 
 from twind.config.located import ConfigError, parse
-from twind.config.section import Section
+from twind.config.section import ConfigSection
 
 
-def section(text: str) -> Section:
-    return Section("robot.yaml", parse(text, "robot.yaml"))
+def section(text: str) -> ConfigSection:
+    return ConfigSection("robot.yaml", parse(text, "robot.yaml"))
 
 
-def refused(text: str, ask: Callable[[Section], object]) -> str:
+def refused(text: str, ask: Callable[[ConfigSection], object]) -> str:
     with pytest.raises(ConfigError) as caught:
         ask(section(text))
     return str(caught.value)
@@ -77,7 +77,7 @@ def refused(text: str, ask: Callable[[Section], object]) -> str:
     ],
 )
 def test_a_wrong_value_is_refused_with_place_value_and_bound(
-    text: str, ask: Callable[[Section], object], message: str
+    text: str, ask: Callable[[ConfigSection], object], message: str
 ) -> None:
     found = refused(text, ask)
     assert message in found

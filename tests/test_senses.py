@@ -6,10 +6,10 @@ from guard_world import LIMITS, N, codes, facts
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.safety.guard import Guard, Reaction
-from twind.safety.senses import Senses
+from twind.safety.senses import PlausibilityFilter
 
 FASTEST, PERIOD = 3000.0, 0.01  # ticks/s, s
 TRIP = 0.0021  # s, from the question to the end of the answer
@@ -22,7 +22,7 @@ class World:
     """Two joints, read every period; joint 0 stays at 0."""
 
     def __init__(self) -> None:
-        self.senses = Senses(np.full(2, FASTEST), PERIOD)
+        self.senses = PlausibilityFilter(np.full(2, FASTEST), PERIOD)
         self.now = 5.0
 
     def read(self, place: float, heard: bool = True, limp: bool = False) -> bool:
@@ -104,9 +104,9 @@ def test_however_long_all_was_well_the_last_reading_is_what_counts() -> None:
     assert world.senses.leaps.tolist() == [0, TURN]
 
 
-def first(fastest: float = FASTEST, sent: float = 5.0, received: float = 5.0 + TRIP) -> Senses:
+def first(fastest: float = FASTEST, sent: float = 5.0, received: float = 5.0 + TRIP) -> PlausibilityFilter:
     """Two joints that were both heard once, at 0."""
-    senses = Senses(np.full(2, fastest), PERIOD)
+    senses = PlausibilityFilter(np.full(2, fastest), PERIOD)
     assert senses.believe(np.array([0, 0]), YES, sent, received, NO).all()
     return senses
 
@@ -125,11 +125,11 @@ def test_all_heard_where_they_can_be_takes_the_short_way_and_nobody_else(
 def test_the_short_way_needs_its_time_and_somebody_who_was_heard() -> None:
     zero = np.array([0, 0])
     assert first().usual(zero, 5.0079 - TRIP, 5.0079) is False
-    assert Senses(np.full(2, FASTEST), PERIOD).usual(zero, 5.0, 5.01) is False
+    assert PlausibilityFilter(np.full(2, FASTEST), PERIOD).usual(zero, 5.0, 5.01) is False
 
 
 def test_the_short_way_needs_its_time_and_no_more() -> None:
-    senses, zero = Senses(np.full(2, FASTEST), 1.25 / 64), np.array([0, 0])
+    senses, zero = PlausibilityFilter(np.full(2, FASTEST), 1.25 / 64), np.array([0, 0])
     assert senses.believe(zero, YES, 5.0, 5.0, NO).all()
     assert senses.usual(zero, 5.0 + 1 / 64, 5.0 + 1 / 64) is True
 
@@ -168,7 +168,7 @@ def test_who_changes_its_mind_must_agree_three_times_anew() -> None:
 @pytest.mark.parametrize(("gap", "fits"), [(0.001, False), (0.0058, False), (0.0061, True), (0.010, True)])
 def test_readings_that_come_close_upon_each_other_may_lie_less_apart(gap: float, fits: bool) -> None:
     """A late tick is followed by one in time: the full step of a period is too much between them."""
-    senses, ears = Senses(np.full(2, FASTEST), PERIOD), np.array([True, True])
+    senses, ears = PlausibilityFilter(np.full(2, FASTEST), PERIOD), np.array([True, True])
     senses.believe(np.array([0, 0]), ears, 5.0, 5.0 + TRIP, NO)
     place, at = np.array([0, int(1.5 * FASTEST * 0.008 + 3.0)]), 5.0 + gap
     usual = senses.usual(place, at, at + TRIP)
@@ -219,7 +219,7 @@ def say(jumps: int, **over: object):
 def test_three_in_a_row_hold_and_every_first_one_is_told(jumps: int, reaction: Reaction) -> None:
     judgement = say(jumps)
     assert (judgement.reaction, judgement.latches) == (reaction, False)
-    assert codes(judgement) == [Code.SENSE_JUMP] * (jumps > 0)
+    assert codes(judgement) == [ReasonCode.SENSE_JUMP] * (jumps > 0)
     bound, words = (3.0, "check its horn") if jumps >= 3 else (1.0, "more than its motor can do")
     told = [(one.joint, one.value, one.bound, words in one.message) for one in judgement.findings]
     assert told == [(1, 6.28, bound, True)] * (jumps > 0)
@@ -227,9 +227,9 @@ def test_three_in_a_row_hold_and_every_first_one_is_told(jumps: int, reaction: R
 
 @pytest.mark.parametrize("over", [
     {"mode": Mode.MIRROR, "goal": None, "motion": Motion.IDLE},
-    {"state": State.CONNECTED, "torque_expected": False, "goal": None, "motion": Motion.IDLE},
-    {"state": State.FAULT},
+    {"state": RobotState.CONNECTED, "torque_expected": False, "goal": None, "motion": Motion.IDLE},
+    {"state": RobotState.FAULT},
 ])  # fmt: skip
 def test_without_our_torque_or_on_the_way_down_it_is_only_told(over: dict[str, object]) -> None:
     judgement = say(3, **over)
-    assert (judgement.reaction, codes(judgement)) == (Reaction.NONE, [Code.SENSE_JUMP])
+    assert (judgement.reaction, codes(judgement)) == (Reaction.NONE, [ReasonCode.SENSE_JUMP])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from twind.config.located import ConfigError
-from twind.config.settings import Settings, load_settings, places
+from twind.config.settings import DaemonSettings, load_settings, places
 
 ENVIRON = {"HOME": "/home/ada", "XDG_RUNTIME_DIR": "/run/user/1000"}
 FILE = """\
@@ -25,7 +25,7 @@ cpu: 1
 """
 
 
-def load(folder: Path, text: str = FILE) -> Settings:
+def load(folder: Path, text: str = FILE) -> DaemonSettings:
     path = folder / "twind.yaml"
     path.write_text(text)
     return load_settings(path, ENVIRON, uid=1000)

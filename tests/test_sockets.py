@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from twind.loop.handed_over import Handed, handed_over
+from twind.loop.handed_over import InheritedDescriptors, handed_over
 from twind.sockets import GROUPS, Listener, SocketError, group_of, listen
 
 
@@ -391,11 +391,11 @@ def test_a_count_that_is_none_hands_nothing_over(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("LISTEN_FDS", count)
     monkeypatch.setenv("LISTEN_PID", str(os.getpid()))
     monkeypatch.setenv("LISTEN_FDNAMES", "control:observe")
-    assert handed_over() == Handed()
+    assert handed_over() == InheritedDescriptors()
     assert not any(key.startswith("LISTEN_") for key in os.environ)
 
 
 def test_without_a_service_manager_nothing_is_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     for key in ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES"):
         monkeypatch.delenv(key, raising=False)
-    assert handed_over() == Handed()
+    assert handed_over() == InheritedDescriptors()

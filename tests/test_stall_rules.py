@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from guard_world import FINE, LIMITS, TINY, codes, facts, reading
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
-from twind.safety.guard import Guard, Judgement, Reaction
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
+from twind.safety.guard import Guard, GuardDecision, Reaction
 
 PERIOD = 0.01
 HOLD, SETTLE, NONE = Reaction.HOLD, Reaction.SETTLE, Reaction.NONE
 
 
-def after(gap: float, *, slept: float = 0.0, period: float = PERIOD, **over: object) -> Judgement:
+def after(gap: float, *, slept: float = 0.0, period: float = PERIOD, **over: object) -> GuardDecision:
     """The judgement of a tick that begins `gap` s after the one before it."""
     guard = Guard(LIMITS, support="gantry")
     usual = {"period": period, **over}
@@ -36,7 +36,7 @@ def test_a_tick_later_than_the_watchdogs_wait_is_a_fault(gap: float, trips: bool
     assert found.goal_refused is trips  # the last goal again, none that was meant for later
     if trips:
         (finding,) = found.findings
-        assert (finding.code, finding.bound) == (Code.TIME_GAP, 0.1)
+        assert (finding.code, finding.bound) == (ReasonCode.TIME_GAP, 0.1)
         assert finding.value == pytest.approx(gap - PERIOD)
         assert "without a tick" in finding.message
 
@@ -46,14 +46,14 @@ def test_a_tick_later_than_the_watchdogs_wait_is_a_fault(gap: float, trips: bool
 )
 def test_a_machine_that_slept_is_a_fault_though_its_clock_stood_still(slept: float, trips: bool) -> None:
     found = after(PERIOD, slept=slept)
-    assert codes(found) == ([Code.TIME_GAP] if trips else [])
+    assert codes(found) == ([ReasonCode.TIME_GAP] if trips else [])
     if trips:
         assert "slept" in found.findings[0].message
 
 
 def test_as_long_as_the_watchdogs_wait_is_too_long() -> None:
     found = after(0.25, period=0.25, slept=0.1)  # a period that is exact in binary
-    assert (codes(found), found.findings[0].value) == ([Code.TIME_GAP], 0.1)
+    assert (codes(found), found.findings[0].value) == ([ReasonCode.TIME_GAP], 0.1)
     assert "slept" in found.findings[0].message
 
 
@@ -87,16 +87,16 @@ def test_a_time_that_is_no_number_is_a_gap() -> None:
 
 @pytest.mark.parametrize("over", [{"torque_expected": False}, {"mode": Mode.SIM}, {"mode": Mode.MIRROR}])
 def test_nothing_is_lost_where_we_hold_nothing(over: dict[str, object]) -> None:
-    assert Code.TIME_GAP not in codes(after(5.0, **over))
+    assert ReasonCode.TIME_GAP not in codes(after(5.0, **over))
 
 
 def test_an_arming_under_way_ends_by_it() -> None:
-    found = after(0.2, state=State.ARMING, torque_expected=False, goal=None)
-    assert (codes(found), found.latches, found.goal_refused) == ([Code.TIME_GAP], True, False)
+    found = after(0.2, state=RobotState.ARMING, torque_expected=False, goal=None)
+    assert (codes(found), found.latches, found.goal_refused) == ([ReasonCode.TIME_GAP], True, False)
 
 
-@pytest.mark.parametrize("state", [State.SETTLING, State.FAULT, State.ESTOP])
-def test_a_way_down_goes_on(state: State) -> None:
+@pytest.mark.parametrize("state", [RobotState.SETTLING, RobotState.FAULT, RobotState.ESTOP])
+def test_a_way_down_goes_on(state: RobotState) -> None:
     found = after(0.2, state=state, torque_settled=False)
     assert (found.reaction, found.latches, found.goal_refused) == (Reaction.NONE, True, False)
 
@@ -110,7 +110,7 @@ class Held:
     def __init__(self, support: str) -> None:
         self.guard, self.now = Guard(LIMITS, support=support), 10.0
 
-    def second(self, **over: object) -> Judgement:
+    def second(self, **over: object) -> GuardDecision:
         self.now += 1.0
         usual = {"period": 1.0, "now": self.now, "measured": reading(time=self.now)} | over
         return self.guard.judge(facts(**usual))
@@ -122,7 +122,7 @@ def test_a_free_robot_that_is_held_for_thirty_seconds_is_lowered() -> None:
     for _ in range(29):
         assert held.second(motion=Motion.HOLDING).reaction is NONE
     last = held.second(motion=Motion.HOLDING)
-    assert (last.reaction, last.latches, codes(last)) == (SETTLE, True, [Code.LEASE_LOST])
+    assert (last.reaction, last.latches, codes(last)) == (SETTLE, True, [ReasonCode.LEASE_LOST])
     assert (last.findings[0].value, last.findings[0].bound) == (30.0, 30.0)
     assert "30 s" in last.findings[0].message
 
@@ -187,7 +187,7 @@ def test_a_fault_while_it_holds_anyway_is_lowered() -> None:
     held = Held("free")
     tripped = held.second(motion=Motion.HOLDING, watchdog=np.array([255, 5, 5], np.int16))
     assert (tripped.reaction, tripped.latches) == (HOLD, True)
-    rest = {"motion": Motion.HOLDING, "state": State.FAULT}
+    rest = {"motion": Motion.HOLDING, "state": RobotState.FAULT}
     assert [held.second(**rest).reaction for _ in range(30)] == [NONE] * 29 + [SETTLE]
 
 

@@ -6,7 +6,7 @@ from gate_world import at_rest, limits
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.motion.stops import Follower, Ramp, still, stopping_point
+from twind.motion.stops import LimitedFollower, StopRamp, still, stopping_point
 from twind.robot.trajectory import Reference
 
 PERIOD = 0.01
@@ -31,7 +31,7 @@ def test_still_cannot_be_written_to_and_does_not_follow_its_source() -> None:
 
 
 def test_a_ramp_from_standstill_is_a_hold() -> None:
-    ramp = Ramp(at_rest([0.3, -0.2]), limits(), PERIOD)
+    ramp = StopRamp(at_rest([0.3, -0.2]), limits(), PERIOD)
     assert ramp.resting
     assert ramp.duration == 0.0
     for _ in range(3):
@@ -40,7 +40,7 @@ def test_a_ramp_from_standstill_is_a_hold() -> None:
 
 def test_each_joint_brakes_with_its_own_limit_and_rests_when_it_has_stopped() -> None:
     limit = limits(acceleration=np.array([10.0, 40.0]))
-    ramp = Ramp(moving([0.0, 0.0], [2.0, -2.0]), limit, PERIOD)
+    ramp = StopRamp(moving([0.0, 0.0], [2.0, -2.0]), limit, PERIOD)
     assert ramp.duration == pytest.approx(0.2)
     middle = ramp.at(0.1)
     assert middle.velocity.tolist() == pytest.approx([1.0, 0.0])
@@ -50,7 +50,7 @@ def test_each_joint_brakes_with_its_own_limit_and_rests_when_it_has_stopped() ->
 
 
 def test_ahead_tells_where_the_ramp_will_be_and_does_not_go_there() -> None:
-    ramp = Ramp(moving([0.0], [1.0]), limits(1), PERIOD)
+    ramp = StopRamp(moving([0.0], [1.0]), limits(1), PERIOD)
     told = [ramp.ahead(PERIOD * k).position[0] for k in range(1, 8)]
     assert told == pytest.approx([ramp.step().position[0] for _ in range(7)], abs=1e-15)
 
@@ -58,7 +58,7 @@ def test_ahead_tells_where_the_ramp_will_be_and_does_not_go_there() -> None:
 @pytest.mark.parametrize("unknown", [np.nan, inf, -inf])
 def test_a_velocity_that_is_no_number_stops_on_the_spot(unknown: float) -> None:
     reference = moving([0.4, 0.4], [unknown, 1.0])
-    ramp = Ramp(reference, limits(), PERIOD)
+    ramp = StopRamp(reference, limits(), PERIOD)
     assert ramp.step().position[0] == 0.4
     assert stopping_point(reference, limits().acceleration)[0] == 0.4
 
@@ -76,7 +76,7 @@ def test_whoever_keeps_the_brake_rule_stops_before_the_hard_limit(
     distance = share * 2.0 * hard  # to the limit that the joint moves towards
     allowed = max(FLOOR, sqrt(2.0 * acceleration * distance) - MARGIN)
     limit = limits(1, acceleration=acceleration, hard_lower=-hard, hard_upper=hard)
-    ramp = Ramp(moving([side * (hard - distance)], [side * fast * allowed]), limit, PERIOD)
+    ramp = StopRamp(moving([side * (hard - distance)], [side * fast * allowed]), limit, PERIOD)
     outermost = max(side * ramp.at(t).position[0] for t in np.linspace(0.0, ramp.duration + 0.01, 50))
     creep = FLOOR**2 / (2.0 * acceleration)  # the speed that the rule always allows, even on the limit
     assert outermost <= hard + (creep if allowed == FLOOR else 0.0) + 1e-12
@@ -86,18 +86,18 @@ def test_whoever_keeps_the_brake_rule_stops_before_the_hard_limit(
 # -------------------------------------------------------------------------------------------- follower
 
 
-def steps(follower: Follower, count: int) -> list[Reference]:
+def steps(follower: LimitedFollower, count: int) -> list[Reference]:
     return [follower.step() for _ in range(count)]
 
 
 def test_without_an_aim_the_follower_brakes_to_a_hold() -> None:
-    track = steps(Follower(moving([0.0], [1.0]), limits(1), PERIOD), 30)
+    track = steps(LimitedFollower(moving([0.0], [1.0]), limits(1), PERIOD), 30)
     assert track[-1].position[0] == pytest.approx(0.025, abs=1e-9)
     assert track[-1].velocity[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_follower_arrives_without_overshoot_and_then_rests() -> None:
-    follower = Follower(at_rest([0.0]), limits(1), PERIOD)
+    follower = LimitedFollower(at_rest([0.0]), limits(1), PERIOD)
     follower.aim(np.array([1.0]), np.zeros(1))
     assert not follower.resting
     track = [reference.position[0] for reference in steps(follower, 60)]
@@ -108,7 +108,7 @@ def test_the_follower_arrives_without_overshoot_and_then_rests() -> None:
 
 
 def test_a_target_that_moves_is_followed_at_its_speed_and_not_past_the_limits() -> None:
-    follower = Follower(at_rest([0.0]), limits(1), PERIOD)
+    follower = LimitedFollower(at_rest([0.0]), limits(1), PERIOD)
     follower.aim(np.array([0.0]), np.array([0.5]))
     track = steps(follower, 100)
     assert track[-1].velocity[0] == pytest.approx(0.5, abs=1e-6)
@@ -118,7 +118,7 @@ def test_a_target_that_moves_is_followed_at_its_speed_and_not_past_the_limits() 
 
 
 def test_ahead_tells_where_the_follower_will_be_and_does_not_go_there() -> None:
-    follower = Follower(moving([0.0], [0.7]), limits(1), PERIOD)
+    follower = LimitedFollower(moving([0.0], [0.7]), limits(1), PERIOD)
     follower.aim(np.array([-0.5]), np.array([0.1]))
     steps(follower, 7)
     told = follower.ahead(20 * PERIOD)
@@ -138,7 +138,7 @@ def test_whatever_is_aimed_at_no_limit_is_ever_broken(
     start: float, aims: list[tuple[float, float, int]], speed: float, acceleration: float
 ) -> None:
     limit = limits(1, velocity=speed, acceleration=acceleration)
-    follower = Follower(at_rest([start]), limit, PERIOD)
+    follower = LimitedFollower(at_rest([start]), limit, PERIOD)
     track = [at_rest([start])]
     for target, drift, count in aims:
         follower.aim(np.array([target]), np.array([drift]))
@@ -155,7 +155,7 @@ def test_whatever_is_aimed_at_no_limit_is_ever_broken(
 
 
 def test_from_outside_its_limits_the_follower_only_comes_in() -> None:
-    follower = Follower(at_rest([2.03]), limits(1), PERIOD)
+    follower = LimitedFollower(at_rest([2.03]), limits(1), PERIOD)
     follower.aim(np.array([2.04]), np.zeros(1))
     assert steps(follower, 5)[-1].position[0] <= 2.03
     follower.aim(np.array([1.0]), np.zeros(1))

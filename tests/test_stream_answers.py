@@ -7,18 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.client.once import Once
-from twind.learn.streaming.answers import FIRST, LONGEST, PATIENT, Backoff, Fate, fate, retry_after
+from twind.client.once import TransitionReporter
+from twind.learn.streaming.answers import FIRST, LONGEST, PATIENT, Backoff, DeliveryOutcome, fate, retry_after
 
 
 @pytest.mark.parametrize("status", [200, 201, 202, 204, 299])
 def test_it_arrived(status: int) -> None:
-    assert fate(status) is Fate.DONE
+    assert fate(status) is DeliveryOutcome.DONE
 
 
 @pytest.mark.parametrize("status", [400, 406, 410, 411, 412, 413, 414, 415, 422, 431, 499])
 def test_the_message_will_never_be_taken(status: int) -> None:
-    assert fate(status) is Fate.DEAD
+    assert fate(status) is DeliveryOutcome.DEAD
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def test_the_message_will_never_be_taken(status: int) -> None:
     [301, 302, 307, 308, 401, 403, 404, 405, 408, 409, 425, 429, 500, 501, 502, 503, 504, 599, 0, 100, 999],
 )
 def test_somebody_has_to_mend_something_first_or_it_passes(status: int) -> None:
-    assert fate(status) is Fate.AGAIN
+    assert fate(status) is DeliveryOutcome.AGAIN
 
 
 def test_retry_after_is_seconds_or_a_date_and_never_for_ever() -> None:
@@ -65,7 +65,7 @@ def test_each_failure_in_a_row_waits_twice_as_long_to_a_bound_and_no_two_streame
 
 
 def test_a_trouble_is_said_once_and_its_end_once() -> None:
-    once, said = Once(every=10.0), []
+    once, said = TransitionReporter(every=10.0), []
     for now, wrong in (
         (0.0, ""),
         (1.0, "refused"),
@@ -80,5 +80,5 @@ def test_a_trouble_is_said_once_and_its_end_once() -> None:
 
 
 def test_reasons_that_come_by_turns_get_a_line_now_and_then() -> None:
-    once = Once(every=10.0)
+    once = TransitionReporter(every=10.0)
     assert sum(once.news("ab"[int(now) % 2], now) for now in range(100)) <= 11

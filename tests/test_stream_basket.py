@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_stream_samples import ROBOT, some
 
-from twind.client.clocks import Clocks
-from twind.learn.streaming.basket import Basket
-from twind.learn.streaming.samples import Batch, Message, Robot
+from twind.client.clocks import ClockPair
+from twind.learn.streaming.basket import SampleBatcher
+from twind.learn.streaming.samples import PostMessage, SampleBatch, StreamedRobot
 
 
 class Watch:
@@ -18,24 +18,24 @@ class Watch:
     def __call__(self) -> float:
         return self.time
 
-    def clocks(self) -> Clocks:
-        return Clocks(self.time, round(self.time * 1e9))
+    def clocks(self) -> ClockPair:
+        return ClockPair(self.time, round(self.time * 1e9))
 
 
-def basket(size: int = 4, age: float = 1.0, room: int = 3) -> tuple[Basket, Watch]:
+def basket(size: int = 4, age: float = 1.0, room: int = 3) -> tuple[SampleBatcher, Watch]:
     watch = Watch()
-    return Basket(size, age, watch, watch.clocks, room), watch
+    return SampleBatcher(size, age, watch, watch.clocks, room), watch
 
 
-def taken(found: Basket) -> list[Batch | Message]:
+def taken(found: SampleBatcher) -> list[SampleBatch | PostMessage]:
     batches = []
     while (one := found.take(0.0)) is not None:
         batches.append(one)
     return batches
 
 
-def ticks(batches: list[Batch | Message]) -> list[list[int]]:
-    return [[each.tick for each in one.samples] for one in batches if isinstance(one, Batch)]
+def ticks(batches: list[SampleBatch | PostMessage]) -> list[list[int]]:
+    return [[each.tick for each in one.samples] for one in batches if isinstance(one, SampleBatch)]
 
 
 def test_a_batch_is_closed_when_it_is_full() -> None:
@@ -55,30 +55,30 @@ def test_a_batch_is_closed_when_it_is_old_counted_from_its_first() -> None:
     assert found.take(0.0) is None
     watch.time += 0.1
     (one,) = taken(found)
-    assert isinstance(one, Batch)
-    assert one.clocks == Clocks(50.0, 50_000_000_000)
+    assert isinstance(one, SampleBatch)
+    assert one.clocks == ClockPair(50.0, 50_000_000_000)
     assert ticks([one]) == [[0, 1]]
 
 
 def test_another_mode_other_joints_or_a_loss_begin_a_batch_of_their_own() -> None:
     found, _ = basket(size=100, room=100)
     found.put(some(0), ROBOT)
-    found.put(some(1), Robot("h24", "one", "0.1.0", "sim"))
+    found.put(some(1), StreamedRobot("h24", "one", "0.1.0", "sim"))
     found.put(some(2)._replace(names=["a", "b"]), ROBOT)
     found.put(some(9)._replace(names=["a", "b"], dropped=6), ROBOT)
     found.end()
     batches = taken(found)
     assert ticks(batches) == [[0], [1], [2], [9]]
-    assert [one.lost["daemon"] for one in batches if isinstance(one, Batch)] == [0, 0, 0, 6]
+    assert [one.lost["daemon"] for one in batches if isinstance(one, SampleBatch)] == [0, 0, 0, 6]
 
 
 def test_pictures_stand_in_the_line() -> None:
     found, _ = basket(size=1)
     found.put(some(0), ROBOT)
-    found.add(Message(b"jpeg", {}))
+    found.add(PostMessage(b"jpeg", {}))
     found.put(some(1), ROBOT)
     first, second, third = taken(found)
-    assert isinstance(second, Message)
+    assert isinstance(second, PostMessage)
     assert ticks([first, third]) == [[0], [1]]
 
 
@@ -91,7 +91,7 @@ def test_every_sample_is_taken_once_or_told_as_lost_before_the_one_that_follows(
             found.put(some(tick), ROBOT)
             tick += 1
         elif step == "picture":
-            found.add(Message(b"", {}))
+            found.add(PostMessage(b"", {}))
             pictures += 1
         elif (one := found.take(0.0)) is not None:
             if step == "take":
@@ -100,7 +100,7 @@ def test_every_sample_is_taken_once_or_told_as_lost_before_the_one_that_follows(
                 found.give_back(one)
     found.put(some(tick), ROBOT)
     found.end()
-    batches = [one for one in [*took, *taken(found)] if isinstance(one, Batch)]
+    batches = [one for one in [*took, *taken(found)] if isinstance(one, SampleBatch)]
     seen = [each.tick for one in batches for each in one.samples]
     assert seen == sorted(set(seen))
     assert seen[-1] == tick

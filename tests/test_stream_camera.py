@@ -14,9 +14,9 @@ from PIL import Image
 from test_stream_live import begun, run, streamer
 
 from twind.client import Client
-from twind.learn.picture import NoPicture
-from twind.learn.streaming.camera import Scene
-from twind.learn.streaming.samples import ROWS, Sample
+from twind.learn.picture import RendererUnavailable
+from twind.learn.streaming.camera import CameraScene
+from twind.learn.streaming.samples import ROWS, StreamSample
 
 __all__ = ["run"]
 pytestmark = pytest.mark.realtime
@@ -31,11 +31,11 @@ def test_a_pose_is_drawn_and_another_pose_looks_otherwise(run: Path) -> None:
         told = client.call("GetRobot")
     names = [joint["name"] for joint in told["robot"]["joints"]]
     try:
-        scene = Scene(told)
-    except NoPicture as error:
+        scene = CameraScene(told)
+    except RendererUnavailable as error:
         pytest.skip(str(error))
     try:
-        rest = Sample(0.0, 0, names, [[None] * len(names) for _ in ROWS], None)
+        rest = StreamSample(0.0, 0, names, [[None] * len(names) for _ in ROWS], None)
         bent = rest._replace(rows=[[-1.2 if "elbow" in name else 0.0 for name in names] for _ in ROWS])
         assert scene.fits(rest) and not scene.fits(rest._replace(names=["nose"]))
         first, again, other = (seen(scene.jpeg(each)) for each in (rest, rest, bent))

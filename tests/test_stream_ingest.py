@@ -10,7 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from twind.learn.streaming.ingesting import LINES, LONGEST, Address, Faults, Server, Store, address
+from twind.learn.streaming.ingesting import (
+    LINES,
+    LONGEST,
+    IngestFaults,
+    IngestServer,
+    IngestStore,
+    ListenAddress,
+    address,
+)
 
 JSON = {"Content-Type": "application/json"}
 BODY = b'{"samples":[{"tick":1},{"tick":2}]}'
@@ -21,11 +29,11 @@ def lines(folder: Path) -> list[dict[str, object]]:
 
 
 def test_a_key_is_kept_once_also_by_the_next_run(tmp_path: Path) -> None:
-    with Store(tmp_path) as store:
+    with IngestStore(tmp_path) as store:
         assert store.keep("a-1", {"content-type": "application/json"}, BODY)
         assert not store.keep("a-1", {"content-type": "application/json"}, BODY)
         assert store.counts() == {"messages": 1, "samples": 2, "duplicates": 1, "failed": 0}
-    with Store(tmp_path) as store:
+    with IngestStore(tmp_path) as store:
         assert not store.keep("a-1", {}, BODY)
         assert store.keep("a-2", {"content-type": "application/x-ndjson"}, b'{"head":1}\n{"tick":3}\n')
         assert store.keep("a-3", {"content-type": "image/jpeg"}, b"\xff\xd8")
@@ -36,27 +44,27 @@ def test_a_key_is_kept_once_also_by_the_next_run(tmp_path: Path) -> None:
 def test_a_line_that_a_crash_cut_off_is_taken_away_and_its_message_kept_when_it_comes_again(
     tmp_path: Path,
 ) -> None:
-    with Store(tmp_path) as store:
+    with IngestStore(tmp_path) as store:
         store.keep("a-1", {"content-type": "application/json"}, BODY)
         store.keep("a-2", {"content-type": "application/json"}, BODY)
     whole = (tmp_path / LINES).read_bytes()
     for cut in (1, 7, len(whole) // 2 - 1):
         (tmp_path / LINES).write_bytes(whole[:-cut])
-        with Store(tmp_path) as store:
+        with IngestStore(tmp_path) as store:
             assert store.keep("a-2", {"content-type": "application/json"}, BODY)
         assert [each["key"] for each in lines(tmp_path)] == ["a-1", "a-2"]
 
 
 def test_two_do_not_write_into_one_folder(tmp_path: Path) -> None:
-    with Store(tmp_path), pytest.raises(OSError):
-        Store(tmp_path)
+    with IngestStore(tmp_path), pytest.raises(OSError):
+        IngestStore(tmp_path)
 
 
 def test_what_fails_fails_by_the_seed_and_ends() -> None:
-    faults = Faults(fail=0.5, seed=3)
+    faults = IngestFaults(fail=0.5, seed=3)
     drawn = [[faults.draw(f"a-{n}", attempt) for attempt in range(1, 40)] for n in range(30)]
     assert drawn == [
-        [Faults(fail=0.5, seed=3).draw(f"a-{n}", each) for each in range(1, 40)] for n in range(30)
+        [IngestFaults(fail=0.5, seed=3).draw(f"a-{n}", each) for each in range(1, 40)] for n in range(30)
     ]
     assert all("" in each for each in drawn)
     assert {fault for each in drawn for fault in each} >= {
@@ -68,7 +76,7 @@ def test_what_fails_fails_by_the_seed_and_ends() -> None:
         "silent",
         "rubbish",
     }
-    refusing = Faults(refuse=0.5)
+    refusing = IngestFaults(refuse=0.5)
     assert all(len({refusing.draw(f"a-{n}", attempt) for attempt in range(9)}) == 1 for n in range(30))
 
 
@@ -79,8 +87,8 @@ def test_what_is_no_address_is_told(text: str) -> None:
 
 
 def test_who_can_reach_an_address_is_known() -> None:
-    assert address("localhost:8000") == Address("127.0.0.1", 8000, local=True)
-    assert address("[::1]:1") == Address("::1", 1, local=True)
+    assert address("localhost:8000") == ListenAddress("127.0.0.1", 8000, local=True)
+    assert address("[::1]:1") == ListenAddress("::1", 1, local=True)
     assert not address("0.0.0.0:1").local
 
 
@@ -88,10 +96,10 @@ def test_who_can_reach_an_address_is_known() -> None:
 
 
 @contextmanager
-def serving(folder: Path, faults: Faults | None = None) -> Iterator[int]:
+def serving(folder: Path, faults: IngestFaults | None = None) -> Iterator[int]:
     """The port of a server."""
-    with Store(folder) as store:
-        server = Server(Address("127.0.0.1", 0, local=True), store, faults or Faults())
+    with IngestStore(folder) as store:
+        server = IngestServer(ListenAddress("127.0.0.1", 0, local=True), store, faults or IngestFaults())
         server.start()
         try:
             yield int(server.url.rpartition(":")[2].partition("/")[0])

@@ -9,8 +9,8 @@ from test_stream_samples import ROBOT, some
 from test_stream_spool import WIDE, folder
 
 from twind.client.clocks import clocks
-from twind.learn.streaming.basket import Basket
-from twind.learn.streaming.keeping import Keeping
+from twind.learn.streaming.basket import SampleBatcher
+from twind.learn.streaming.keeping import SpoolWriter
 from twind.learn.streaming.spool import Spool
 
 pytestmark = pytest.mark.realtime
@@ -33,8 +33,8 @@ def numbers(spool: Spool) -> list[int]:
 
 def test_a_full_disk_costs_the_oldest_in_memory_and_is_told_once(spool: Spool) -> None:
     lines: list[str] = []
-    basket = Basket(2, 60.0, time.monotonic, clocks, ROOM)
-    keeping = Keeping(basket, spool, lambda: None, lines.append, patience=0.02)
+    basket = SampleBatcher(2, 60.0, time.monotonic, clocks, ROOM)
+    keeping = SpoolWriter(basket, spool, lambda: None, lines.append, patience=0.02)
     pages = spool._base.execute("PRAGMA page_count").fetchone()[0]
     spool._base.execute(f"PRAGMA max_page_count={pages}")
     wide = [some(tick)._replace(names=["x" * 20_000]) for tick in range(40)]
@@ -56,8 +56,8 @@ def test_a_full_disk_costs_the_oldest_in_memory_and_is_told_once(spool: Spool) -
 
 
 def test_what_the_disk_will_not_have_at_the_end_is_still_known(spool: Spool) -> None:
-    basket = Basket(2, 60.0, time.monotonic, clocks, ROOM)
-    keeping = Keeping(basket, spool, lambda: None, lambda line: None, patience=0.02)
+    basket = SampleBatcher(2, 60.0, time.monotonic, clocks, ROOM)
+    keeping = SpoolWriter(basket, spool, lambda: None, lambda line: None, patience=0.02)
     pages = spool._base.execute("PRAGMA page_count").fetchone()[0]
     spool._base.execute(f"PRAGMA max_page_count={pages}")
     keeping.start()
@@ -73,8 +73,8 @@ def test_what_the_disk_will_not_have_at_the_end_is_still_known(spool: Spool) -> 
 
 def test_what_is_open_at_the_end_is_written(spool: Spool) -> None:
     woken: list[None] = []
-    basket = Basket(32, 60.0, time.monotonic, clocks)
-    keeping = Keeping(basket, spool, lambda: woken.append(None), lambda line: None, patience=0.02)
+    basket = SampleBatcher(32, 60.0, time.monotonic, clocks)
+    keeping = SpoolWriter(basket, spool, lambda: woken.append(None), lambda line: None, patience=0.02)
     keeping.start()
     basket.put(some(1), ROBOT)
     keeping.finish(10.0)

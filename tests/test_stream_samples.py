@@ -8,11 +8,21 @@ import msgspec
 import pytest
 
 from twind.client import CallError, ClientError
-from twind.client.clocks import Clocks
-from twind.learn.streaming.samples import JSON, NDJSON, ROWS, Batch, Robot, Sample, message, picture, sample
+from twind.client.clocks import ClockPair
+from twind.learn.streaming.samples import (
+    JSON,
+    NDJSON,
+    ROWS,
+    SampleBatch,
+    StreamedRobot,
+    StreamSample,
+    message,
+    picture,
+    sample,
+)
 
-ROBOT = Robot("h24", "one", "0.1.0", "live")
-CLOCKS = Clocks(100.0, 1_800_000_000_000_000_000)
+ROBOT = StreamedRobot("h24", "one", "0.1.0", "live")
+CLOCKS = ClockPair(100.0, 1_800_000_000_000_000_000)
 IMU = {
     "gyro": [0.0, 0.1, 0.2],
     "acceleration": [0.0, 0.0, 9.81],
@@ -57,13 +67,13 @@ def test_what_is_no_message_is_an_error_in_words(data: bytes) -> None:
         sample(data)
 
 
-def batch(*samples: Sample) -> Batch:
-    return Batch(ROBOT, CLOCKS, samples, {"daemon": 1, "here": 0})
+def batch(*samples: StreamSample) -> SampleBatch:
+    return SampleBatch(ROBOT, CLOCKS, samples, {"daemon": 1, "here": 0})
 
 
-def some(tick: int, position: float | None = 0.1234567891, imu: dict[str, Any] | None = None) -> Sample:
+def some(tick: int, position: float | None = 0.1234567891, imu: dict[str, Any] | None = None) -> StreamSample:
     rows: list[list[float | None]] = [[position, -0.0] for _ in ROWS]
-    return Sample(tick / 100.0, tick, ["l_knee", "r_knee"], rows, imu)
+    return StreamSample(tick / 100.0, tick, ["l_knee", "r_knee"], rows, imu)
 
 
 def test_a_batch_is_one_object_whose_times_can_be_made_dates() -> None:

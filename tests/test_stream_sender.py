@@ -15,8 +15,8 @@ from processes import until
 from test_stream_spool import WIDE, carrying, folder
 
 from twind.learn.streaming import sender as sending
-from twind.learn.streaming.endpoint import Endpoint
-from twind.learn.streaming.sender import Sender
+from twind.learn.streaming.endpoint import HttpEndpoint
+from twind.learn.streaming.sender import SpoolSender
 from twind.learn.streaming.spool import Spool, dead_letters
 
 pytestmark = pytest.mark.realtime
@@ -112,12 +112,14 @@ class Odd:
 
 
 @contextmanager
-def sender(endpoint: Odd, timeout: float = 5.0) -> Iterator[tuple[Spool, Sender, list[str]]]:
+def sender(endpoint: Odd, timeout: float = 5.0) -> Iterator[tuple[Spool, SpoolSender, list[str]]]:
     lines: list[str] = []
     with folder() as place, Spool(place, WIDE, time.monotonic(), time.time()) as spool:
         for text in ("one", "two", "three"):
             spool.append(carrying(text), time.monotonic(), time.time())
-        made = Sender(spool, Endpoint(endpoint.url, {"User-Agent": "x"}, timeout=timeout), lines.append)
+        made = SpoolSender(
+            spool, HttpEndpoint(endpoint.url, {"User-Agent": "x"}, timeout=timeout), lines.append
+        )
         made.start()
         try:
             yield spool, made, lines
@@ -131,7 +133,7 @@ def arrived(endpoint: Odd) -> list[bytes]:
     return list({key: body for key, body, _ in endpoint.seen}.values())
 
 
-def check_all_arrive(spool: Spool, made: Sender, endpoint: Odd) -> None:
+def check_all_arrive(spool: Spool, made: SpoolSender, endpoint: Odd) -> None:
     def all_sent() -> bool:
         made.tend(time.monotonic())
         return spool.tally.waiting == 0

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind.learn.streaming.samples import Message
-from twind.learn.streaming.spool import BROKEN, FILE, Bounds, Spool, SpoolHeld, dead_letters
+from twind.learn.streaming.samples import PostMessage
+from twind.learn.streaming.spool import BROKEN, FILE, Spool, SpoolInUse, SpoolLimits, dead_letters
 
 MEMORY = Path("/dev/shm")  # a thousand syncs to a disk would take minutes, and show nothing more
-WIDE = Bounds(1 << 30, 1e9)
+WIDE = SpoolLimits(1 << 30, 1e9)
 
 
 @contextmanager
@@ -31,8 +31,8 @@ def place() -> Iterator[Path]:
         yield found
 
 
-def carrying(text: str) -> Message:
-    return Message(text.encode(), {"Content-Type": "text/plain"}, 1)
+def carrying(text: str) -> PostMessage:
+    return PostMessage(text.encode(), {"Content-Type": "text/plain"}, 1)
 
 
 def waiting(spool: Spool) -> list[int]:
@@ -44,7 +44,7 @@ def waiting(spool: Spool) -> list[int]:
 
 # ------------------------------------------------------------------------------------------ any interleaving
 
-BOUNDS = Bounds(bytes=60, age=50.0)
+BOUNDS = SpoolLimits(bytes=60, age=50.0)
 STEPS = st.lists(
     st.one_of(
         st.tuples(st.just("append"), st.integers(0, 40)),
@@ -89,7 +89,7 @@ def test_what_arrived_is_gone_what_did_not_is_sent_again_in_order_within_the_bou
             first = spool.oldest()
             if what == "append":
                 body = bytes([number]) * size
-                sequence = spool.append(Message(body, {}), model.now, model.now)
+                sequence = spool.append(PostMessage(body, {}), model.now, model.now)
                 assert sequence not in model.given, "a number came again"
                 assert sequence > max(model.given, default=0)
                 model.given[sequence], model.rows[sequence] = body, (body, model.now, False)
@@ -141,17 +141,19 @@ def test_what_arrived_is_gone_what_did_not_is_sent_again_in_order_within_the_bou
 def test_a_message_comes_back_as_it_was(place: Path) -> None:
     with Spool(place, WIDE, 0.0, 100.0) as spool:
         sequence = spool.append(
-            Message(b"\x00\xff", {"Content-Type": "image/jpeg", "Twind-Camera": "x"}, 7), 0.0, 100.0
+            PostMessage(b"\x00\xff", {"Content-Type": "image/jpeg", "Twind-Camera": "x"}, 7), 0.0, 100.0
         )
         kept = spool.oldest()
         assert kept is not None
         assert (kept.sequence, kept.wall, kept.reason) == (sequence, 100.0, None)
-        assert kept.message == Message(b"\x00\xff", {"Content-Type": "image/jpeg", "Twind-Camera": "x"}, 7)
+        assert kept.message == PostMessage(
+            b"\x00\xff", {"Content-Type": "image/jpeg", "Twind-Camera": "x"}, 7
+        )
         assert spool.oldest(sequence) is None
 
 
 def test_one_that_was_dropped_while_it_was_sent_counts_once(place: Path) -> None:
-    with Spool(place, Bounds(10, 1e9), 0.0, 0.0) as spool:
+    with Spool(place, SpoolLimits(10, 1e9), 0.0, 0.0) as spool:
         first = spool.append(carrying("12345678"), 0.0, 0.0)
         spool.append(carrying("12345678"), 0.0, 0.0)
         spool.acknowledge(first)
@@ -168,7 +170,7 @@ def test_what_never_reached_the_spool_is_counted_for_good(place: Path) -> None:
 
 def test_a_wall_clock_that_is_set_drops_nothing_of_this_run(place: Path) -> None:
     """A board without a clock of its own: it starts in 1970, and NTP comes after a minute."""
-    with Spool(place, Bounds(1 << 20, 3600.0), 10.0, 0.0) as spool:
+    with Spool(place, SpoolLimits(1 << 20, 3600.0), 10.0, 0.0) as spool:
         spool.append(carrying("early"), 10.0, 0.0)
         spool.expire(70.0, 1.8e9)
         assert spool.tally.waiting == 1
@@ -177,11 +179,11 @@ def test_a_wall_clock_that_is_set_drops_nothing_of_this_run(place: Path) -> None
 
 
 def test_what_an_earlier_run_left_is_as_old_as_the_wall_clock_says(place: Path) -> None:
-    with Spool(place, Bounds(1 << 20, 3600.0), 5000.0, 1e9) as spool:
+    with Spool(place, SpoolLimits(1 << 20, 3600.0), 5000.0, 1e9) as spool:
         spool.append(carrying("old"), 5000.0, 1e9)
-    with Spool(place, Bounds(1 << 20, 3600.0), 3.0, 1e9 + 3000.0) as spool:
+    with Spool(place, SpoolLimits(1 << 20, 3600.0), 3.0, 1e9 + 3000.0) as spool:
         assert spool.tally.waiting == 1
-    with Spool(place, Bounds(1 << 20, 3600.0), 3.0, 1e9 + 4000.0) as spool:
+    with Spool(place, SpoolLimits(1 << 20, 3600.0), 3.0, 1e9 + 4000.0) as spool:
         assert (spool.tally.waiting, spool.tally.dropped) == (0, 1)
 
 
@@ -201,7 +203,7 @@ def test_dead_letters_are_listed_beside_whoever_streams_and_come_back_in_their_p
 def test_a_second_streamer_is_refused_and_told_who_is_there(place: Path) -> None:
     with (
         Spool(place, WIDE, 0.0, 0.0),
-        pytest.raises(SpoolHeld, match=r"process \d+ streams from it; .*--spool"),
+        pytest.raises(SpoolInUse, match=r"process \d+ streams from it; .*--spool"),
     ):
         Spool(place, WIDE, 0.0, 0.0)
     Spool(place, WIDE, 0.0, 0.0).close()

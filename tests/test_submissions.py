@@ -8,9 +8,9 @@ from rig import CLIENT, Rig
 
 from twind import link, memfd
 from twind.loop.reactions import react
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
-from twind.safety.facts import Judgement, Reaction
+from twind.safety.facts import GuardDecision, Reaction
 
 JOINT = "l_elbow"
 
@@ -78,7 +78,7 @@ def test_every_verdict_is_told_to_all_who_watch(armed: Rig) -> None:
     for way in (0.05, 9.0):
         last(armed, armed.submit(path(armed, way)))
     armed.ticks(1)
-    moments = [news for news in armed.news if isinstance(news, link.Moment)]
+    moments = [news for news in armed.news if isinstance(news, link.VerdictReport)]
     assert [bool(moment.verdict["refusals"]) for moment in moments] == [False, True]
     assert moments[0].id != moments[1].id
     (event,) = [event for event in armed.events() if event.message.startswith("refused")]
@@ -184,7 +184,7 @@ def test_one_that_is_ended_early_says_how_far_it_came(armed: Rig, phase: str) ->
 def test_whoever_is_gone_gets_no_reports_and_another_may_take_over(armed: Rig) -> None:
     ticket = armed.submit(path(armed, 0.05, 0.1, step=1.0), more=True)
     armed.ticks(20)
-    armed.front.outer.send(link.encode(link.Gone(client=CLIENT)))
+    armed.front.outer.send(link.encode(link.ConnectionClosed(client=CLIENT)))
     armed.ticks(1)
     known = len(armed.replies(ticket))
     armed.seconds(2.5)
@@ -278,8 +278,8 @@ def test_an_e_stop_is_an_event_with_its_level_and_the_change_of_state(armed: Rig
 
 
 def test_what_the_guard_demands_is_in_its_event(armed: Rig) -> None:
-    why = (Finding(Code.FOLLOW_ERR, 3, message="ordered by the test"),)
-    react(armed.loop, Judgement(Reaction.HOLD, why, causes=why), None, armed.clock.now())
-    react(armed.loop, Judgement(Reaction.NONE, why), None, armed.clock.now())
+    why = (Finding(ReasonCode.FOLLOW_ERR, 3, message="ordered by the test"),)
+    react(armed.loop, GuardDecision(Reaction.HOLD, why, causes=why), None, armed.clock.now())
+    react(armed.loop, GuardDecision(Reaction.NONE, why), None, armed.clock.now())
     armed.ticks(2)
-    assert [event.stop for event in armed.events(Code.FOLLOW_ERR)] == ["hold", ""]
+    assert [event.stop for event in armed.events(ReasonCode.FOLLOW_ERR)] == ["hold", ""]

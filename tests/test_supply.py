@@ -8,41 +8,41 @@ from pages import ROOT
 
 from twind.config.located import ConfigError, parse
 from twind.config.robot_file import load_robot, read_robot
-from twind.config.section import Section
-from twind.config.supply import Heat, Supply, full_counts, heat, supply
+from twind.config.section import ConfigSection
+from twind.config.supply import SupplyLimits, ThermalLimits, full_counts, heat, supply
 from twind.twin.binding import bind
 from twind_drivers.dynamixel.factory import FACTORY
 from twind_drivers.dynamixel.tables import models, number_of, table
 
 
-def section(text: str = "{}") -> Section:
-    return Section("robot.yaml", parse(text, "robot.yaml"))
+def section(text: str = "{}") -> ConfigSection:
+    return ConfigSection("robot.yaml", parse(text, "robot.yaml"))
 
 
-def of(text: str, device: str = "XM430-W350") -> Supply:
+def of(text: str, device: str = "XM430-W350") -> SupplyLimits:
     return supply(section(f"supply: {text}"), device)
 
 
-def warmth(text: str, device: str = "XM430-W350") -> Heat:
+def warmth(text: str, device: str = "XM430-W350") -> ThermalLimits:
     return heat(section(f"heat: {text}"), device)
 
 
 def test_a_12_v_servo_has_the_bounds_of_12_v_and_80_degrees() -> None:
-    assert of("{}") == Supply(11.1, 10.5, 10.0, 14.8)
-    assert warmth("{}") == Heat(60.0, 65.0, 70.0, 55.0, 0.35)
+    assert of("{}") == SupplyLimits(11.1, 10.5, 10.0, 14.8)
+    assert warmth("{}") == ThermalLimits(60.0, 65.0, 70.0, 55.0, 0.35)
 
 
 @pytest.mark.parametrize(
     ("device", "bounds", "settle"),
     [
-        ("XL330-M288", Supply(4.4, 4.0, 3.8, 6.4), 60.0),
-        ("XL430-W250", Supply(8.0, 7.2, 6.6, 12.5), 62.0),
-        ("XH540-V150", Supply(15.7, 13.9, 12.5, 26.5), 70.0),
-        ("PH54-200-S500", Supply(19.9, 18.1, 16.5, 31.3), 70.0),
+        ("XL330-M288", SupplyLimits(4.4, 4.0, 3.8, 6.4), 60.0),
+        ("XL430-W250", SupplyLimits(8.0, 7.2, 6.6, 12.5), 62.0),
+        ("XH540-V150", SupplyLimits(15.7, 13.9, 12.5, 26.5), 70.0),
+        ("PH54-200-S500", SupplyLimits(19.9, 18.1, 16.5, 31.3), 70.0),
     ],
 )
 def test_other_models_have_them_at_the_same_share_of_what_they_bear(
-    device: str, bounds: Supply, settle: float
+    device: str, bounds: SupplyLimits, settle: float
 ) -> None:
     assert of("{}", device) == bounds
     assert warmth("{}", device).settle == settle
@@ -53,7 +53,7 @@ def test_the_bounds_of_every_model_are_in_order_and_inside_what_it_can_be_set_to
     volts, degrees = of("{}", device), warmth("{}", device)
     made = FACTORY.get(table(number_of(device)).stem.removesuffix("_fw52"))
     if made is None:  # nothing is printed about it: never reached
-        assert (volts, degrees) == (Supply(-inf, -inf, -inf, inf), Heat(inf, inf, inf, inf))
+        assert (volts, degrees) == (SupplyLimits(-inf, -inf, -inf, inf), ThermalLimits(inf, inf, inf, inf))
         assert isnan(full_counts(device, 1.0, 0.01))
         return
     low, high = 0.1 * made.volts[0], 0.1 * made.volts[1]
@@ -63,16 +63,16 @@ def test_the_bounds_of_every_model_are_in_order_and_inside_what_it_can_be_set_to
 
 
 def test_a_device_that_is_in_no_table_has_no_bounds() -> None:
-    assert of("{}", "XYZ") == Supply()
-    assert warmth("{}", "XYZ") == Heat()
+    assert of("{}", "XYZ") == SupplyLimits()
+    assert warmth("{}", "XYZ") == ThermalLimits()
     assert isnan(full_counts("XYZ", nan, 0.001))
 
 
 def test_the_keys_of_the_robot_file_win() -> None:
     text = "{warn_v: 13.2, settle_v: 12.8, fault_v: 12.4, high_v: 16.8}"
-    assert of(text) == Supply(13.2, 12.8, 12.4, 16.8)
+    assert of(text) == SupplyLimits(13.2, 12.8, 12.4, 16.8)
     text = "{warn_c: 40, slow_c: 45, settle_c: 50, cool_c: 30, continuous: 0.25}"
-    assert warmth(text) == Heat(40.0, 45.0, 50.0, 30.0, 0.25)
+    assert warmth(text) == ThermalLimits(40.0, 45.0, 50.0, 30.0, 0.25)
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from guard_world import LIMITS, N, codes, facts, reading
 
-from twind.robot.finding import Code
-from twind.robot.modes import State
-from twind.robot.ratings import Ratings
-from twind.safety.guard import Guard, Judgement, Reaction
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import RobotState
+from twind.robot.ratings import ActuatorRatings
+from twind.safety.guard import Guard, GuardDecision, Reaction
 
 HOLD, SETTLE, DAMP, NONE = Reaction.HOLD, Reaction.SETTLE, Reaction.DAMP, Reaction.NONE
-LEGS = replace(Ratings.unknown(N), leg=np.array([True, False, False]))  # joint 0 alone carries the robot
+LEGS = replace(
+    ActuatorRatings.unknown(N), leg=np.array([True, False, False])
+)  # joint 0 alone carries the robot
 SUPPORTS = ["fixed", "gantry", "free", "", "swing"]  # what is unknown counts as free
 
 
@@ -25,7 +27,7 @@ def guard(support: str) -> Guard:
     return Guard(LIMITS, support=support, ratings=LEGS)
 
 
-def torque(support: str, joint: int, value: int) -> Judgement:
+def torque(support: str, joint: int, value: int) -> GuardDecision:
     watch, read = guard(support), np.ones(N, np.int8)
     read[joint] = value
     for time in (1.0, 1.1):
@@ -33,7 +35,7 @@ def torque(support: str, joint: int, value: int) -> Judgement:
     return last
 
 
-def restart(support: str, joint: int) -> Judgement:
+def restart(support: str, joint: int) -> GuardDecision:
     watch, ticks = guard(support), np.full(N, 9000, np.int32)
     watch.judge(facts(tick=ticks, health_time=np.full(N, 9.8)))
     again = ticks + 200
@@ -46,8 +48,8 @@ def restart(support: str, joint: int) -> Judgement:
 def test_torque_that_is_gone_holds_the_others_or_lowers_or_on_a_leg_damps(support: str, joint: int) -> None:
     hurt = DAMP if joint == 0 else SETTLE
     for found, code in (
-        (torque(support, joint, 0), Code.TORQUE_MISMATCH),
-        (restart(support, joint), Code.SERVO_REBOOTED),
+        (torque(support, joint, 0), ReasonCode.TORQUE_MISMATCH),
+        (restart(support, joint), ReasonCode.SERVO_REBOOTED),
     ):
         assert codes(found) == [code]
         assert (found.reaction, found.latches) == (HOLD if carried(support) else hurt, True)
@@ -60,13 +62,13 @@ def test_what_may_be_limp_holds_the_others_or_lowers(support: str, joint: int) -
     age = [0.0] * N
     age[joint] = 0.6
     silent = guard(support).judge(facts(measured=reading(age=age)))
-    assert (codes(silent), silent.reaction, silent.latches) == ([Code.STATE_STALE], expected, True)
+    assert (codes(silent), silent.reaction, silent.latches) == ([ReasonCode.STATE_STALE], expected, True)
     alerts = np.zeros(N, np.uint8)
     alerts[joint] = 0x80
     alert = guard(support).judge(facts(alerts=alerts))
-    assert (codes(alert), alert.reaction, alert.latches) == ([Code.SERVO_ALERT], expected, True)
+    assert (codes(alert), alert.reaction, alert.latches) == ([ReasonCode.SERVO_ALERT], expected, True)
     unknown = torque(support, joint, -1)
-    assert (codes(unknown), unknown.reaction) == ([Code.TORQUE_MISMATCH], expected)
+    assert (codes(unknown), unknown.reaction) == ([ReasonCode.TORQUE_MISMATCH], expected)
 
 
 @pytest.mark.parametrize("support", SUPPORTS)
@@ -83,7 +85,7 @@ def test_without_ratings_every_joint_is_a_leg() -> None:
     assert last.reaction is DAMP
 
 
-@pytest.mark.parametrize("state", [State.SETTLING, State.FAULT, State.ESTOP])
-def test_what_is_carried_and_on_its_way_down_goes_on(state: State) -> None:
+@pytest.mark.parametrize("state", [RobotState.SETTLING, RobotState.FAULT, RobotState.ESTOP])
+def test_what_is_carried_and_on_its_way_down_goes_on(state: RobotState) -> None:
     found = guard("gantry").judge(facts(state=state, measured=reading(age=[0.6, 0.0, 0.0])))
     assert (found.reaction, found.latches) == (NONE, True)

@@ -6,32 +6,32 @@ import numpy as np
 import pytest
 from clearance_world import Oracle, arm, at, finished, h24, line, still, wander
 
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.splines import Spline, hold, interpolate
 from twind.robot.trajectory import Trajectory
 from twind.twin import sweep
-from twind.twin.collision import Bodies
-from twind.twin.sweep import BAND, CHUNK, SLACK, Sweep, Swept
+from twind.twin.collision import CollisionModel
+from twind.twin.sweep import BAND, CHUNK, SLACK, CurveSweep, SweepResult
 
 FLOOR = '<geom name="floor" type="plane" size="2 2 0.1"/>'
 OPEN = "{allow: [[base, middle]]}"  # so that the tip alone comes back to the base
 POST = '<geom name="post" type="capsule" fromto="0.3 -1 0.45 0.3 1 0.45" size="0.004"/>'
 
 
-def swept(bodies: Bodies, curve: Spline) -> Swept:
-    found = finished(Sweep(bodies).running(curve))
-    assert isinstance(found, Swept)
+def swept(bodies: CollisionModel, curve: Spline) -> SweepResult:
+    found = finished(CurveSweep(bodies).running(curve))
+    assert isinstance(found, SweepResult)
     return found
 
 
-def named(bodies: Bodies, found: Swept) -> list[tuple[str, str]]:
+def named(bodies: CollisionModel, found: SweepResult) -> list[tuple[str, str]]:
     return [bodies.pairs[close.pair].bodies for close in found.refused]
 
 
 def against_the_oracle(seed: int, count: int, share: float) -> tuple[int, int, int]:
     """Accepted, refused, refused although clear by more than the band: never accepted although not clear."""
     binding = h24()
-    bodies = Bodies(binding)
+    bodies = CollisionModel(binding)
     oracle = Oracle(binding, [pair.geoms for pair in bodies.pairs])
     random = np.random.default_rng(seed)
     accepted = refused = wrongly = 0
@@ -68,9 +68,9 @@ def test_nothing_is_accepted_that_comes_too_close_in_a_thousand_ways() -> None:
 def test_a_collision_between_two_samples_is_found(tmp_path: Path) -> None:
     """A thin post: both ends are clear by 2 cm and more, and the tip passes through in the middle."""
     binding = arm(tmp_path, "{world_m: 0.001}", support="fixed", world=POST, tip="sphere")
-    bodies = Bodies(binding)
+    bodies = CollisionModel(binding)
     found = swept(bodies, line([-0.9, 0.0, 0.0], [-0.1, 0.0, 0.0]))
-    assert {bodies.pairs[close.pair].code for close in found.refused} == {Code.KEEP_OUT}
+    assert {bodies.pairs[close.pair].code for close in found.refused} == {ReasonCode.KEEP_OUT}
     first = found.refused[0]
     assert first.clearance < 0.0
     assert 0.0 < first.time < first.at < 1.0
@@ -79,15 +79,15 @@ def test_a_collision_between_two_samples_is_found(tmp_path: Path) -> None:
 
 
 def test_the_floor_has_its_own_name(tmp_path: Path) -> None:
-    bodies = Bodies(arm(tmp_path, support="fixed", world=FLOOR))
+    bodies = CollisionModel(arm(tmp_path, support="fixed", world=FLOOR))
     found = swept(bodies, line([0.0, 0.0, 0.0], [0.75, 0.0, 0.0]))
-    assert bodies.pairs[found.refused[0].pair].code is Code.FLOOR
+    assert bodies.pairs[found.refused[0].pair].code is ReasonCode.FLOOR
     assert ("floor", "tip") in named(bodies, found)
     assert not swept(bodies, line([0.0, 0.0, 0.0], [-0.75, 0.0, 0.0])).refused
 
 
 def test_two_boxes_are_judged_although_contacts_say_nothing_of_them(tmp_path: Path) -> None:
-    bodies = Bodies(arm(tmp_path, OPEN, tip="box"))
+    bodies = CollisionModel(arm(tmp_path, OPEN, tip="box"))
     assert len(bodies.boxes)
     found = swept(bodies, line([0.0, 0.0, 0.0], [0.0, 2.85, 0.0]))
     assert ("base", "tip") in named(bodies, found)
@@ -97,7 +97,7 @@ def test_two_boxes_are_judged_although_contacts_say_nothing_of_them(tmp_path: Pa
 
 def test_what_comes_near_is_told_and_not_refused(tmp_path: Path) -> None:
     """The tip goes straight at the base's top until 5 mm are left."""
-    bodies = Bodies(arm(tmp_path, OPEN))
+    bodies = CollisionModel(arm(tmp_path, OPEN))
     pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
     start, far = np.array([0.0, 0.0, 0.0]), np.array([0.0, 2.9, 0.0])
     low, high = 0.0, 1.0
@@ -114,7 +114,7 @@ def test_what_comes_near_is_told_and_not_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("beyond", [-2e-3, -3e-4, -BAND / 2, BAND / 2, 1e-3, 1e-2])
 def test_a_way_is_refused_from_the_bound_on(tmp_path: Path, beyond: float) -> None:
     """Dense around the bound: the way ends where the tip is `beyond` further into it than `block`."""
-    bodies = Bodies(arm(tmp_path, OPEN))
+    bodies = CollisionModel(arm(tmp_path, OPEN))
     pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
     low, high = 0.0, 2.9
     for _ in range(50):
@@ -128,7 +128,7 @@ def test_a_way_is_refused_from_the_bound_on(tmp_path: Path, beyond: float) -> No
         assert found.refused
 
 
-def inside(bodies: Bodies, deep: float) -> np.ndarray:
+def inside(bodies: CollisionModel, deep: float) -> np.ndarray:
     """A pose in which the tip is `deep` closer to the base than it may be."""
     pair = [each.bodies for each in bodies.pairs].index(("base", "tip"))
     low, high = 0.0, 2.9
@@ -141,7 +141,7 @@ def inside(bodies: Bodies, deep: float) -> np.ndarray:
 
 @pytest.mark.parametrize("deep", [-BAND / 2, BAND, 0.001, 0.005])
 def test_who_stands_too_close_may_leave_and_not_come_closer(tmp_path: Path, deep: float) -> None:
-    bodies = Bodies(arm(tmp_path, OPEN))
+    bodies = CollisionModel(arm(tmp_path, OPEN))
     start = inside(bodies, deep)
     out = swept(bodies, line(start, [0.0, 0.0, 0.0]))
     assert not out.refused
@@ -155,13 +155,13 @@ def test_who_stands_too_close_may_leave_and_not_come_closer(tmp_path: Path, deep
 
 def test_a_way_that_does_not_move_is_clear() -> None:
     binding = h24()
-    found = swept(Bodies(binding), hold(np.array(binding.rest)))
+    found = swept(CollisionModel(binding), hold(np.array(binding.rest)))
     assert (found.refused, found.warned, found.unfinished) == ((), (), False)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e300])
 def test_what_is_no_number_is_never_proved(tmp_path: Path, wrong: float) -> None:
-    bodies = Bodies(arm(tmp_path))
+    bodies = CollisionModel(arm(tmp_path))
     with np.errstate(all="ignore"):
         path = Trajectory(np.ones(1), np.array([[0.0, wrong, 0.0]]), np.ones(3, np.bool_))
         found = swept(bodies, interpolate(path, still(np.zeros(3))))
@@ -170,7 +170,7 @@ def test_what_is_no_number_is_never_proved(tmp_path: Path, wrong: float) -> None
 
 def test_the_work_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sweep, "MOST", 200)
-    bodies = Bodies(arm(tmp_path))
+    bodies = CollisionModel(arm(tmp_path))
     rows = [[0.0, 1.0 * (k % 2), 0.0] for k in range(200)]
     found = swept(bodies, line(*rows, seconds=0.5))
     assert found.unfinished
@@ -180,8 +180,8 @@ def test_the_work_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 def test_slices_are_short() -> None:
     """By work, not by the clock: no more than some poses between two yields."""
     binding = h24()
-    bodies = Bodies(binding)
-    sweeping = Sweep(bodies)
+    bodies = CollisionModel(binding)
+    sweeping = CurveSweep(bodies)
     worked = [0]
     random = np.random.default_rng(5)
     finished(sweeping.running(wander(random, binding, 0.5)), lambda: worked.append(sweeping._work))
@@ -190,7 +190,7 @@ def test_slices_are_short() -> None:
 
 def test_the_degree_and_the_speed_of_a_way_make_no_difference(tmp_path: Path) -> None:
     """The same geometry, slower: stretched in time from rest, a curve stays where it is (`retime`)."""
-    bodies = Bodies(arm(tmp_path))
+    bodies = CollisionModel(arm(tmp_path))
     path = Trajectory(
         np.array([1.0, 2.0]),
         np.array([[0.0, 1.0, 0.5], [0.3, 2.2, 0.0]]),

@@ -10,18 +10,18 @@ from hypothesis import strategies as st
 from twind.config.calibration_file import dump_calibration, read_calibration
 from twind.config.counts import tick_range, ticks_of
 from twind.config.device_record import DeviceRecord
-from twind.config.homing import Stops
+from twind.config.homing import JointEndstops
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.saving import draft_of
 from twind.ctl.verb import Rejected
 from twind_calibration.calibrating import draft as drafts
 from twind_calibration.calibrating.board import bar
-from twind_calibration.calibrating.draft import Draft, Swept
-from twind_calibration.calibrating.ground import Ground
+from twind_calibration.calibrating.draft import CalibrationDraft, DraftTravel
+from twind_calibration.calibrating.ground import CalibrationContext
 from twind_calibration.calibrating.placing import (
     TOLERANCE,
-    Zero,
+    ZeroOffset,
     by_ends,
     by_pose,
     fence,
@@ -29,10 +29,10 @@ from twind_calibration.calibrating.placing import (
     spread,
     whole,
 )
-from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.slots import CalibrationActuator, slots
 from twind_calibration.calibrating.travel import judge
-from twind_calibration.calibrating.travels import Stage, Travels
-from twind_calibration.calibrating.unwrap import Sample, framed
+from twind_calibration.calibrating.travels import SweepStage, SweepTracker
+from twind_calibration.calibrating.unwrap import EncoderSample, framed
 from twind_calibration.calibrating.writing import merged
 
 ROBOT = load_robot("h24")
@@ -44,7 +44,7 @@ DEVICE = DeviceRecord(1020, 47, None, 0, 0, 3, 0, 4095)
 TWICE = replace(KNEE, joint=replace(KNEE.joint, sign=-1))
 
 
-def span_of(slot: Slot, share: float) -> int:
+def span_of(slot: CalibrationActuator, share: float) -> int:
     return slot.ticks(share * slot.range)
 
 
@@ -52,13 +52,13 @@ def span_of(slot: Slot, share: float) -> int:
 
 
 @given(st.sampled_from(SLOTS), st.floats(0.61, 1.29))
-def test_a_travel_near_the_described_one_is_good(slot: Slot, share: float) -> None:
+def test_a_travel_near_the_described_one_is_good(slot: CalibrationActuator, share: float) -> None:
     if span_of(slot, share) < TURN:
         assert judge(slot, span_of(slot, share), SLOTS).good
 
 
 @given(st.sampled_from(SLOTS), st.one_of(st.floats(0.0, 0.59), st.floats(1.31, 8.0)))
-def test_any_other_is_refused_with_a_cause(slot: Slot, share: float) -> None:
+def test_any_other_is_refused_with_a_cause(slot: CalibrationActuator, share: float) -> None:
     judged = judge(slot, span_of(slot, share), SLOTS)
     assert not judged.good and judged.causes
     assert f"{100 * judged.share:.0f} % of" in judged.wrong or "turns of its actuator" in judged.wrong
@@ -76,14 +76,14 @@ def test_the_cause_is_named_ratio_joint_or_an_end_that_was_left_out() -> None:
 
 
 def test_a_whole_turn_is_refused_whatever_it_is_of() -> None:
-    wide = replace(KNEE, joint=replace(KNEE.joint, stops=Stops(-3.1, 3.1)))
+    wide = replace(KNEE, joint=replace(KNEE.joint, stops=JointEndstops(-3.1, 3.1)))
     assert judge(wide, TURN - 1).good
     judged = judge(wide, TURN)
     assert "after a power-up nobody can tell which turn" in judged.wrong and not judged.wide
 
 
 def test_a_nan_range_is_refused() -> None:
-    unknown = replace(KNEE.joint, upper=float("nan"), stops=Stops())
+    unknown = replace(KNEE.joint, upper=float("nan"), stops=JointEndstops())
     assert not judge(replace(KNEE, joint=unknown), 1000).good
 
 
@@ -94,7 +94,7 @@ class Hands:
     """Moves joints of a limp robot, one reading every 10 ms."""
 
     def __init__(self, asked: list[str], *, wide: bool = False, start: int = 3000) -> None:
-        self.travels = Travels(SLOTS, asked, wide=wide)
+        self.travels = SweepTracker(SLOTS, asked, wide=wide)
         self.places = dict.fromkeys(NAMED, start)
         self.time = 0.0
         self.news: list[str] = []
@@ -103,7 +103,7 @@ class Hands:
     def pass_(self, readings: int) -> None:
         for _ in range(readings):
             self.time += 0.01
-            heard = {name: Sample(self.time, place % TURN) for name, place in self.places.items()}
+            heard = {name: EncoderSample(self.time, place % TURN) for name, place in self.places.items()}
             self.news += [f"{each.what} {each.text}" for each in self.travels.take(heard)]
 
     def go(self, name: str, ticks: int) -> None:
@@ -121,8 +121,8 @@ class Hands:
 def test_a_joint_is_done_when_it_rested_at_both_ends_and_the_sweep_when_all_are() -> None:
     hands = Hands(["l_knee", "head_pitch"])
     hands.sweep("l_knee", 1500)
-    assert hands.travels.progress("l_knee").stage is Stage.DONE and not hands.travels.over
-    assert hands.travels.progress("head_pitch").stage is Stage.STILL
+    assert hands.travels.progress("l_knee").stage is SweepStage.DONE and not hands.travels.over
+    assert hands.travels.progress("head_pitch").stage is SweepStage.STILL
     hands.sweep("head_pitch", 1120)
     assert hands.travels.over and [each.split()[0] for each in hands.news] == ["done", "done"]
     low, high = hands.travels.travel("l_knee") or (0, 0)
@@ -136,7 +136,7 @@ def test_a_joint_is_done_when_it_rested_at_both_ends_and_the_sweep_when_all_are(
 def test_half_a_travel_is_not_done_and_enter_takes_one_that_fits_without_rest() -> None:
     hands = Hands(["l_knee"])
     hands.sweep("l_knee", 600)
-    assert hands.travels.progress("l_knee").stage is Stage.MOVING
+    assert hands.travels.progress("l_knee").stage is SweepStage.MOVING
     assert hands.travels.travel("l_knee", at_once=True) is None
     hands.go("l_knee", 1400)
     assert hands.travels.travel("l_knee") is None
@@ -151,7 +151,7 @@ def test_where_it_hung_at_first_is_no_end_and_three_quarters_are_not_taken_for_a
     assert hands.travels.progress("r_hip_pitch").ends == (False, True)
     hands.go("r_hip_pitch", -1160)
     hands.pass_(100)
-    assert hands.travels.progress("r_hip_pitch").stage is Stage.MOVING and not hands.travels.over
+    assert hands.travels.progress("r_hip_pitch").stage is SweepStage.MOVING and not hands.travels.over
     hands.go("r_hip_pitch", -420)
     hands.pass_(100)
     low, high = hands.travels.travel("r_hip_pitch") or (0, 0)
@@ -159,7 +159,7 @@ def test_where_it_hung_at_first_is_no_end_and_three_quarters_are_not_taken_for_a
 
 
 def test_a_travel_that_is_too_wide_is_wrong_unless_it_is_taken_as_it_is() -> None:
-    for wide, stage in ((False, Stage.WRONG), (True, Stage.DONE)):
+    for wide, stage in ((False, SweepStage.WRONG), (True, SweepStage.DONE)):
         hands = Hands(["waist_pitch"], wide=wide)
         hands.sweep("waist_pitch", 1200)
         assert hands.travels.progress("waist_pitch").stage is stage and hands.travels.over
@@ -173,7 +173,7 @@ def test_a_travel_that_was_done_and_grows_too_wide_is_one_no_more() -> None:
     assert hands.travels.travel("l_knee") is not None
     hands.go("l_knee", 2400)
     hands.pass_(50)
-    assert hands.travels.progress("l_knee").stage is Stage.WRONG
+    assert hands.travels.progress("l_knee").stage is SweepStage.WRONG
     assert hands.travels.travel("l_knee") is None and hands.travels.travel("l_knee", at_once=True) is None
 
 
@@ -200,15 +200,15 @@ def test_a_lost_reading_begins_a_joint_anew_and_takes_nothing_from_one_that_is_d
     hands.pass_(1)
     assert [each.split()[0] for each in hands.news] == ["done", "lost"]
     assert "move head_yaw again, from end to end" in hands.news[-1]
-    assert hands.travels.progress("l_knee").stage is Stage.DONE
-    assert hands.travels.progress("head_yaw").stage is Stage.STILL
+    assert hands.travels.progress("l_knee").stage is SweepStage.DONE
+    assert hands.travels.progress("head_yaw").stage is SweepStage.STILL
     assert hands.travels.travel("l_knee") is not None
 
 
 # ------------------------------------------------------------------------------------------- the zero
 
 
-def true_sweep(slot: Slot, zero: int, extra: float = 0.05) -> tuple[int, int]:
+def true_sweep(slot: CalibrationActuator, zero: int, extra: float = 0.05) -> tuple[int, int]:
     low, high = tick_range(slot.joint, zero, slot.lower - extra, slot.upper + extra)
     return framed(low, high, slot.start, TURN)
 
@@ -217,7 +217,7 @@ def true_sweep(slot: Slot, zero: int, extra: float = 0.05) -> tuple[int, int]:
     st.sampled_from(SLOTS), st.integers(-6000, 6000), st.floats(0.0, 1.0), st.integers(-3, 3), st.booleans()
 )
 def test_a_pose_finds_the_zero_on_whatever_turn_it_reads(
-    slot: Slot, zero: int, share: float, turns: int, wrapped: bool
+    slot: CalibrationActuator, zero: int, share: float, turns: int, wrapped: bool
 ) -> None:
     sweep = true_sweep(slot, zero)
     angle = slot.lower + share * (slot.upper - slot.lower)
@@ -230,7 +230,9 @@ def test_a_pose_finds_the_zero_on_whatever_turn_it_reads(
 
 
 @given(st.sampled_from(SLOTS), st.integers(-6000, 6000))
-def test_the_ends_of_the_travel_tell_the_zero_too_and_how_far_they_differ(slot: Slot, zero: int) -> None:
+def test_the_ends_of_the_travel_tell_the_zero_too_and_how_far_they_differ(
+    slot: CalibrationActuator, zero: int
+) -> None:
     sweep = true_sweep(slot, zero, 0.0)
     found = by_ends(slot, sweep, slot.lower, slot.upper)
     assert abs((found.ticks - zero + TURN // 2) % TURN - TURN // 2) <= 2 and found.sigma <= 1.0
@@ -294,9 +296,9 @@ def test_limits_beyond_the_counts_of_position_mode_are_refused_and_never_cut(off
     )
 )
 def test_a_draft_reads_back_as_it_was_written(travels: dict[str, tuple[int, int]]) -> None:
-    draft = Draft(
+    draft = CalibrationDraft(
         {
-            name: Swept(DEVICE, (first, first + span), "2026-11-21T09:14:03Z")
+            name: DraftTravel(DEVICE, (first, first + span), "2026-11-21T09:14:03Z")
             for name, (first, span) in travels.items()
         }
     )
@@ -305,8 +307,8 @@ def test_a_draft_reads_back_as_it_was_written(travels: dict[str, tuple[int, int]
 
 def test_a_draft_is_bound_to_the_description_and_leaves_with_its_last_joint(tmp_path: Path) -> None:
     path = tmp_path / "h24.yaml"
-    swept = Swept(DEVICE, (1, 2000), "2026-11-21T09:14:03Z")
-    assert drafts.load(path, ROBOT) == Draft()
+    swept = DraftTravel(DEVICE, (1, 2000), "2026-11-21T09:14:03Z")
+    assert drafts.load(path, ROBOT) == CalibrationDraft()
     drafts.change(path, ROBOT, lambda known: known.joined("l_knee", swept))
     kept = draft_of(tmp_path, "h24")
     assert kept.exists() and kept.name == ".h24.draft.yaml"
@@ -315,7 +317,7 @@ def test_a_draft_is_bound_to_the_description_and_leaves_with_its_last_joint(tmp_
     with pytest.raises(Rejected, match="joints, ids, signs or ratios changed since"):
         drafts.load(path, other)
     with pytest.raises(ConfigError, match="unknown"):
-        drafts.read(drafts.dump(Draft({"l_tail": swept}), ROBOT), "draft", ROBOT)
+        drafts.read(drafts.dump(CalibrationDraft({"l_tail": swept}), ROBOT), "draft", ROBOT)
     drafts.change(path, ROBOT, lambda known: known.without(["l_knee"]))
     assert not kept.exists()
 
@@ -328,9 +330,9 @@ def test_a_folder_that_cannot_be_written_is_told_before_anybody_moves(tmp_path: 
 
 
 def test_new_entries_take_the_place_of_the_old_ones_in_the_robots_order() -> None:
-    place = Ground(ROBOT, Path("h24.yaml"), named=False)
+    place = CalibrationContext(ROBOT, Path("h24.yaml"), named=False)
     knee, yaw = (
-        whole(NAMED[name], DEVICE, true_sweep(NAMED[name], 2000), Zero(2000, 0.4, 50, "jig"))
+        whole(NAMED[name], DEVICE, true_sweep(NAMED[name], 2000), ZeroOffset(2000, 0.4, 50, "jig"))
         for name in ("l_knee", "head_yaw")
     )
     first = merged(place, None, [knee])

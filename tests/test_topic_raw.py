@@ -10,14 +10,16 @@ from stand_in import NAMES, briefing, overview, tick
 
 from twind import link
 from twind.briefing import JointInfo
-from twind.front.world import World
+from twind.front.world import StateCache
 from twind.robot.modes import Mode
 
 
 def raw_of(news: link.Tick, joints: list[JointInfo]) -> dict[str, Any]:
     """What the front makes of a tick."""
     told = briefing(len(joints))
-    world = World(type(told)(**{**{f: getattr(told, f) for f in told.__struct_fields__}, "joints": joints}))
+    world = StateCache(
+        type(told)(**{**{f: getattr(told, f) for f in told.__struct_fields__}, "joints": joints})
+    )
     world.take(news)
     world.take(overview(0.0, count=len(joints)))
     answer: dict[str, Any] = json.loads(world.raw())

@@ -8,11 +8,11 @@ from guard_world import LIMITS, PERIOD, facts, reading
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.linkage import LinkageTable
 from twind.robot.modes import Motion
 from twind.robot.trajectory import Reference
-from twind.robot.transmission import Differential, Linked, Transmission
+from twind.robot.transmission import Differential, MappedTransmission, Transmission
 from twind.safety.guard import Guard
 
 AXIS = np.linspace(-2.0, 2.0, 6).tolist()
@@ -27,7 +27,7 @@ def found(law: Transmission, speeds: np.ndarray, read: np.ndarray, ticks: int = 
     """Actuators of joints 0 and 2 go at `speeds` (rad/s), and say so; `read` is the share of their way that
     their encoders show."""
     away = np.full(2, np.inf)
-    linked = Linked(np.array([0, 2]), law, -away, away)
+    linked = MappedTransmission(np.array([0, 2]), law, -away, away)
     guard, told = Guard(LIMITS, support="gantry", linked=[linked]), []
     guard.limit(LIMITS)
     for tick in range(ticks):
@@ -38,7 +38,7 @@ def found(law: Transmission, speeds: np.ndarray, read: np.ndarray, ticks: int = 
         measured = replace(reading(place.tolist(), time=now), velocity=speed)
         over = {"now": now, "measured": measured, "goal": Reference(goal, speed, np.zeros(3))}
         judged = guard.judge(facts(**over, previous=goal, motion=Motion.STREAMING, setpoint_age=0.0))
-        told += [one for one in judged.findings if one.code is Code.SENSE_FROZEN]
+        told += [one for one in judged.findings if one.code is ReasonCode.SENSE_FROZEN]
     return told
 
 

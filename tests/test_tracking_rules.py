@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from guard_world import FINE, LIMITS, PERIOD, TINY, N, codes, facts, joints, reading
 
-from twind.robot.finding import Code
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.finding import ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.trajectory import Reference
-from twind.safety.guard import Guard, Judgement, Reaction, Thresholds
+from twind.safety.guard import Guard, GuardDecision, GuardThresholds, Reaction
 
-BOUNDS = Thresholds()
+BOUNDS = GuardThresholds()
 HOLD, DAMP, NONE = Reaction.HOLD, Reaction.DAMP, Reaction.NONE
 
 
@@ -32,7 +32,7 @@ class Watch:
         goal_speed: list[float] | None = None,
         dt: float = PERIOD,
         **over: object,
-    ) -> Judgement:
+    ) -> GuardDecision:
         self.now += dt
         measured = reading(place, time=self.now)
         if speed is not None:
@@ -79,7 +79,7 @@ def test_r15_a_joint_off_for_a_tenth_of_a_second_is_held_where_it_is(
     assert last.latches is trips
     if trips:
         (finding,) = last.findings
-        assert (finding.code, finding.joint, finding.bound) == (Code.FOLLOW_ERR, 1, 0.2)
+        assert (finding.code, finding.joint, finding.bound) == (ReasonCode.FOLLOW_ERR, 1, 0.2)
         assert finding.value == pytest.approx(off)
         assert (last.reaction, last.here) == (HOLD, (1,))
         assert "held where it is" in finding.message
@@ -95,7 +95,7 @@ def test_r15_further_still_is_damped_at_once(side: float, off: float, damps: boo
     first = Watch().tick([side * off, 0.0, 0.0])
     assert (first.reaction, first.latches) == (DAMP if damps else NONE, damps)
     if damps:
-        assert (codes(first), first.findings[0].bound) == ([Code.FOLLOW_ERR], 0.5)
+        assert (codes(first), first.findings[0].bound) == ([ReasonCode.FOLLOW_ERR], 0.5)
         assert "soft" in first.findings[0].message
 
 
@@ -156,15 +156,15 @@ def test_r15_who_let_go_by_itself_does_not_make_the_others_soft_on_the_way_down_
 ) -> None:
     alerts, limp = np.array([alert, 0, 0], np.uint8), np.array([torque, 1, 1], np.int8)
     dogs = np.array([watchdog, 5, 5], np.int16)
-    watch = Watch(torque_settled=False, state=State.FAULT, torque=limp, alerts=alerts, watchdog=dogs)
-    assert (Code.FOLLOW_ERR in [one.code for one in watch.tick([1.2, 0.0, 0.0]).causes]) == soft
+    watch = Watch(torque_settled=False, state=RobotState.FAULT, torque=limp, alerts=alerts, watchdog=dogs)
+    assert (ReasonCode.FOLLOW_ERR in [one.code for one in watch.tick([1.2, 0.0, 0.0]).causes]) == soft
 
 
 def test_r15_who_takes_no_goals_since_its_watchdog_tripped_does_not_make_the_others_soft() -> None:
     watch = Watch(watchdog=np.array([255, 5, 5], np.int16))
     for _ in range(30):
         found = watch.tick([0.9, 0.0, 0.0])
-        assert (found.reaction, [one.code for one in found.causes]) == (HOLD, [Code.WATCHDOG_TRIPPED])
+        assert (found.reaction, [one.code for one in found.causes]) == (HOLD, [ReasonCode.WATCHDOG_TRIPPED])
     assert watch.tick([0.9, 0.9, 0.0]).reaction is DAMP
 
 
@@ -194,7 +194,7 @@ def test_r15_what_was_not_heard_is_not_judged_and_goes_on_counting() -> None:
 
 def test_r15_a_place_that_is_no_number_is_far() -> None:
     found = Watch().tick([nan, 0.0, 0.0])
-    assert (found.reaction, codes(found)) == (DAMP, [Code.FOLLOW_ERR])
+    assert (found.reaction, codes(found)) == (DAMP, [ReasonCode.FOLLOW_ERR])
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_r15_a_place_that_is_no_number_is_far() -> None:
 def test_r15_who_is_told_nothing_is_nowhere_off(over: dict[str, object]) -> None:
     watch = Watch(**over)
     for _ in range(20):
-        assert Code.FOLLOW_ERR not in codes(watch.tick([1.0, 0.0, 0.0]))
+        assert ReasonCode.FOLLOW_ERR not in codes(watch.tick([1.0, 0.0, 0.0]))
     if over.get("previous", 0) is None:  # and what was before it does not count afterwards
         watch.usual = {}
         assert watch.tick([0.3, 0.0, 0.0]) == FINE
@@ -213,21 +213,21 @@ def test_r15_who_is_told_nothing_is_nowhere_off(over: dict[str, object]) -> None
 @pytest.mark.parametrize(
     ("state", "settled", "reaction"),
     [
-        (State.ARMED, True, HOLD),
-        (State.FAULT, True, HOLD),  # still pushed: held where it is now
-        (State.FAULT, False, NONE),  # on its way down
-        (State.SETTLING, False, NONE),
-        (State.SETTLING, True, NONE),
-        (State.ESTOP, True, NONE),
+        (RobotState.ARMED, True, HOLD),
+        (RobotState.FAULT, True, HOLD),  # still pushed: held where it is now
+        (RobotState.FAULT, False, NONE),  # on its way down
+        (RobotState.SETTLING, False, NONE),
+        (RobotState.SETTLING, True, NONE),
+        (RobotState.ESTOP, True, NONE),
     ],
 )
 def test_r15_a_way_down_is_not_cut_short_but_the_fault_is_latched(
-    state: State, settled: bool, reaction: Reaction
+    state: RobotState, settled: bool, reaction: Reaction
 ) -> None:
     watch = Watch(state=state, torque_settled=settled)
     for _ in range(11):
         last = watch.tick([0.3, 0.0, 0.0])
-    assert (last.reaction, last.latches, codes(last)) == (reaction, True, [Code.FOLLOW_ERR])
+    assert (last.reaction, last.latches, codes(last)) == (reaction, True, [ReasonCode.FOLLOW_ERR])
     assert last.here == ((0,) if reaction else ())
     assert watch.tick([0.6, 0.0, 0.0]).reaction is DAMP
 
@@ -276,7 +276,7 @@ def frozen(
     pace: float = 0.5,
     motion: Motion = Motion.ACTIVE,
     flicker: int = 0,
-) -> Judgement:
+) -> GuardDecision:
     """A goal that moves on at `pace` (rad/s) while the position of joint 1 stays; the last judgement."""
     watch = Watch(motion=motion, setpoint_age=0.0, load=joints(0.0, load, 0.0))
     for tick in range(ticks):
@@ -308,7 +308,7 @@ def test_a_position_that_stays_while_the_motor_works_is_a_frozen_encoder(
     assert (found.reaction, found.latches) == (HOLD if trips else NONE, trips)
     if trips:
         assert ([(one.code, one.joint) for one in found.findings], found.here) == (
-            [(Code.SENSE_FROZEN, 1)],
+            [(ReasonCode.SENSE_FROZEN, 1)],
             (),  # where it is read is where it is not
         )
         assert 0.2 - TINY < (found.findings[0].value or 0.0) < 0.27
@@ -378,7 +378,7 @@ def test_all_may_be_frozen_at_once() -> None:
     found = [watch.tick([0.0] * N, [0.005 * tick] * N, speed=[0.5] * N) for tick in range(35)]
     first = next(one for one in found if one.findings)
     assert [one.joint for one in first.findings] == list(range(N))
-    assert {one.code for one in first.findings} == {Code.SENSE_FROZEN}
+    assert {one.code for one in first.findings} == {ReasonCode.SENSE_FROZEN}
 
 
 def test_silence_is_no_frozen_encoder() -> None:
@@ -416,7 +416,7 @@ def test_r16_too_fast_in_two_readings_holds(side: float, speed: float, trips: bo
     assert (second.reaction, second.latches) == (HOLD if trips else NONE, False)
     if trips:
         (finding,) = second.findings
-        assert (finding.code, finding.joint, finding.value) == (Code.OVERSPEED, 2, speed)
+        assert (finding.code, finding.joint, finding.value) == (ReasonCode.OVERSPEED, 2, speed)
         assert finding.bound == pytest.approx(FAST)
 
 
@@ -436,7 +436,7 @@ def test_r16_a_speed_that_is_read_and_is_no_number_is_too_fast(speed: float) -> 
     watch = Watch()
     assert watch.tick(speed=[speed, 0.0, 0.0]) == FINE
     found = watch.tick(speed=[speed, 0.0, 0.0])
-    assert (found.reaction, codes(found)) == (HOLD, [Code.OVERSPEED])
+    assert (found.reaction, codes(found)) == (HOLD, [ReasonCode.OVERSPEED])
 
 
 def test_r16_an_old_reading_neither_counts_nor_forgives() -> None:
@@ -471,17 +471,17 @@ def test_r16_three_at_their_own_limit_are_none() -> None:
 def test_r16_a_hand_may_move_a_limp_joint_as_fast_as_it_likes(over: dict[str, object]) -> None:
     watch = Watch(**over)
     for _ in range(10):
-        assert Code.OVERSPEED not in codes(watch.tick(speed=[9.0, 0.0, 0.0]))
+        assert ReasonCode.OVERSPEED not in codes(watch.tick(speed=[9.0, 0.0, 0.0]))
     watch.usual = {}
     assert watch.tick(speed=[9.0, 0.0, 0.0]) == FINE  # what was before does not count
     assert watch.tick(speed=[9.0, 0.0, 0.0]).reaction is HOLD
 
 
 def test_r16_on_the_way_down_it_is_only_told() -> None:
-    watch = Watch(state=State.SETTLING, torque_settled=False)
+    watch = Watch(state=RobotState.SETTLING, torque_settled=False)
     watch.tick(speed=[9.0, 0.0, 0.0])
     last = watch.tick(speed=[9.0, 0.0, 0.0])
-    assert (last.reaction, codes(last)) == (NONE, [Code.OVERSPEED])
+    assert (last.reaction, codes(last)) == (NONE, [ReasonCode.OVERSPEED])
 
 
 # ------------------------------------------------------------------------------------------- R25
@@ -507,7 +507,7 @@ def test_r25_robot_and_simulation_apart_for_half_a_second_is_told_only(
     assert not any(one.latches for one in said)
     found = [finding for one in said for finding in one.findings]
     assert [(one.code, one.joint, one.bound) for one in found] == (
-        [(Code.MIRROR_DRIFT, 1, 0.05)] if told else []
+        [(ReasonCode.MIRROR_DRIFT, 1, 0.05)] if told else []
     )
 
 
@@ -516,7 +516,7 @@ def test_r25_it_is_told_every_ten_seconds_at_most_and_of_a_simulation_that_is_no
     found = [
         finding for _ in range(2000) for finding in watch.tick(simulated=reading([nan, 0.0, 0.0])).findings
     ]
-    assert [one.code for one in found] == [Code.MIRROR_DRIFT] * 2
+    assert [one.code for one in found] == [ReasonCode.MIRROR_DRIFT] * 2
 
 
 def test_r25_at_a_thousand_looks_a_second_it_is_half_a_second_too() -> None:

@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from laws import placed, tables
 
-from twind.robot.cells import Cell
+from twind.robot.cells import TableCell
 from twind.robot.linkage import LinkageTable
 from twind.robot.transmission import (
     Differential,
@@ -166,9 +166,9 @@ def test_a_place_of_a_large_table_is_sought_in_a_few_cells(monkeypatch: pytest.M
     axis = np.linspace(-1.0, 1.0, 64).tolist()
     rows = [[(a + b) / 2 + 0.01 * math.sin(a), 0.03 * (a - b) / 2] for a in axis for b in axis]
     law, tried, solved = LinkageTable([axis, axis], rows), [], []
-    hold, solve = Cell.may_hold, Cell.solve
-    monkeypatch.setattr(Cell, "may_hold", lambda cell, wanted: tried.append(cell) or hold(cell, wanted))
-    monkeypatch.setattr(Cell, "solve", lambda cell, wanted: solved.append(cell) or solve(cell, wanted))
+    hold, solve = TableCell.may_hold, TableCell.solve
+    monkeypatch.setattr(TableCell, "may_hold", lambda cell, wanted: tried.append(cell) or hold(cell, wanted))
+    monkeypatch.setattr(TableCell, "solve", lambda cell, wanted: solved.append(cell) or solve(cell, wanted))
     for place in np.random.default_rng(0).uniform(-0.9, 0.9, (50, 2)):
         before = len(tried), len(solved)
         assert law.inverse(law.forward(place)) == pytest.approx(place, abs=1e-7)

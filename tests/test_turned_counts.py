@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from two_buses import JOINTS, LOWER, PERIOD, UPPER, TwoBuses
 
-from twind.loop.readings import Readings
-from twind_drivers.bus import Sample, WireClamp
+from twind.loop.readings import JointReadings
+from twind_drivers.bus import BusSample, WireClamp
 
 WHOLE = 4096
 LEFT = JOINTS.buses[0]
@@ -17,10 +17,10 @@ TURNS = st.lists(st.integers(-3, 3), min_size=3, max_size=3).map(lambda row: WHO
 NONE = np.zeros(3, np.int64)
 
 
-def sample(position: np.ndarray, at: float, heard: np.ndarray | None = None) -> Sample:
+def sample(position: np.ndarray, at: float, heard: np.ndarray | None = None) -> BusSample:
     """Of the left bus."""
     ears = np.ones(3, np.bool_) if heard is None else heard
-    return Sample(
+    return BusSample(
         sent=at,
         received=at + 0.002,
         position=np.where(ears, position, 0),
@@ -38,7 +38,7 @@ def sample(position: np.ndarray, at: float, heard: np.ndarray | None = None) -> 
 def test_a_joint_stands_where_its_count_and_its_turns_say(
     off: np.ndarray, later: np.ndarray, place: np.ndarray
 ) -> None:
-    readings, here, before = Readings(JOINTS, PERIOD), place * LEFT.scale, NONE
+    readings, here, before = JointReadings(JOINTS, PERIOD), place * LEFT.scale, NONE
     for shift, at in ((NONE, 10.0), (off, 10.01), (later, 10.02)):
         readings.turn(0, shift)
         if at > 10.0:  # what was read before goes along
@@ -98,7 +98,7 @@ def test_ranges_that_change_keep_the_turns() -> None:
 
 
 def test_a_count_that_changes_its_turn_unasked_is_not_believed() -> None:
-    readings = Readings(JOINTS, PERIOD)
+    readings = JointReadings(JOINTS, PERIOD)
     readings.turn(0, np.full(3, WHOLE))
     assert readings.take(0, sample(LEFT.zero - WHOLE, 10.0)).all()
     assert not readings.take(0, sample(LEFT.zero, 10.01)).any()

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.config.calibration_file import turn_band
-from twind.robot.finding import Code
-from twind.robot.turns import Turns
+from twind.robot.finding import ReasonCode
+from twind.robot.turns import TurnRange
 from twind.safety.turns import chosen, expected, inside, strayed, unfit
 
 WHOLE, FIRST, LAST, SLACK = 4096, 1500, 2600, 98
@@ -18,7 +18,7 @@ MANY = 1_048_575
 
 def turns(
     first: int = FIRST, last: int = LAST, *, whole: int = WHOLE, falls: bool = False, begin: int = 0
-) -> Turns:
+) -> TurnRange:
     """Of one joint, in a mode of many turns unless it `falls`."""
     numbers = {
         "whole": whole,
@@ -33,14 +33,14 @@ def turns(
         "begin": begin,
     }
     arrays = {name: np.array([number]) for name, number in numbers.items()}
-    return Turns(known=np.array([True]), falls=np.array([falls]), **arrays)
+    return TurnRange(known=np.array([True]), falls=np.array([falls]), **arrays)
 
 
-def told(raw: int, of: Turns, *, on: bool = False) -> str:
+def told(raw: int, of: TurnRange, *, on: bool = False) -> str:
     """What is said of that reading; empty: nothing."""
     shift = chosen(np.array([raw]), of)
     found = unfit(np.array([raw]), shift, of, np.array([on]))
-    assert all(each.code is Code.CALIB_MISMATCH and each.joint == 0 for each in found)
+    assert all(each.code is ReasonCode.CALIB_MISMATCH and each.joint == 0 for each in found)
     assert len(found) < 2
     return found[0].message if found else ""
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twind.config.robot_file import load_robot
-from twind.twin.muscles import Diverged, Motor, MujocoMuscles, Part, body_of
-from twind_drivers.virtual.muscles import Drive
+from twind.twin.muscles import BusPhysics, MujocoPhysics, PhysicsDiverged, ServoMotor, body_of
+from twind_drivers.virtual.muscles import DriveState
 
 TICKS = 4096 / (2 * pi)
 # 0.5 kg at 0.2 m: 0.98 N·m when level. Two arms side by side, so that one can be on another bus.
@@ -23,18 +23,23 @@ ARMS = """<mujoco><compiler angle="radian"/><worldbody>
 <actuator><position joint="one"/></actuator><sensor><actuatorfrc actuator="{actuator}"/></sensor></mujoco>"""
 
 
-def arms(friction: float = 0.1, **start: float) -> MujocoMuscles:
+def arms(friction: float = 0.1, **start: float) -> MujocoPhysics:
     text = ARMS.format(friction=friction, actuator="one").replace("<position ", '<position name="one" ')
-    motors = [Motor("one", 2000.0, TICKS), Motor("two", 1000.0, -TICKS)]
-    return MujocoMuscles(mujoco.MjSpec.from_string(text), motors, pinned=True, start=start)
+    motors = [ServoMotor("one", 2000.0, TICKS), ServoMotor("two", 1000.0, -TICKS)]
+    return MujocoPhysics(mujoco.MjSpec.from_string(text), motors, pinned=True, start=start)
 
 
 def power(
-    muscles: MujocoMuscles | Part, p: float = 800, i: float = 0, on: bool = True, mode: int = 3, **caps: float
+    muscles: MujocoPhysics | BusPhysics,
+    p: float = 800,
+    i: float = 0,
+    on: bool = True,
+    mode: int = 3,
+    **caps: float,
 ) -> None:
     one = np.ones(len(muscles.position))
     muscles.drive(
-        Drive(
+        DriveState(
             on=one > 0 if on else one < 0,
             mode=np.full(one.size, mode),
             p=p * one,
@@ -159,13 +164,13 @@ def test_a_joint_the_model_lacks_is_named() -> None:
         "<mujoco><worldbody><body><joint name='knee'/><geom size='1'/></body></worldbody></mujoco>"
     )
     with pytest.raises(KeyError, match="no joint 'elbow'; it has knee"):
-        MujocoMuscles(spec, [Motor("elbow", 0, TICKS)], pinned=True)
+        MujocoPhysics(spec, [ServoMotor("elbow", 0, TICKS)], pinned=True)
 
 
 def test_physics_that_blew_up_is_an_error_not_a_reset() -> None:
     muscles = arms()
     muscles.data.qvel[0] = 1e30
-    with pytest.raises(Diverged, match="QVEL"):
+    with pytest.raises(PhysicsDiverged, match="QVEL"):
         muscles.advance(0.1)
 
 

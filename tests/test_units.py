@@ -5,13 +5,13 @@ from math import nan, pi
 import pytest
 
 from twind.config.located import ConfigError, parse
-from twind.config.section import Section
-from twind.config.units import Units, units
+from twind.config.section import ConfigSection
+from twind.config.units import ServoUnits, units
 from twind_drivers.dynamixel.tables import models, number_of, table
 
 
-def of(device: str, text: str = "name: x") -> Units:
-    return units(Section("robot.yaml", parse(text, "robot.yaml")), device)
+def of(device: str, text: str = "name: x") -> ServoUnits:
+    return units(ConfigSection("robot.yaml", parse(text, "robot.yaml")), device)
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from twind_calibration.calibrating.unwrap import (
     FASTEST,
     GAP,
     QUARTER,
-    Sample,
-    Track,
+    EncoderSample,
+    UnwrappedEncoder,
     framed,
     lost,
     on_turn,
@@ -37,12 +37,14 @@ def on_wire(true: int, seam: int, turns: int, *, one_turn: bool) -> int:
 def test_the_travel_is_the_true_one_from_every_start_turn_over_every_seam(
     steps: list[int], start: int, seam: int, turns: int, one_turn: bool
 ) -> None:
-    track, place, went = Track(TURN), start, [start]
-    assert track.take(Sample(0.0, on_wire(place, seam, turns, one_turn=one_turn))) == ""
+    track, place, went = UnwrappedEncoder(TURN), start, [start]
+    assert track.take(EncoderSample(0.0, on_wire(place, seam, turns, one_turn=one_turn))) == ""
     for number, step in enumerate(steps, 1):
         place += step
         went.append(place)
-        assert track.take(Sample(number * PERIOD, on_wire(place, seam, turns, one_turn=one_turn))) == ""
+        assert (
+            track.take(EncoderSample(number * PERIOD, on_wire(place, seam, turns, one_turn=one_turn))) == ""
+        )
     assert track.span == max(went) - min(went)
     low, high = framed(track.low, track.high, 0, TURN)
     assert (low - min(went)) % TURN == 0 and high - low == max(went) - min(went)
@@ -71,10 +73,10 @@ def test_the_shortest_step_is_within_half_a_turn_and_the_same_but_for_turns(step
 
 @given(st.integers(int(QUARTER * TURN) + 1, TURN // 2 - 1), st.sampled_from([1, -1]))
 def test_a_step_over_a_quarter_turn_begins_anew(step: int, way: int) -> None:
-    track = Track(TURN)
+    track = UnwrappedEncoder(TURN)
     for number in range(20):
-        track.take(Sample(number * PERIOD, 1000 + 40 * number))
-    why = track.take(Sample(20 * PERIOD, (1000 + 40 * 19 + way * step) % TURN))
+        track.take(EncoderSample(number * PERIOD, 1000 + 40 * number))
+    why = track.take(EncoderSample(20 * PERIOD, (1000 + 40 * 19 + way * step) % TURN))
     assert "turns between two readings" in why
     assert track.span == 0
 
@@ -87,12 +89,12 @@ def test_a_step_over_a_quarter_turn_begins_anew(step: int, way: int) -> None:
 def test_whatever_is_missed_at_a_speed_of_hands_is_told_or_made_no_difference(
     steps: list[int], gap: int, speed: float
 ) -> None:
-    track, place = Track(TURN), 2000
+    track, place = UnwrappedEncoder(TURN), 2000
     for number, step in enumerate([0, 40, *steps]):
         place += step
-        track.take(Sample(number * PERIOD, place % TURN))
+        track.take(EncoderSample(number * PERIOD, place % TURN))
     before, missed = track.place, round(speed * TURN * gap * PERIOD)
-    after = Sample((len(steps) + 1 + gap) * PERIOD, (place + missed) % TURN)
+    after = EncoderSample((len(steps) + 1 + gap) * PERIOD, (place + missed) % TURN)
     if not track.take(after):
         assert track.place - before == missed
 
@@ -115,30 +117,35 @@ def test_the_edges_of_what_counts_as_lost(step: float, gap: float, speed: float,
 
 
 def test_an_old_reading_told_again_is_no_reading() -> None:
-    track = Track(TURN)
-    for sample in (Sample(1.0, 100), Sample(1.01, 130), Sample(1.01, 130), Sample(0.5, 4000)):
+    track = UnwrappedEncoder(TURN)
+    for sample in (
+        EncoderSample(1.0, 100),
+        EncoderSample(1.01, 130),
+        EncoderSample(1.01, 130),
+        EncoderSample(0.5, 4000),
+    ):
         assert track.take(sample) == ""
     assert (track.low, track.high, track.place) == (100, 130, 130)
 
 
 def test_a_joint_that_never_moved_begins_anew_in_silence() -> None:
-    track = Track(TURN)
-    track.take(Sample(0.0, 100))
-    assert track.take(Sample(5.0, 102)) == ""
+    track = UnwrappedEncoder(TURN)
+    track.take(EncoderSample(0.0, 100))
+    assert track.take(EncoderSample(5.0, 102)) == ""
     assert track.span == 0
 
 
 def rested_after(dwell: float, *, further: int = 0) -> tuple[bool, bool]:
     """A joint that goes from 1000 up to 2000, rests, comes home, rests, and perhaps goes further."""
-    track, time = Track(TURN), 0.0
+    track, time = UnwrappedEncoder(TURN), 0.0
 
     def go(to: int) -> None:
         nonlocal time
         way = 1 if to > track.place else -1
         for place in range(track.place, to, way * 20):
             time += PERIOD
-            track.take(Sample(time, place))
-        track.take(Sample(time + PERIOD, to))
+            track.take(EncoderSample(time, place))
+        track.take(EncoderSample(time + PERIOD, to))
         time += PERIOD
 
     def stay() -> None:
@@ -146,9 +153,9 @@ def rested_after(dwell: float, *, further: int = 0) -> tuple[bool, bool]:
         at = track.place
         for number in range(round(dwell / PERIOD)):
             time += PERIOD
-            track.take(Sample(time, at - number % 2))
+            track.take(EncoderSample(time, at - number % 2))
 
-    track.take(Sample(0.0, 1500))
+    track.take(EncoderSample(0.0, 1500))
     for end in (2000, 1000):
         go(end)
         stay()

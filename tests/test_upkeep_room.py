@@ -10,7 +10,7 @@ from rig import Rig
 
 from twind import link
 from twind.loop.hardware import SPARE, SPARE_SHARE
-from twind.loop.ports import PATIENCE, Port
+from twind.loop.ports import PATIENCE, BusPort
 from twind_drivers.can.budget import budget
 from twind_drivers.can.models import model
 from twind_drivers.upkeep import upkeep_stride
@@ -79,7 +79,7 @@ def test_at_the_highest_rate_that_the_budget_accepts_a_slice_waits_a_few_ticks_a
     assert budget(counts, BITRATE, rate).refusal(rate) is None
     rig = CanRig(models, rate_hz=rate)
     rig.heard()
-    port = Port("arm", "here", lambda _: rig.reader, lambda _: rig.writer, reader=rig.reader)
+    port = BusPort("arm", "here", lambda _: rig.reader, lambda _: rig.writer, reader=rig.reader)
     period, waits, waited = 1.0 / rate, [], 0
     stride = upkeep_stride(rate)
     for tick in range(40 * stride):

@@ -7,20 +7,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twind.bridge.uplink.contract import refused
-from twind.bridge.uplink.goals import AHEAD, MOST, Goals
+from twind.bridge.uplink.goals import AHEAD, MOST, UplinkGoalTable
 from twind.client import CallError, Refused
 
 
 @given(st.floats(allow_nan=True), st.floats(allow_nan=True))
 def test_a_goal_begins_only_within_its_deadline_and_that_is_near(deadline: float, now: float) -> None:
-    goals = Goals()
+    goals = UplinkGoalTable()
     with suppress(CallError):
         goals.begin("a", "lease", deadline, now)
     assert bool(len(goals)) == (now <= deadline and deadline - now <= AHEAD)
 
 
 def test_the_same_goal_again_is_the_first_one_and_of_another_lease_none() -> None:
-    goals = Goals()
+    goals = UplinkGoalTable()
     first = goals.begin("wave", "mine", 11.0, 10.0)
     first.id, first.answer = "d1", {"phase": "accepted"}
     assert goals.again("wave", "mine") is first
@@ -31,7 +31,7 @@ def test_the_same_goal_again_is_the_first_one_and_of_another_lease_none() -> Non
 
 
 def test_a_refusal_is_the_answer_however_often_it_is_asked() -> None:
-    goals = Goals()
+    goals = UplinkGoalTable()
     goals.begin("wave", "mine", 11.0, 10.0).refusal = refused("POS_LIMIT", "no")
     for _ in range(2):
         known = goals.again("wave", "mine")
@@ -41,7 +41,7 @@ def test_a_refusal_is_the_answer_however_often_it_is_asked() -> None:
 
 
 def test_what_is_forgotten_is_past_its_deadline_so_that_its_message_moves_nothing_any_more() -> None:
-    goals, now = Goals(), 10.0
+    goals, now = UplinkGoalTable(), 10.0
     for number in range(MOST):
         goals.begin(f"g{number}", "mine", now + 1.0, now)
     with pytest.raises(CallError, match="busy"):

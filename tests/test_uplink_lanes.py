@@ -6,13 +6,13 @@ import time
 import pytest
 from processes import until
 
-from twind.bridge.uplink.lanes import Lane
+from twind.bridge.uplink.lanes import WorkerQueue
 
 pytestmark = pytest.mark.realtime
 
 
 def test_what_is_put_is_done_in_its_order_and_what_finds_no_room_is_refused_and_counted() -> None:
-    lane, done, gate = Lane("asking", length=3), list[int](), threading.Event()
+    lane, done, gate = WorkerQueue("asking", length=3), list[int](), threading.Event()
     assert lane.put(gate.wait)
     for number in range(2):
         assert lane.put(lambda number=number: done.append(number))  # type: ignore[misc]
@@ -26,7 +26,7 @@ def test_what_is_put_is_done_in_its_order_and_what_finds_no_room_is_refused_and_
 
 def test_it_tends_to_its_things_after_each_job_and_without_any() -> None:
     tended = list[float]()
-    lane = Lane("goals", tend=lambda: tended.append(time.monotonic()), period=0.02)
+    lane = WorkerQueue("goals", tend=lambda: tended.append(time.monotonic()), period=0.02)
     lane.start()
     until(lambda: len(tended) > 3, 10.0, "it tends by itself")
     lane.stop()
@@ -37,7 +37,7 @@ def test_it_tends_to_its_things_after_each_job_and_without_any() -> None:
 
 def test_a_lane_that_hangs_does_not_keep_the_end_of_the_process() -> None:
     gate, last = threading.Event(), list[str]()
-    lane = Lane("settling", last=lambda: last.append(threading.current_thread().name))
+    lane = WorkerQueue("settling", last=lambda: last.append(threading.current_thread().name))
     lane.put(gate.wait)
     lane.start()
     begun = time.monotonic()

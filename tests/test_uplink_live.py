@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from doctor_world import way_to
 from processes import until
-from uplinked import JOINT, PATIENCE, Far, Place, Site, Uplink, ended, phases, site, up
+from uplinked import JOINT, PATIENCE, Far, NetworkConfig, Site, Uplink, ended, phases, site, up
 
 from twind.bridge.uplink.contract import MOST
 from twind.bridge.zenoh.keys import ASKED, STOPS
@@ -198,7 +198,7 @@ def test_who_has_no_lease_stops_it_all_the_same(far: Far) -> None:
 def flood(here: Site, data: bytes, *key: str) -> Iterator[list[int]]:
     """Somebody asks that flat out until the end; how many were sent, and how many answered, errors too."""
     count, stop = [0, 0], threading.Event()
-    peer = Far(Place(connect=(here.router.endpoint,)), here.far.robot)
+    peer = Far(NetworkConfig(connect=(here.router.endpoint,)), here.far.robot)
 
     def answered(reply: Any) -> None:
         count[1] += 1
@@ -314,7 +314,7 @@ def test_a_name_that_is_taken_is_refused_in_words(here: Site, brief: Brief) -> N
 
 def test_without_a_name_it_has_the_robots_own_and_ends_with_its_token(here: Site, brief: Brief) -> None:
     other = brief(Uplink(here.daemon.sockets, "--connect", here.router.endpoint))
-    elsewhere = Far(Place(connect=(here.router.endpoint,)), "h24")
+    elsewhere = Far(NetworkConfig(connect=(here.router.endpoint,)), "h24")
     up(elsewhere, other)
     elsewhere.ask("ask", "GetStatus")
     begun = time.monotonic()
@@ -335,7 +335,7 @@ def test_who_may_not_command_here_lets_nobody_command_from_afar(here: Site, brie
     (run / "observe.sock").chmod(0o666)
     (run / "control.sock").chmod(0o600)
     other = brief(Uplink(run, "--connect", here.router.endpoint, "--name", "seen", program=("-c", AS_NOBODY)))
-    elsewhere = Far(Place(connect=(here.router.endpoint,)), "seen")
+    elsewhere = Far(NetworkConfig(connect=(here.router.endpoint,)), "seen")
     up(elsewhere, other)
     assert elsewhere.ask("ask", "GetStatus")["status"]["mode"] == "sim"
     refused = elsewhere.lease()

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 from processes import Daemon, until
-from uplinked import JOINT, PATIENCE, Far, Place, Site, Uplink, ended, phases, site, up
+from uplinked import JOINT, PATIENCE, Far, NetworkConfig, Site, Uplink, ended, phases, site, up
 
 from twind.client import Client, ClientError
 
@@ -229,7 +229,7 @@ def test_a_daemon_that_restarts_is_waited_for_and_what_was_granted_before_is_voi
 
 def test_an_uplink_ends_when_it_is_told_to_though_router_and_daemon_hang(here: Site, brief: Brief) -> None:
     other = brief(Uplink(here.daemon.sockets, "--connect", here.router.endpoint, "--name", "other"))
-    elsewhere = Far(Place(connect=(here.router.endpoint,)), "other")
+    elsewhere = Far(NetworkConfig(connect=(here.router.endpoint,)), "other")
     up(elsewhere, other)
     here.router.signal(signal.SIGSTOP)
     here.daemon.process.send_signal(signal.SIGSTOP)
@@ -260,7 +260,7 @@ def test_of_two_of_one_name_that_begin_at_once_one_ends_in_words(here: Site, bri
     out, _ = over.process.communicate()
     assert "'twin' is alive on this network already" in json.loads(out)["parameters"]["message"]
     other = twins[1 - twins.index(over)]
-    elsewhere = Far(Place(connect=(here.router.endpoint,)), "twin")
+    elsewhere = Far(NetworkConfig(connect=(here.router.endpoint,)), "twin")
     up(elsewhere, other)
     time.sleep(1.0)
     assert other.process.poll() is None, "and one stays"

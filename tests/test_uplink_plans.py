@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from twind.bridge.uplink.plans import KEPT, MOST, Plans
+from twind.bridge.uplink.plans import KEPT, MOST, PlannedDurations
 
 
 def accepted(name: str, time: float, lasts: float, start_in: float | None = None) -> dict[str, Any]:
@@ -13,7 +13,7 @@ def accepted(name: str, time: float, lasts: float, start_in: float | None = None
 
 
 def test_it_grows_from_its_start_and_never_says_that_it_is_over() -> None:
-    plans = Plans()
+    plans = PlannedDurations()
     plans.heard(accepted("a", 10.0, 4.0))
     plans.heard(accepted("b", 10.0, 4.0, start_in=2.0))
     assert [plans.share("a", now) for now in (9.0, 10.0, 12.0, 14.0, 99.0)] == [0.0, 0.0, 0.5, MOST, MOST]
@@ -21,7 +21,7 @@ def test_it_grows_from_its_start_and_never_says_that_it_is_over() -> None:
 
 
 def test_of_what_was_not_heard_nothing_is_done_and_what_is_old_is_forgotten() -> None:
-    plans = Plans()
+    plans = PlannedDurations()
     for number in range(KEPT + 1):
         plans.heard(accepted(str(number), 0.0, 1.0))
     assert plans.share("0", 0.5) == 0.0

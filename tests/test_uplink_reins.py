@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 from told_line import ToldDaemon, ended, ended_in_words
 
-from twind.bridge.driving import Driving
-from twind.bridge.uplink.plans import Plans
-from twind.bridge.uplink.reins import Reins
-from twind.bridge.uplink.tenancy import Tenancy
+from twind.bridge.driving import MotionSession
+from twind.bridge.uplink.plans import PlannedDurations
+from twind.bridge.uplink.reins import LeaseKeeper
+from twind.bridge.uplink.tenancy import RemoteLease
 from twind.bridge.zenoh.keys import LEASE_S
 from twind.client import CallError, Refused
 
@@ -31,10 +31,15 @@ class Hand:
 
     def __init__(self) -> None:
         self.time, self.daemon, self.said = 1000.0, ToldDaemon(), list[str]()
-        self.tenancy = Tenancy()
-        driving = Driving(self.daemon.client)
-        self.reins = Reins(
-            driving, self.tenancy, Plans(), lambda name, answer: None, self.said.append, lambda: self.time
+        self.tenancy = RemoteLease()
+        driving = MotionSession(self.daemon.client)
+        self.reins = LeaseKeeper(
+            driving,
+            self.tenancy,
+            PlannedDurations(),
+            lambda name, answer: None,
+            self.said.append,
+            lambda: self.time,
         )
 
     def acquire(self, holder: str, **more: Any) -> str:

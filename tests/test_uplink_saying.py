@@ -1,11 +1,11 @@
 """What an uplink says: all of it, unless somebody far away makes it say too much."""
 
-from twind.bridge.uplink.saying import AT_ONCE, EACH, Saying
+from twind.bridge.uplink.saying import AT_ONCE, EACH, RateLimitedLog
 
 
 def test_a_flood_of_lines_is_cut_short_and_told_in_numbers() -> None:
     clock, said = [0.0], list[str]()
-    saying = Saying(said.append, lambda: clock[0])
+    saying = RateLimitedLog(said.append, lambda: clock[0])
     for number in range(1000):
         saying(f"line {number}")
     assert said == [f"line {number}" for number in range(AT_ONCE)]
@@ -19,7 +19,7 @@ def test_a_flood_of_lines_is_cut_short_and_told_in_numbers() -> None:
 
 def test_who_says_little_is_always_heard() -> None:
     clock, said = [0.0], list[str]()
-    saying = Saying(said.append, lambda: clock[0])
+    saying = RateLimitedLog(said.append, lambda: clock[0])
     for number in range(1000):
         saying(str(number))
         clock[0] += EACH

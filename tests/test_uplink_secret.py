@@ -14,7 +14,7 @@ from processes import Daemon, until
 from uplinked import PATIENCE, Far, Uplink, ended, phases, up
 from zenoh_router import Router
 
-from twind.bridge.zenoh.session import Place, SessionError, open_now
+from twind.bridge.zenoh.session import NetworkConfig, SessionError, open_now
 
 pytestmark = pytest.mark.realtime
 EXAMPLES = Path(__file__).parent.parent / "systemd" / "examples"
@@ -46,8 +46,8 @@ class Ground:
         made.write_text(said)
         return made
 
-    def place(self, name: str) -> Place:
-        return Place(connect=(self.endpoint,), file=self.file(name))
+    def place(self, name: str) -> NetworkConfig:
+        return NetworkConfig(connect=(self.endpoint,), file=self.file(name))
 
     def uplink(self, sockets: Path, certificate: str, name: str) -> Uplink:
         words = ("--connect", self.endpoint, "--zenoh-config", str(self.file(certificate)), "--name", name)
@@ -186,9 +186,9 @@ def test_nobody_comes_in_with_a_strangers_certificate_or_with_none(ground: Groun
     )
     for file in (stranger, plain):
         with pytest.raises(SessionError, match="localhost"):
-            open_now(Place(connect=(ground.endpoint,), file=file), 2.0)
+            open_now(NetworkConfig(connect=(ground.endpoint,), file=file), 2.0)
     with pytest.raises(SessionError):
-        open_now(Place(connect=(ground.endpoint.replace("tls/", "tcp/"),)), 2.0)
+        open_now(NetworkConfig(connect=(ground.endpoint.replace("tls/", "tcp/"),)), 2.0)
 
 
 def test_a_router_with_a_strangers_certificate_is_not_talked_to(ground: Ground, tmp_path: Path) -> None:
@@ -202,4 +202,4 @@ def test_a_router_with_a_strangers_certificate_is_not_talked_to(ground: Ground, 
     with Router(scheme="tls", file=tmp_path / "router.json5") as false:
         endpoint = false.endpoint.replace("127.0.0.1", "localhost")
         with pytest.raises(SessionError):
-            open_now(Place(connect=(endpoint,), file=ground.file("operator")), 2.0)
+            open_now(NetworkConfig(connect=(endpoint,), file=ground.file("operator")), 2.0)

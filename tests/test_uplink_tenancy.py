@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.bridge.uplink.tenancy import Tenancy
+from twind.bridge.uplink.tenancy import RemoteLease
 from twind.bridge.zenoh.keys import LEASE_S
 from twind.client import CallError, Refused
 from twind.safety.lease import TRAJECTORY
@@ -34,7 +34,7 @@ def test_a_lease_from_afar_lasts_as_long_as_the_daemons() -> None:
 def test_at_most_one_token_commands_and_only_until_a_second_after_its_last_renewal(
     script: list[tuple[str, float]],
 ) -> None:
-    tenancy, now, tokens, renewed = Tenancy(), 100.0, list[str](), dict[str, float]()
+    tenancy, now, tokens, renewed = RemoteLease(), 100.0, list[str](), dict[str, float]()
     for what, seconds in script:
         now += seconds
         if what in ("acquire", "take"):
@@ -63,7 +63,7 @@ def test_at_most_one_token_commands_and_only_until_a_second_after_its_last_renew
 
 
 def test_renewals_that_were_held_up_on_the_way_renew_nothing() -> None:
-    tenancy = Tenancy()
+    tenancy = RemoteLease()
     lease = tenancy.grant("desk", 10.0)["lease"]
     for late in (11.5, 11.6, 10.2):  # a link that was stuck empties its queue
         with pytest.raises(Refused):
@@ -72,7 +72,7 @@ def test_renewals_that_were_held_up_on_the_way_renew_nothing() -> None:
 
 
 def test_whose_lease_is_wrested_commands_no_more_and_may_not_give_it_back() -> None:
-    tenancy = Tenancy()
+    tenancy = RemoteLease()
     first = tenancy.grant("first", 10.0)["lease"]
     second = tenancy.grant("second", 10.1)
     assert not tenancy.holds(first, 10.1) and tenancy.holds(second["lease"], 10.1)

@@ -7,7 +7,7 @@ import pytest
 from processes import until
 
 from twind.bridge.uplink.door import Outcome, Serve
-from twind.bridge.uplink.together import WAITING, Together
+from twind.bridge.uplink.together import WAITING, CoalescedStop
 from twind.client import NoDaemon
 
 pytestmark = pytest.mark.realtime
@@ -41,7 +41,7 @@ def test_all_who_wait_are_answered_by_one_call_and_who_comes_meanwhile_by_the_ne
         assert gate.wait(10.0)
         return {"call": len(calls)}
 
-    together, first = Together("cutting", stop), Asked(reason="first")
+    together, first = CoalescedStop("cutting", stop), Asked(reason="first")
     assert together.put(first)  # type: ignore[arg-type]
     together.start()
     assert begun.wait(10.0)
@@ -56,7 +56,7 @@ def test_all_who_wait_are_answered_by_one_call_and_who_comes_meanwhile_by_the_ne
 
 
 def test_of_too_many_the_oldest_are_let_go_and_the_stop_is_made_all_the_same() -> None:
-    together = Together("settling", lambda asked: {"state": "estop"})
+    together = CoalescedStop("settling", lambda asked: {"state": "estop"})
     many = [Asked() for _ in range(WAITING + 3)]
     assert all(together.put(each) for each in many)  # type: ignore[arg-type]
     assert [each.forgotten for each in many] == [True] * 3 + [False] * WAITING
@@ -75,7 +75,7 @@ def test_a_call_that_fails_is_told_to_all_and_the_next_is_made() -> None:
             raise answer
         return answer
 
-    together, first, second = Together("settling", stop), Asked(), Asked()
+    together, first, second = CoalescedStop("settling", stop), Asked(), Asked()
     together.put(first)  # type: ignore[arg-type]
     together.start()
     until(lambda: together.done == 1, 10.0, "the first")

@@ -6,14 +6,14 @@ from viewed import GROUP_THREE, h24, other, status
 
 from twind.observe.viewing import words
 from twind.observe.viewing.figure import shown_geoms
-from twind.observe.viewing.likeness import Likeness, NoLikeness
-from twind.observe.viewing.news import Known
+from twind.observe.viewing.likeness import NoRobotModel, RobotModel
+from twind.observe.viewing.news import ViewerState
 from twind.observe.viewing.scene import AUTO, BOTH, NONE, ghosts
 
 
 def test_every_joint_turns_its_own_body_of_the_model() -> None:
     robot = h24()
-    likeness = Likeness(robot)
+    likeness = RobotModel(robot)
     still = likeness.places(likeness.rest)
     for place, name in enumerate(likeness.joints):
         pose = likeness.rest.copy()
@@ -24,13 +24,13 @@ def test_every_joint_turns_its_own_body_of_the_model() -> None:
 
 
 def test_a_joint_that_is_not_known_is_drawn_at_rest() -> None:
-    likeness = Likeness(h24())
+    likeness = RobotModel(h24())
     unknown = likeness.places(np.full(len(likeness.rest), np.nan))
     assert not unknown.differ(likeness.places(likeness.rest), 1e-9, 1e-6).any()
 
 
 def test_the_nearest_pair_is_told_with_its_bounds_and_its_points() -> None:
-    likeness = Likeness(h24())
+    likeness = RobotModel(h24())
     near, touching = likeness.nearest(likeness.rest)
     assert near is not None and near.level == "clear" and len(touching) == 0
     assert np.linalg.norm(near.ends[1] - near.ends[0]) == pytest.approx(near.distance, abs=1e-3)
@@ -42,12 +42,12 @@ def test_the_nearest_pair_is_told_with_its_bounds_and_its_points() -> None:
 
 
 def test_bodies_that_have_shapes_in_group_three_alone_are_drawn_with_them() -> None:
-    model = Likeness(other()).model
+    model = RobotModel(other()).model
     assert shown_geoms(model, model.body("trunk").id) == [1]
     both = GROUP_THREE.replace(
         '<geom type="box"', '<geom type="sphere" size="0.1" mass="1" group="1"/><geom type="box"'
     )
-    model = Likeness(other(both)).model
+    model = RobotModel(other(both)).model
     assert [int(model.geom_group[g]) for g in shown_geoms(model, model.body("trunk").id)] == [1]
 
 
@@ -57,18 +57,18 @@ def test_meshes_that_cannot_be_read_have_a_stand_in_and_it_is_said() -> None:
         '<geom type="capsule" fromto="0 0.03 0 0 0.03 -0.25" size="0.03" group="3" mass="0.2"/>',
         '<geom type="mesh" mesh="m" mass="0.2"/>',
     )
-    likeness = Likeness(other(mjcf))
+    likeness = RobotModel(other(mjcf))
     assert likeness.meshes_missing
-    known = Known()
+    known = ViewerState()
     known.take(status())
     assert "balls stand for them" in words.page(known.now(), likeness, None, 0)
 
 
 def test_a_model_that_is_none_is_told() -> None:
-    with pytest.raises(NoLikeness, match="cannot be compiled"):
-        Likeness(other("<mujoco><nonsense/></mujoco>"))
-    with pytest.raises(NoLikeness, match="nowhere"):
-        Likeness(other(joints=("nowhere",)))
+    with pytest.raises(NoRobotModel, match="cannot be compiled"):
+        RobotModel(other("<mujoco><nonsense/></mujoco>"))
+    with pytest.raises(NoRobotModel, match="nowhere"):
+        RobotModel(other(joints=("nowhere",)))
 
 
 @pytest.mark.parametrize(

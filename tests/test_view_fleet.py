@@ -21,16 +21,16 @@ from twind.observe.viewing import news as news_module
 from twind.observe.viewing import words
 from twind.observe.viewing.fleet import company as company_module
 from twind.observe.viewing.fleet import show as show_module
-from twind.observe.viewing.fleet.chorus import Chorus
-from twind.observe.viewing.fleet.company import Company, Whose
-from twind.observe.viewing.fleet.page import Page
-from twind.observe.viewing.fleet.show import Fleet
-from twind.observe.viewing.fleet.stand import FADED, Stand, camera, spots
-from twind.observe.viewing.fleet.standing import GREY, Kind, described, page, standing, summary
-from twind.observe.viewing.news import Described, Known, Lost, News
+from twind.observe.viewing.fleet.chorus import Broadcast
+from twind.observe.viewing.fleet.company import RobotRegistry, Whose
+from twind.observe.viewing.fleet.page import FleetPage
+from twind.observe.viewing.fleet.show import FleetViewer
+from twind.observe.viewing.fleet.stand import FADED, RobotPlate, camera, spots
+from twind.observe.viewing.fleet.standing import GREY, HealthLevel, described, page, standing, summary
+from twind.observe.viewing.news import DaemonLost, News, RobotAnnounced, ViewerState
 from twind.observe.viewing.scene import UNHEARD
-from twind.observe.viewing.stops import Outcome, Stops, Tell
-from twind.observe.viewing.ways import Ways, local
+from twind.observe.viewing.stops import StopOutcome, StopThreads, Tell
+from twind.observe.viewing.ways import RobotConnections, local
 from twind_drivers.clock import FakeClock
 
 SILENT = {"heard": False, "age_ms": 900.0}
@@ -38,10 +38,10 @@ FAULT = {"code": "FOLLOW_ERR", "message": "l_knee: too far off"}
 BUS = {"name": "main", "port": "", "connected": False}
 
 
-def known(*news: News, clock: FakeClock | None = None) -> Known:
+def known(*news: News, clock: FakeClock | None = None) -> ViewerState:
     """Of h24, then these."""
-    made = Known() if clock is None else Known(clock.now)
-    for each in (Described(h24()), *news):
+    made = ViewerState() if clock is None else ViewerState(clock.now)
+    for each in (RobotAnnounced(h24()), *news):
         made.take(each)
     return made
 
@@ -49,26 +49,34 @@ def known(*news: News, clock: FakeClock | None = None) -> Known:
 @pytest.mark.parametrize(
     ("news", "kind", "said"),
     [
-        ((status(), state(h24())), Kind.WELL, "live, armed, holding"),
-        ((status(motion="active"), state(h24())), Kind.MOVING, "live, armed, active"),
-        ((status(motion="streaming"), state(h24())), Kind.MOVING, "live, armed, streaming"),
-        ((status(), state(h24(), l_knee=SILENT)), Kind.WARNED, "live, armed, holding"),
-        ((status(), state(h24(), l_knee={"age_ms": None})), Kind.WARNED, "live, armed, holding"),
-        ((status(), state(h24(), l_knee={"faults": ["overload"]})), Kind.WARNED, "live, armed, holding"),
-        ((status(buses=[BUS]), state(h24())), Kind.WARNED, "live, armed, holding"),
-        ((status(mode="sim", state="disconnected", buses=[BUS]), state(h24())), Kind.WELL, "sim, holding"),
-        ((status(faults=[FAULT], motion="active"), state(h24())), Kind.FAULT, "live, armed, active"),
-        ((status(state="inhibited"), state(h24())), Kind.FAULT, "live, inhibited, holding"),
-        ((status(state="estop", faults=[FAULT]), state(h24())), Kind.STOPPED, "live, estop, holding"),
-        ((status(), state(h24()), Lost("gone")), Kind.LOST, "lost"),
-        ((Lost("never there"),), Kind.LOST, "not reached"),
-        ((), Kind.LOST, "nothing was heard yet"),
-        ((status(),), Kind.LOST, "nothing was heard yet"),
-        ((state(h24()),), Kind.LOST, "nothing was heard yet"),
+        ((status(), state(h24())), HealthLevel.WELL, "live, armed, holding"),
+        ((status(motion="active"), state(h24())), HealthLevel.MOVING, "live, armed, active"),
+        ((status(motion="streaming"), state(h24())), HealthLevel.MOVING, "live, armed, streaming"),
+        ((status(), state(h24(), l_knee=SILENT)), HealthLevel.WARNED, "live, armed, holding"),
+        ((status(), state(h24(), l_knee={"age_ms": None})), HealthLevel.WARNED, "live, armed, holding"),
+        (
+            (status(), state(h24(), l_knee={"faults": ["overload"]})),
+            HealthLevel.WARNED,
+            "live, armed, holding",
+        ),
+        ((status(buses=[BUS]), state(h24())), HealthLevel.WARNED, "live, armed, holding"),
+        (
+            (status(mode="sim", state="disconnected", buses=[BUS]), state(h24())),
+            HealthLevel.WELL,
+            "sim, holding",
+        ),
+        ((status(faults=[FAULT], motion="active"), state(h24())), HealthLevel.FAULT, "live, armed, active"),
+        ((status(state="inhibited"), state(h24())), HealthLevel.FAULT, "live, inhibited, holding"),
+        ((status(state="estop", faults=[FAULT]), state(h24())), HealthLevel.STOPPED, "live, estop, holding"),
+        ((status(), state(h24()), DaemonLost("gone")), HealthLevel.LOST, "lost"),
+        ((DaemonLost("never there"),), HealthLevel.LOST, "not reached"),
+        ((), HealthLevel.LOST, "nothing was heard yet"),
+        ((status(),), HealthLevel.LOST, "nothing was heard yet"),
+        ((state(h24()),), HealthLevel.LOST, "nothing was heard yet"),
     ],
 )
 def test_the_most_urgent_of_a_robot_is_what_is_said_of_it(
-    news: tuple[News, ...], kind: Kind, said: str
+    news: tuple[News, ...], kind: HealthLevel, said: str
 ) -> None:
     how = standing(known(*news).now())
     assert (how.kind, how.said) == (kind, said)
@@ -78,14 +86,14 @@ def test_a_robot_that_is_silent_for_a_second_counts_as_old_whatever_it_said_last
     clock = FakeClock()
     robot = known(status(faults=[FAULT]), state(h24()), clock=clock)
     clock.time = words.OLD - 0.1
-    assert standing(robot.now()).kind is Kind.FAULT
+    assert standing(robot.now()).kind is HealthLevel.FAULT
     clock.time = words.OLD
-    assert standing(robot.now()).kind is Kind.OLD
+    assert standing(robot.now()).kind is HealthLevel.OLD
     robot.take(state(h24(), 1.0))
-    assert standing(robot.now()).kind is Kind.FAULT
+    assert standing(robot.now()).kind is HealthLevel.FAULT
 
 
-def without_loop() -> Known:
+def without_loop() -> ViewerState:
     """A robot of another version."""
     told_so = status(state="estop")
     del told_so["status"]["loop"]
@@ -94,14 +102,14 @@ def without_loop() -> Known:
 
 def test_a_robot_that_says_what_nobody_understands_is_grey_and_counted_as_such() -> None:
     how, said = described(without_loop().now(), "")
-    assert how.kind is Kind.ODD and how.kind in GREY and "'loop'" in how.said and "loop" in said
+    assert how.kind is HealthLevel.ODD and how.kind in GREY and "'loop'" in how.said and "loop" in said
     good = standing(known(status(), state(h24())).now())
     assert "1 odd" in summary([how, good]) and "1 well" in summary([how, good])
 
 
 def test_a_stop_has_a_thread_once_somebody_asks_for_it(tmp_path: Path) -> None:
-    before, outcomes = threading.active_count(), queue.Queue[Outcome]()
-    stops = [Stops(local(str(tmp_path))) for _ in range(50)]
+    before, outcomes = threading.active_count(), queue.Queue[StopOutcome]()
+    stops = [StopThreads(local(str(tmp_path))) for _ in range(50)]
     assert threading.active_count() == before
     stops[0].estop.ask(outcomes.put)
     stops[0].estop.ask(outcomes.put)
@@ -125,7 +133,7 @@ def test_no_word_of_any_robot_becomes_markup() -> None:
     told_evil = status(mode=evil, state=evil, motion=evil, lease=lease, faults=[finding])
     robot = known(told_evil, state(h24()), event)
     assert "<img" not in page(robot.now(), standing(robot.now()), evil)
-    robot.take(Lost(evil))
+    robot.take(DaemonLost(evil))
     assert "<img" not in page(robot.now(), standing(robot.now()), evil)
 
 
@@ -138,7 +146,7 @@ def test_the_words_of_a_robot_name_its_faults_and_the_joints_that_are_not_heard(
 
 
 def test_of_a_robot_that_is_lost_only_its_last_words_are_told_as_such() -> None:
-    robot = known(status(faults=[FAULT]), state(h24(), l_knee=SILENT), Lost("the link is cut"))
+    robot = known(status(faults=[FAULT]), state(h24(), l_knee=SILENT), DaemonLost("the link is cut"))
     said = page(robot.now(), standing(robot.now()), "")
     assert words.row("now", "the link is cut", words.RED) in said
     assert words.row("said last", "live, armed, holding", words.GREY) in said
@@ -175,32 +183,32 @@ class Heard:
 
     def answer(self, *, done: bool) -> None:
         assert self.tell is not None
-        self.tell(Outcome(done, "stopping" if done else "NOT stopped", "why"))
+        self.tell(StopOutcome(done, "stopping" if done else "NOT stopped", "why"))
 
 
 def test_all_are_asked_at_once_and_a_failure_is_told_before_the_last_has_answered() -> None:
-    robots, outcomes = {name: Heard() for name in ("a", "b", "c")}, list[Outcome]()
-    Chorus("stop", lambda: robots).ask(outcomes.append)
+    robots, outcomes = {name: Heard() for name in ("a", "b", "c")}, list[StopOutcome]()
+    Broadcast("stop", lambda: robots).ask(outcomes.append)
     assert all(each.tell is not None for each in robots.values())
     robots["b"].answer(done=True)
     assert outcomes == []
     robots["c"].answer(done=False)
-    assert outcomes == [Outcome(False, "c: NOT stopped", "why")]
+    assert outcomes == [StopOutcome(False, "c: NOT stopped", "why")]
     robots["a"].answer(done=True)
-    assert outcomes[1:] == [Outcome(False, "stop: 2 of 3 robots", "not c")]
+    assert outcomes[1:] == [StopOutcome(False, "stop: 2 of 3 robots", "not c")]
 
 
 def test_that_all_did_it_is_told_once() -> None:
-    robots, outcomes = {name: Heard() for name in ("a", "b")}, list[Outcome]()
-    Chorus("e-stop", lambda: robots).ask(outcomes.append)
+    robots, outcomes = {name: Heard() for name in ("a", "b")}, list[StopOutcome]()
+    Broadcast("e-stop", lambda: robots).ask(outcomes.append)
     for each in robots.values():
         each.answer(done=True)
-    assert outcomes == [Outcome(True, "e-stop: 2 of 2 robots", "all have answered")]
+    assert outcomes == [StopOutcome(True, "e-stop: 2 of 2 robots", "all have answered")]
 
 
 def test_a_press_that_reaches_nobody_is_no_success() -> None:
-    outcomes = list[Outcome]()
-    Chorus("e-stop", dict).ask(outcomes.append)
+    outcomes = list[StopOutcome]()
+    Broadcast("e-stop", dict).ask(outcomes.append)
     assert [each.done for each in outcomes] == [False]
 
 
@@ -212,7 +220,7 @@ class Folders:
     """Robots that answer on sockets of their own."""
 
     folder: Path
-    ways: dict[str, Ways]
+    ways: dict[str, RobotConnections]
     stack: list[Any]
 
     def robot(self, name: str, answers: Answers) -> Any:
@@ -248,9 +256,9 @@ def speaking(mode: str = "live") -> dict[str, Any]:
 def test_an_estop_of_all_waits_for_no_robot_that_hangs(folders: Folders) -> None:
     folders.robot("hangs", lambda method: None)
     answering_one, _ = folders.robot("answers", speaking().get)
-    outcomes = queue.Queue[Outcome]()
-    stops = {name: Stops(ways, bound=1.0) for name, ways in folders.ways.items()}
-    Chorus("e-stop", lambda: {name: each.estop for name, each in stops.items()}).ask(outcomes.put)
+    outcomes = queue.Queue[StopOutcome]()
+    stops = {name: StopThreads(ways, bound=1.0) for name, ways in folders.ways.items()}
+    Broadcast("e-stop", lambda: {name: each.estop for name, each in stops.items()}).ask(outcomes.put)
     until(lambda: answering_one.asked == ["EStop"], 1.0, "the one that does not hang was asked")
     assert outcomes.empty()
     failed, total = told(outcomes), told(outcomes)
@@ -261,14 +269,14 @@ def test_an_estop_of_all_waits_for_no_robot_that_hangs(folders: Folders) -> None
 @pytest.mark.realtime
 def test_who_is_gone_stays_and_who_comes_later_is_added(folders: Folders) -> None:
     folders.robot("first", speaking().get)
-    found: list[Mapping[Whose, Ways]] = [{("first", "here"): folders.ways["first"]}]
+    found: list[Mapping[Whose, RobotConnections]] = [{("first", "here"): folders.ways["first"]}]
 
-    def look() -> Mapping[Whose, Ways]:
+    def look() -> Mapping[Whose, RobotConnections]:
         if not found:
             raise ClientError("no way there")
         return found[-1]
 
-    company = Company(look)
+    company = RobotRegistry(look)
     until(lambda: [each.name for each in company.members] == ["first"], 5.0, "the first")
     folders.robot("second", speaking("mirror").get)
     found.append({("second", "here"): folders.ways["second"]})
@@ -286,7 +294,7 @@ def test_who_is_called_as_another_takes_nobodys_place() -> None:
     """A stop that goes to somebody else than its name says would be worse than none."""
     unused = local("nowhere")
     found = {("h24", "/run/b"): unused, ("h24-mixed", "uplink"): unused}
-    company = Company(lambda: dict(sorted(found.items())))
+    company = RobotRegistry(lambda: dict(sorted(found.items())))
     until(lambda: len(company.members) == 2, 5.0, "both")
     found[("h24", "/run/a")] = unused  # would come before it
     until(lambda: len(company.members) == 3, 5.0, "all")
@@ -299,7 +307,7 @@ def test_a_page_has_room_for_so_many_robots_and_says_that_there_are_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(company_module, "MOST", 2)
-    company = Company(lambda: {(f"h{number}", "nowhere"): local("nowhere") for number in range(5)})
+    company = RobotRegistry(lambda: {(f"h{number}", "nowhere"): local("nowhere") for number in range(5)})
     until(lambda: "more than 2" in company.problem, 5.0, "the page says so")
     company.close()
     assert [each.name for each in company.members] == ["h0", "h1"]
@@ -326,14 +334,14 @@ def bodies(server: Any, number: int, figure: str) -> list[Any]:
 
 @pytest.mark.realtime
 def test_a_robot_that_is_lost_is_drawn_grey_where_it_was_and_as_it_is_when_it_is_back(server: Any) -> None:
-    stand, robot = Stand(server.scene, 0, "one"), known(status(), state(h24(), l_elbow=-0.5))
+    stand, robot = RobotPlate(server.scene, 0, "one"), known(status(), state(h24(), l_elbow=-0.5))
     stand.draw(robot.now(), standing(robot.now()))
     solid = server.scene.get_handle_by_name("/robots/0/robot/solid")
     marks = bodies(server, 0, "marks")
     assert solid.visible and not any(each.visible for each in marks)
     places = [tuple(each.position) for each in bodies(server, 0, "solid")]
 
-    robot.take(Lost("the link is cut"))
+    robot.take(DaemonLost("the link is cut"))
     how = standing(robot.now())
     assert how.kind in GREY
     stand.draw(robot.now(), how)
@@ -350,13 +358,13 @@ def test_a_robot_that_is_lost_is_drawn_grey_where_it_was_and_as_it_is_when_it_is
 
 @pytest.mark.realtime
 def test_another_model_takes_the_place_of_the_first_and_one_that_is_none_is_said(server: Any) -> None:
-    stand, robot = Stand(server.scene, 1, "two"), known(status(), state(h24()))
+    stand, robot = RobotPlate(server.scene, 1, "two"), known(status(), state(h24()))
     stand.draw(robot.now(), standing(robot.now()))
     large = stand.size
-    robot.take(Described(other("<mujoco><nonsense/></mujoco>")))
+    robot.take(RobotAnnounced(other("<mujoco><nonsense/></mujoco>")))
     stand.draw(robot.now(), standing(robot.now()))
     assert "cannot be compiled" in stand.problem and bodies(server, 1, "solid") == []
-    robot.take(Described(other()))
+    robot.take(RobotAnnounced(other()))
     stand.draw(robot.now(), standing(robot.now()))
     assert stand.problem == "" and len(bodies(server, 1, "solid")) == 2 and stand.size != large
     stand.failed(RuntimeError("no such mesh"))
@@ -371,7 +379,7 @@ class Robots:
     problem: str = ""
 
 
-class Said(Page):
+class Said(FleetPage):
     """A page whose words a test reads."""
 
     words: dict[str | None, str]
@@ -383,20 +391,22 @@ class Said(Page):
 
 
 @pytest.fixture
-def fleet(server: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[Fleet, Said, Known]:
+def fleet(
+    server: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> tuple[FleetViewer, Said, ViewerState]:
     """On a page that somebody looks at: one of another version, behind it one that is well."""
     well = known(status(), state(h24()), clock=FakeClock())
-    unused, pages = Stops(local(str(tmp_path))), list[Said]()
+    unused, pages = StopThreads(local(str(tmp_path))), list[Said]()
     members = [SimpleNamespace(name="odd", known=without_loop(), stops=unused)]
     members += [SimpleNamespace(name="good", known=well, stops=unused)]
-    monkeypatch.setattr(show_module, "Company", lambda _: Robots(tuple(members)))
-    monkeypatch.setattr(show_module, "Page", lambda *given: pages.append(Said(*given)) or pages[-1])
+    monkeypatch.setattr(show_module, "RobotRegistry", lambda _: Robots(tuple(members)))
+    monkeypatch.setattr(show_module, "FleetPage", lambda *given: pages.append(Said(*given)) or pages[-1])
     monkeypatch.setattr(server, "get_clients", lambda: {0: SimpleNamespace(camera=SimpleNamespace())})
-    return Fleet(server, dict), pages[0], well
+    return FleetViewer(server, dict), pages[0], well
 
 
 @pytest.mark.realtime
-def test_one_odd_robot_changes_no_word_of_the_others(fleet: tuple[Fleet, Said, Known]) -> None:
+def test_one_odd_robot_changes_no_word_of_the_others(fleet: tuple[FleetViewer, Said, ViewerState]) -> None:
     shown, page_of, well = fleet
     for _ in range(4):
         shown.draw()
@@ -410,12 +420,14 @@ def test_one_odd_robot_changes_no_word_of_the_others(fleet: tuple[Fleet, Said, K
 
 @pytest.mark.realtime
 def test_a_picture_that_fails_again_and_again_is_traced_once(
-    fleet: tuple[Fleet, Said, Known], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    fleet: tuple[FleetViewer, Said, ViewerState],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     def broken(*_: Any) -> None:
         raise RuntimeError("no such mesh")
 
-    monkeypatch.setattr(Stand, "draw", broken)
+    monkeypatch.setattr(RobotPlate, "draw", broken)
     for _ in range(8):
         fleet[0].draw()
     assert capfd.readouterr().err.count("Traceback") == 2  # of each robot one

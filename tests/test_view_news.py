@@ -14,11 +14,11 @@ from processes import until
 from viewed import h24, other, state, status
 
 from twind.observe.viewing import viewer, words
-from twind.observe.viewing.door import Site
+from twind.observe.viewing.door import ViewerSite
 from twind.observe.viewing.live import messages
-from twind.observe.viewing.news import WINDOW, Described, Known, Lost, News
+from twind.observe.viewing.news import WINDOW, DaemonLost, News, RobotAnnounced, ViewerState
 from twind.observe.viewing.scene import AUTO
-from twind.observe.viewing.stops import Stops
+from twind.observe.viewing.stops import StopThreads
 from twind.observe.viewing.ways import local
 from twind_drivers.clock import FakeClock
 
@@ -36,17 +36,17 @@ def test_messages_go_on_after_one_that_is_none(daemons: Daemons, tmp_path: Path)
     ended = threading.Event()
     news = messages(local(str(tmp_path)), ended)
     found = [next(news) for _ in range(4)]
-    assert isinstance(found[0], Described) and isinstance(found[3], Described)
-    assert isinstance(found[2], Lost) and "KeyError" in found[2].why
+    assert isinstance(found[0], RobotAnnounced) and isinstance(found[3], RobotAnnounced)
+    assert isinstance(found[2], DaemonLost) and "KeyError" in found[2].why
     ended.set()
 
 
 def test_a_message_that_is_none_is_said_and_the_next_one_is_shown() -> None:
-    known, robot = Known(), h24()
+    known, robot = ViewerState(), h24()
     seen: list[tuple[str | None, bool]] = []
 
     def news() -> Iterator[News]:
-        for each in (Described(robot), {"topic": "state"}, state(robot, 1.0)):
+        for each in (RobotAnnounced(robot), {"topic": "state"}, state(robot, 1.0)):
             yield each
             seen.append((known.now().lost, known.now().joints is not None))
         raise OSError("the file is gone")
@@ -60,7 +60,7 @@ def test_a_message_that_is_none_is_said_and_the_next_one_is_shown() -> None:
 
 def test_the_age_of_what_is_seen_is_said_and_red_from_a_second_on() -> None:
     clock = FakeClock()
-    known, robot = Known(clock.now), h24()
+    known, robot = ViewerState(clock.now), h24()
     assert "s ago" not in words.page(known.now(), None, None, 0)
     known.take(state(robot))
     clock.time = 0.9
@@ -94,14 +94,14 @@ class Canvas:
 def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
     daemons: Daemons, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
 ) -> None:
-    monkeypatch.setattr(viewer, "Scene", lambda *_: SimpleNamespace(remove=lambda: None))
+    monkeypatch.setattr(viewer, "RobotScene", lambda *_: SimpleNamespace(remove=lambda: None))
     monkeypatch.setattr(viewer, broken, lambda told: {}["no such pose"])
     daemons("control", lambda method: {"parameters": {"state": "estop"}})
-    stops, outcomes, known, canvas = Stops(local(str(tmp_path))), queue.Queue(), Known(), Canvas()
-    for news in (Described(h24()), status(), state(h24())):
+    stops, outcomes, known, canvas = StopThreads(local(str(tmp_path))), queue.Queue(), ViewerState(), Canvas()
+    for news in (RobotAnnounced(h24()), status(), state(h24())):
         known.take(news)
     ended = threading.Event()
-    shown = viewer.Viewer(Site(canvas, ""), known, canvas)
+    shown = viewer.RobotViewer(ViewerSite(canvas, ""), known, canvas)
     drawing = threading.Thread(target=viewer.run, args=(shown, known, (), ended))
     drawing.start()
     try:
@@ -120,18 +120,18 @@ def test_a_picture_that_cannot_be_drawn_takes_no_button_with_it(
 def test_messages_go_on_when_a_daemon_comes_back(daemons: Daemons, tmp_path: Path) -> None:
     ended = threading.Event()
     news = messages(local(str(tmp_path)), ended)
-    assert isinstance(next(news), Lost)
+    assert isinstance(next(news), DaemonLost)
     answers = {"GetRobot": {"parameters": h24()}, "Monitor": {"parameters": status()}}
     daemons("observe", answers.get)
     found: list[News] = [next(news), next(news), next(news)]
-    assert isinstance(found[0], Described)
-    assert isinstance(found[2], Described)  # the stream ended, and it asked anew
+    assert isinstance(found[0], RobotAnnounced)
+    assert isinstance(found[2], RobotAnnounced)  # the stream ended, and it asked anew
     ended.set()
 
 
 def test_what_is_known_is_the_latest_and_no_older_than_its_window() -> None:
-    known, robot = Known(), h24()
-    known.take(Described(robot))
+    known, robot = ViewerState(), h24()
+    known.take(RobotAnnounced(robot))
     for step in range(40):
         known.take(state(robot, 0.5 * step, head_yaw=0.01 * step))
     path = known.path()
@@ -139,12 +139,12 @@ def test_what_is_known_is_the_latest_and_no_older_than_its_window() -> None:
     assert path[-1].time - path[0].time <= WINDOW
     known.take(state(robot, 0.0))  # a recording that began anew
     assert [each.time for each in known.path()] == [0.0]
-    known.take(Described(other()))
+    known.take(RobotAnnounced(other()))
     assert known.now().joints is None and known.path() == []
 
 
 def test_only_refusals_warnings_and_errors_are_kept() -> None:
-    known = Known()
+    known = ViewerState()
     good: dict[str, Any] = {"refusals": [], "warnings": [], "changes": []}
     bad = good | {"refusals": [{"code": "POS_LIMIT", "message": "too far"}]}
     for time, verdict in enumerate((good, bad)):
@@ -158,7 +158,7 @@ def test_only_refusals_warnings_and_errors_are_kept() -> None:
 
 
 def test_a_joint_is_old_where_its_age_says_so_or_is_not_known() -> None:
-    known, robot = Known(), h24()
+    known, robot = ViewerState(), h24()
     silent = {"heard": False, "age_ms": 900.0}
     known.take(state(robot, head_yaw={"age_ms": 90.0}, head_pitch={"age_ms": None}, l_elbow=silent))
     now = known.now()

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from answering import Daemons, answering, told
 
-from twind.observe.viewing.operate import Operator, arm, look_after
-from twind.observe.viewing.stops import Outcome
+from twind.observe.viewing.operate import OperatorThread, arm, look_after
+from twind.observe.viewing.stops import StopOutcome
 
 LEASE = {"holder": "uid 0, pid 1", "uid": 0, "expires_in": 1.0}
 
@@ -25,7 +25,7 @@ def daemons(tmp_path: Path) -> Iterator[Daemons]:
 def test_the_lease_is_one_tabs_and_ends_with_it(daemons: Daemons, tmp_path: Path) -> None:
     daemon = daemons("control", lambda method: {"parameters": {"joints": []}})
     holders: queue.Queue[int | None] = queue.Queue()
-    operator, outcomes = Operator(str(tmp_path), holders.put), queue.Queue()
+    operator, outcomes = OperatorThread(str(tmp_path), holders.put), queue.Queue()
     operator.call(1, arm, outcomes.put)
     assert not told(outcomes).done  # nobody took it
     assert daemon.asked == []
@@ -56,12 +56,12 @@ def test_what_is_asked_meanwhile_is_refused_and_never_done_later(daemons: Daemon
         return {"parameters": {"joints": []}}
 
     daemon = daemons("control", answers)
-    operator, outcomes = Operator(str(tmp_path), lambda tab: None), queue.Queue()
+    operator, outcomes = OperatorThread(str(tmp_path), lambda tab: None), queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     operator.call(1, arm, outcomes.put)
     assert begun.wait(5.0)
-    operator.call(1, lambda client: Outcome(True, "played", ""), outcomes.put)
+    operator.call(1, lambda client: StopOutcome(True, "played", ""), outcomes.put)
     assert told(outcomes).text == "what was asked before is still being done"
     going_on.set()
     assert told(outcomes).title == "armed"
@@ -71,7 +71,7 @@ def test_what_is_asked_meanwhile_is_refused_and_never_done_later(daemons: Daemon
 @pytest.mark.realtime
 def test_a_page_that_does_not_answer_loses_the_lease(daemons: Daemons, tmp_path: Path) -> None:
     daemon = daemons("control", lambda method: {"parameters": {}})
-    operator, outcomes = Operator(str(tmp_path), lambda tab: None), queue.Queue()
+    operator, outcomes = OperatorThread(str(tmp_path), lambda tab: None), queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     answers = iter([RuntimeError("it may not read what it keeps"), TimeoutError("nothing came")])
@@ -90,7 +90,7 @@ def test_a_lease_that_was_lost_is_not_taken_again_by_itself(daemons: Daemons, tm
     lost = {"error": "io.twind.Control.Refused", "parameters": {"findings": []}}
     daemon = daemons("control", lambda method: lost if method == "RenewLease" else {"parameters": {}})
     holders: queue.Queue[int | None] = queue.Queue()
-    operator, outcomes = Operator(str(tmp_path), holders.put), queue.Queue()
+    operator, outcomes = OperatorThread(str(tmp_path), holders.put), queue.Queue()
     operator.take(1, outcomes.put)
     assert [holders.get(timeout=5.0), holders.get(timeout=5.0)] == [1, None]
     assert daemon.asked == ["AcquireLease", "RenewLease"]
@@ -111,7 +111,7 @@ def test_what_was_done_is_said_also_where_the_lease_is_gone_afterwards(
 
     daemons("control", answers)
     holders: queue.Queue[int | None] = queue.Queue()
-    operator, outcomes = Operator(str(tmp_path), holders.put), queue.Queue()
+    operator, outcomes = OperatorThread(str(tmp_path), holders.put), queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     operator.call(1, arm, outcomes.put)
@@ -126,7 +126,7 @@ def test_rubbish_for_an_answer_costs_the_operator_one_call_and_no_more(
     daemons: Daemons, tmp_path: Path
 ) -> None:
     daemons("control", lambda method: {"parameters": {}})  # Arm says no joints
-    operator, outcomes = Operator(str(tmp_path), lambda tab: None), queue.Queue()
+    operator, outcomes = OperatorThread(str(tmp_path), lambda tab: None), queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     operator.call(1, arm, outcomes.put)
@@ -138,7 +138,7 @@ def test_rubbish_for_an_answer_costs_the_operator_one_call_and_no_more(
 @pytest.mark.realtime
 def test_a_page_that_cannot_be_asked_loses_the_lease(daemons: Daemons, tmp_path: Path) -> None:
     daemon = daemons("control", lambda method: {"parameters": {}})
-    operator, outcomes = Operator(str(tmp_path), lambda tab: None), queue.Queue()
+    operator, outcomes = OperatorThread(str(tmp_path), lambda tab: None), queue.Queue()
     operator.take(1, outcomes.put)
     assert told(outcomes).done
     look_after(operator, 1, lambda: {}["no such page"])

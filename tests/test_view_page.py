@@ -9,11 +9,11 @@ import pytest
 from browser import browser, changed, missing, opened, picture
 from viewed import h24, other, state, status
 
-from twind.observe.viewing.door import Site
+from twind.observe.viewing.door import ViewerSite
 from twind.observe.viewing.door import opened as served
-from twind.observe.viewing.news import Described, Known
-from twind.observe.viewing.page import Page
-from twind.observe.viewing.viewer import Viewer, run
+from twind.observe.viewing.news import RobotAnnounced, ViewerState
+from twind.observe.viewing.page import RobotPage
+from twind.observe.viewing.viewer import RobotViewer, run
 
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(bool(missing()), reason=missing() or "there is one")]
 SEEN = 150  # cells of 12,800 that a robot has at least
@@ -24,8 +24,8 @@ NOISE = 8  # that differ between two looks at the same
 class Shown:
     """A viewer of made-up messages, and the page that shows it."""
 
-    site: Site
-    known: Known
+    site: ViewerSite
+    known: ViewerState
     page: Any
 
     def robot(self, visible: bool) -> None:
@@ -46,9 +46,9 @@ class Shown:
 
 @pytest.fixture(scope="module")
 def shown() -> Iterator[Shown]:
-    known, ended = Known(), threading.Event()
+    known, ended = ViewerState(), threading.Event()
     with browser() as found, served(None, "test") as site:
-        viewer = Viewer(site, known, Page(site.server, known, None))
+        viewer = RobotViewer(site, known, RobotPage(site.server, known, None))
         drawing = threading.Thread(target=run, args=(viewer, known, (), ended))
         drawing.start()
         try:
@@ -60,7 +60,7 @@ def shown() -> Iterator[Shown]:
 
 def test_the_robot_is_seen_and_its_pose_follows_a_motion(shown: Shown) -> None:
     told = h24()
-    for news in (Described(told), status(), state(told)):
+    for news in (RobotAnnounced(told), status(), state(told)):
         shown.known.take(news)
     before = picture(shown.page)
     assert shown.against_floor() > SEEN
@@ -77,7 +77,7 @@ def test_the_robot_is_seen_and_its_pose_follows_a_motion(shown: Shown) -> None:
 
 def test_a_joint_that_is_not_heard_is_drawn_in_red(shown: Shown) -> None:
     told = h24()
-    shown.known.take(Described(told))
+    shown.known.take(RobotAnnounced(told))
     shown.known.take(state(told, 3.0))
     usual = picture(shown.page)
     shown.known.take(state(told, 4.0, head_pitch={"heard": False, "age_ms": 900.0}))
@@ -89,7 +89,7 @@ def test_a_joint_that_is_not_heard_is_drawn_in_red(shown: Shown) -> None:
 
 def test_a_goal_elsewhere_is_a_translucent_figure(shown: Shown) -> None:
     told = h24()
-    shown.known.take(Described(told))
+    shown.known.take(RobotAnnounced(told))
     shown.known.take(state(told, 5.0))
     usual = picture(shown.page)
     shown.known.take(state(told, 6.0, r_shoulder_roll={"goal": -1.5}))
@@ -100,7 +100,7 @@ def test_a_goal_elsewhere_is_a_translucent_figure(shown: Shown) -> None:
 
 def test_a_model_whose_shapes_are_all_in_group_three_is_seen(shown: Shown) -> None:
     told = other()
-    shown.known.take(Described(told))
+    shown.known.take(RobotAnnounced(told))
     shown.known.take(state(told, 7.0))
     assert shown.against_floor() > SEEN
 

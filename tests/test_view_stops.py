@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from answering import Daemons, answering, told
 
-from twind.observe.viewing.stops import Outcome, Stops
+from twind.observe.viewing.stops import StopOutcome, StopThreads
 from twind.observe.viewing.ways import local
 
 
@@ -22,10 +22,10 @@ def daemons(tmp_path: Path) -> Iterator[Daemons]:
 def test_an_estop_waits_for_no_stop_that_hangs(daemons: Daemons, tmp_path: Path) -> None:
     daemons("control", lambda method: None)
     daemons("observe", lambda method: {"parameters": {"state": "estop", "torque_off": True, "done": True}})
-    stops, stop, estop = Stops(local(str(tmp_path)), bound=1.0), queue.Queue(), queue.Queue()
+    stops, stop, estop = StopThreads(local(str(tmp_path)), bound=1.0), queue.Queue(), queue.Queue()
     stops.stop.ask(stop.put)
     stops.estop.ask(estop.put)
-    assert told(estop, 0.9) == Outcome(True, "e-stop", "state estop, torque is off")
+    assert told(estop, 0.9) == StopOutcome(True, "e-stop", "state estop, torque is off")
     assert stop.empty()
     late = told(stop)
     assert not late.done
@@ -36,7 +36,7 @@ def test_an_estop_waits_for_no_stop_that_hangs(daemons: Daemons, tmp_path: Path)
 def test_an_estop_goes_by_whichever_socket_there_is_and_says_when_there_is_none(
     daemons: Daemons, tmp_path: Path
 ) -> None:
-    stops, outcomes = Stops(local(str(tmp_path)), bound=1.0), queue.Queue()
+    stops, outcomes = StopThreads(local(str(tmp_path)), bound=1.0), queue.Queue()
     stops.estop.ask(outcomes.put)
     none = told(outcomes)
     assert (none.done, none.title) == (False, "e-stop NOT confirmed") and "own switch" in none.text
@@ -53,9 +53,9 @@ def test_an_estop_goes_by_the_other_socket_where_one_answers_rubbish(
 ) -> None:
     daemons("observe", lambda method: observe)
     daemons("control", lambda method: {"parameters": {"state": "estop", "torque_off": False}})
-    outcomes: queue.Queue[Outcome] = queue.Queue()
-    Stops(local(str(tmp_path)), bound=1.0).estop.ask(outcomes.put)
-    assert told(outcomes) == Outcome(True, "e-stop", "state estop, torque is on")
+    outcomes: queue.Queue[StopOutcome] = queue.Queue()
+    StopThreads(local(str(tmp_path)), bound=1.0).estop.ask(outcomes.put)
+    assert told(outcomes) == StopOutcome(True, "e-stop", "state estop, torque is on")
 
 
 @pytest.mark.realtime
@@ -64,9 +64,9 @@ def test_a_stop_button_outlives_rubbish_and_tabs_that_cannot_be_told(
 ) -> None:
     answers: dict[str, Any] = {"Cancel": {"parameters": {}}, "EStop": {"parameters": {"torque_off": 7}}}
     daemons("control", answers.get)
-    stops, outcomes = Stops(local(str(tmp_path)), bound=1.0), queue.Queue()
+    stops, outcomes = StopThreads(local(str(tmp_path)), bound=1.0), queue.Queue()
 
-    def no_tab(outcome: Outcome) -> None:
+    def no_tab(outcome: StopOutcome) -> None:
         raise RuntimeError("the tab was closed")
 
     for errand in (stops.stop, stops.estop):
@@ -88,7 +88,7 @@ def test_who_may_not_stop_is_told_what_may(daemons: Daemons, tmp_path: Path) -> 
         "parameters": {"role": "observer", "method": "Cancel"},
     }
     daemons("control", lambda method: refusal)
-    outcomes: queue.Queue[Outcome] = queue.Queue()
-    Stops(local(str(tmp_path))).stop.ask(outcomes.put)
+    outcomes: queue.Queue[StopOutcome] = queue.Queue()
+    StopThreads(local(str(tmp_path))).stop.ask(outcomes.put)
     answer = told(outcomes)
     assert not answer.done and "e-stop needs no operator" in answer.text

@@ -15,12 +15,12 @@ from twind.ctl.extras import how_to_add
 from twind.ctl.verb import UsageError
 from twind.observe import view
 from twind.observe.viewing import plots, words
-from twind.observe.viewing.news import Known, Lost
+from twind.observe.viewing.news import DaemonLost, ViewerState
 
 
 def test_no_word_of_anybody_becomes_markup() -> None:
     evil = "<img src=x onerror=alert(1)>"
-    known = Known()
+    known = ViewerState()
     finding = {"code": evil, "message": evil}
     known.take(
         status(robot=evil, lease={"holder": evil, "uid": 0, "expires_in": 1.0}, faults=[finding], state=evil)
@@ -28,12 +28,12 @@ def test_no_word_of_anybody_becomes_markup() -> None:
     known.take({"topic": "events", "time": 0.0, "event": {"level": "error", "code": evil, "message": evil}})
     known.take({"topic": "verdicts", "time": 0.0, "verdict": {"refusals": [finding]}})
     assert "<img" not in words.page(known.now(), None, None, 0)
-    known.take(Lost(evil))
+    known.take(DaemonLost(evil))
     assert "<img" not in words.page(known.now(), None, None, 0)
 
 
 def test_the_tracking_error_is_that_of_joints_that_have_a_goal() -> None:
-    known, robot = Known(), h24()
+    known, robot = ViewerState(), h24()
     known.take(state(robot, 1.0))
     assert np.isnan(plots.tracking(known)[1]).all() and plots.worst(known) is None
     known.take(state(robot, 2.0, l_knee={"position": 0.1, "goal": 0.15}, r_knee={"goal": 0.01}))
@@ -48,7 +48,7 @@ def test_the_tracking_error_is_that_of_joints_that_have_a_goal() -> None:
 
 
 def test_in_mirror_the_tracking_error_is_that_of_the_simulation() -> None:
-    known, robot = Known(), h24()
+    known, robot = ViewerState(), h24()
     held = {"position": 0.5, "goal": 0.1, "simulated": 0.09}
     for time, mode in enumerate(("live", "mirror", "sim")):
         known.take(status(mode=mode))
@@ -58,7 +58,7 @@ def test_in_mirror_the_tracking_error_is_that_of_the_simulation() -> None:
 
 @pytest.mark.parametrize("place", [37, 700, 1999])
 def test_a_peak_of_one_sample_is_in_the_plots(place: int) -> None:
-    known, robot = Known(), h24()
+    known, robot = ViewerState(), h24()
     for step in range(2000):
         off = 0.3 if step == place else 0.0
         known.take(state(robot, 0.005 * step, l_knee={"position": off, "goal": 0.0}))
@@ -73,7 +73,7 @@ def test_a_peak_of_one_sample_is_in_the_plots(place: int) -> None:
 
 
 def test_latency_is_plotted_by_hop() -> None:
-    known = Known()
+    known = ViewerState()
     hops = [{"hop": "total", "now_ms": 3.0}, {"hop": "twin", "now_ms": None}]
     known.take({"topic": "latency", "time": 1.0, "latency": hops})
     time, total, twin, *_ = plots.latency(known)

@@ -3,13 +3,13 @@ from pathlib import Path
 import pytest
 
 from twind.config.robot_file import load_robot
-from twind.virtual.bench import Line, SpecimenError, bench, by_bus, servo, settings
+from twind.virtual.bench import BusTiming, VirtualRobotSpecError, bench, by_bus, servo, settings
 from twind.virtual.main import main
 from twind.virtual.specimen import buses, specimen
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
 from twind_drivers.virtual.servos import ServoSpec
-from twind_drivers.virtual.stream import Adapter
+from twind_drivers.virtual.stream import SerialAdapter
 
 
 def test_a_servo_is_named_by_bus_id_model_and_firmware() -> None:
@@ -32,13 +32,13 @@ def test_a_servo_is_named_by_bus_id_model_and_firmware() -> None:
     ],
 )
 def test_a_servo_that_is_none_says_what_would_be_right(text: str, says: str) -> None:
-    with pytest.raises(SpecimenError, match=says):
+    with pytest.raises(VirtualRobotSpecError, match=says):
         servo(text)
 
 
 def test_on_a_bench_servos_are_as_from_the_factory() -> None:
     """e-manual, XM430-W350: "Baud Rate" 57600, "Return Delay Time" 500 us."""
-    (bus,) = bench([servo("arm:3:XM430-W350"), servo("arm:7:XL330-M288")], Line()).values()
+    (bus,) = bench([servo("arm:3:XM430-W350"), servo("arm:7:XL330-M288")], BusTiming()).values()
     bus.receive(packet.ping(3), 0.0)
     assert bus.due() == pytest.approx(24 * 10 / 57600 + 500e-6)
     assert [each.id for each in Framer(status=True).feed(bus.take(1.0))] == [3]
@@ -49,7 +49,7 @@ def test_the_settings_given_are_in_the_registers_and_the_adapter_is_as_told() ->
         (bus, ServoSpec(spec.id, spec.model, settings(1_000_000, 20)))
         for bus, spec in [servo("a:1:XM430-W350")]
     ]
-    line = Line(adapter=Adapter(echo=True), wire_timing=False)
+    line = BusTiming(adapter=SerialAdapter(echo=True), wire_timing=False)
     (bus,) = bench(made, line, baud=1_000_000).values()
     assert (bus.servos["baud_rate"][0], bus.servos["return_delay_time"][0]) == (3, 10)
     bus.receive(packet.ping(1), 0.0)
@@ -61,7 +61,7 @@ def test_two_of_one_id_never_say_the_same_bits_of_tick_and_position(register: tu
     """Else no scan could tell that there are two: where the bits of both agree the line shows just that."""
     for seed in range(20):
         named = [servo("arm:3:XM430-W350"), servo("arm:3:XM430-W350")]
-        (bus,) = bench(named, Line(seed=seed)).values()
+        (bus,) = bench(named, BusTiming(seed=seed)).values()
         bus.receive(packet.read(3, *register), 5.0)
         assert Framer(status=True).feed(bus.take(6.0)) == []
 
@@ -70,7 +70,7 @@ def test_the_same_seed_lays_the_same_servos_out() -> None:
     named = [servo(f"arm:{id}:XM430-W350") for id in (3, 3, 7)]
 
     def laid(seed: int) -> tuple[list[float], list[float]]:
-        (bus,) = bench(named, Line(seed=seed)).values()
+        (bus,) = bench(named, BusTiming(seed=seed)).values()
         return bus.servos.muscles.position.tolist(), bus.servos.readings.origin.tolist()
 
     assert laid(1) == laid(1)
@@ -91,9 +91,9 @@ def test_a_servo_beside_a_robots_with_the_same_id_is_a_twin() -> None:
 
 def test_what_a_robot_cannot_have_beside_it_is_refused() -> None:
     made = specimen(load_robot("h24"))
-    with pytest.raises(SpecimenError, match="no bus 'left'; h24 has main"):
+    with pytest.raises(VirtualRobotSpecError, match="no bus 'left'; h24 has main"):
         buses(made, physics=False, extra={"left": [ServoSpec(1)]})
-    with pytest.raises(SpecimenError, match="first-order"):
+    with pytest.raises(VirtualRobotSpecError, match="first-order"):
         buses(made, extra={"main": [ServoSpec(1)]})
 
 
@@ -118,7 +118,7 @@ def test_options_that_no_adapter_or_servo_can_have_end_with_2(
 
 
 def test_a_can_actuator_is_named_as_a_servo_is() -> None:
-    virtual = bench([servo("leg:1:DM4340"), servo("leg:2:AK70-10"), servo("arm:3:ODrive")], Line())
+    virtual = bench([servo("leg:1:DM4340"), servo("leg:2:AK70-10"), servo("arm:3:ODrive")], BusTiming())
     assert {name: (bus.kind, bus.ids()) for name, bus in virtual.items()} == {
         "leg": ("can", [1, 2]),
         "arm": ("can", [3]),
@@ -127,7 +127,7 @@ def test_a_can_actuator_is_named_as_a_servo_is() -> None:
     assert len(set(places)) == 2
     assert places == [
         told["position"]
-        for told in bench([servo("leg:1:DM4340"), servo("leg:2:AK70-10")], Line())["leg"].truth(0.0)
+        for told in bench([servo("leg:1:DM4340"), servo("leg:2:AK70-10")], BusTiming())["leg"].truth(0.0)
     ]
 
 
@@ -141,5 +141,5 @@ def test_a_can_actuator_is_named_as_a_servo_is() -> None:
     ],
 )
 def test_a_can_actuator_that_cannot_be_is_refused(texts: list[str], message: str) -> None:
-    with pytest.raises(SpecimenError, match=message):
-        bench([servo(text) for text in texts], Line())
+    with pytest.raises(VirtualRobotSpecError, match=message):
+        bench([servo(text) for text in texts], BusTiming())

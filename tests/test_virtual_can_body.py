@@ -9,24 +9,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_twin_muscles import ARMS, power
 
-from twind.twin.muscles import Motor, MujocoMuscles
+from twind.twin.muscles import MujocoPhysics, ServoMotor
 from twind_drivers.can.units import COUNT, EFFORT, TURN
-from twind_drivers.virtual.can.muscles import INERTIA, CanMuscles, FirstOrderCan
+from twind_drivers.virtual.can.muscles import INERTIA, CanMotorPhysics, FirstOrderCanPhysics
 
 LEVEL = 0.5 * 9.81 * 0.2  # N·m of one arm when it is level
 TICKS = 4096 / (2 * pi)
 
 
-def body(*, ratio: float = 1.0, sign: int = 1, friction: float = 0.0) -> MujocoMuscles:
+def body(*, ratio: float = 1.0, sign: int = 1, friction: float = 0.0) -> MujocoPhysics:
     """A serial servo at joint one, a CAN actuator at joint two whose encoder reads 300 where that hangs."""
     text = ARMS.format(friction=friction, actuator="one").replace("<position ", '<position name="one" ')
     ticks = sign * ratio * TURN / (2 * pi)
-    can = Motor("two", 300.0, ticks, ratio, speed_lsb=COUNT, torque_lsb=EFFORT, stall=10.0)
-    return MujocoMuscles(mujoco.MjSpec.from_string(text), [Motor("one", 2000.0, TICKS), can], pinned=True)
+    can = ServoMotor("two", 300.0, ticks, ratio, speed_lsb=COUNT, torque_lsb=EFFORT, stall=10.0)
+    return MujocoPhysics(
+        mujoco.MjSpec.from_string(text), [ServoMotor("one", 2000.0, TICKS), can], pinned=True
+    )
 
 
 def command(
-    muscles: CanMuscles, place: float = 0.0, speed: float = 0.0, kp: float = 0.0, kd: float = 0.0,
+    muscles: CanMotorPhysics, place: float = 0.0, speed: float = 0.0, kp: float = 0.0, kd: float = 0.0,
     torque: float = 0.0, limit: float = 10.0, on: bool = True,
 ) -> None:  # fmt: skip
     one = np.ones(len(muscles.position))
@@ -35,7 +37,7 @@ def command(
     )
 
 
-def joint(muscles: MujocoMuscles, name: str = "two") -> float:
+def joint(muscles: MujocoPhysics, name: str = "two") -> float:
     return float(muscles.data.joint(name).qpos[0])
 
 
@@ -93,7 +95,7 @@ def test_a_serial_servo_of_the_same_body_is_moved_by_its_own_rules() -> None:
 @settings(max_examples=20, deadline=None)
 @given(st.floats(-3, 3), st.floats(0.5, 500), st.floats(0, 5))
 def test_free_shafts_come_to_rest_where_they_are_told(place: float, kp: float, kd: float) -> None:
-    muscles = FirstOrderCan(np.zeros(1))
+    muscles = FirstOrderCanPhysics(np.zeros(1))
     command(muscles, place, kp=kp, kd=kd)
     muscles.advance(2.0)
     slowest = max((kd + 0.2) / kp, 2 * INERTIA / (kd + 0.2))
@@ -103,7 +105,7 @@ def test_free_shafts_come_to_rest_where_they_are_told(place: float, kp: float, k
 
 
 def test_a_free_shaft_under_torque_runs_at_torque_over_drag_and_a_held_one_pulls() -> None:
-    muscles = FirstOrderCan(np.zeros(1))
+    muscles = FirstOrderCanPhysics(np.zeros(1))
     command(muscles, kd=1.8, torque=3.0)
     muscles.advance(2.0)
     assert muscles.velocity[0] == pytest.approx(3.0 / 2.0, rel=1e-3)
@@ -115,7 +117,7 @@ def test_a_free_shaft_under_torque_runs_at_torque_over_drag_and_a_held_one_pulls
 
 
 def test_without_torque_it_coasts_to_rest_and_stays() -> None:
-    muscles = FirstOrderCan(np.array([1.0]))
+    muscles = FirstOrderCanPhysics(np.array([1.0]))
     muscles.advance(1.0)
     assert muscles.position[0] == 1.0
     command(muscles, speed=5.0, kd=5.0)

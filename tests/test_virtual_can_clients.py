@@ -9,13 +9,13 @@ import can
 import numpy as np
 import pytest
 
-from twind.virtual.orders import OrderSocket
-from twind.virtual.pty_port import PtyPort
-from twind.virtual.serve import Server, ServoClock
+from twind.virtual.orders import FaultCommandSocket
+from twind.virtual.pty_port import VirtualPtyPort
+from twind.virtual.serve import ServoClock, VirtualBusServer
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.virtual.can.bus import VirtualCanBus
-from twind_drivers.virtual.can.muscles import FirstOrderCan
-from twind_drivers.virtual.can.pump import Pump
+from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
+from twind_drivers.virtual.can.pump import PythonCanBridge
 from twind_drivers.virtual.can.spec import NodeSpec
 
 NODES = [NodeSpec(1, "DM4310", 0x11), NodeSpec(3, "ODrive"), NodeSpec(0x7F, "RS01")]
@@ -24,7 +24,7 @@ ASK = can.Message(arbitration_id=0x1100FD7F, data=bytes.fromhex("057000000000000
 
 
 def bus_of(now: float = 0.0) -> VirtualCanBus:
-    return VirtualCanBus("can", NODES, FirstOrderCan(np.zeros(3), now=now), now=now)
+    return VirtualCanBus("can", NODES, FirstOrderCanPhysics(np.zeros(3), now=now), now=now)
 
 
 def received(bus: can.BusABC, timeout: float, most: int = 40) -> list[can.Message]:
@@ -42,7 +42,7 @@ def test_python_can_talks_to_them_over_its_virtual_interface() -> None:
         can.Bus(interface="virtual", channel=name) as inside,
     ):
         line = bus_of()
-        pump = Pump(line, inside)
+        pump = PythonCanBridge(line, inside)
         host.send(ENABLE)
         host.send(ASK)
         host.send(can.Message(arbitration_id=0x074, is_remote_frame=True, is_extended_id=False, dlc=8))
@@ -64,10 +64,10 @@ class Served:
     def __init__(self, folder: Path) -> None:
         clock = ServoClock(MonotonicClock())
         self.bus = bus_of(clock.now())
-        self.port = PtyPort("can", None)
-        self.server = Server({"can": self.bus}, {"can": self.port}, clock, lambda name, path: None)
+        self.port = VirtualPtyPort("can", None)
+        self.server = VirtualBusServer({"can": self.bus}, {"can": self.port}, clock, lambda name, path: None)
         self.orders = folder / "orders"
-        self.server.orders = OrderSocket(self.orders, self.server.obey)
+        self.server.orders = FaultCommandSocket(self.orders, self.server.obey)
         self._thread = threading.Thread(target=self.server.run)
         self._thread.start()
 

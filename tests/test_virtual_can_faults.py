@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from can_host import LIMP, CanHost, mit
 
-from twind.virtual.orders import CAN_FAULTS, OrderError, arguments
-from twind_drivers.bus import PortError, PortFull
-from twind_drivers.can.channel import Line
+from twind.virtual.orders import CAN_FAULTS, FaultCommandError, arguments
+from twind_drivers.bus import OutputQueueFull, PortError
+from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.frame import ERROR
 from twind_drivers.virtual.can.controller import CanAdapter
 from twind_drivers.virtual.can.faults import CanFaults
 from twind_drivers.virtual.can.loopback import CanLoopback
-from twind_drivers.virtual.can.message import Message, as_frames
+from twind_drivers.virtual.can.message import CanMessage, as_frames
 from twind_drivers.virtual.can.spec import NodeSpec
 
 NODES = [NodeSpec(id, "DM4310", 0x10 + id) for id in (1, 2)]
@@ -113,7 +113,7 @@ def test_another_master_is_obeyed_and_heard() -> None:
     host = two()
     host.faults.master(1)
     heard = host.wait(0.105)
-    assert sum(each == Message(1, LIMP) for each in heard) == 10
+    assert sum(each == CanMessage(1, LIMP) for each in heard) == 10
     assert sum(each.id == 0x11 for each in heard) == 10
     host.faults.clear()
     host.wait(0.02)
@@ -181,7 +181,7 @@ def channel(**made: bool) -> tuple[CanHost, CanLoopback]:
 
 
 def send(host: CanHost, link: CanLoopback, data: bytes = LIMP) -> None:
-    link.send(as_frames([Message(1, data)]), host.clock.now())
+    link.send(as_frames([CanMessage(1, data)]), host.clock.now())
 
 
 def test_the_channel_carries_frames_and_wakes_its_reader() -> None:
@@ -200,14 +200,14 @@ def test_the_channel_refuses_while_old_frames_wait_and_is_lost_after_a_second() 
     send(host, link)
     for _ in range(10):
         host.clock.sleep_until(host.clock.now() + 0.1)
-        with pytest.raises(PortFull, match="1 bytes still wait"):
+        with pytest.raises(OutputQueueFull, match="1 bytes still wait"):
             send(host, link)
-        host.bus.hear(as_frames([Message(1, LIMP)]), host.clock.now())
+        host.bus.hear(as_frames([CanMessage(1, LIMP)]), host.clock.now())
     host.clock.sleep_until(host.clock.now() + 0.11)
     with pytest.raises(PortError, match="has taken nothing for 1") as lost:
         send(host, link)
     assert lost.value.lost
-    assert link.condition.line == Line.OFF
+    assert link.condition.line == CanErrorState.OFF
     host.faults.unacknowledged(False)
     assert host.wait(0.1) == [], "what waited was purged"
 
@@ -227,15 +227,15 @@ def test_a_kernel_s_queue_survives_purge_and_close_and_is_replayed() -> None:
 def test_bus_off_and_passive_are_told_and_end() -> None:
     host, link = channel()
     for order, line in (
-        (host.faults.passive, Line.PASSIVE),
-        (host.faults.bus_off, Line.OFF),
+        (host.faults.passive, CanErrorState.PASSIVE),
+        (host.faults.bus_off, CanErrorState.OFF),
     ):
         order(True)
         assert not link.receive(host.clock.now()).size
         assert link.condition.line == line
         order(False)
         link.receive(host.clock.now())
-        assert link.condition.line == Line.ACTIVE
+        assert link.condition.line == CanErrorState.ACTIVE
 
 
 def test_while_the_bus_is_off_nobody_hears_the_host() -> None:
@@ -277,7 +277,7 @@ def test_every_order_is_a_fault_with_these_arguments_and_no_fault_is_forgotten()
 
 
 def test_orders_of_the_other_kind_of_bus_are_refused() -> None:
-    with pytest.raises(OrderError, match="no fault 'babble'; there are drop"):
+    with pytest.raises(FaultCommandError, match="no fault 'babble'; there are drop"):
         arguments({"fault": "babble"}, CAN_FAULTS)
     assert arguments({"fault": "wrap", "id": 3}, CAN_FAULTS) == ("wrap", {"id": 3})
 

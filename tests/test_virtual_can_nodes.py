@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twind_drivers.can.frame import EXTENDED, REMOTE
 from twind_drivers.virtual.can.fields import fraction, mit_command, mit_state, pack, unpack
-from twind_drivers.virtual.can.message import Message
+from twind_drivers.virtual.can.message import CanMessage
 from twind_drivers.virtual.can.spec import NodeSpec
 
 SPANS = (12.5, 30.0, 10.0)
@@ -464,4 +464,4 @@ def test_no_bytes_break_a_node(sent: list[tuple[int, int, bytes]]) -> None:
         truth = host.truth(row)
         assert all(abs(truth[key]) < 1e9 for key in ("position", "velocity", "effort"))
     assert isinstance(host.wait(0.1), list)
-    assert all(isinstance(each, Message) for each in host.errors)
+    assert all(isinstance(each, CanMessage) for each in host.errors)

@@ -11,8 +11,8 @@ from twind_drivers.can.frame import EXTENDED, REMOTE
 from twind_drivers.clock import FakeClock
 from twind_drivers.virtual.can.bus import VirtualCanBus
 from twind_drivers.virtual.can.controller import CanAdapter
-from twind_drivers.virtual.can.message import Message
-from twind_drivers.virtual.can.muscles import FirstOrderCan
+from twind_drivers.virtual.can.message import CanMessage
+from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
 from twind_drivers.virtual.can.spec import NodeSpec
 from twind_drivers.virtual.can.text import KINDS, parsed
 from twind_drivers.virtual.loopback import Loopback
@@ -114,16 +114,16 @@ def test_no_bytes_break_the_adapter(pieces: list[bytes]) -> None:
 
 
 frames = st.builds(
-    Message,
+    CanMessage,
     st.one_of(st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF).map(lambda id: id | EXTENDED)),
     st.binary(max_size=8),
 )
 
 
 @given(frames, st.booleans())
-def test_what_is_printed_is_read_back(message: Message, remote: bool) -> None:
+def test_what_is_printed_is_read_back(message: CanMessage, remote: bool) -> None:
     if remote:
-        message = Message(message.id | REMOTE, bytes(len(message.data)))
+        message = CanMessage(message.id | REMOTE, bytes(len(message.data)))
     line = Adapter().bus.text.print([message])
     assert parsed(line[:-1]) == message
     assert line.endswith(b"\r")
@@ -172,7 +172,7 @@ def test_closing_empties_the_queue_unless_the_adapter_is_made_otherwise() -> Non
 
 def test_the_loopback_serves_it_as_a_serial_port() -> None:
     clock = FakeClock()
-    bus = VirtualCanBus("can", [NodeSpec(1, "DM4310", 0x11)], FirstOrderCan(np.zeros(1)))
+    bus = VirtualCanBus("can", [NodeSpec(1, "DM4310", 0x11)], FirstOrderCanPhysics(np.zeros(1)))
     port = Loopback(bus, clock)
     port.write(b"S8\rO\r" + ENABLE)
     buffer = memoryview(bytearray(200))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from twind_drivers.can.frame import EXTENDED, REMOTE
 from twind_drivers.virtual.can.controller import CanAdapter
-from twind_drivers.virtual.can.message import Message, as_frames, bits, messages, rank
+from twind_drivers.virtual.can.message import CanMessage, as_frames, bits, messages, rank
 from twind_drivers.virtual.can.spec import NodeSpec
 
 ids = st.one_of(
@@ -16,10 +16,10 @@ ids = st.one_of(
     st.integers(0, 0x7FF).map(lambda id: id | REMOTE),
     st.integers(0, 0x1FFFFFFF).map(lambda id: id | EXTENDED | REMOTE),
 )
-frames = st.builds(Message, ids, st.binary(max_size=8))
+frames = st.builds(CanMessage, ids, st.binary(max_size=8))
 
 
-def spelled(message: Message) -> list[int]:
+def spelled(message: CanMessage) -> list[int]:
     """The stuffed part of a frame, bit by bit as ISO 11898-1 lists it: start, id, control, data, CRC."""
     id, data = message
     remote = int(bool(id & REMOTE))
@@ -43,7 +43,7 @@ def spelled(message: Message) -> list[int]:
 
 
 @given(frames)
-def test_a_frame_takes_its_own_bits_and_its_own_stuff_bits(message: Message) -> None:
+def test_a_frame_takes_its_own_bits_and_its_own_stuff_bits(message: CanMessage) -> None:
     line, sent = spelled(message), []
     for bit in line:
         sent.append(bit)
@@ -63,17 +63,17 @@ def stuffable(sent: list[int]) -> bool:
 
 
 @given(frames)
-def test_eight_bytes_take_what_the_arithmetic_says(message: Message) -> None:
+def test_eight_bytes_take_what_the_arithmetic_says(message: CanMessage) -> None:
     """Facts 7: 111 to 135 bits, with 29-bit ids 131 to 160."""
-    whole = Message(message.id & ~REMOTE, message.data.ljust(8, b"\0"))
+    whole = CanMessage(message.id & ~REMOTE, message.data.ljust(8, b"\0"))
     low, high = (131, 160) if whole.id & EXTENDED else (111, 135)
     assert low <= bits(whole) <= high
 
 
 @given(frames, frames)
-def test_the_first_recessive_bit_loses(one: Message, other: Message) -> None:
+def test_the_first_recessive_bit_loses(one: CanMessage, other: CanMessage) -> None:
     def field(id: int) -> list[int]:
-        return spelled(Message(id))[: 34 if id & EXTENDED else 14]
+        return spelled(CanMessage(id))[: 34 if id & EXTENDED else 14]
 
     mine, others = field(one.id), field(other.id)
     if mine != others:
@@ -81,7 +81,7 @@ def test_the_first_recessive_bit_loses(one: Message, other: Message) -> None:
 
 
 @given(st.lists(frames))
-def test_frames_and_messages_are_the_same(listed: list[Message]) -> None:
+def test_frames_and_messages_are_the_same(listed: list[CanMessage]) -> None:
     assert messages(as_frames(listed)) == listed
 
 
@@ -92,7 +92,7 @@ def nodes(*ids: int) -> list[NodeSpec]:
 def test_answers_compete_with_commands_by_their_ids() -> None:
     """Commands 1, 2, 3 and answers 11, 12, 13: every command goes before every answer."""
     host = CanHost(nodes(1, 2, 3))
-    host.bus.hear(as_frames([Message(id, LIMP) for id in (3, 2, 1)]), 0.0)
+    host.bus.hear(as_frames([CanMessage(id, LIMP) for id in (3, 2, 1)]), 0.0)
     assert [each.id for each in host.wait(0.01)] == [0x11, 0x12, 0x13]
     low = CanHost([NodeSpec(id, "DM4310", feedback_id=id - 0x20) for id in (0x21, 0x22, 0x23)])
     assert [each.id for each in low.ask(*[(id, LIMP) for id in (0x23, 0x22, 0x21)])] == [3, 2, 1]
@@ -100,18 +100,18 @@ def test_answers_compete_with_commands_by_their_ids() -> None:
 
 def test_a_command_and_its_answer_take_their_bits_and_no_more() -> None:
     host = CanHost(nodes(1))
-    host.bus.hear(as_frames([Message(1, LIMP)]), 0.0)
+    host.bus.hear(as_frames([CanMessage(1, LIMP)]), 0.0)
     while np.isfinite(due := host.bus.due()):
         host.bus.advance(due)
         if host.bus.controller.inbox:
             break
     answer = host.bus.controller.inbox[0]
-    assert due == (bits(Message(1, LIMP)) + bits(answer)) / 1e6
+    assert due == (bits(CanMessage(1, LIMP)) + bits(answer)) / 1e6
 
 
 def test_due_is_never_late_and_comes_to_an_end() -> None:
     host = CanHost(nodes(1, 2, 3, 4))
-    host.bus.hear(as_frames([Message(id, LIMP) for id in (1, 2, 3, 4)]), 0.0)
+    host.bus.hear(as_frames([CanMessage(id, LIMP) for id in (1, 2, 3, 4)]), 0.0)
     heard, rounds = 0, 0
     while (due := host.bus.due()) < np.inf:
         assert not host.bus.say(np.nextafter(due, 0.0)).size
@@ -142,7 +142,7 @@ def test_without_power_nothing_leaves_and_all_of_it_leaves_when_power_returns() 
 def test_a_full_queue_refuses_and_a_purge_empties_it() -> None:
     host = CanHost(nodes(1), adapter=CanAdapter(queue=5))
     host.faults.power(False)
-    refused = host.bus.hear(as_frames([Message(1, LIMP)] * 8), 0.0)
+    refused = host.bus.hear(as_frames([CanMessage(1, LIMP)] * 8), 0.0)
     assert (refused, host.bus.controller.backlog()) == (3, 5)
     host.bus.controller.purge()
     host.faults.power(True)

@@ -12,15 +12,15 @@ from processes import until
 
 from twind.config.calibration_file import load_calibration
 from twind.config.robot_file import load_robot
-from twind.loop.virtual_child import VirtualChild, VirtualError
+from twind.loop.virtual_child import VirtualRobotError, VirtualRobotProcess
 
 pytestmark = pytest.mark.realtime
 
 PARENT = """
 import sys, time
-from twind.loop.virtual_child import VirtualChild
+from twind.loop.virtual_child import VirtualRobotProcess
 
-child = VirtualChild("h24-split")
+child = VirtualRobotProcess("h24-split")
 child.__enter__()
 print(child._process.pid, *child.ports.values(), flush=True)
 time.sleep(60)
@@ -33,7 +33,7 @@ def children() -> set[str]:
 
 def test_it_is_ready_inside_and_gone_with_its_folder_outside() -> None:
     before = children()
-    with VirtualChild("h24") as child:
+    with VirtualRobotProcess("h24") as child:
         (pid,) = children() - before
         assert list(child.ports) == ["main"]
         assert stat.S_ISCHR(os.stat(child.ports["main"]).st_mode)
@@ -57,7 +57,7 @@ def test_it_runs_nothing_of_the_folder_it_is_started_in_and_does_not_know_the_se
     for key in theirs:
         monkeypatch.setenv(key, "1")
     before = children()
-    with VirtualChild("h24"):
+    with VirtualRobotProcess("h24"):
         (pid,) = children() - before
         given = Path(f"/proc/{pid}/environ").read_bytes().decode().split("\0")
         assert not [one for one in given if one.startswith(theirs)]
@@ -89,7 +89,7 @@ def test_a_robot_that_does_not_start_is_an_error_and_leaves_nothing(
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     before = children()
-    with pytest.raises(VirtualError, match="did not start"), VirtualChild("no-such-robot"):
+    with pytest.raises(VirtualRobotError, match="did not start"), VirtualRobotProcess("no-such-robot"):
         pass
     assert children() == before
     assert list(tmp_path.iterdir()) == []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from virtual_host import Host
 
-from twind_drivers.bus import Sample
+from twind_drivers.bus import BusSample
 from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
 from twind_drivers.perform import perform
 from twind_drivers.virtual.loopback import Loopback
@@ -36,7 +36,7 @@ class Rig:
         self.perform(self.writer.prepare(self.start))
         self.perform(self.writer.torque(True))
 
-    def tick(self, goal: np.ndarray | None = None) -> Sample:
+    def tick(self, goal: np.ndarray | None = None) -> BusSample:
         begin = self.clock.now()
         if goal is not None:
             self.writer.goals(goal)

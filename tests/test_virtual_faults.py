@@ -4,7 +4,7 @@ from virtual_host import Host
 
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
-from twind_drivers.virtual.history import History
+from twind_drivers.virtual.history import ReadingHistory
 
 IDS = [1, 2, 3, 4]
 
@@ -232,7 +232,7 @@ def test_the_record_holds_every_value_that_a_position_register_showed() -> None:
 
 
 def test_the_record_keeps_the_last_and_forgets_the_oldest() -> None:
-    history = History(1, 3)
+    history = ReadingHistory(1, 3)
     for at in range(5):
         history.note(float(at), np.array([at * 10]))
     times, places = history.readings()

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from virtual_host import Host
 
 from twind.config.robot_file import load_robot
-from twind.virtual.orders import OrderError
-from twind.virtual.serve import Server, ServoClock
-from twind.virtual.specimen import Specimen, buses, specimen
+from twind.virtual.orders import FaultCommandError
+from twind.virtual.serve import ServoClock, VirtualBusServer
+from twind.virtual.specimen import VirtualRobotSpec, buses, specimen
 from twind.virtual.truth import JointTruth, Truth
 from twind_drivers.clock import FakeClock
-from twind_drivers.virtual.served import Served
+from twind_drivers.virtual.served import ServableBus
 
 H24 = load_robot("h24")
 PER_RAD = 4096 / math.tau
@@ -110,12 +110,14 @@ def test_a_wrong_order_is_refused_and_nothing_moves(order: dict[str, object], wo
 # ---------------------------------------------------------------------------------------- a robot
 
 
-def robot(physics: bool, name: str = "h24", **joints: JointTruth) -> tuple[Specimen, dict[str, Served]]:
+def robot(
+    physics: bool, name: str = "h24", **joints: JointTruth
+) -> tuple[VirtualRobotSpec, dict[str, ServableBus]]:
     made = specimen(load_robot(name), truth=Truth(joints))
     return made, buses(made, physics=physics)
 
 
-def angle(made: Specimen, virtual: dict[str, Served], joint: str, now: float) -> float:
+def angle(made: VirtualRobotSpec, virtual: dict[str, ServableBus], joint: str, now: float) -> float:
     """Where that joint is, rad."""
     place = made.robot.names.index(joint)
     spec = made.wired.joints[place]
@@ -227,7 +229,7 @@ def test_a_pose_is_split_among_the_buses_and_off_lets_go_of_all() -> None:
     made, virtual = robot(False, "h24-mixed")
     clock = FakeClock()
     ports = {name: Port(name) for name in virtual}
-    server = Server(virtual, ports, ServoClock(clock), lambda name, path: None)  # type: ignore[arg-type]
+    server = VirtualBusServer(virtual, ports, ServoClock(clock), lambda name, path: None)  # type: ignore[arg-type]
     wish = {"l_knee": 0.5, "r_knee": 0.4, "head_yaw": 0.3}
     assert server.obey({"fault": "hand", "pose": wish, "speed": 3.0}) == {"ok": True}
     for bus in virtual.values():
@@ -235,9 +237,9 @@ def test_a_pose_is_split_among_the_buses_and_off_lets_go_of_all() -> None:
     found = {joint: angle(made, virtual, joint, 1.0) for joint in wish}
     assert found == pytest.approx(wish, abs=0.003)
     server.obey({"fault": "hand", "off": True})
-    with pytest.raises(OrderError, match="no joint 'tail'; there are"):
+    with pytest.raises(FaultCommandError, match="no joint 'tail'; there are"):
         server.obey({"fault": "hand", "pose": {"l_knee": 0.0, "tail": 1.0}})
-    with pytest.raises(OrderError, match="no bus None; there are upper"):
+    with pytest.raises(FaultCommandError, match="no bus None; there are upper"):
         server.obey({"fault": "hand", "id": 7, "to": 2000})
     for bus in virtual.values():
         bus.advance(2.0)

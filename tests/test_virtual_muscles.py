@@ -3,16 +3,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.virtual.muscles import Drive, FirstOrder
+from twind_drivers.virtual.muscles import DriveState, FirstOrderPhysics
 
 ONE = np.ones(1)
 TICKS = 0.229 / 60 * 4096  # ticks/s per raw velocity
 
 
-def power(muscles: FirstOrder, mode: int = 3, p: float = 800.0, on: bool = True, **caps: float) -> None:
+def power(
+    muscles: FirstOrderPhysics, mode: int = 3, p: float = 800.0, on: bool = True, **caps: float
+) -> None:
     one = np.ones(muscles.position.size)
     muscles.drive(
-        Drive(
+        DriveState(
             on=one > 0 if on else one < 0,
             mode=np.full(one.size, mode),
             p=p * one,
@@ -27,8 +29,8 @@ def power(muscles: FirstOrder, mode: int = 3, p: float = 800.0, on: bool = True,
     )
 
 
-def powered(start: float = 0.0, **how: float) -> FirstOrder:
-    muscles = FirstOrder(np.array([start]))
+def powered(start: float = 0.0, **how: float) -> FirstOrderPhysics:
+    muscles = FirstOrderPhysics(np.array([start]))
     power(muscles, **how)
     return muscles
 
@@ -188,7 +190,7 @@ def test_a_blocked_shaft_turns_its_output_into_current() -> None:
     )
 )
 def test_whatever_is_commanded_stays_finite_and_inside_its_caps(changes: list[tuple]) -> None:
-    muscles, now = FirstOrder(np.zeros(1)), 0.0
+    muscles, now = FirstOrderPhysics(np.zeros(1)), 0.0
     for mode, on, pwm, current, supply, goal, dt, held in changes:
         power(muscles, mode=mode, on=on, pwm=pwm, current=current, supply=supply)
         muscles.block(np.array([held]))

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from twind.virtual.main import parser
-from twind.virtual.orders import BODY_FAULTS, FAULTS, Order, OrderError, OrderSocket, arguments
-from twind_drivers.virtual.faults import Faults
+from twind.virtual.orders import BODY_FAULTS, FAULTS, FaultCommandError, FaultCommandSocket, Order, arguments
+from twind_drivers.virtual.faults import SerialBusFaults
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,7 @@ from twind_drivers.virtual.faults import Faults
     ],
 )
 def test_a_wrong_order_says_what_would_be_right(order: Order, says: str) -> None:
-    with pytest.raises(OrderError, match=says):
+    with pytest.raises(FaultCommandError, match=says):
         arguments(order)
 
 
@@ -41,7 +41,7 @@ def test_every_order_is_a_fault_with_these_arguments_and_no_fault_is_forgotten()
     inside = {"rows", "require", "look", "speak"}
     methods = {
         name: inspect.signature(method).parameters
-        for name, method in inspect.getmembers(Faults, inspect.isfunction)
+        for name, method in inspect.getmembers(SerialBusFaults, inspect.isfunction)
         if not name.startswith("_") and name not in inside
     }
     assert set(methods) == set(FAULTS)
@@ -66,7 +66,7 @@ def served(path: Path, lines: bytes) -> list[Order]:
             raise KeyError("no bus other")
         return {"ok": True} | order
 
-    orders = OrderSocket(path, answer)
+    orders = FaultCommandSocket(path, answer)
     try:
         assert stat.S_IMODE(os.stat(path).st_mode) == 0o600
         with socket.socket(socket.AF_UNIX) as client:

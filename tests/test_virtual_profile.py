@@ -3,19 +3,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twind_drivers.virtual.profile import NONE, RECTANGLE, TRAPEZOID, TRIANGLE, Profile
+from twind_drivers.virtual.profile import NONE, RECTANGLE, TRAPEZOID, TRIANGLE, ServoProfile
 
 STEP = 0.002  # s
 VELOCITY, ACCELERATION = 0.229 / 60 * 4096, 214.577 / 3600 * 4096  # ticks/s, ticks/s² per raw value
 
 
-def made(velocity: float, acceleration: float, *, timed: bool = False, spins: bool = False) -> Profile:
-    profile = Profile(np.zeros(1))
+def made(velocity: float, acceleration: float, *, timed: bool = False, spins: bool = False) -> ServoProfile:
+    profile = ServoProfile(np.zeros(1))
     profile.limit(np.array([velocity]), np.array([acceleration]), np.array([timed]), np.array([spins]))
     return profile
 
 
-def run(profile: Profile, goal: float, seconds: float, begin: float = 0.0) -> tuple[list[float], list[float]]:
+def run(
+    profile: ServoProfile, goal: float, seconds: float, begin: float = 0.0
+) -> tuple[list[float], list[float]]:
     """Places and speeds every 2 ms."""
     profile.aim(np.array([goal]), begin)
     places, speeds = [], []
@@ -148,7 +150,7 @@ def test_the_same_goal_again_does_not_begin_anew() -> None:
 
 def test_a_p_series_profile_is_in_its_own_units() -> None:
     """e-manual PH54: 1,003,846 ticks a turn, 0.01 rev/min."""
-    profile = Profile(np.zeros(1), turn=1_003_846.0, rpm=0.01)
+    profile = ServoProfile(np.zeros(1), turn=1_003_846.0, rpm=0.01)
     off = np.zeros(1, np.bool_)
     profile.limit(np.array([1000.0]), np.array([0.0]), off, off)
     profile.aim(np.array([1e6]), 0.0)

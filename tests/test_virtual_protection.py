@@ -8,19 +8,19 @@ from virtual_host import Host
 
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.tables import number_of, table
-from twind_drivers.virtual.protection import BEARABLE, Protection, ampere
+from twind_drivers.virtual.protection import BEARABLE, ServoProtection, ampere
 
 ALERT = 0x80
 VOLTAGE, HEAT, OVERLOAD = 1, 4, 32
 
 
-def on_its_own(stall: float = 855.0, model: str = "XM430-W350") -> Protection:
-    protection = Protection([table(number_of(model), 47)], np.array([stall]))
+def on_its_own(stall: float = 855.0, model: str = "XM430-W350") -> ServoProtection:
+    protection = ServoProtection([table(number_of(model), 47)], np.array([stall]))
     protection.watch(np.array([80.0]), np.array([9.5]), np.array([16.0]))
     return protection
 
 
-def errors(protection: Protection) -> int:
+def errors(protection: ServoProtection) -> int:
     return int(protection.errors()[0])
 
 

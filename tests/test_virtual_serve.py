@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from virtual_host import Host
 
-from twind.virtual.orders import OrderError
-from twind.virtual.pty_port import PtyPort
-from twind.virtual.serve import PAGE, STALL, Server, ServoClock
+from twind.virtual.orders import FaultCommandError
+from twind.virtual.pty_port import VirtualPtyPort
+from twind.virtual.serve import PAGE, STALL, ServoClock, VirtualBusServer
 from twind_drivers.clock import FakeClock
 
 
@@ -24,13 +24,15 @@ def test_the_servos_do_not_live_through_a_stall() -> None:
     assert clock.lost == pytest.approx(5.0 - STALL)
 
 
-def server(*names: str) -> tuple[Server, dict[str, Host], list[str]]:
+def server(*names: str) -> tuple[VirtualBusServer, dict[str, Host], list[str]]:
     hosts = {name: Host([1, 2]) for name in names}
-    ports = {name: PtyPort(name, None) for name in names}
+    ports = {name: VirtualPtyPort(name, None) for name in names}
     said: list[str] = []
     buses = {name: host.bus for name, host in hosts.items()}
     return (
-        Server(buses, ports, ServoClock(FakeClock()), lambda name, path: said.append(f"{name} {path}")),
+        VirtualBusServer(
+            buses, ports, ServoClock(FakeClock()), lambda name, path: said.append(f"{name} {path}")
+        ),
         hosts,
         said,
     )
@@ -42,9 +44,9 @@ def test_orders_reach_the_bus_they_name() -> None:
     assert hosts["left"].servos.listening.tolist() == [True, True]
     assert hosts["right"].servos.listening.tolist() == [True, False]
     for wrong in ({"fault": "drop", "count": 1}, {"fault": "drop", "count": 1, "bus": "up"}):
-        with pytest.raises(OrderError, match="there are left, right"):
+        with pytest.raises(FaultCommandError, match="there are left, right"):
             made.obey(wrong)
-    with pytest.raises(OrderError, match="there are state, history"):
+    with pytest.raises(FaultCommandError, match="there are state, history"):
         made.obey({"query": "weather"})
 
 
@@ -58,7 +60,7 @@ def test_with_one_bus_its_name_may_be_left_out_and_replug_tells_the_new_path() -
 
 
 def test_replugged_under_another_name_the_link_follows(tmp_path: Path) -> None:
-    port = PtyPort("main", tmp_path / "main")
+    port = VirtualPtyPort("main", tmp_path / "main")
     before = port.path
     port.unplug()
     port.plug(renamed=True)
@@ -69,21 +71,21 @@ def test_replugged_under_another_name_the_link_follows(tmp_path: Path) -> None:
 
 def test_a_link_that_somebody_serves_is_refused_untouched_also_while_it_is_unplugged(tmp_path: Path) -> None:
     link = tmp_path / "main"
-    first = PtyPort("main", link)
+    first = VirtualPtyPort("main", link)
     with pytest.raises(OSError, match=f"{link}: another twind-virtual serves it; end it"):
-        PtyPort("main", link)
+        VirtualPtyPort("main", link)
     assert os.readlink(link) == first.path
     first.unplug()
     with pytest.raises(OSError, match="another twind-virtual"):
-        PtyPort("main", link)
+        VirtualPtyPort("main", link)
     first.close()
-    PtyPort("main", link).close()
+    VirtualPtyPort("main", link).close()
 
 
 def test_a_stale_link_is_replaced_and_one_that_leads_elsewhere_is_left(tmp_path: Path) -> None:
     link = tmp_path / "main"
     link.symlink_to("/dev/pts/none")
-    port = PtyPort("main", link)
+    port = VirtualPtyPort("main", link)
     assert os.readlink(link) == port.path
     link.unlink()
     link.symlink_to("/dev/null")
@@ -93,7 +95,7 @@ def test_a_stale_link_is_replaced_and_one_that_leads_elsewhere_is_left(tmp_path:
 
 def test_what_was_recorded_is_given_page_by_page() -> None:
     made, hosts, _ = server("main")
-    with pytest.raises(OrderError, match='"record"'):
+    with pytest.raises(FaultCommandError, match='"record"'):
         made.obey({"query": "history"})
     made.obey({"fault": "record", "count": 2000})
     history = hosts["main"].servos.history
@@ -105,7 +107,7 @@ def test_what_was_recorded_is_given_page_by_page() -> None:
     rest = made.obey({"query": "history", "since": first["time"][-1]})
     assert (rest["more"], rest["position"][-1]) == (False, [PAGE + 6, -PAGE - 6])
     assert len(rest["time"]) == 7
-    with pytest.raises(OrderError, match="a time in s"):
+    with pytest.raises(FaultCommandError, match="a time in s"):
         made.obey({"query": "history", "since": "now"})
     json.dumps(first)
 
@@ -125,7 +127,9 @@ def test_the_state_tells_the_truth_of_every_servo() -> None:
 def test_the_clock_of_a_servo_goes_on_through_a_stall_and_its_watchdog_does_not() -> None:
     real, host = FakeClock(), Host([1, 2])
     clock = ServoClock(real)
-    made = Server({"main": host.bus}, {"main": PtyPort("main", None)}, clock, lambda name, path: None)
+    made = VirtualBusServer(
+        {"main": host.bus}, {"main": VirtualPtyPort("main", None)}, clock, lambda name, path: None
+    )
 
     def shown() -> list[int]:
         host.servos.settle(clock.now())

@@ -11,9 +11,9 @@ from virtual_host import Host
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer
 from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.muscles import FirstOrder
+from twind_drivers.virtual.muscles import FirstOrderPhysics
 from twind_drivers.virtual.servos import ServoSpec
-from twind_drivers.virtual.stream import Adapter
+from twind_drivers.virtual.stream import SerialAdapter
 
 IDS = [1, 2, 3, 4]
 
@@ -61,7 +61,7 @@ def test_a_packet_that_reached_the_servo_broken_is_answered_with_error_3_or_not_
         found = host.ask(packet.write(1, 65, b"\1"))
         errors |= {each.error for each in found}
         answers += len(found)
-    assert errors == {0, packet.Error.CRC}
+    assert errors == {0, packet.StatusErrorCode.CRC}
     assert answers < 300, "an id or header that is broken meets nobody"
 
 
@@ -154,8 +154,8 @@ def test_the_latency_timer_holds_back_what_does_not_fill_a_packet(timer: float, 
 
 
 def test_an_adapter_with_a_timer_keeps_it_when_faults_are_healed() -> None:
-    specs, muscles = [ServoSpec(1, "XM430-W350", {"baud_rate": 4})], FirstOrder(np.array([2048.0]))
-    bus = VirtualBus("b", specs, muscles, adapter=Adapter(echo=True, latency=0.016))
+    specs, muscles = [ServoSpec(1, "XM430-W350", {"baud_rate": 4})], FirstOrderPhysics(np.array([2048.0]))
+    bus = VirtualBus("b", specs, muscles, adapter=SerialAdapter(echo=True, latency=0.016))
     bus.faults.clear()
     bus.receive(packet.ping(1), 0.001)
     assert bus.take(0.015) == b""

@@ -13,27 +13,27 @@ from twind.config.calibration_file import load_calibration
 from twind.config.counts import angle_of
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
-from twind.virtual.bench import SpecimenError
-from twind.virtual.specimen import Specimen, buses, calibration, save, specimen
+from twind.virtual.bench import VirtualRobotSpecError
+from twind.virtual.specimen import VirtualRobotSpec, buses, calibration, save, specimen
 from twind.virtual.truth import PLAIN, JointTruth, Truth, load_truth, random_truth
-from twind_drivers.virtual.servos import Servos
+from twind_drivers.virtual.servos import VirtualServos
 
 H24 = load_robot("h24")
 KNEE = H24.joints[H24.names.index("l_knee")]
 
 
-def made_with(**knee: object) -> Specimen:
+def made_with(**knee: object) -> VirtualRobotSpec:
     return specimen(H24, truth=Truth({"l_knee": JointTruth(**knee)}))  # type: ignore[arg-type]
 
 
-def servo(made: Specimen, joint: str, physics: bool = False) -> tuple[Servos, int]:
+def servo(made: VirtualRobotSpec, joint: str, physics: bool = False) -> tuple[VirtualServos, int]:
     """The servos of the bus of h24, and the row at that joint."""
     servos = buses(made, physics=physics)["main"].servos
     servos.settle(0.0)
     return servos, H24.names.index(joint)
 
 
-def shows(made: Specimen, joint: str, physics: bool = False) -> int:
+def shows(made: VirtualRobotSpec, joint: str, physics: bool = False) -> int:
     servos, row = servo(made, joint, physics)
     return int(servos.readings.position.get()[row])
 
@@ -106,7 +106,7 @@ def test_a_file_that_is_wrong_is_refused_with_the_place(tmp_path: Path, text: st
     ],
 )
 def test_a_truth_that_cannot_be_is_refused(joints: dict[str, JointTruth], words: str) -> None:
-    with pytest.raises(SpecimenError) as refused:
+    with pytest.raises(VirtualRobotSpecError) as refused:
         specimen(H24, truth=Truth(joints))
     assert words in str(refused.value)
 
@@ -115,7 +115,7 @@ def test_what_is_of_servos_alone_is_refused_of_a_can_actuator() -> None:
     mixed = load_robot("h24-mixed")
     specimen(mixed, truth=Truth({"l_knee": JointTruth(zero_ticks=100, sign=-1, stops_rad=(-0.1, 2.2))}))
     with pytest.raises(
-        SpecimenError, match="l_knee: turns is of serial servos; a CAN actuator has zero_ticks"
+        VirtualRobotSpecError, match="l_knee: turns is of serial servos; a CAN actuator has zero_ticks"
     ):
         specimen(mixed, truth=Truth({"l_knee": JointTruth(turns=1)}))
 

@@ -6,7 +6,7 @@ import pytest
 from virtual_host import Host
 
 from twind_drivers.dynamixel import budget, packet
-from twind_drivers.virtual.wire import Wire
+from twind_drivers.virtual.wire import HalfDuplexWire
 
 IDS = list(range(1, 25))
 
@@ -74,4 +74,4 @@ def test_two_requests_in_one_write_are_served_one_after_the_other() -> None:
 
 
 def test_a_silent_wire_is_never_due() -> None:
-    assert Wire(1_000_000).due() == math.inf
+    assert HalfDuplexWire(1_000_000).due() == math.inf

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
-from twind.safety.alarm import Alert
-from twind.safety.health import COMMAND, Health
-from twind.safety.way import STREAM, Way
+from twind.safety.alarm import LatencyAlert
+from twind.safety.health import COMMAND, TimingMonitor
+from twind.safety.way import STREAM, CommandLatencyTracer
 
 VISIBLE, STILL, PATIENCE = 0.005, 0.05, 1.0  # rad, rad/s, s: as docs/reason-codes.md says
 # Powers of two, so that sums of them are exact.
@@ -26,8 +26,8 @@ class World:
     """Two joints that stand; time is the test's."""
 
     def __init__(self, begin: tuple[float, float] = (1.0, -1.0)) -> None:
-        self.health = Health(1)
-        self.way = Way(self.health)
+        self.health = TimingMonitor(1)
+        self.way = CommandLatencyTracer(self.health)
         self.now = 10.0
         self.begin = np.array(begin)
         self.state = JointState(
@@ -337,7 +337,7 @@ def test_a_goal_that_leaves_late_is_late_whoever_asked_for_it() -> None:
     world.way.accept(taken, "t", BOTH, Reference(world.begin, np.zeros(2), np.zeros(2)), world.now)
     world.now += 0.06
     world.tick([0.0, 0.0])
-    assert world.health.alerts() == [Alert("written", pytest.approx(0.06), 0.05)]
+    assert world.health.alerts() == [LatencyAlert("written", pytest.approx(0.06), 0.05)]
 
 
 # ------------------------------------------------------------------------------------- whatever happens

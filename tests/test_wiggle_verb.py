@@ -16,7 +16,7 @@ from processes import BUSY, Daemon, Virtual, arm, daemon, robot, until
 from processes import go as sent
 
 from twind.ctl.main import main
-from twind_calibration.wiggling.motion import Gone, back, go, goal_of
+from twind_calibration.wiggling.motion import MoveResult, back, go, goal_of
 from twind_drivers.clock import FakeClock, MonotonicClock
 
 pytestmark = pytest.mark.realtime
@@ -136,7 +136,7 @@ def simulated(running: tuple[Virtual, Daemon]) -> Daemon:
 
 
 def test_who_takes_the_robot_over_keeps_it_where_they_bring_it(simulated: Daemon) -> None:
-    def wiggled(home: float) -> Gone:
+    def wiggled(home: float) -> MoveResult:
         with simulated.client() as client:
             return go(client, MonotonicClock(), JOINT, home, WAY, take=False)
 

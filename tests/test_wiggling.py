@@ -12,17 +12,25 @@ from hypothesis import strategies as st
 
 from twind.config.robot_spec import JointSpec
 from twind.robot.arrays import Floats
-from twind_calibration.wiggling.body import Body
-from twind_calibration.wiggling.judge import Answer, Load, Motion, alike, answer, came_back, weigh
-from twind_calibration.wiggling.trace import Stay, Stays, Trace
+from twind_calibration.wiggling.body import PosedModel
+from twind_calibration.wiggling.judge import (
+    EncoderObservation,
+    EncoderResponse,
+    TorqueResponse,
+    alike,
+    answer,
+    came_back,
+    weigh,
+)
+from twind_calibration.wiggling.trace import HoldMean, HoldMeans, StateTrace
 
-BODY = Body(H24)
+BODY = PosedModel(H24)
 FRICTION = 0.1  # N·m
 BENT = {"l_hip_pitch": -1.0, "r_hip_pitch": -1.0}  # both legs forward: the waist carries them
 Change = Callable[[JointSpec], JointSpec]
 
 
-def judged(stays: Stays, name: str) -> tuple[Answer, Load]:
+def judged(stays: HoldMeans, name: str) -> tuple[EncoderObservation, TorqueResponse]:
     place = H24.names.index(name)
     pose = stays.out.position
     load = weigh(
@@ -41,13 +49,13 @@ def judged(stays: Stays, name: str) -> tuple[Answer, Load]:
 def test_a_joint_that_is_right_follows_and_its_load_agrees_where_the_pose_shows_it() -> None:
     with armed(H24, BENT) as rig:
         seen, load = judged(rig.wiggled("waist_pitch"), "waist_pitch")
-        assert (seen.motion, seen.others, load) == (Motion.FOLLOWS, (), Load.AGREES)
+        assert (seen.motion, seen.others, load) == (EncoderResponse.FOLLOWS, (), TorqueResponse.AGREES)
         assert came_back(seen)
         seen, load = judged(rig.wiggled("head_pitch"), "head_pitch")
-        assert (seen.motion, load) == (Motion.FOLLOWS, Load.UNOBSERVABLE)
+        assert (seen.motion, load) == (EncoderResponse.FOLLOWS, TorqueResponse.UNOBSERVABLE)
         rig.virtual["main"].faults.lock(id=6)
         seen, _ = judged(rig.wiggled("l_elbow"), "l_elbow")
-        assert (seen.motion, seen.others) == (Motion.STILL, ())
+        assert (seen.motion, seen.others) == (EncoderResponse.STILL, ())
 
 
 @pytest.mark.slow
@@ -55,11 +63,14 @@ def test_a_reversed_joint_follows_all_the_same_and_only_the_load_of_a_pose_that_
     """Goal and reading share the sign, so no encoder can tell; what hangs feels the same either way."""
     with armed(built("waist_pitch", sign=-1)) as rig:
         seen, load = judged(rig.wiggled("waist_pitch"), "waist_pitch")
-        assert (seen.motion, load) == (Motion.FOLLOWS, Load.UNOBSERVABLE)  # and never AGREES
+        assert (seen.motion, load) == (
+            EncoderResponse.FOLLOWS,
+            TorqueResponse.UNOBSERVABLE,
+        )  # and never AGREES
         rig.lease()
         rig.go(BENT, 1.5)
         seen, load = judged(rig.wiggled("waist_pitch"), "waist_pitch")
-        assert (seen.motion, load) == (Motion.FOLLOWS, Load.REVERSED)
+        assert (seen.motion, load) == (EncoderResponse.FOLLOWS, TorqueResponse.REVERSED)
 
 
 def test_exchanged_servos_follow_all_the_same_and_the_load_of_a_bent_leg_tells() -> None:
@@ -74,7 +85,7 @@ def test_exchanged_servos_follow_all_the_same_and_the_load_of_a_bent_leg_tells()
     left, right = H24.names.index("l_hip_pitch"), H24.names.index("r_hip_pitch")
     with armed(replace(H24, joints=tuple(joints)), {"l_knee": 1.8, "l_hip_pitch": -0.5}) as rig:
         stays = rig.wiggled("l_hip_pitch")
-    assert answer(stays, left, WAY).motion is Motion.FOLLOWS
+    assert answer(stays, left, WAY).motion is EncoderResponse.FOLLOWS
     pose = stays.out.position
     measured, model = float(stays.out.effort[left]), float(BODY.torque(pose)[left])
     twins = BODY.twins(left)
@@ -85,59 +96,61 @@ def test_exchanged_servos_follow_all_the_same_and_the_load_of_a_bent_leg_tells()
 def test_another_gear_ratio_is_not_seen_by_the_encoder() -> None:
     with armed(built("l_elbow", ratio=0.9)) as rig:
         seen, _ = judged(rig.wiggled("l_elbow"), "l_elbow")
-    assert seen.motion is Motion.FOLLOWS
+    assert seen.motion is EncoderResponse.FOLLOWS
 
 
 # ------------------------------------------------------------------------------------- the numbers
 
 
-def stays_of(moved: Mapping[int, float], twin: float = WAY, *, off: float = 0.0, count: int = 3) -> Stays:
+def stays_of(moved: Mapping[int, float], twin: float = WAY, *, off: float = 0.0, count: int = 3) -> HoldMeans:
     """Joint 0 was sent WAY."""
 
-    def stay(position: Floats, simulated: Floats) -> Stay:
-        return Stay(position, simulated, np.zeros(count))
+    def stay(position: Floats, simulated: Floats) -> HoldMean:
+        return HoldMean(position, simulated, np.zeros(count))
 
     nothing, out, simulated, home = (np.zeros(count) for _ in range(4))
     out[list(moved)] = list(moved.values())
     simulated[0], home[0] = twin, off
-    return Stays(stay(nothing, nothing), stay(out, simulated), stay(home, nothing))
+    return HoldMeans(stay(nothing, nothing), stay(out, simulated), stay(home, nothing))
 
 
 @pytest.mark.parametrize(
     ("share", "motion"),
     [
-        (1.0, Motion.FOLLOWS),
-        (0.71, Motion.FOLLOWS),
-        (0.69, Motion.SHORT),
-        (0.21, Motion.SHORT),
-        (0.19, Motion.STILL),
-        (-0.19, Motion.STILL),
-        (-0.21, Motion.BACKWARDS),
-        (1.29, Motion.FOLLOWS),
-        (1.31, Motion.FAR),
+        (1.0, EncoderResponse.FOLLOWS),
+        (0.71, EncoderResponse.FOLLOWS),
+        (0.69, EncoderResponse.SHORT),
+        (0.21, EncoderResponse.SHORT),
+        (0.19, EncoderResponse.STILL),
+        (-0.19, EncoderResponse.STILL),
+        (-0.21, EncoderResponse.BACKWARDS),
+        (1.29, EncoderResponse.FOLLOWS),
+        (1.31, EncoderResponse.FAR),
     ],
 )
 @pytest.mark.parametrize("way", [WAY, -WAY])
-def test_how_far_it_went_beside_its_twin(share: float, motion: Motion, way: float) -> None:
+def test_how_far_it_went_beside_its_twin(share: float, motion: EncoderResponse, way: float) -> None:
     assert answer(stays_of({0: share * way}, way), 0, way).motion is motion
 
 
 def test_a_twin_that_gives_way_is_what_the_joint_is_compared_with() -> None:
-    assert answer(stays_of({0: 0.6 * WAY}, 0.6 * WAY), 0, WAY).motion is Motion.FOLLOWS
-    assert answer(stays_of({0: 0.2 * WAY}, 0.2 * WAY), 0, WAY).motion is Motion.SHORT  # no measure any more
-    assert answer(stays_of({0: WAY}, np.nan), 0, WAY).motion is Motion.FOLLOWS
+    assert answer(stays_of({0: 0.6 * WAY}, 0.6 * WAY), 0, WAY).motion is EncoderResponse.FOLLOWS
+    assert (
+        answer(stays_of({0: 0.2 * WAY}, 0.2 * WAY), 0, WAY).motion is EncoderResponse.SHORT
+    )  # no measure any more
+    assert answer(stays_of({0: WAY}, np.nan), 0, WAY).motion is EncoderResponse.FOLLOWS
 
 
 def test_another_joint_that_moves_is_named_with_how_far() -> None:
     seen = answer(stays_of({0: WAY, 2: 0.5 * WAY}), 0, WAY)
-    assert (seen.motion, seen.others, seen.ways) == (Motion.FOLLOWS, (2,), (0.5 * WAY,))
+    assert (seen.motion, seen.others, seen.ways) == (EncoderResponse.FOLLOWS, (2,), (0.5 * WAY,))
     instead = answer(stays_of({2: WAY}), 0, WAY)
-    assert (instead.motion, instead.others) == (Motion.STILL, (2,))
+    assert (instead.motion, instead.others) == (EncoderResponse.STILL, (2,))
 
 
 def test_what_was_not_heard_is_no_motion() -> None:
-    assert answer(None, 0, WAY).motion is Motion.UNHEARD
-    assert answer(stays_of({0: np.nan}), 0, WAY).motion is Motion.UNHEARD
+    assert answer(None, 0, WAY).motion is EncoderResponse.UNHEARD
+    assert answer(stays_of({0: np.nan}), 0, WAY).motion is EncoderResponse.UNHEARD
     assert answer(stays_of({0: WAY, 1: np.nan}), 0, WAY).others == ()
     assert came_back(answer(stays_of({0: WAY}, off=0.01), 0, WAY))
     assert not came_back(answer(stays_of({0: WAY}, off=0.02), 0, WAY))
@@ -151,13 +164,16 @@ def test_both_signs_are_judged_alike_and_only_where_they_differ(
     a: float, b: float, c: float, friction: float
 ) -> None:
     load = weigh(a, b, c, friction).load
-    mirrored = {Load.AGREES: Load.REVERSED, Load.REVERSED: Load.AGREES}
+    mirrored = {
+        TorqueResponse.AGREES: TorqueResponse.REVERSED,
+        TorqueResponse.REVERSED: TorqueResponse.AGREES,
+    }
     assert weigh(a, c, b, friction).load is mirrored.get(load, load)
     if abs(b - c) <= 2.0 * max(friction, 0.4 * max(abs(b), abs(c))):
-        assert load in (Load.UNOBSERVABLE, Load.NEITHER)
+        assert load in (TorqueResponse.UNOBSERVABLE, TorqueResponse.NEITHER)
     else:
-        assert load is not Load.UNOBSERVABLE
-    if load is Load.AGREES:
+        assert load is not TorqueResponse.UNOBSERVABLE
+    if load is TorqueResponse.AGREES:
         assert abs(a - b) < abs(a - c)
 
 
@@ -165,16 +181,18 @@ def test_both_signs_are_judged_alike_and_only_where_they_differ(
 def test_a_number_that_is_none_says_nothing(place: int) -> None:
     numbers = [1.0, 1.0, -1.0]
     numbers[place] = np.nan
-    assert weigh(*numbers, FRICTION).load is Load.UNKNOWN
+    assert weigh(*numbers, FRICTION).load is TorqueResponse.UNKNOWN
 
 
 def test_a_load_that_fits_neither_sign_is_not_taken_for_one() -> None:
-    assert weigh(4.0, 1.0, -1.0, FRICTION).load is Load.NEITHER
-    assert weigh(0.0, 1.0, -1.0, FRICTION).load is Load.NEITHER
-    assert weigh(0.3, 1.0, 1.0, FRICTION).load is Load.NEITHER  # a third of it: another gear, or no motor
-    assert weigh(0.7, 1.0, 1.0, FRICTION).load is Load.UNOBSERVABLE
+    assert weigh(4.0, 1.0, -1.0, FRICTION).load is TorqueResponse.NEITHER
+    assert weigh(0.0, 1.0, -1.0, FRICTION).load is TorqueResponse.NEITHER
     assert (
-        weigh(-0.91, -0.65, -0.97, FRICTION).load is Load.UNOBSERVABLE
+        weigh(0.3, 1.0, 1.0, FRICTION).load is TorqueResponse.NEITHER
+    )  # a third of it: another gear, or no motor
+    assert weigh(0.7, 1.0, 1.0, FRICTION).load is TorqueResponse.UNOBSERVABLE
+    assert (
+        weigh(-0.91, -0.65, -0.97, FRICTION).load is TorqueResponse.UNOBSERVABLE
     )  # 1.4 times -0.65 is no proof of -0.97
 
 
@@ -194,7 +212,7 @@ def row(position: float | None, goal: float | None, heard: bool = True) -> list[
 
 
 def test_stays_are_told_by_the_goal_and_a_lost_reading_is_none() -> None:
-    trace = Trace(["a"])
+    trace = StateTrace(["a"])
     for place, goal in [(0.0, 0.0)] * 5 + [(0.5, 0.5)] + [(1.0, 1.0)] * 5 + [(0.5, 0.5)] + [(0.1, 0.0)] * 5:
         trace.take(row(place, goal))
     trace.rows[9] = (np.array([np.nan]), *trace.rows[9][1:])
@@ -205,7 +223,7 @@ def test_stays_are_told_by_the_goal_and_a_lost_reading_is_none() -> None:
 
 
 def test_a_move_that_did_not_come_to_its_end_has_no_stays() -> None:
-    trace = Trace(["a"])
+    trace = StateTrace(["a"])
     assert trace.stays(0, 0.0, 1.0) is None
     for goal in (0.0, 0.0, 0.5, 0.5):
         trace.take(row(goal, goal))
@@ -265,5 +283,5 @@ def test_exchanged_servos_measure_each_others_load() -> None:
 def test_a_leg_on_the_ground_is_not_weighed() -> None:
     knee, elbow = H24.names.index("l_knee"), H24.names.index("l_elbow")
     assert not BODY.stands_on(knee)
-    free = Body(replace(H24, support="free"))
+    free = PosedModel(replace(H24, support="free"))
     assert free.stands_on(knee) and not free.stands_on(elbow)

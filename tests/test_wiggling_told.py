@@ -6,15 +6,15 @@ from typing import Any
 import pytest
 from test_wiggling import FRICTION, WAY, stays_of
 
-from twind_calibration.wiggling.judge import Answer, Motion, answer, weigh
-from twind_calibration.wiggling.motion import Gone
-from twind_calibration.wiggling.told import Verdict
+from twind_calibration.wiggling.judge import EncoderObservation, EncoderResponse, answer, weigh
+from twind_calibration.wiggling.motion import MoveResult
+from twind_calibration.wiggling.told import WiggleVerdict
 
 
-def verdict(**changes: Any) -> Verdict:
+def verdict(**changes: Any) -> WiggleVerdict:
     seen = answer(stays_of({0: WAY}), 0, WAY)
-    made = Verdict(
-        "a", "main", 1, Gone(WAY), seen, weigh(1.0, 1.0, -1.0, FRICTION), "l_foot moves up", None, "abc"
+    made = WiggleVerdict(
+        "a", "main", 1, MoveResult(WAY), seen, weigh(1.0, 1.0, -1.0, FRICTION), "l_foot moves up", None, "abc"
     )
     return replace(made, **changes)
 
@@ -46,14 +46,26 @@ def verdict(**changes: Any) -> Verdict:
             False,
             "it stands +1.72° from where it stood",
         ),
-        ({"gone": Gone(WAY, ended=("ESTOP: x",), left=0.01)}, False, "it was ended on the way: ESTOP: x"),
-        ({"gone": Gone(WAY, ended=("ESTOP: x",), left=0.01)}, False, "it holds +0.57° from where it was"),
         (
-            {"gone": Gone(WAY, refused=("POS_LIMIT: y",)), "seen": None},
+            {"gone": MoveResult(WAY, ended=("ESTOP: x",), left=0.01)},
+            False,
+            "it was ended on the way: ESTOP: x",
+        ),
+        (
+            {"gone": MoveResult(WAY, ended=("ESTOP: x",), left=0.01)},
+            False,
+            "it holds +0.57° from where it was",
+        ),
+        (
+            {"gone": MoveResult(WAY, refused=("POS_LIMIT: y",)), "seen": None},
             False,
             "the daemon refuses: POS_LIMIT: y",
         ),
-        ({"seen": Answer(Motion.SIMULATED, WAY, 0, 0, 0)}, True, "the gate takes +2.01° and back"),
+        (
+            {"seen": EncoderObservation(EncoderResponse.SIMULATED, WAY, 0, 0, 0)},
+            True,
+            "the gate takes +2.01° and back",
+        ),
     ],
 )
 def test_a_verdict_says_what_is_known_and_what_is_not(changes: dict[str, Any], good: bool, said: str) -> None:

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twind.safety.window import BOUNDS, BOUNDS_MS, SIZE, Recent, Window
+from twind.safety.window import BOUNDS, BOUNDS_MS, SIZE, RecentValues, RollingStats
 
 durations = st.floats(1e-6, 5.0)
 
 
 def test_nothing_is_known_of_an_empty_window() -> None:
-    window = Window(0.05)
+    window = RollingStats(0.05)
     known = (
         window.now,
         window.mean,
@@ -25,13 +25,13 @@ def test_nothing_is_known_of_an_empty_window() -> None:
         window.worst,
     )
     assert all(isnan(value) for value in known)
-    assert isnan(Recent().p95(0.0))
+    assert isnan(RecentValues().p95(0.0))
     assert (window.count, window.violations) == (0, 0)
 
 
 @given(st.lists(durations, min_size=1, max_size=260))
 def test_statistics_are_those_of_the_last_hundred(values: list[float]) -> None:
-    window = Window(0.05)
+    window = RollingStats(0.05)
     for value in values:
         window.add(value)
     last = np.array(values[-100:])
@@ -45,7 +45,7 @@ def test_statistics_are_those_of_the_last_hundred(values: list[float]) -> None:
 
 @given(st.lists(durations, min_size=1, max_size=300))
 def test_percentiles_of_the_run_are_within_two_percent_of_a_value_of_their_rank(values: list[float]) -> None:
-    window = Window()
+    window = RollingStats()
     for value in values:
         window.add(value)
     ordered = sorted(values)
@@ -57,14 +57,14 @@ def test_percentiles_of_the_run_are_within_two_percent_of_a_value_of_their_rank(
 
 @pytest.mark.parametrize("value", [0.0, 1e-9, 1e-6, 100.0, 1e300])
 def test_values_beyond_the_histogram_keep_their_own_size(value: float) -> None:
-    window = Window()
+    window = RollingStats()
     window.add(value)
     assert (window.p50, window.p99) == (value, value)
 
 
 @pytest.mark.parametrize("unknown", [nan, -1e-9, -inf, inf])
 def test_what_is_unknown_or_negative_is_too_late_and_in_no_average(unknown: float) -> None:
-    window = Window(0.05)
+    window = RollingStats(0.05)
     window.add(0.01, 1.0)
     window.add(unknown, 1.01)
     assert isnan(window.now)
@@ -72,14 +72,14 @@ def test_what_is_unknown_or_negative_is_too_late_and_in_no_average(unknown: floa
     assert window.violations == 1
     window.add(0.02, 1.03)
     assert window.now == 0.02
-    recent = Recent()
+    recent = RecentValues()
     recent.add(0.01, 1.0)
     recent.add(unknown, 1.01)
     assert recent.p95(1.02) == inf
 
 
 def test_p95_looks_at_the_last_half_second_alone() -> None:
-    recent = Recent()
+    recent = RecentValues()
     for tick in range(200):
         recent.add(0.2 if tick < 100 else 0.01, tick * 0.01)
     assert recent.p95(1.99) == 0.01
@@ -90,7 +90,7 @@ def test_p95_looks_at_the_last_half_second_alone() -> None:
 
 @pytest.mark.parametrize(("late", "seen"), [(2, 0.01), (3, 0.2)])
 def test_p95_lets_five_percent_be_late_and_no_more(late: int, seen: float) -> None:
-    recent = Recent()
+    recent = RecentValues()
     for tick in range(50):
         recent.add(0.2 if tick < late else 0.01, tick * 0.01)
     assert recent.p95(0.49) == seen
@@ -100,7 +100,7 @@ def test_p95_lets_five_percent_be_late_and_no_more(late: int, seen: float) -> No
 
 
 def test_a_value_is_held_to_the_bound_of_its_own_time() -> None:
-    window = Window(0.05)
+    window = RollingStats(0.05)
     window.add(0.06, 1.0)
     window.add(0.06, 1.0, bound=0.1)
     window.add(0.06, 1.0, bound=inf)
@@ -111,7 +111,7 @@ def test_a_value_is_held_to_the_bound_of_its_own_time() -> None:
 
 
 def test_a_value_at_the_bound_is_none_and_the_next_float_is_one() -> None:
-    window = Window(0.05)
+    window = RollingStats(0.05)
     window.add(0.05)
     assert window.violations == 0
     window.add(float(np.nextafter(0.05, 1.0)))
@@ -119,7 +119,7 @@ def test_a_value_at_the_bound_is_none_and_the_next_float_is_one() -> None:
 
 
 def test_violations_leave_the_window_with_their_values() -> None:
-    window = Window(0.05)
+    window = RollingStats(0.05)
     window.add(nan)
     for count in range(SIZE):
         assert window.violations == 1, count
@@ -128,7 +128,7 @@ def test_violations_leave_the_window_with_their_values() -> None:
 
 
 def test_it_knows_when_its_last_value_came() -> None:
-    window = Window()
+    window = RollingStats()
     assert window.at == -inf
     window.add(0.01, 5.0)
     window.add(nan, 6.0)
@@ -144,7 +144,7 @@ anything = durations | st.sampled_from([nan, inf, -inf, -1e-9, 0.0, *BOUNDS]) | 
 def test_every_value_of_the_run_is_in_one_bucket_and_those_of_no_size_in_the_last(
     values: list[float],
 ) -> None:
-    window = Window()
+    window = RollingStats()
     for value in values:
         window.add(value)
     assert sum(window.buckets) == len(values) == window.count

@@ -2,11 +2,11 @@
 
 import os
 
-from twind.loop.wreck import FRONTS, Wreck
+from twind.loop.wreck import FRONTS, CrashRecording
 
 
-def wreck() -> tuple[Wreck, list[str]]:
-    made, told = Wreck(os.memfd_create("wreck")), list[str]()
+def wreck() -> tuple[CrashRecording, list[str]]:
+    made, told = CrashRecording(os.memfd_create("wreck")), list[str]()
     made.then = lambda: told.append("done")
     return made, told
 
@@ -62,7 +62,7 @@ def test_closed_here_it_stays_where_it_is_kept() -> None:
 
 
 def test_where_nothing_was_left_there_is_nothing_to_tell() -> None:
-    one, told = Wreck(None), list[str]()
+    one, told = CrashRecording(None), list[str]()
     one.then = lambda: told.append("done")
     one.taken()
     one.done()

@@ -10,30 +10,30 @@ import pytest
 from zenoh_router import free_port
 
 from twind.bridge.zenoh import session
-from twind.bridge.zenoh.session import LOCAL, Place, SessionError
+from twind.bridge.zenoh.session import LOCAL, NetworkConfig, SessionError
 
 pytestmark = pytest.mark.realtime
 
 
-def given(*words: str, **environ: str) -> Place:
+def given(*words: str, **environ: str) -> NetworkConfig:
     parser = argparse.ArgumentParser()
     session.add_options(parser)
     return session.place(parser.parse_args(words), environ)
 
 
 def test_without_a_word_it_is_the_router_of_this_machine() -> None:
-    assert given() == Place(connect=(LOCAL,))
+    assert given() == NetworkConfig(connect=(LOCAL,))
 
 
 def test_options_go_before_the_variable_which_holds_endpoints_or_a_file() -> None:
-    assert given(TWIND_ZENOH="tcp/a:1, tls/b:2") == Place(connect=("tcp/a:1", "tls/b:2"))
-    assert given(TWIND_ZENOH="/etc/z.json5") == Place(file=Path("/etc/z.json5"))
-    assert given("--connect", "tcp/c:3", TWIND_ZENOH="tcp/a:1") == Place(connect=("tcp/c:3",))
-    assert given("--listen", "tcp/d:4", TWIND_ZENOH="tcp/a:1") == Place(listen=("tcp/d:4",))
+    assert given(TWIND_ZENOH="tcp/a:1, tls/b:2") == NetworkConfig(connect=("tcp/a:1", "tls/b:2"))
+    assert given(TWIND_ZENOH="/etc/z.json5") == NetworkConfig(file=Path("/etc/z.json5"))
+    assert given("--connect", "tcp/c:3", TWIND_ZENOH="tcp/a:1") == NetworkConfig(connect=("tcp/c:3",))
+    assert given("--listen", "tcp/d:4", TWIND_ZENOH="tcp/a:1") == NetworkConfig(listen=("tcp/d:4",))
 
 
 def test_what_others_on_the_way_can_read_is_named() -> None:
-    place = Place(
+    place = NetworkConfig(
         connect=("tcp/localhost:1", "tcp/127.0.0.9:1", "tcp/[::1]:1", "tls/far:1", "quic/far:1", "tcp/far:1"),
         listen=("udp/0.0.0.0:2", "tcp/[::]:2"),
     )
@@ -46,17 +46,20 @@ def test_what_others_can_read_is_named_though_a_file_says_it(tmp_path: Path) -> 
         '{mode: "peer", connect: {endpoints: ["tcp/203.0.113.5:1", "tls/far:1"]},'
         ' listen: {endpoints: {router: ["tcp/[::]:2"], peer: ["tcp/0.0.0.0:2", "tcp/[::1]:2"]}}}'
     )
-    assert session.readable(Place(file=said)) == ["tcp/203.0.113.5:1", "tcp/[::]:2", "tcp/0.0.0.0:2"]
-    assert session.readable(Place(connect=("tls/near:1",), file=said)) == ["tcp/[::]:2", "tcp/0.0.0.0:2"]
+    assert session.readable(NetworkConfig(file=said)) == ["tcp/203.0.113.5:1", "tcp/[::]:2", "tcp/0.0.0.0:2"]
+    assert session.readable(NetworkConfig(connect=("tls/near:1",), file=said)) == [
+        "tcp/[::]:2",
+        "tcp/0.0.0.0:2",
+    ]
     said.write_text("{")
     with pytest.raises(SessionError, match=r"z\.json5"):
-        session.readable(Place(file=said))
+        session.readable(NetworkConfig(file=said))
 
 
 def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_path: Path) -> None:
     said = tmp_path / "z.json5"
     said.write_text('{mode: "peer", connect: {endpoints: ["tcp/a:1"]}}')
-    for place in (Place(connect=("tcp/a:1",)), Place(file=said)):
+    for place in (NetworkConfig(connect=("tcp/a:1",)), NetworkConfig(file=said)):
         made = session._configuration(place, 1.0)
         assert (
             made.get_json("scouting/multicast/enabled") == made.get_json("scouting/gossip/enabled") == "false"
@@ -66,20 +69,26 @@ def test_nobody_is_looked_for_and_nobody_may_connect_unless_a_file_says_so(tmp_p
     said.write_text(
         '{mode: "router", listen: {endpoints: ["tcp/a:2"]}, scouting: {multicast: {enabled: true}}}'
     )
-    made = session._configuration(Place(file=said), 1.0)
+    made = session._configuration(NetworkConfig(file=said), 1.0)
     assert (made.get_json("mode"), made.get_json("listen/endpoints")) == ('"router"', '["tcp/a:2"]')
     assert made.get_json("scouting/multicast/enabled") == "true"
 
 
-@pytest.mark.parametrize("place", [Place(connect=("nonsense",)), Place(file=Path("/nowhere.json5"))])
-def test_a_place_that_is_none_is_told_at_once_and_not_tried_again(place: Place) -> None:
+@pytest.mark.parametrize(
+    "place", [NetworkConfig(connect=("nonsense",)), NetworkConfig(file=Path("/nowhere.json5"))]
+)
+def test_a_place_that_is_none_is_told_at_once_and_not_tried_again(place: NetworkConfig) -> None:
     with pytest.raises(SessionError, match=r"nonsense|nowhere") as told:
         session.opened(place, threading.Event(), lambda line: None)
     assert ".rs" not in str(told.value), "a place in somebody's source helps nobody"
 
 
 def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> None:
-    place, stop, lines = Place(connect=(f"tcp/127.0.0.1:{free_port()}",)), threading.Event(), list[str]()
+    place, stop, lines = (
+        NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",)),
+        threading.Event(),
+        list[str](),
+    )
     with pytest.raises(SessionError, match=place.connect[0]):
         session.open_now(place, 0.2)
     threading.Timer(2.5, stop.set).start()
@@ -88,7 +97,7 @@ def test_where_nobody_answers_it_is_told_once_and_tried_until_told_to_stop() -> 
 
 
 def test_who_listens_waits_for_nobody() -> None:
-    place = Place(connect=(f"tcp/127.0.0.1:{free_port()}",), listen=(f"tcp/127.0.0.1:{free_port()}",))
+    place = NetworkConfig(connect=(f"tcp/127.0.0.1:{free_port()}",), listen=(f"tcp/127.0.0.1:{free_port()}",))
     begun = time.monotonic()
     with session.open_now(place, 30.0):
         assert time.monotonic() - begun < 15.0
@@ -99,7 +108,10 @@ def test_who_listens_waits_for_nobody() -> None:
 def test_who_has_left_hears_nothing_more_in_any_thread() -> None:
     """A callback that a daemon thread declared has a daemon thread: one that comes back from compiled code
     while the interpreter ends would abort the process."""
-    joined, heard = session.open_now(Place(listen=(f"tcp/127.0.0.1:{free_port()}",)), 30.0), list[object]()
+    joined, heard = (
+        session.open_now(NetworkConfig(listen=(f"tcp/127.0.0.1:{free_port()}",)), 30.0),
+        list[object](),
+    )
 
     def declare() -> None:
         joined.declare_subscriber("twind/robot/state/10", heard.append)

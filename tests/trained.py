@@ -11,28 +11,28 @@ from pathlib import Path
 import pytest
 
 import twind.learn
-from twind.ctl.progress import Progress
-from twind.learn.training.course import Course
+from twind.ctl.progress import ProgressLine
+from twind.learn.training.course import Trainer
 from twind.learn.training.folder import BEST, RUN, read_run, taken
-from twind.learn.training.settings import Settings, chosen
-from twind.learn.training.told import Told
+from twind.learn.training.settings import TrainingSettings, chosen
+from twind.learn.training.told import TrainingReporter
 
 STEPS = 61_440  # 30 updates; 30 s of CPU
 
 
-def settings(seed: int = 0) -> Settings:
+def settings(seed: int = 0) -> TrainingSettings:
     """The defaults, but shorter and with fewer evaluations."""
     return chosen("Stand", {"steps": STEPS, "evaluate_every": 20_480, "seed": seed})
 
 
-def train(folder: Path, wanted: Settings) -> Path:
+def train(folder: Path, wanted: TrainingSettings) -> Path:
     """Train in `folder`, or take what was trained there. The policy file."""
     options = argparse.Namespace(json=True)
     with taken(folder) as mine:
         if not (folder / RUN).exists() or read_run(folder)[1]["ended"] != "done":
-            course = Course(wanted, mine, Told(options), None)
+            course = Trainer(wanted, mine, TrainingReporter(options), None)
             try:
-                course.run(threading.Event(), Progress(options, "train"))
+                course.run(threading.Event(), ProgressLine(options, "train"))
             finally:
                 course.close()
     return folder / BEST

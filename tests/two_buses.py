@@ -6,16 +6,16 @@ Joints alternate between the buses, signs and gear ratios differ, so that a mixe
 import numpy as np
 
 from twind.loop.hardware import Hardware
-from twind.loop.ports import Link, Port
+from twind.loop.ports import BusPort, PortState
 from twind.robot.arrays import Floats
-from twind.robot.joints import BusMap, JointMap
+from twind.robot.joints import JointBusMap, JointMap
 from twind.robot.state import JointState
-from twind_drivers.bus import PortError, Reader, Writer
+from twind_drivers.bus import BusReader, BusWriter, PortError
 from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.loopback import Loopback
-from twind_drivers.virtual.muscles import FirstOrder
+from twind_drivers.virtual.muscles import FirstOrderPhysics
 from twind_drivers.virtual.servos import ServoSpec
 
 PERIOD = 0.01
@@ -26,9 +26,9 @@ FASTEST = 46.0 / 60.0 * 4096  # ticks/s: no-load speed at 12 V
 TURN = 2.0 * np.pi / 4096.0  # rad per tick without gear
 
 
-def bus_map(name: str, places: list[int], zero: list[int], scale: list[float]) -> BusMap:
+def bus_map(name: str, places: list[int], zero: list[int], scale: list[float]) -> JointBusMap:
     factors = np.array(scale) * TURN
-    return BusMap(
+    return JointBusMap(
         name=name,
         joints=np.array(places),
         ids=IDS[name],
@@ -59,17 +59,19 @@ class TwoBuses:
         self.clock = FakeClock(50.0)
         self.virtual = {bus.name: self._servos(bus) for bus in JOINTS.buses}
         self.tries: list[tuple[str, float]] = []  # when each bus was tried to open
-        self.ports = [Port(bus.name, f"virtual:{bus.name}", self.open, self.enable) for bus in JOINTS.buses]
+        self.ports = [
+            BusPort(bus.name, f"virtual:{bus.name}", self.open, self.enable) for bus in JOINTS.buses
+        ]
         self.hardware = Hardware(JOINTS, self.ports, self.clock, PERIOD)
         self.hardware.access(read=True, write=live)
 
-    def _servos(self, bus: BusMap) -> VirtualBus:
+    def _servos(self, bus: JointBusMap) -> VirtualBus:
         settings = {"return_delay_time": 0, "baud_rate": BAUD_CODE}
         specs = [ServoSpec(id, "XM430-W350", settings) for id in bus.ids]
-        muscles = FirstOrder(bus.zero.astype(np.float64), now=self.clock.now())
+        muscles = FirstOrderPhysics(bus.zero.astype(np.float64), now=self.clock.now())
         return VirtualBus(bus.name, specs, muscles, baud=BAUD, now=self.clock.now())
 
-    def open(self, name: str) -> Reader:
+    def open(self, name: str) -> BusReader:
         self.tries.append((name, self.clock.now()))
         if not self.virtual[name].plugged:
             raise PortError(f"virtual:{name}", "no such port")
@@ -77,7 +79,7 @@ class TwoBuses:
         return DynamixelReader(name, transport, IDS[name], [1020] * 3, baud=BAUD, return_delay_us=0)
 
     @staticmethod
-    def enable(reader: Reader) -> Writer:
+    def enable(reader: BusReader) -> BusWriter:
         assert isinstance(reader, DynamixelReader)
         return DynamixelWriter(reader, lower=np.full(3, LOWER), upper=np.full(3, UPPER))
 
@@ -96,7 +98,7 @@ class TwoBuses:
         assert all(port.identification is not None and port.identification.done for port in self.ports)
         for port in self.ports:
             port.identification = None
-            port.link = Link.CONNECTED
+            port.link = PortState.CONNECTED
         self.hardware.hold(True)
 
     def goals(self) -> list[int]:

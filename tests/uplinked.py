@@ -16,7 +16,7 @@ import zenoh
 from processes import Daemon, until
 from zenoh_router import Router
 
-from twind.bridge.zenoh.session import Place, open_now
+from twind.bridge.zenoh.session import NetworkConfig, open_now
 
 PATIENCE = 30.0  # s that a busy machine may take
 JOINT = "l_knee"
@@ -56,7 +56,7 @@ class Uplink:
 class Far:
     """Somebody elsewhere: a session with the router, and no word of our code but where it opens sessions."""
 
-    def __init__(self, place: Place, robot: str) -> None:
+    def __init__(self, place: NetworkConfig, robot: str) -> None:
         self.robot = robot
         self._session = open_now(place, PATIENCE)
         self._open: list[Any] = []
@@ -177,9 +177,21 @@ def site(folder: Path, name: str = "robot") -> Iterator[Site]:
         made.daemon.reach(mode="sim")
         words = ("--connect", router.endpoint, "--name", name)
         made.uplink = stack.enter_context(ended())(Uplink(made.daemon.sockets, *words))
-        made.far = stack.enter_context(closing(Far(Place(connect=(router.endpoint,)), name)))
+        made.far = stack.enter_context(closing(Far(NetworkConfig(connect=(router.endpoint,)), name)))
         up(made.far, made.uplink)
         yield made
 
 
-__all__ = ["JOINT", "PATIENCE", "Far", "Place", "Site", "Uplink", "ended", "phases", "site", "up", "zenoh"]
+__all__ = [
+    "JOINT",
+    "PATIENCE",
+    "Far",
+    "NetworkConfig",
+    "Site",
+    "Uplink",
+    "ended",
+    "phases",
+    "site",
+    "up",
+    "zenoh",
+]

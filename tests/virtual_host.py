@@ -8,7 +8,7 @@ from twind_drivers.clock import FakeClock
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.packet import Framer, Packet
 from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.muscles import FirstOrder
+from twind_drivers.virtual.muscles import FirstOrderPhysics
 from twind_drivers.virtual.servos import ServoSpec
 
 FAST = {"baud_rate": 4, "return_delay_time": 0}
@@ -36,7 +36,7 @@ class Host:
             ServoSpec(id, name, FAST | dict(settings or {}), firmware, forgets_offset, seam_seed)
             for id, name in zip(ids, each, strict=True)
         ]
-        self.muscles = FirstOrder(np.full(len(ids), start))
+        self.muscles = FirstOrderPhysics(np.full(len(ids), start))
         self.bus = VirtualBus("test", specs, self.muscles, wire_timing=wire_timing, keep_goal=keep_goal)
         self.clock = FakeClock()
         self.servos = self.bus.servos

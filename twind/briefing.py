@@ -38,7 +38,7 @@ class Briefing(msgspec.Struct, frozen=True, kw_only=True):
     generation: int = 0  # how many changes were made since the start
 
 
-class Reading(msgspec.Struct, frozen=True, kw_only=True):
+class ReloadResult(msgspec.Struct, frozen=True, kw_only=True):
     """What the files hold by now (`config/hot.py`), and the briefing that holds once `changes` are in force.
 
     `error`: why they cannot be used; then nothing else counts.

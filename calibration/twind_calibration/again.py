@@ -13,7 +13,7 @@ ALONE = ("check",)  # verbs that ask no daemon
 
 
 @dataclass(frozen=True, slots=True)
-class Again:
+class CommandHint:
     """The options that say which daemon and which robot this call is about, as a shell takes them."""
 
     socket: str = ""  # "--socket DIR "; "": the usual one
@@ -37,7 +37,7 @@ class Again:
         return f"twindctl {self.socket}{verb}{self.files if verb in WITH_FILES else ''}"
 
 
-def again(options: argparse.Namespace, place: str | None = None) -> Again:
+def again(options: argparse.Namespace, place: str | None = None) -> CommandHint:
     """Of the options of this call. `place`: where its daemon's sockets are, if another option says so."""
     where = options.socket or place
     files = [
@@ -46,4 +46,4 @@ def again(options: argparse.Namespace, place: str | None = None) -> Again:
         if (value := getattr(options, name, None))
     ]
     ports = [f" --port {shlex.quote(port)}" for port in getattr(options, "port", None) or ()]
-    return Again(f"--socket {shlex.quote(where)} " if where else "", "".join([*files, *ports]))
+    return CommandHint(f"--socket {shlex.quote(where)} " if where else "", "".join([*files, *ports]))

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from twind.config.files import UsageError as Unfit
+from twind.config.files import CommandLineError as Unfit
 from twind.config.files import bus_ports, refuse_wrong
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
-from twind.config.settings import Settings, load_settings
+from twind.config.settings import DaemonSettings, load_settings
 from twind.ctl.verb import Rejected, UsageError
 from twind_calibration.instances import settings_of, sockets_of
 
@@ -18,7 +18,7 @@ SERVICE = Path("/etc/twind/twind.yaml")
 
 
 @dataclass(frozen=True, slots=True)
-class Described:
+class RobotDescription:
     """What the files say."""
 
     robot: RobotFile
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--calibration", metavar="FILE", help="instead of theirs")
 
 
-def read(options: argparse.Namespace) -> Described:
+def read(options: argparse.Namespace) -> RobotDescription:
     """Everything, as `twind` with the same options would. Raises Rejected, UsageError.
 
     Without --config the sockets that were named (`-i NAME`) say whose settings are meant.
@@ -59,14 +59,14 @@ def read(options: argparse.Namespace) -> Described:
         source = None if settings.source == "defaults" else settings.source
         sockets = sockets_of(source, str(settings.socket_dir), SERVICE.parent)
         usual = settings.usual_calibration(robot.name)
-        return Described(robot, ports, settings.calibration_path(robot.name), usual, Path(sockets))
+        return RobotDescription(robot, ports, settings.calibration_path(robot.name), usual, Path(sockets))
     except Unfit as error:
         raise UsageError(str(error)) from None
     except ConfigError as error:
         raise Rejected(str(error)) from None
 
 
-def _settings(config: str | Path | None) -> Settings:
+def _settings(config: str | Path | None) -> DaemonSettings:
     """The named file, this user's own, else the service's."""
     if config is not None:
         path = Path(config)

@@ -2,10 +2,10 @@
 
 from typing import Any, Protocol
 
-from twind_drivers.bus import Restart, Script
+from twind_drivers.bus import RestartResult, Script
 
 
-class Alone(Protocol):
+class SingleDeviceControl(Protocol):
     """One device of a bus; nobody else there has torque.
 
     Counts are the device's own, as it tells them once it was entered: perhaps whole turns off those before.
@@ -37,5 +37,5 @@ class Alone(Protocol):
     def energise(self) -> Script[None]:
         """Torque on, read back; none where it is not in that mode any more."""
 
-    def give_back(self, kept: Any) -> Script[Restart]:
+    def give_back(self, kept: Any) -> Script[RestartResult]:
         """Torque off, everything as it was, read back. DeviceRefused names what differs."""

@@ -9,7 +9,7 @@ FIRST = 0.03  # s until a device that was just parked is probed: a burst of nois
 PROBE = 1.0  # s between probes of one that stays silent; each time twice as long until then
 
 
-class Attendance:
+class DevicePresence:
     """The roll of m devices. `asked` (m,) is read-only and replaced, never changed.
 
     One dead device must not cost the others their fast read, nor every cycle its timeout. Nobody is parked

@@ -2,19 +2,19 @@
 
 from typing import Any, TypeVar
 
-from twind_drivers.bus import Ping, Read, Reader, Script, Writer
+from twind_drivers.bus import BusReader, BusWriter, PingRequest, ReadRequest, Script
 from twind_drivers.clock import Clock
 
 T = TypeVar("T")
 
 
-def perform(reader: Reader, script: Script[T], clock: Clock, writer: Writer | None = None) -> T:
+def perform(reader: BusReader, script: Script[T], clock: Clock, writer: BusWriter | None = None) -> T:
     """Run a script to its end, blocking: for tools that own the port alone (scan, failsafe, tests)."""
     try:
         request = next(script)
         while True:
             now = clock.now()
-            if isinstance(request, Ping | Read):
+            if isinstance(request, PingRequest | ReadRequest):
                 reader.begin(request, now)
             elif writer is not None:
                 writer.begin(request, now)

@@ -12,7 +12,7 @@ from busmon.monitor import Monitor
 from evil.good import Good, Over
 from twind.virtual.bench import FIRMWARE, settings
 from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.muscles import FirstOrder
+from twind_drivers.virtual.muscles import FirstOrderPhysics
 from twind_drivers.virtual.servos import ServoSpec
 
 BAUD = 2_000_000
@@ -75,7 +75,7 @@ def bus(now: float = 0.0) -> VirtualBus:
         for id, (low, high) in spans.items()
     ]
     return VirtualBus(
-        "main", servos, FirstOrder(np.array(list(START.values()), np.float64), now=now), baud=BAUD
+        "main", servos, FirstOrderPhysics(np.array(list(START.values()), np.float64), now=now), baud=BAUD
     )
 
 

@@ -14,7 +14,7 @@ from faults.fault import Fault
 from faults.robot import CLEAR, TICK
 from faults.world import World
 from twind import link
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 from twind.virtual.orders import CAN_FAULTS, FAULTS, arguments
 
 ROBOT = "h24-mixed"
@@ -73,7 +73,7 @@ class CanWorld(World):
         rig = self.take(MixedRig(ROBOT, **how))
         for _ in range(300):
             self.ticks(1)
-            if rig.loop.state is State.CONNECTED:
+            if rig.loop.state is RobotState.CONNECTED:
                 return rig
         raise AssertionError("never connected")
 
@@ -142,7 +142,7 @@ class CanWorld(World):
         """The bus is given up in time: its actuators let go by themselves, the others hold or are lowered."""
         rig, mine = self.rig, self.of_bus(self.bus)
         self.latches(bound, codes)
-        self.claim(rig.loop.state is State.FAULT, f"state {rig.loop.state.value}, not fault")
+        self.claim(rig.loop.state is RobotState.FAULT, f"state {rig.loop.state.value}, not fault")
         self.seconds(max(0.0, self.begun + 0.3 - self.now))
         (port,) = [port for port in rig.loop.hardware.ports if port.name == self.bus]
         self.claim(not port.holding, "goals still go to the bus that nobody hears us on")
@@ -186,7 +186,7 @@ class CanWorld(World):
         moved = np.abs(self.trace.place(since)[:, mine] - places).max()
         self.claim(moved <= COUNTS, f"an actuator moved {moved:.1f} counts when its bus came back")
         self.claim(not self.trace.torque(since)[:, mine].any(), "torque came on when the bus came back")
-        self.claim(rig.loop.state is State.FAULT, f"state {rig.loop.state.value}, not fault")
+        self.claim(rig.loop.state is RobotState.FAULT, f"state {rig.loop.state.value}, not fault")
         self.recover()
 
     def recover(self) -> None:
@@ -201,7 +201,7 @@ class CanWorld(World):
                         self.seconds(0.3)
                         self.obey({"fault": "power", "bus": bus.name, "on": True, "id": node["id"]})
             self.seconds(1.1)
-            connected = self.until(lambda: rig.loop.state is State.CONNECTED, 5.0)
+            connected = self.until(lambda: rig.loop.state is RobotState.CONNECTED, 5.0)
             assert connected, f"state {rig.loop.state.value} after a reset"
             self.arm()
             self.joint = int(self.random.integers(len(rig.names)))

@@ -8,7 +8,7 @@ from faults.can import CanWorld
 from faults.fault import Fault
 from faults.world import AWAY
 from twind import link
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 from twind_drivers.virtual.can.controller import CanAdapter
 
 NEXT = 0.03  # s: told in the tick after the one that saw it
@@ -116,7 +116,7 @@ def other_ranges(world: CanWorld) -> None:
     world.obey(world.on_bus("unplug"))
     world.ticks(3)
     world.obey(world.on_bus("replug"))
-    world.until(lambda: rig.loop.state is State.CONNECTED, 4.0)
+    world.until(lambda: rig.loop.state is RobotState.CONNECTED, 4.0)
     world.claim(not world.trace.torque(0.0).any(), "armed by itself")
     world.recover()
 
@@ -126,7 +126,7 @@ def other_master(world: CanWorld) -> None:
     world.moving()
     world.inject(world.on_bus("master", id=world.id))
     world.detected(0.2, codes=("FOREIGN_TRAFFIC",))
-    world.claim(world.rig.loop.state is State.INHIBITED, f"state {world.rig.loop.state.value}")
+    world.claim(world.rig.loop.state is RobotState.INHIBITED, f"state {world.rig.loop.state.value}")
     world.obey(world.on_bus("master", id=world.id, on=False))
     world.seconds(1.2)
     world.stays_so()

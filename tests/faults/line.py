@@ -7,7 +7,7 @@ from rig import Rig
 
 from faults.fault import Fault
 from faults.world import AWAY, BRAKE, LONGEST, World
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.servos import ServoSpec
 
@@ -166,10 +166,10 @@ def duplicate(world: World) -> None:
         world.begun = world.now
         world.detected(1.0)
         world.seconds(1.0)
-        world.claim(rig.loop.state is not State.CONNECTED or _refused(world), "armed with two of one id")
+        world.claim(rig.loop.state is not RobotState.CONNECTED or _refused(world), "armed with two of one id")
         world.claim(not rig.register("torque_enable").any(), "torque is on")
     else:
-        world.until(lambda: rig.loop.state is State.CONNECTED, 2.0)
+        world.until(lambda: rig.loop.state is RobotState.CONNECTED, 2.0)
         world.arm()
         world.joint = next(k for k, joint in enumerate(rig.robot.joints) if joint.id == Twins.twin)
         world.move()
@@ -180,7 +180,9 @@ def duplicate(world: World) -> None:
         world.detected(codes=(*world.fault.codes, "SERVO_REBOOTED", "TORQUE_MISMATCH"))
         world.seconds(0.8)
         world.claim(bool(rig.loop.latches), "nothing is latched")
-        world.claim(rig.loop.state is not State.ARMED, f"state {rig.loop.state.value} with two of one id")
+        world.claim(
+            rig.loop.state is not RobotState.ARMED, f"state {rig.loop.state.value} with two of one id"
+        )
     plug(False)
     world.stays_so()
     world.recover()

@@ -125,7 +125,7 @@ def client_dies(world: World) -> None:
     closes = bool(world.random.random() < 0.5)
     world.begun = world.now
     if closes:
-        rig.front.outer.send(link.encode(link.Gone(client=7)))
+        rig.front.outer.send(link.encode(link.ConnectionClosed(client=7)))
         world.detected(0.03)
         held = world.begun + 0.03
     else:
@@ -136,7 +136,7 @@ def client_dies(world: World) -> None:
     world.claim(not rig.loop.latches, f"latched {sorted(rig.loop.latches)}")
     reply = world.call(link.AcquireLease, client=9)
     world.claim(reply.error is None, "the lease is not free")
-    rig.front.outer.send(link.encode(link.Gone(client=9)))
+    rig.front.outer.send(link.encode(link.ConnectionClosed(client=9)))
     world.ticks(3)
     world.joint = int(world.random.integers(24))
     world.move()

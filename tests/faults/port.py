@@ -11,7 +11,7 @@ from rig import Rig
 from faults.fault import Fault
 from faults.world import AWAY, LONGEST, World
 from twind import link
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 from twind_drivers.dynamixel.packet import Instruction
 
 ROBOTS = ("h24", "h24-split")
@@ -60,7 +60,7 @@ def _back(world: World, name: str, **how: Any) -> None:
     world.claim(moved <= 2.0, f"a joint moved {moved:.1f} ticks when the bus came back")
     (port,) = [port for port in rig.loop.hardware.ports if port.name == name]
     world.claim(not port.holding, "armed by itself")
-    world.claim(rig.loop.state is State.FAULT, f"state {rig.loop.state.value}, not fault")
+    world.claim(rig.loop.state is RobotState.FAULT, f"state {rig.loop.state.value}, not fault")
     world.stays_so()
     world.recover()
 
@@ -122,7 +122,7 @@ def wrong_adapter(world: World) -> None:
     rig = world.take(Rig())
     late = world.random.random() < 0.5
     if late:
-        world.until(lambda: rig.loop.state is State.CONNECTED, 2.0)
+        world.until(lambda: rig.loop.state is RobotState.CONNECTED, 2.0)
         world.obey({"fault": "unplug"})
         world.ticks(3)
     bus = rig.virtual["main"]
@@ -148,7 +148,7 @@ def wrong_adapter(world: World) -> None:
     servos.memory.store(row, table[key], keep)
     servos.changed()
     world.obey({"fault": "replug"})
-    world.until(lambda: rig.loop.state is State.CONNECTED, 4.0)
+    world.until(lambda: rig.loop.state is RobotState.CONNECTED, 4.0)
     world.claim(not world.trace.torque(0.0).any(), "armed by itself")
     world.recover()
 

@@ -12,7 +12,7 @@ from rig import Rig
 from faults.tap import Tap
 from twind import link
 from twind.ctl.motions import read_trajectory
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 from twind.robot.trajectory import Trajectory
 
 FINE = {"debug", "info"}
@@ -100,7 +100,7 @@ def _rest(rig: Rig, seconds: float, wrong: list[str]) -> int:
         if kind is link.Disarm:
             for _ in range(round(seconds / 0.1)):
                 rig.ticks(10)
-    if rig.loop.state is not State.ARMED:
+    if rig.loop.state is not RobotState.ARMED:
         wrong.append(f"state {rig.loop.state.value}")
     return 0
 

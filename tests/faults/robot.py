@@ -14,7 +14,7 @@ from faults.fault import Fault, Outcome
 from faults.tap import Tap
 from faults.trace import Trace
 from twind import link
-from twind.robot.modes import Motion, State
+from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 from twind.virtual.orders import arguments
 
@@ -84,7 +84,7 @@ class Robot:
         rig = self.take(Rig(robot, **how), judge=judge)
         for _ in range(200):
             self.ticks(1)
-            if rig.loop.state is State.CONNECTED:
+            if rig.loop.state is RobotState.CONNECTED:
                 return rig
         raise AssertionError("never connected")
 

@@ -7,7 +7,7 @@ import numpy as np
 from faults.fault import Fault
 from faults.world import AWAY, BRAKE, LONGEST, World
 from twind import link
-from twind.robot.modes import Motion, State
+from twind.robot.modes import Motion, RobotState
 
 BOOT = 1.1  # s until a servo that restarted is asked again
 ROUND = 0.2  # s between two readings of temperature, voltage and clock
@@ -79,7 +79,7 @@ def heating(world: World) -> None:
         0.5,
         HOT + 1.0,
     )
-    down = world.until(lambda: rig.loop.state is State.FAULT, 1.0 + ROUND + 0.02)
+    down = world.until(lambda: rig.loop.state is RobotState.FAULT, 1.0 + ROUND + 0.02)
     world.claim(down, f"not on its way down {world.now - hot:.2f} s after {HOT:.0f} °C")
     world.settles()
     world.stays_so()
@@ -131,7 +131,7 @@ def sag(world: World) -> None:
             break
     assert crossed is not None
     world.detected(since=crossed)
-    down = world.until(lambda: rig.loop.state is State.FAULT, 0.1 + 0.1 + ROUND + 0.02)
+    down = world.until(lambda: rig.loop.state is RobotState.FAULT, 0.1 + 0.1 + ROUND + 0.02)
     world.claim(down, f"not on its way down {world.now - low:.2f} s after 10.45 V")
     world.settles()
     world.stays_so()
@@ -226,7 +226,7 @@ def lost_turn(world: World) -> None:
         shaft[row] = place + turn
         bus.servos.changed()
     world.begun = world.now
-    world.until(lambda: rig.loop.state is State.CONNECTED, 4.0)
+    world.until(lambda: rig.loop.state is RobotState.CONNECTED, 4.0)
     world.seconds(1.5)
     world.begun = world.now
     world.call(link.AcquireLease)

@@ -13,7 +13,7 @@ from rig import Rig
 from faults.fault import Fault
 from faults.world import AWAY, BRAKE, World
 from twind.loop.notify import Notifier
-from twind.robot.modes import Motion, State
+from twind.robot.modes import Motion, RobotState
 from twind_drivers.virtual.bus import VirtualBus
 
 LATE = 0.03  # s: at once, refresh, 2 ticks
@@ -107,9 +107,9 @@ def killed(world: World) -> None:
     rest = rig.counts
     heir = world.take(Heir(rig))
     world.tap.told("born", world.now)
-    world.until(lambda: heir.loop.state is State.CONNECTED, 3.0)
+    world.until(lambda: heir.loop.state is RobotState.CONNECTED, 3.0)
     world.seconds(0.5)
-    world.claim(heir.loop.state is State.CONNECTED, f"the next daemon is {heir.loop.state.value}")
+    world.claim(heir.loop.state is RobotState.CONNECTED, f"the next daemon is {heir.loop.state.value}")
     world.claim(heir.loop.inherited and not heir.loop.armed, "torque that was found on is not inherited")
     world.claim(float(np.abs(heir.counts - rest).max()) <= 2.0, "a restart moved a joint")
     world.claim(bool((heir.register("torque_enable") == 1).all()), "torque went off")

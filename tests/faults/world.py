@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from faults.fault import Fault, Outcome
 from faults.robot import AWAY, BRAKE, LONGEST, QUIET, REST, STILL, TICK, Robot
 from twind import link
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 
 LAG = 0.03  # s that a servo may be behind a goal that moves, besides (docs/reason-codes.md, FOLLOW_ERR)
 NEAR = "LOOKAHEAD_COLLISION"  # random motions may bring the feet near each other ...
@@ -224,7 +224,7 @@ class World(Robot):
                         self.call(link.Reboot, bus=name, id=bus.servos.registers.id_of(row))
                         self.ticks(5)
                 self.seconds(1.1)
-            connected = self.until(lambda: rig.loop.state is State.CONNECTED, 5.0)
+            connected = self.until(lambda: rig.loop.state is RobotState.CONNECTED, 5.0)
             assert connected, f"state {rig.loop.state.value} after a reset"
             self.arm()
             self.joint = int(self.random.integers(len(rig.names)))

@@ -152,7 +152,7 @@ class Frames:
                 self.loop.send(
                     link.Event(time=now, sequence=1, level="info", code="FUZZ", message="happened")
                 )
-                self.loop.send(link.Moment(time=now, sequence=1, id="fuzz", verdict=NOTHING))
+                self.loop.send(link.VerdictReport(time=now, sequence=1, id="fuzz", verdict=NOTHING))
 
     def _alive(self) -> None:
         """A new peer is answered."""
@@ -216,22 +216,22 @@ class Frames:
                 call[key] = rng.random() < 0.7
         return call
 
-    def _value(self, rng: Random, kind: idl.Type) -> Any:
+    def _value(self, rng: Random, kind: idl.IdlType) -> Any:
         """Something of this type of the interface."""
-        if isinstance(kind, idl.Maybe):
+        if isinstance(kind, idl.OptionalType):
             return None if rng.random() < 0.4 else self._value(rng, kind.of)
-        if isinstance(kind, idl.Named):
+        if isinstance(kind, idl.NamedType):
             return self._value(rng, kind.types[kind.name])
-        if isinstance(kind, idl.Struct):
+        if isinstance(kind, idl.StructType):
             chosen = {name: self._value(rng, each) for name, each in kind.fields.items()}
             return {name: value for name, value in chosen.items() if value is not None or rng.random() < 0.2}
-        if isinstance(kind, idl.List):
+        if isinstance(kind, idl.ListType):
             return [self._value(rng, kind.of) for _ in range(rng.choice((0, 1, 2, 2, 24, 60)) % 25)]
-        if isinstance(kind, idl.Table):
+        if isinstance(kind, idl.MapType):
             return {rng.choice(WORDS): self._value(rng, kind.of) for _ in range(2)}
-        if isinstance(kind, idl.Choice):
+        if isinstance(kind, idl.EnumType):
             return rng.choice(kind.words)
-        assert isinstance(kind, idl.Plain)
+        assert isinstance(kind, idl.ScalarType)
         return {
             "bool": lambda: rng.random() < 0.5,
             "int": lambda: rng.choice(INTS[:7]),

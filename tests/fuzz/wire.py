@@ -5,7 +5,7 @@ from random import Random
 from fuzz.mangle import EDGES, mangled, pieces
 from twind_drivers.dynamixel import packet as p
 from twind_drivers.dynamixel.packet import Framer
-from twind_drivers.dynamixel.replies import FastReply, PlainReply
+from twind_drivers.dynamixel.replies import FastSyncReadReply, StatusReply
 
 HOSTILE = (0xFF, 0xFF, 0xFD, 0x00, 0x55)
 KINDS = ("noise", "noise", "noise", "round trip", "reply")
@@ -93,10 +93,10 @@ def _reply(rng: Random) -> None:
     size = rng.choice((1, 10))
     blocks = {id: rng.randbytes(size) for id in ids}
     if rng.random() < 0.5:
-        reply: PlainReply | FastReply = PlainReply(ids, size)
+        reply: StatusReply | FastSyncReadReply = StatusReply(ids, size)
         good = b"".join(p.status(id, 0, blocks[id]) for id in ids)
     else:
-        reply = FastReply(ids, size)
+        reply = FastSyncReadReply(ids, size)
         good = b"".join(p.fast_status([(0, id, blocks[id]) for id in ids], len(ids) * (size + 4) + 1))
     before = _part(rng) if rng.random() < 0.5 else b""
     stream = before + mangled(rng, good)

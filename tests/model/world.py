@@ -83,7 +83,7 @@ class World(Rig):
         return self._number
 
     def disconnect(self, client: int) -> None:
-        self._say(link.Gone(client=client))
+        self._say(link.ConnectionClosed(client=client))
         self.clients.remove(client)
         self.history.gone[client] = self.clock.now()
         self._lose(lambda op: op.client == client)

@@ -42,15 +42,15 @@ OPPOSITES = {
 }
 # A member of an enumeration becomes this one, or the second where it is this one.
 MEMBERS = {
-    "Code": ("INTERNAL", "BUSY"),
-    "State": ("CONNECTED", "ARMED"),
+    "ReasonCode": ("INTERNAL", "BUSY"),
+    "RobotState": ("CONNECTED", "ARMED"),
     "_S": ("CONNECTED", "ARMED"),
-    "Event": ("ARM", "RESET"),
+    "RobotEvent": ("ARM", "RESET"),
     "Mode": ("LIVE", "SIM"),
     "Motion": ("IDLE", "ACTIVE"),
     "Reaction": ("NONE", "HOLD"),
     "Instruction": ("PING", "READ"),
-    "Error": ("NONE", "CRC"),
+    "StatusErrorCode": ("NONE", "CRC"),
 }
 
 

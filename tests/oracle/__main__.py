@@ -20,14 +20,14 @@ import gate_world as w
 
 from oracle.dense import excess
 from oracle.draws import Question, question
-from twind.robot.finding import Code
-from twind.safety.gate import Judged, check
+from twind.robot.finding import ReasonCode
+from twind.safety.gate import GateResult, check
 
 ROUNDING = 1e-9  # of the bound's own size: both sides compute in doubles
 EXACT = 25  # every so many accepted paths are judged in rationals altogether
 CLEAR = 1e-6  # a path this far inside every rule ought not to be refused
 STEP = 250  # questions of one piece of work
-CURVE = (Code.POS_LIMIT, Code.VEL_LIMIT, Code.ACC_LIMIT, Code.BRAKE_DISTANCE)
+CURVE = (ReasonCode.POS_LIMIT, ReasonCode.VEL_LIMIT, ReasonCode.ACC_LIMIT, ReasonCode.BRAKE_DISTANCE)
 
 
 @dataclass
@@ -53,13 +53,13 @@ class Tally:
         self.false_refusals += other.false_refusals
 
 
-def judged(asked: Question) -> Judged:
+def judged(asked: Question) -> GateResult:
     """The gate's answer."""
     snapshot = w.snapshot(len(asked.limit.lower), reference=asked.before)
     return check(asked.path, snapshot, asked.limit, asked.demand, w.TH)
 
 
-def broken(asked: Question, answer: Judged, exactly: bool) -> list[str]:
+def broken(asked: Question, answer: GateResult, exactly: bool) -> list[str]:
     """What the oracle has against a path that the gate let in."""
     found = [
         f"{code} by {amount:.3g}"
@@ -71,27 +71,27 @@ def broken(asked: Question, answer: Judged, exactly: bool) -> list[str]:
     return found + _estranged(asked, answer)
 
 
-def _size(code: Code, asked: Question) -> float:
-    return float(np.max(asked.limit.acceleration)) if code is Code.ACC_LIMIT else 1.0
+def _size(code: ReasonCode, asked: Question) -> float:
+    return float(np.max(asked.limit.acceleration)) if code is ReasonCode.ACC_LIMIT else 1.0
 
 
-def _estranged(asked: Question, answer: Judged) -> list[str]:
+def _estranged(asked: Question, answer: GateResult) -> list[str]:
     """What runs must be what was asked: the same places and rhythm, slower as a whole or with a ramp."""
     told = {finding.code: finding.value for finding in answer.verdict.changes}
     k = len(asked.path.time)
-    path, factor = answer.path, told.get(Code.RETIMED) or 1.0
+    path, factor = answer.path, told.get(ReasonCode.RETIMED) or 1.0
     same = (
-        len(path.time) == k + (Code.STOP_APPENDED in told)
+        len(path.time) == k + (ReasonCode.STOP_APPENDED in told)
         and np.array_equal(path.position[:k], asked.path.position)
         and np.allclose(path.time[:k], asked.path.time * factor, rtol=1e-12, atol=0.0)
         and factor >= 1.0
         and (path.velocity is None or np.allclose(path.velocity[:k] * factor, asked.path.velocity, rtol=1e-9))
-        and set(told) <= {Code.RETIMED, Code.STOP_APPENDED}
+        and set(told) <= {ReasonCode.RETIMED, ReasonCode.STOP_APPENDED}
     )
     return [] if same else ["not the path that was asked for"]
 
 
-def harmless(asked: Question, answer: Judged) -> bool:
+def harmless(asked: Question, answer: GateResult) -> bool:
     """The oracle sees the path as asked well inside every rule, though the gate refused it."""
     if asked.demand.append_stop or any(f.code not in CURVE for f in answer.verdict.refusals):
         return False

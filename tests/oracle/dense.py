@@ -12,8 +12,8 @@ import gate_world as w
 import numpy as np
 
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code
-from twind.robot.limits import Limits
+from twind.robot.finding import ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 
 SAMPLES = 401  # of a segment
@@ -22,55 +22,55 @@ END_VELOCITY = 0.05  # rad/s
 FLOOR, KEPT_BACK = 0.05, 0.2  # rad/s, of the braking rule
 LONGEST, SHORTEST = 60.0, 0.001  # s
 
-Excess = dict[Code, float]
+Excess = dict[ReasonCode, float]
 
 
-def excess(path: Trajectory, before: Reference, limit: Limits) -> Excess:
+def excess(path: Trajectory, before: Reference, limit: JointLimits) -> Excess:
     """By how much each rule is broken at its worst place, in its unit; negative: the room that is left."""
     worst = dict.fromkeys(
         (
-            Code.POS_LIMIT,
-            Code.START_JUMP,
-            Code.VEL_LIMIT,
-            Code.ACC_LIMIT,
-            Code.BRAKE_DISTANCE,
-            Code.END_NOT_AT_REST,
-            Code.TIME_ORDER,
-            Code.TOO_MANY_POINTS,
+            ReasonCode.POS_LIMIT,
+            ReasonCode.START_JUMP,
+            ReasonCode.VEL_LIMIT,
+            ReasonCode.ACC_LIMIT,
+            ReasonCode.BRAKE_DISTANCE,
+            ReasonCode.END_NOT_AT_REST,
+            ReasonCode.TIME_ORDER,
+            ReasonCode.TOO_MANY_POINTS,
         ),
         -inf,
     )
 
-    def see(code: Code, amount: float) -> None:
+    def see(code: ReasonCode, amount: float) -> None:
         worst[code] = max(worst[code], inf if np.isnan(amount) else float(amount))
 
     steps = np.diff(path.time, prepend=0.0)
-    see(Code.TIME_ORDER, SHORTEST - np.min(steps[1:] if path.time[0] == 0.0 else steps, initial=inf))
-    see(Code.TOO_MANY_POINTS, path.time[-1] - LONGEST)
+    see(ReasonCode.TIME_ORDER, SHORTEST - np.min(steps[1:] if path.time[0] == 0.0 else steps, initial=inf))
+    see(ReasonCode.TOO_MANY_POINTS, path.time[-1] - LONGEST)
     for joint in np.flatnonzero(path.commanded):
         _ends(see, path, before, limit, int(joint))
         _between(see, path, before, limit, int(joint))
     return worst
 
 
-def _ends(see, path: Trajectory, before: Reference, limit: Limits, joint: int) -> None:
+def _ends(see, path: Trajectory, before: Reference, limit: JointLimits, joint: int) -> None:
     """S17 at the points, S18, S22, and the first instant of S20."""
     place, low, high = path.position[:, joint], limit.lower[joint], limit.upper[joint]
-    see(Code.POS_LIMIT, max(np.max(place - high), np.max(low - place)))
+    see(ReasonCode.POS_LIMIT, max(np.max(place - high), np.max(low - place)))
     jump = abs(place[0] - before.position[joint])
-    see(Code.START_JUMP, jump - START_JUMP - limit.velocity[joint] * path.time[0])
+    see(ReasonCode.START_JUMP, jump - START_JUMP - limit.velocity[joint] * path.time[0])
     if path.velocity is not None:
-        see(Code.END_NOT_AT_REST, abs(path.velocity[-1, joint]) - END_VELOCITY)
+        see(ReasonCode.END_NOT_AT_REST, abs(path.velocity[-1, joint]) - END_VELOCITY)
     if path.time[0] == 0.0:  # the reference's velocity gives way to the path's at once
         entry = 0.0 if path.velocity is None else path.velocity[0, joint]
         step = abs(entry - before.velocity[joint])
         if len(path.time) == 1:
-            see(Code.ACC_LIMIT, step - END_VELOCITY)
+            see(ReasonCode.ACC_LIMIT, step - END_VELOCITY)
         elif path.velocity is not None:
-            see(Code.ACC_LIMIT, step / (0.5 * path.time[1]) - limit.acceleration[joint])
+            see(ReasonCode.ACC_LIMIT, step / (0.5 * path.time[1]) - limit.acceleration[joint])
 
 
-def _between(see, path: Trajectory, before: Reference, limit: Limits, joint: int) -> None:
+def _between(see, path: Trajectory, before: Reference, limit: JointLimits, joint: int) -> None:
     """S17, S19–S21 along the curve."""
     segments = w.oracle_segments(path, before, joint)
     strongest = float(limit.acceleration[joint])
@@ -81,17 +81,17 @@ def _between(see, path: Trajectory, before: Reference, limit: Limits, joint: int
         low, high = float(limit.lower[joint]), float(limit.upper[joint])
         if index == 0 and path.time[0] > 0.0:  # from outside it may come in
             low, high = min(low, p[0]), max(high, p[0])
-        see(Code.POS_LIMIT, max(p.max() - high, low - p.min()))
-        see(Code.VEL_LIMIT, np.abs(v).max() - float(limit.velocity[joint]))
-        see(Code.ACC_LIMIT, np.abs(a).max() - strongest)
+        see(ReasonCode.POS_LIMIT, max(p.max() - high, low - p.min()))
+        see(ReasonCode.VEL_LIMIT, np.abs(v).max() - float(limit.velocity[joint]))
+        see(ReasonCode.ACC_LIMIT, np.abs(a).max() - strongest)
         for speed, left in ((v, limit.hard_upper[joint] - p), (-v, p - limit.hard_lower[joint])):
             stoppable = np.sqrt(2.0 * strongest * np.maximum(left, 0.0)) - KEPT_BACK
-            see(Code.BRAKE_DISTANCE, np.max(speed - np.maximum(stoppable, FLOOR)))
+            see(ReasonCode.BRAKE_DISTANCE, np.max(speed - np.maximum(stoppable, FLOOR)))
         slopes.append(ascending[1])
         spans.append(duration)
     if path.velocity is None and segments:
         change = np.abs(np.diff([*slopes, 0.0])) / (0.5 * (np.array(spans) + np.array([*spans[1:], 0.0])))
-        see(Code.ACC_LIMIT, change.max() - strongest)
+        see(ReasonCode.ACC_LIMIT, change.max() - strongest)
 
 
 def _sampled(ascending: list[float], duration: float) -> tuple[Floats, Floats, Floats]:

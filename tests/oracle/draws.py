@@ -6,10 +6,10 @@ import gate_world as w
 import numpy as np
 
 from oracle.dense import excess
-from twind.robot.finding import Code
-from twind.robot.limits import Limits
+from twind.robot.finding import ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import Demand
+from twind.safety.gate import TrajectoryRequest
 
 HAIRS = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8)  # of the value
 
@@ -20,8 +20,8 @@ class Question:
 
     path: Trajectory
     before: Reference
-    limit: Limits
-    demand: Demand
+    limit: JointLimits
+    demand: TrajectoryRequest
 
 
 def question(rng: np.random.Generator) -> Question:
@@ -43,7 +43,7 @@ def question(rng: np.random.Generator) -> Question:
     path = Trajectory(time, position, commanded, *rates)
     before = _reference(rng, path)
     policy = "retime" if rng.random() < 0.35 else "reject"
-    return Question(path, before, _limits(rng, path, before), Demand(policy, stop))
+    return Question(path, before, _limits(rng, path, before), TrajectoryRequest(policy, stop))
 
 
 def _reference(rng: np.random.Generator, path: Trajectory) -> Reference:
@@ -54,7 +54,7 @@ def _reference(rng: np.random.Generator, path: Trajectory) -> Reference:
     return Reference(place, speed, zeros if rng.random() < 0.8 else rng.normal(size=n))
 
 
-def _limits(rng: np.random.Generator, path: Trajectory, before: Reference) -> Limits:
+def _limits(rng: np.random.Generator, path: Trajectory, before: Reference) -> JointLimits:
     """Wide limits, of which one rule after another is drawn to where the path just meets or breaks it."""
     n = path.position.shape[1]
     limit = w.limits(n, lower=-9.0, upper=9.0, velocity=1e3, acceleration=1e5)
@@ -62,20 +62,25 @@ def _limits(rng: np.random.Generator, path: Trajectory, before: Reference) -> Li
         return limit
     for joint in range(n):
         alone = replace(path, commanded=np.arange(n) == joint)
-        for code in (Code.VEL_LIMIT, Code.ACC_LIMIT, Code.POS_LIMIT, Code.BRAKE_DISTANCE):
+        for code in (
+            ReasonCode.VEL_LIMIT,
+            ReasonCode.ACC_LIMIT,
+            ReasonCode.POS_LIMIT,
+            ReasonCode.BRAKE_DISTANCE,
+        ):
             if rng.random() < 0.7:
                 _tighten(rng, limit, excess(alone, before, limit)[code], code, joint)
     return limit
 
 
-def _tighten(rng: np.random.Generator, limit: Limits, over: float, code: Code, joint: int) -> None:
+def _tighten(rng: np.random.Generator, limit: JointLimits, over: float, code: ReasonCode, joint: int) -> None:
     """The bound of one rule, moved to a hair above (mostly) or below what the path reaches."""
     hair = float(rng.choice(HAIRS)) * (1.0 if rng.random() < 0.75 else -1.0)
-    if code is Code.VEL_LIMIT:
+    if code is ReasonCode.VEL_LIMIT:
         limit.velocity[joint] = max((limit.velocity[joint] + over) * (1.0 + hair), 1e-3)
-    elif code is Code.ACC_LIMIT:
+    elif code is ReasonCode.ACC_LIMIT:
         limit.acceleration[joint] = max((limit.acceleration[joint] + over) * (1.0 + hair), 0.1)
-    elif code is Code.POS_LIMIT:  # from the side that is nearer
+    elif code is ReasonCode.POS_LIMIT:  # from the side that is nearer
         side = limit.upper[joint] + over
         limit.upper[joint] = max(abs(side) * (1.0 + hair), 1e-3)
         limit.lower[joint] = -limit.upper[joint]

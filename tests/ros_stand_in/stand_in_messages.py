@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from twind.ros import Definitions, decode, encode
+from twind.ros import MessageDefinitions, decode, encode
 from twind.ros.definitions import KNOWN, PRIMITIVES
 
 TEXTS = dict(KNOWN) | {
@@ -37,12 +37,12 @@ def definitions(kind):
         each = waiting.pop()
         if each not in found:
             found[each] = TEXTS[each]
-            fields = Definitions(each, TEXTS[each]).fields(each)
+            fields = MessageDefinitions(each, TEXTS[each]).fields(each)
             waiting += [field.kind for field in fields if field.kind in TEXTS]
     text, *others = found.values()
     names = list(found)[1:]
     sections = [f"{'=' * 80}\nMSG: {name}\n{lines}\n" for name, lines in zip(names, others, strict=True)]
-    return Definitions(kind, "\n".join([text, *sections]))
+    return MessageDefinitions(kind, "\n".join([text, *sections]))
 
 
 class Message:

@@ -17,7 +17,7 @@ from rig import Rig
 
 from soak.growth import Growth
 from twind import link
-from twind.robot.modes import Motion, State
+from twind.robot.modes import Motion, RobotState
 from twind.robot.trajectory import Trajectory
 from twind.safety.states import LATCHED
 from twind.virtual.orders import arguments
@@ -72,12 +72,16 @@ class Life:
             monitor.violations.clear()
         if loop.latches and loop.state not in (
             *LATCHED,
-            State.INHIBITED,
-            State.DISCONNECTED,
-            State.IDENTIFYING,
+            RobotState.INHIBITED,
+            RobotState.DISCONNECTED,
+            RobotState.IDENTIFYING,
         ):
             self.wrong.append(f"{now:.2f} latched {sorted(loop.latches)} in state {loop.state.value}")
-        if loop.armed and loop.state in (State.CONNECTED, State.IDENTIFYING, State.DISCONNECTED):
+        if loop.armed and loop.state in (
+            RobotState.CONNECTED,
+            RobotState.IDENTIFYING,
+            RobotState.DISCONNECTED,
+        ):
             self.wrong.append(f"{now:.2f} armed in state {loop.state.value}")
         reference = loop.executor.reference
         if reference is not None and not np.isfinite(reference.position).all():
@@ -147,7 +151,7 @@ class Life:
 
     def leave(self) -> None:
         """The client goes."""
-        self.rig.front.outer.send(link.encode(link.Gone(client=7)))
+        self.rig.front.outer.send(link.encode(link.ConnectionClosed(client=7)))
         self.seconds(0.6)
 
     def idle(self) -> None:
@@ -200,7 +204,7 @@ class Life:
     def ready(self) -> None:
         """Armed, by commands, from whatever there is, within `BACK`. What cannot be is wrong."""
         loop, begun, said = self.rig.loop, self.rig.clock.now(), ""
-        while loop.state is not State.ARMED or loop.latches:
+        while loop.state is not RobotState.ARMED or loop.latches:
             if self.rig.clock.now() - begun > BACK:
                 latched = sorted(loop.latches)
                 self.wrong.append(
@@ -212,7 +216,7 @@ class Life:
                 self.until(lambda: loop.procedures.rank is None, 15.0)
                 self.call(link.Reset)
                 self._reboot()
-            self.until(lambda: loop.state is State.CONNECTED, 3.0)
+            self.until(lambda: loop.state is RobotState.CONNECTED, 3.0)
             self.seconds(1.1)
             self.call(link.AcquireLease)
             reply = self.call(link.Arm)
@@ -251,7 +255,7 @@ class Life:
         )
         weights = np.array([8.0, 4.0, 1.0, 1.0, 3.0, 0.6, 0.6, 1.5])
         while self.rig.clock.now() - begun < 3600.0 * hours and len(self.wrong) < 10:
-            if self.rig.loop.state is not State.ARMED or self.rig.loop.latches:
+            if self.rig.loop.state is not RobotState.ARMED or self.rig.loop.latches:
                 self.ready()
             act = acts[int(self.random.choice(len(acts), p=weights / weights.sum()))]
             act()

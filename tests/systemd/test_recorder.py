@@ -11,7 +11,7 @@ import pytest
 from machine import Machine
 from service import Robot, Service, settings
 
-from twind.flight import Kind, load
+from twind.flight import EntryKind, load
 
 pytestmark = pytest.mark.realtime
 
@@ -57,7 +57,7 @@ def test_what_the_daemon_was_doing_is_written_down_by_the_next_one(recorded: Ser
     flight = load(path)
     assert (flight.meta["reason"], flight.meta["code"]) == ("crash", "CRASH")
     entries = flight.contents.entries
-    assert {each.kind for each in entries} >= {Kind.NEWS, Kind.OUT, Kind.IN, Kind.PORT}
+    assert {each.kind for each in entries} >= {EntryKind.NEWS, EntryKind.OUT, EntryKind.IN, EntryKind.PORT}
     assert entries[-1].time < at + 1.0  # of the old daemon, up to its end
     assert at - entries[-1].time < 0.2
     assert len(flight.contents.kept[0]) > 24

@@ -42,7 +42,7 @@ UNREADABLE = (
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class MotionEnd:
     """How a motion ended. `phase`: succeeded, cancelled, replaced, aborted, or lost (it is not known how)."""
 
     id: str
@@ -55,7 +55,7 @@ class Ended:
         return self.phase in (*STOPPED, LOST)
 
 
-def reported_end(answer: Mapping[str, Any]) -> Ended | None:
+def reported_end(answer: Mapping[str, Any]) -> MotionEnd | None:
     """The end of a motion that this answer of `Monitor` reports; None: it reports none.
 
     An end whose phase is missing (older daemons) or unknown is LOST. Its id is then "" where the daemon gives
@@ -65,7 +65,7 @@ def reported_end(answer: Mapping[str, Any]) -> Ended | None:
         return None
     event = answer["event"]
     name, phase = event.get("id") or "", event.get("phase")
-    return Ended(name, phase, event["findings"]) if phase in ENDS else Ended(name, LOST, UNREADABLE)
+    return MotionEnd(name, phase, event["findings"]) if phase in ENDS else MotionEnd(name, LOST, UNREADABLE)
 
 
 @dataclass(slots=True)
@@ -74,7 +74,7 @@ class _Motion:
     orphaned: float = inf  # s, when the connection broke that it was sent on
 
 
-class Driving:
+class MotionSession:
     """`heard`, `driving` and `cut` belong to any thread, all else to one.
 
     `held`: the lease was asked for by `hold`, and is still ours as far as we know.
@@ -89,7 +89,7 @@ class Driving:
         self._still = inf  # s, since when nothing moves, as far as statuses tell
         self._lock = threading.Lock()
         self._under: dict[str, _Motion] = {}
-        self._over: dict[str, Ended] = {}  # heard, and not told yet
+        self._over: dict[str, MotionEnd] = {}  # heard, and not told yet
         self._let_go = False  # an end came that cannot be read: what is under way must not go on
 
     @property
@@ -137,7 +137,7 @@ class Driving:
             self._under[name] = _Motion(self._renewed + (trajectory.get("start_in") or 0.0))
         return answer
 
-    def keep(self) -> list[Ended]:
+    def keep(self) -> list[MotionEnd]:
         """What ended since; the lease is renewed, or given back where nothing is under way. Call it often."""
         now, over = self._now(), self._taken()
         if self._let_go:
@@ -183,14 +183,14 @@ class Driving:
         self._client.timeout = patience
         return self._client
 
-    def _end(self, ended: Ended) -> None:
+    def _end(self, ended: MotionEnd) -> None:
         with self._lock:
             self._over.setdefault(ended.id, ended)
             strangers = [name for name in self._over if name not in self._under]
             for name in strangers[: max(0, len(strangers) - EARLY)]:
                 del self._over[name]
 
-    def _end_all(self, ended: Ended) -> None:
+    def _end_all(self, ended: MotionEnd) -> None:
         """Which motion ended is not known: all of ours are over, and `keep` gives the lease back."""
         with self._lock:
             names = tuple(self._under)
@@ -209,15 +209,15 @@ class Driving:
             late = now - LATE
             gone = [name for name, motion in self._under.items() if max(motion.begins, self._still) < late]
         for name in gone:
-            self._end(Ended(name, LOST))
+            self._end(MotionEnd(name, LOST))
 
-    def _taken(self) -> list[Ended]:
+    def _taken(self) -> list[MotionEnd]:
         """Ends of our motions, each once."""
         late = self._now() - LATE
         with self._lock:
             for name, motion in self._under.items():
                 if motion.orphaned < late:
-                    self._over.setdefault(name, Ended(name, LOST, BROKEN))
+                    self._over.setdefault(name, MotionEnd(name, LOST, BROKEN))
             names = [name for name in self._under if name in self._over]
             for name in names:
                 del self._under[name]

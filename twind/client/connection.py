@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Any
 
 from twind.client.errors import ClientError, Disconnected, NoAnswer, NoDaemon, as_error
-from twind.client.line import Line, SocketLine
+from twind.client.line import ClientLine, SocketLine
 from twind.client.places import socket_path
 
 INTERFACE = "io.twind.Control"
@@ -30,7 +30,7 @@ class Client:
         *,
         name: str = "control",
         timeout: float = TIMEOUT,
-        line: Line | None = None,
+        line: ClientLine | None = None,
     ) -> None:
         self.timeout = timeout
         self._line = SocketLine(socket_path(path, name)) if line is None else line

@@ -12,7 +12,7 @@ from twind.client.places import HOW_TO_START
 LONGEST = 64 << 20  # bytes of one message
 
 
-class Line(Protocol):
+class ClientLine(Protocol):
     """Whole messages of the interface, to one daemon and back, as bytes without the NUL at their end.
 
     Opened and closed any number of times. Not for several threads at once, but for `cut`.

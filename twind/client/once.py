@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(slots=True)
-class Once:
+class TransitionReporter:
     """Says what is wrong when it begins and when it is over, not at every try. `every`: s between two."""
 
     every: float = 10.0

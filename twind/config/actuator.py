@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from twind.config.supply import Heat, Supply, full_counts
+from twind.config.supply import SupplyLimits, ThermalLimits, full_counts
 from twind_drivers.can.units import COUNT, EFFORT
 from twind_drivers.dynamixel.tables import number_of, table
 
@@ -40,8 +40,8 @@ class TypeSpec(ABC):
     velocity_limit_rad_s: float
     acceleration_limit_rad_s2: float
     registers: Mapping[str, int]  # what a register must hold, by its name in snake case
-    supply: Supply  # V that it bears
-    heat: Heat  # °C, and for how long how much of its strength
+    supply: SupplyLimits  # V that it bears
+    heat: ThermalLimits  # °C, and for how long how much of its strength
 
     BUS: ClassVar[str]  # kind of the buses it may hang on
 
@@ -88,7 +88,7 @@ class TypeSpec(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class Gains:
+class GainSettings:
     """Position loop gains as register counts; they are written before torque and read back."""
 
     p: int
@@ -101,7 +101,7 @@ class ServoType(TypeSpec):
     """Serial servos. `mode` is one of OPERATING_MODES."""
 
     return_delay_us: int
-    gains: Gains
+    gains: GainSettings
     torque_constant_nm_per_a: float  # NaN: effort unknown
     current_lsb_a: float
     current_limit_a: float  # NaN: unknown
@@ -165,7 +165,7 @@ class Impedance:
 
 
 @dataclass(frozen=True, slots=True)
-class Spans:
+class FrameRanges:
     """What the fields of a CAN actuator's frames span, symmetric about 0."""
 
     position_rad: float
@@ -179,7 +179,7 @@ class CanType(TypeSpec):
 
     family: str  # damiao, cubemars, robstride or odrive
     gains: Impedance
-    ranges: Spans
+    ranges: FrameRanges
     torque_limit_nm: float
     watchdog: str  # `device`: armed and read back before torque; `unverified`: it cannot be read back
 

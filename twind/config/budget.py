@@ -8,13 +8,13 @@ from twind.config.actuator import CAN, CanType, ServoType
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
 from twind.config.section import file_error
 from twind_drivers.can import budget as can
-from twind_drivers.dynamixel.budget import Budget, budget
+from twind_drivers.dynamixel.budget import SerialCycleBudget, budget
 from twind_drivers.dynamixel.layout import layout_of
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.upkeep import upkeep_stride
 
 
-class Cycle(Protocol):
+class CycleBudget(Protocol):
     """One bus at one rate, whatever hangs on it."""
 
     @property
@@ -37,8 +37,8 @@ class BusBudget:
     bus: BusSpec
     count: int
     rate_hz: float
-    plain: Budget
-    fast: Budget
+    plain: SerialCycleBudget
+    fast: SerialCycleBudget
 
     @property
     def refusal(self) -> str | None:
@@ -64,7 +64,7 @@ class CanBudget:
     bus: BusSpec
     count: int
     rate_hz: float
-    cycle: can.Budget
+    cycle: can.CanCycleBudget
 
     @property
     def refusal(self) -> str | None:
@@ -83,7 +83,7 @@ class CanBudget:
         )
 
 
-def budgets(robot: RobotFile, rate_hz: float) -> tuple[Cycle, ...]:
+def budgets(robot: RobotFile, rate_hz: float) -> tuple[CycleBudget, ...]:
     """The cycle of every bus: goals, reading, upkeep and the adapter's latency. Without joints: none."""
     joints = {bus.name: [joint for joint in robot.joints if joint.bus == bus.name] for bus in robot.buses}
     sensors = {} if robot.imu is None else {robot.imu.bus: robot.imu}
@@ -96,7 +96,7 @@ def budgets(robot: RobotFile, rate_hz: float) -> tuple[Cycle, ...]:
     )
 
 
-def require_rate(robot: RobotFile, rate_hz: float) -> tuple[Cycle, ...]:
+def require_rate(robot: RobotFile, rate_hz: float) -> tuple[CycleBudget, ...]:
     """`budgets`, every one within reach. Raises ConfigError with the arithmetic of the first that is not."""
     found = budgets(robot, rate_hz)
     for each in found:

@@ -5,7 +5,7 @@ import re
 from twind.config.actuator import CAN, SERIAL
 from twind.config.ports import wrong_port
 from twind.config.robot_spec import BusSpec
-from twind.config.section import Section
+from twind.config.section import ConfigSection
 
 KINDS = (SERIAL, CAN)
 BAUDS = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
@@ -13,7 +13,7 @@ BITRATES = (125_000, 250_000, 500_000, 800_000, 1_000_000)  # bit/s; what slcan 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
-def buses(section: Section) -> tuple[BusSpec, ...]:
+def buses(section: ConfigSection) -> tuple[BusSpec, ...]:
     """All buses of a robot. Raises ConfigError."""
     found = tuple(_bus(name, section) for name in section)
     if not found:
@@ -22,7 +22,7 @@ def buses(section: Section) -> tuple[BusSpec, ...]:
     return found
 
 
-def _bus(name: str, parent: Section) -> BusSpec:
+def _bus(name: str, parent: ConfigSection) -> BusSpec:
     if not NAME.fullmatch(name):
         raise parent.refuse(name, "a bus is named by letters, digits, _ . and -")
     section = parent.section(name)
@@ -35,7 +35,7 @@ def _bus(name: str, parent: Section) -> BusSpec:
     return bus
 
 
-def _serial(name: str, section: Section, port: str | None) -> BusSpec:
+def _serial(name: str, section: ConfigSection, port: str | None) -> BusSpec:
     baud = section.integer("baud", 1_000_000)
     if baud not in BAUDS:
         raise section.refuse("baud", f"{baud} is not a rate of these servos: {', '.join(map(str, BAUDS))}")
@@ -49,7 +49,7 @@ def _serial(name: str, section: Section, port: str | None) -> BusSpec:
     )
 
 
-def _can(name: str, section: Section, port: str | None) -> BusSpec:
+def _can(name: str, section: ConfigSection, port: str | None) -> BusSpec:
     bitrate = section.integer("bitrate", 1_000_000)
     if bitrate not in BITRATES:
         raise section.refuse("bitrate", f"{bitrate} is none of {', '.join(map(str, BITRATES))} bit/s")

@@ -6,7 +6,7 @@ Knows the file alone: whether the model has these names is found out where it is
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from twind.config.section import Plain, Section
+from twind.config.section import ConfigSection, Plain
 
 Pairs = tuple[tuple[str, str], ...]
 
@@ -30,7 +30,7 @@ class Clearance:
         return self.warn - self.block
 
 
-def clearance(section: Section, support: str) -> Clearance:
+def clearance(section: ConfigSection, support: str) -> Clearance:
     """The section, checked. `support` is the robot file's: a free base has no known place in the world.
 
     Raises ConfigError.
@@ -57,7 +57,7 @@ def clearance(section: Section, support: str) -> Clearance:
     return found
 
 
-def _pairs(section: Section, key: str) -> Pairs:
+def _pairs(section: ConfigSection, key: str) -> Pairs:
     """A list of pairs of names, each once, in either order."""
     given = section.plain(key)
     if not isinstance(given, list):
@@ -73,7 +73,7 @@ def _pairs(section: Section, key: str) -> Pairs:
     return tuple(found)
 
 
-def _pair(section: Section, key: str, entry: Plain) -> tuple[str, str]:
+def _pair(section: ConfigSection, key: str, entry: Plain) -> tuple[str, str]:
     names: Sequence[Plain] = entry if isinstance(entry, list) else ()
     if len(names) != 2:
         raise section.refuse(key, f"{entry!r} is no pair of names, as [l_hand, torso]")

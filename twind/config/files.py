@@ -15,16 +15,16 @@ from twind.config.edited import fingerprints
 from twind.config.pages import CALIBRATION, page
 from twind.config.ports import wrong_port
 from twind.config.robot_file import RobotFile, load_robot
-from twind.config.settings import Settings, load_settings
-from twind.robot.finding import Code, Finding
+from twind.config.settings import DaemonSettings, load_settings
+from twind.robot.finding import Finding, ReasonCode
 
 
-class UsageError(Exception):
+class CommandLineError(Exception):
     """The command line and the files do not go together."""
 
 
 @dataclass(frozen=True, slots=True)
-class Sources:
+class ConfigSources:
     """What the command line says; None and (): nothing. `config`: the settings file, None: the usual one."""
 
     config: str | None = None
@@ -35,7 +35,7 @@ class Sources:
     rate_hz: float | None = None
     ports: tuple[str, ...] = ()
 
-    def settings(self) -> Settings:
+    def settings(self) -> DaemonSettings:
         """The settings file with the command line over it. Raises ConfigError."""
         return load_settings(Path(self.config) if self.config else None).override(
             mode=self.mode,
@@ -48,10 +48,10 @@ class Sources:
 
 
 @dataclass(frozen=True, slots=True)
-class Described:
+class LoadedConfig:
     """What the files say, each checked alone and beside the others; not yet bound to the model."""
 
-    settings: Settings
+    settings: DaemonSettings
     robot: RobotFile
     ports: Mapping[str, str | None]  # by bus
     calibration: Calibration | None
@@ -60,7 +60,7 @@ class Described:
     live_denied: Finding | None  # why this daemon may not write to this robot; None: it may
 
 
-def packed(sources: Sources, described: Described) -> bytes:
+def packed(sources: ConfigSources, described: LoadedConfig) -> bytes:
     """What the files said, and how they are found, for the process that reads them again.
 
     Pickled: it is of our own making, like the bound robot beside it, and travels in a sealed memfd.
@@ -68,18 +68,18 @@ def packed(sources: Sources, described: Described) -> bytes:
     return pickle.dumps((sources, described))
 
 
-def unpacked(data: bytes) -> tuple[Sources, Described]:
+def unpacked(data: bytes) -> tuple[ConfigSources, LoadedConfig]:
     """What `packed` gave. Raises ValueError for anything else."""
     try:
         sources, described = pickle.loads(data)
     except Exception as error:  # noqa: BLE001  a broken handover is one error, whatever pickle calls it
         raise ValueError(f"nothing is known of the files: {error!r}") from None
-    if not isinstance(sources, Sources) or not isinstance(described, Described):
+    if not isinstance(sources, ConfigSources) or not isinstance(described, LoadedConfig):
         raise ValueError(f"nothing is known of the files: {type(described).__name__}")
     return sources, described
 
 
-def describe(sources: Sources, settings: Settings | None = None) -> Described:
+def describe(sources: ConfigSources, settings: DaemonSettings | None = None) -> LoadedConfig:
     """Read settings (unless given), robot and calibration. Raises ConfigError, UsageError."""
     settings = sources.settings() if settings is None else settings
     robot = load_robot(settings.robot, settings.robot_folders)
@@ -96,26 +96,26 @@ def describe(sources: Sources, settings: Settings | None = None) -> Described:
     usual = settings.usual_calibration(robot.name)
     denied = live_denied(robot.name, ports, usual, calibrated=calibration is not None)
     if settings.mode == "live" and denied is not None:
-        raise UsageError(denied.message)
+        raise CommandLineError(denied.message)
     rate_hz = settings.rate_hz or robot.rate_hz
     if settings.mode != "sim":
         require_rate(robot, rate_hz)
-    return Described(settings, robot, ports, calibration, rate_hz, files, denied)
+    return LoadedConfig(settings, robot, ports, calibration, rate_hz, files, denied)
 
 
 def bus_ports(
-    settings: Settings, buses: Sequence[str], described: Mapping[str, str | None]
+    settings: DaemonSettings, buses: Sequence[str], described: Mapping[str, str | None]
 ) -> dict[str, str | None]:
     """The port of each bus: the command line over the settings over the robot file. Raises UsageError."""
     ports = dict(described) | {name: port for name, port in settings.ports.items() if name}
     unknown = set(ports) - set(buses)
     if unknown:
-        raise UsageError(f"no bus {sorted(unknown)[0]!r}; the buses of this robot: {', '.join(buses)}")
+        raise CommandLineError(f"no bus {sorted(unknown)[0]!r}; the buses of this robot: {', '.join(buses)}")
     bare = settings.ports.get("")
     if bare is not None:
         if len(buses) != 1:
             named = " ".join(f"--port {bus}=PORT" for bus in buses)
-            raise UsageError(f"--port {bare}: this robot has {len(buses)} buses, say which: {named}")
+            raise CommandLineError(f"--port {bare}: this robot has {len(buses)} buses, say which: {named}")
         ports[buses[0]] = bare
     return ports
 
@@ -125,7 +125,7 @@ def refuse_wrong(robot: RobotFile, ports: Mapping[str, str | None]) -> None:
     for name, port in ports.items():
         wrong = None if port is None else wrong_port(robot.bus(name).kind, port)
         if wrong is not None:
-            raise UsageError(f"port of bus {name}: {wrong}")
+            raise CommandLineError(f"port of bus {name}: {wrong}")
 
 
 def live_denied(
@@ -135,11 +135,11 @@ def live_denied(
     missing = [bus for bus, port in ports.items() if port is None]
     if missing:
         message = f"mode live needs a port for bus {missing[0]!r}: --port {missing[0]}=PORT"
-        return Finding(Code.HW_DISCONNECTED, message=message)
+        return Finding(ReasonCode.HW_DISCONNECTED, message=message)
     if not calibrated:
         message = (
             f"mode live needs a calibration of {robot}: none at {usual}, and none named with "
             f"--calibration FILE; how to make one: {page(CALIBRATION)}"
         )
-        return Finding(Code.CALIB_MISSING, message=message)
+        return Finding(ReasonCode.CALIB_MISSING, message=message)
     return None

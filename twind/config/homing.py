@@ -7,13 +7,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from twind.config.section import Section
+from twind.config.section import ConfigSection
 
 SIDES = ("lower", "upper")
 
 
 @dataclass(frozen=True, slots=True)
-class Stops:
+class JointEndstops:
     """Joint angles (rad) at which the mechanism ends; None: not described."""
 
     lower: float | None = None
@@ -31,7 +31,7 @@ class Stops:
 
 
 @dataclass(frozen=True, slots=True)
-class Homing:
+class HomingSettings:
     """How `twindctl calibrate endstop` goes about it where the command line does not say."""
 
     side: str  # lower or upper
@@ -39,7 +39,7 @@ class Homing:
     speed: float | None = None  # rad/s of the joint; None: the usual
 
 
-def stops(entry: Section, lower: float, upper: float) -> Stops:
+def stops(entry: ConfigSection, lower: float, upper: float) -> JointEndstops:
     """`stop_rad` of a joint with limits `lower`, `upper` (rad). Raises ConfigError: inside the limits."""
     degrees = "stop_deg" in tuple(entry)
     section = entry.section("stop_rad")
@@ -55,10 +55,10 @@ def stops(entry: Section, lower: float, upper: float) -> Stops:
         if side in found and not abs(found[side] - bound) <= math.pi:
             where = f"{found[side]:g} rad is more than half a turn from the limit {bound:g}"
             raise section.refuse(side, f"{where}: degrees by mistake?")
-    return Stops(found.get("lower"), found.get("upper"))
+    return JointEndstops(found.get("lower"), found.get("upper"))
 
 
-def homing(entry: Section, described: Stops) -> Homing | None:
+def homing(entry: ConfigSection, described: JointEndstops) -> HomingSettings | None:
     """`homing` of a joint whose stops are `described`; None: not given. Raises ConfigError."""
     if not entry.has("homing"):
         return None
@@ -70,4 +70,4 @@ def homing(entry: Section, described: Stops) -> Homing | None:
     current = section.number("current_a", 0.0, above=0.0, most=100.0) if section.has("current_a") else None
     speed = section.number("speed_rad_s", 0.0, above=0.0, most=1.0) if section.has("speed_rad_s") else None
     section.close(also=("current_a", "speed_rad_s"))
-    return Homing(side, current, speed)
+    return HomingSettings(side, current, speed)

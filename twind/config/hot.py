@@ -10,10 +10,10 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from math import isfinite
 from typing import Any
 
-from twind.config.actuator import Gains, Impedance, ServoType, TypeSpec
+from twind.config.actuator import GainSettings, Impedance, ServoType, TypeSpec
 from twind.config.keys import BLOCK, LEVEL, OF_SETTINGS, PROOF, WARN, of_robot
 from twind.config.robot_spec import JointSpec, RobotFile
-from twind.config.settings import LATENCY_BLOCK_MS, LATENCY_WARN_MS, LEVELS, Settings
+from twind.config.settings import LATENCY_BLOCK_MS, LATENCY_WARN_MS, LEVELS, DaemonSettings
 
 Changes = Mapping[str, Any]  # key -> new value: numbers, texts, lists and mappings of them
 
@@ -43,7 +43,7 @@ _ROBOT = {"mjcf": "model.mjcf", "mjcf_path": "model.mjcf", "base": "model.base",
 _ROBOT |= {"command_timeout_ms": "loop.command_timeout_ms", "imu": "sensors.imu"}
 
 
-class NotHot(ValueError):
+class RestartRequired(ValueError):
     """A change that may not be made while the daemon runs. `key` names it."""
 
     def __init__(self, key: str, reason: str) -> None:
@@ -52,7 +52,7 @@ class NotHot(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class ConfigDifference:
     """What differs: hot changes, and the keys that wait for a restart, in order."""
 
     changes: Changes
@@ -73,20 +73,20 @@ def same(one: Any, other: Any) -> bool:
 # ------------------------------------------------------------------------------------------- settings
 
 
-def settings_difference(old: Settings, new: Settings) -> Difference:
+def settings_difference(old: DaemonSettings, new: DaemonSettings) -> ConfigDifference:
     """What of the settings changed."""
     hot = {key: value for key, value in _hot_settings(new).items() if value != _hot_settings(old)[key]}
-    names = {field.name for field in fields(Settings)} - {LEVEL, "latency_warn_ms", "latency_block_ms"}
+    names = {field.name for field in fields(DaemonSettings)} - {LEVEL, "latency_warn_ms", "latency_block_ms"}
     keys = {name: _SETTING.get(name, name) for name in names}
     restart = {key for name, key in keys.items() if key and not same(getattr(old, name), getattr(new, name))}
-    return Difference(hot, tuple(sorted(restart)))
+    return ConfigDifference(hot, tuple(sorted(restart)))
 
 
-def _hot_settings(settings: Settings) -> dict[str, Any]:
+def _hot_settings(settings: DaemonSettings) -> dict[str, Any]:
     return {LEVEL: settings.log_level, WARN: settings.latency_warn_ms, BLOCK: settings.latency_block_ms}
 
 
-def settled(settings: Settings, changes: Changes) -> Settings:
+def settled(settings: DaemonSettings, changes: Changes) -> DaemonSettings:
     """The settings with the changes that are theirs. Raises NotHot."""
     wanted = _hot_settings(settings) | {key: changes[key] for key in changes if key in OF_SETTINGS}
     warn, block = thresholds(wanted, settings.latency_warn_ms, settings.latency_block_ms)
@@ -99,33 +99,33 @@ def thresholds(changes: Changes, warn: float, block: float) -> tuple[float, floa
     Raises NotHot for any of these that no settings file may have.
     """
     if changes.get(LEVEL, LEVELS[0]) not in LEVELS:
-        raise NotHot(LEVEL, f"{changes[LEVEL]!r} is none of {', '.join(LEVELS)}")
+        raise RestartRequired(LEVEL, f"{changes[LEVEL]!r} is none of {', '.join(LEVELS)}")
     warn, block = _number(WARN, changes.get(WARN, warn)), _number(BLOCK, changes.get(BLOCK, block))
     for key, value, most in ((WARN, warn, LATENCY_WARN_MS), (BLOCK, block, LATENCY_BLOCK_MS)):
         if not 0.0 < value <= most:
-            raise NotHot(key, f"{value:g} must be above 0 and at most {most:g}")
+            raise RestartRequired(key, f"{value:g} must be above 0 and at most {most:g}")
     if block < warn:
-        raise NotHot(BLOCK, f"{block:g} is below {WARN}, {warn:g}")
+        raise RestartRequired(BLOCK, f"{block:g} is below {WARN}, {warn:g}")
     return warn, block
 
 
 # ------------------------------------------------------------------------------------------- robot
 
 
-def robot_difference(old: RobotFile, new: RobotFile) -> Difference:
+def robot_difference(old: RobotFile, new: RobotFile) -> ConfigDifference:
     """What of the robot changed. Where the joints are others, nothing is hot."""
     ignored = {"joints", "gate", "text_sha256"}
     names = {field.name for field in fields(RobotFile)} - ignored
     restart = {_ROBOT.get(name, name) for name in names if not same(getattr(old, name), getattr(new, name))}
     if old.names != new.names:
-        return Difference({}, tuple(sorted({*restart, "joints"})))
+        return ConfigDifference({}, tuple(sorted({*restart, "joints"})))
     changes, cold = _gate_difference(old, new)
     restart |= cold
     for before, after in zip(old.joints, new.joints, strict=True):
         hot, cold = _joint_difference(before, after, old.poses)
         changes |= hot
         restart |= cold
-    return Difference(changes, tuple(sorted(restart)))
+    return ConfigDifference(changes, tuple(sorted(restart)))
 
 
 def _gate_difference(old: RobotFile, new: RobotFile) -> tuple[dict[str, Any], set[str]]:
@@ -158,7 +158,7 @@ def _joint_difference(
         try:
             _tightened(old, key, value, poses)
             hot[key] = value
-        except NotHot:
+        except RestartRequired:
             cold.add(key)
     gains, others = _type_difference(old, new)
     return hot | gains, cold | others
@@ -203,7 +203,7 @@ def applied(robot: RobotFile, changes: Changes) -> RobotFile:
         elif key in ("gate.on_velocity", "gate.on_torque") and value == STRICT:
             gate = replace(gate, **{rest: value})
         else:
-            raise NotHot(key, f"may not become {value!r} while the daemon runs")
+            raise RestartRequired(key, f"may not become {value!r} while the daemon runs")
     made = tuple(replace(joint, type=types[joint.type.name]) for joint in joints.values())
     return replace(robot, joints=made, gate=gate)
 
@@ -216,44 +216,50 @@ def _tightened(joint: JointSpec, key: str, value: Any, poses: Mapping[str, Mappi
         return replace(joint, velocity_limit=_lowered(key, value, joint.velocity_limit))
     if what == ACCELERATION:
         return replace(joint, acceleration_limit=_lowered(key, value, joint.acceleration_limit))
-    raise NotHot(key, "needs a restart")
+    raise RestartRequired(key, "needs a restart")
 
 
 def _lowered(key: str, value: Any, most: float) -> float:
     number = _number(key, value)
     if not 0.0 < number <= most:
-        raise NotHot(key, f"{number:g} is not above 0 and at most {most:g}, as in force: restart for that")
+        raise RestartRequired(
+            key, f"{number:g} is not above 0 and at most {most:g}, as in force: restart for that"
+        )
     return number
 
 
 def _narrowed(joint: JointSpec, key: str, value: Any, poses: Mapping[str, Mapping[str, float]]) -> JointSpec:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
-        raise NotHot(key, f"{value!r} is not a lower and an upper limit")
+        raise RestartRequired(key, f"{value!r} is not a lower and an upper limit")
     lower, upper = _number(key, value[0]), _number(key, value[1])
     if not joint.lower <= lower < upper <= joint.upper:
         bounds = f"{joint.lower:g}..{joint.upper:g}"
-        raise NotHot(key, f"{lower:g}..{upper:g} is not within {bounds}, as in force: restart for that")
+        raise RestartRequired(
+            key, f"{lower:g}..{upper:g} is not within {bounds}, as in force: restart for that"
+        )
     for name, pose in poses.items():
         if not lower <= pose[joint.name] <= upper:
-            raise NotHot(key, f"{lower:g}..{upper:g} leaves {pose[joint.name]:g} of pose {name} outside")
+            raise RestartRequired(
+                key, f"{lower:g}..{upper:g} leaves {pose[joint.name]:g} of pose {name} outside"
+            )
     return replace(joint, lower=lower, upper=upper)
 
 
 def _driven(kind: TypeSpec, key: str, value: Any) -> TypeSpec:
     known = _gains(kind)
     if not isinstance(value, Mapping) or set(value) != set(known):
-        raise NotHot(key, f"{value!r}: expected {', '.join(known)}")
+        raise RestartRequired(key, f"{value!r}: expected {', '.join(known)}")
     numbers = {name: _number(f"{key}.{name}", value[name]) for name in known}
     most = MOST_GAIN if isinstance(kind, ServoType) else float("inf")
     for name, number in numbers.items():
         if not 0.0 <= number <= most:
-            raise NotHot(f"{key}.{name}", f"{number:g} is outside 0 to {most:g}")
+            raise RestartRequired(f"{key}.{name}", f"{number:g} is outside 0 to {most:g}")
     if isinstance(kind, ServoType):
-        return replace(kind, gains=Gains(**{name: int(number) for name, number in numbers.items()}))
+        return replace(kind, gains=GainSettings(**{name: int(number) for name, number in numbers.items()}))
     return replace(kind, gains=Impedance(**numbers))  # type: ignore[call-arg]  # of a CanType
 
 
 def _number(key: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-        raise NotHot(key, f"{value!r} is no finite number")
+        raise RestartRequired(key, f"{value!r} is no finite number")
     return float(value)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RegistersSpec
-from twind.config.section import Section
+from twind.config.section import ConfigSection
 
 TYPES = {"int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "float32": 4}  # bytes, little-endian
 MOST = 128  # bytes from the first register to the last: they are read in one answer
@@ -15,7 +15,7 @@ LAST_ID = 252
 UNIT = 0.01  # how far the length of a rotation may be from 1
 
 
-def imu_of(top: Section, wires: Sequence[BusSpec], joints: Sequence[JointSpec]) -> ImuSpec | None:
+def imu_of(top: ConfigSection, wires: Sequence[BusSpec], joints: Sequence[JointSpec]) -> ImuSpec | None:
     """The IMU that the file describes; None: none. Raises ConfigError."""
     if not top.has("sensors"):
         return None
@@ -45,12 +45,12 @@ def imu_of(top: Section, wires: Sequence[BusSpec], joints: Sequence[JointSpec]) 
     return spec
 
 
-def _require_serial(section: Section, bus: BusSpec) -> None:
+def _require_serial(section: ConfigSection, bus: BusSpec) -> None:
     if bus.kind != "dynamixel2":
         raise section.refuse("bus", f"{bus.name} is of kind {bus.kind}: an IMU is read on a dynamixel2 bus")
 
 
-def _free_id(section: Section, bus: str, joints: Sequence[JointSpec]) -> int:
+def _free_id(section: ConfigSection, bus: str, joints: Sequence[JointSpec]) -> int:
     id = section.integer("id", least=0, most=LAST_ID)
     for joint in joints:
         if (joint.bus, joint.id) == (bus, id):
@@ -58,7 +58,7 @@ def _free_id(section: Section, bus: str, joints: Sequence[JointSpec]) -> int:
     return id
 
 
-def _rotation(section: Section) -> tuple[float, ...] | None:
+def _rotation(section: ConfigSection) -> tuple[float, ...] | None:
     """Of unit length to the last number; None: as the site stands."""
     if not section.has("rotation"):
         return None
@@ -69,7 +69,7 @@ def _rotation(section: Section) -> tuple[float, ...] | None:
     return tuple(each / length for each in given)
 
 
-def _registers(section: Section, key: str, lsb: str, count: int) -> RegistersSpec:
+def _registers(section: ConfigSection, key: str, lsb: str, count: int) -> RegistersSpec:
     if not section.has(key):
         raise section.refuse(key, "is required and missing: address, type and " + lsb)
     own = section.section(key)

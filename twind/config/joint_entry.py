@@ -16,8 +16,8 @@ from twind.config.actuator import CanType, ServoType, TypeSpec
 from twind.config.buses import NAME
 from twind.config.can_type import can_joint, can_type, refuse_clash
 from twind.config.homing import homing, stops
-from twind.config.robot_spec import BusSpec, JointSpec, Slot, TransmissionSpec
-from twind.config.section import Section
+from twind.config.robot_spec import ActuatorSlot, BusSpec, JointSpec, TransmissionSpec
+from twind.config.section import ConfigSection
 from twind.config.servo_type import servo_joint, servo_type
 from twind.config.transmissions import transmissions
 from twind.robot.transmission import back, fair, span
@@ -30,18 +30,18 @@ OF_OWN_ACTUATORS = ("homing", "stop_rad")  # what asks for an actuator that turn
 
 
 @dataclass(frozen=True, slots=True)
-class _Ground:
+class _EntryContext:
     """What entries refer to."""
 
-    defaults: Section
-    kinds: Section
+    defaults: ConfigSection
+    kinds: ConfigSection
     types: Mapping[str, TypeSpec]
     lines: Mapping[str, str]  # bus -> its kind
 
-    def source(self, entry: Section) -> Callable[[str], Section]:
+    def source(self, entry: ConfigSection) -> Callable[[str], ConfigSection]:
         """Where a key of an entry stands: with the entry, else under `defaults`."""
 
-        def source(key: str) -> Section:
+        def source(key: str) -> ConfigSection:
             common = self.defaults.has(key)  # asked in any case, so that the key is known
             return self.defaults if common and not entry.has(key) else entry
 
@@ -49,7 +49,7 @@ class _Ground:
 
 
 def described_joints(
-    top: Section, wires: tuple[BusSpec, ...], folder: Path
+    top: ConfigSection, wires: tuple[BusSpec, ...], folder: Path
 ) -> tuple[tuple[JointSpec, ...], tuple[TransmissionSpec, ...]]:
     """Joints in the order of the file, and what turns several of them. Raises ConfigError.
 
@@ -58,11 +58,11 @@ def described_joints(
     kinds = top.section("types")
     types = {name: _type(name, kinds) for name in kinds}
     kinds.close()
-    ground = _Ground(top.section("defaults"), kinds, types, {bus.name: bus.kind for bus in wires})
+    ground = _EntryContext(top.section("defaults"), kinds, types, {bus.name: bus.kind for bus in wires})
     section, others = top.section("joints"), top.section("actuators")
     if not list(section):
         raise section.refuse("", "a robot needs at least one joint")
-    slots = _Slots(ground)
+    slots = _SlotRegistry(ground)
     for name in others:
         if name in tuple(section):
             raise others.refuse(name, "is the name of a joint too: a calibration could not tell them apart")
@@ -72,7 +72,9 @@ def described_joints(
     others.close()
     made = {each.name: each for each in slots.taken}
     driven = transmissions(top.section("transmissions"), made, others, section, folder)
-    seats = {joint: _Seat(each, place) for each in driven for place, joint in enumerate(each.joints)}
+    seats = {
+        joint: _TransmissionSlot(each, place) for each in driven for place, joint in enumerate(each.joints)
+    }
     joints = [_joint(name, section.section(name), seats.get(name), slots, ground) for name in section]
     _once_each(joints, section)
     section.close()
@@ -80,7 +82,7 @@ def described_joints(
     return tuple(_together(joints, driven, section)), driven
 
 
-class _Seat(NamedTuple):
+class _TransmissionSlot(NamedTuple):
     """A joint's place in its transmission."""
 
     transmission: TransmissionSpec
@@ -91,14 +93,14 @@ class _Seat(NamedTuple):
         return self.transmission.actuators[self.place]
 
 
-class _Slots:
+class _SlotRegistry:
     """The actuators read so far: no two of one bus share an id, or a frame."""
 
-    def __init__(self, ground: _Ground) -> None:
+    def __init__(self, ground: _EntryContext) -> None:
         self._ground = ground
-        self.taken: list[Slot] = []
+        self.taken: list[ActuatorSlot] = []
 
-    def add(self, name: str, entry: Section) -> Slot:
+    def add(self, name: str, entry: ConfigSection) -> ActuatorSlot:
         """The actuator that an entry describes. Raises ConfigError."""
         if not NAME.fullmatch(name):
             raise entry.refuse("", f"{name!r}: use 1 to 64 letters, digits, _ . and -")
@@ -110,12 +112,12 @@ class _Slots:
         self.taken.append(slot)
         return slot
 
-    def named(self, name: str) -> Slot:
+    def named(self, name: str) -> ActuatorSlot:
         """One that was read. Raises KeyError."""
         return {slot.name: slot for slot in self.taken}[name]
 
 
-def _slot(name: str, entry: Section, ground: _Ground) -> Slot:
+def _slot(name: str, entry: ConfigSection, ground: _EntryContext) -> ActuatorSlot:
     source = ground.source(entry)
     kind = ground.types[source("type").text("type", None, tuple(ground.types))]
     sign = source("sign").integer("sign", 1)
@@ -133,10 +135,16 @@ def _slot(name: str, entry: Section, ground: _Ground) -> Slot:
     else:
         assert isinstance(kind, ServoType)
         id, mode, registers = servo_joint(source, entry, kind, ground.kinds.section(kind.name))
-    return Slot(name, bus, id, kind, sign, ratio, registers, mode, feedback)
+    return ActuatorSlot(name, bus, id, kind, sign, ratio, registers, mode, feedback)
 
 
-def _joint(name: str, entry: Section, seat: _Seat | None, slots: _Slots, ground: _Ground) -> JointSpec:
+def _joint(
+    name: str,
+    entry: ConfigSection,
+    seat: _TransmissionSlot | None,
+    slots: _SlotRegistry,
+    ground: _EntryContext,
+) -> JointSpec:
     if seat is not None:
         _refuse_own(entry, seat)
         slot = slots.named(seat.actuator)
@@ -173,7 +181,7 @@ def _joint(name: str, entry: Section, seat: _Seat | None, slots: _Slots, ground:
     return joint
 
 
-def _refuse_own(entry: Section, seat: _Seat) -> None:
+def _refuse_own(entry: ConfigSection, seat: _TransmissionSlot) -> None:
     """A joint of a transmission has no actuator of its own to speak of."""
     turned = f"driven through transmission {seat.transmission.name}"
     for key in OF_ACTUATORS:
@@ -184,7 +192,7 @@ def _refuse_own(entry: Section, seat: _Seat) -> None:
             raise entry.refuse(key, f"{turned}: no actuator drives it alone to a stop; remove it")
 
 
-def _once_each(joints: Sequence[JointSpec], section: Section) -> None:
+def _once_each(joints: Sequence[JointSpec], section: ConfigSection) -> None:
     """No joint of the model is driven twice. Raises ConfigError."""
     driven: dict[str, str] = {}
     for joint in joints:
@@ -195,7 +203,7 @@ def _once_each(joints: Sequence[JointSpec], section: Section) -> None:
 
 
 def _together(
-    joints: Sequence[JointSpec], driven: Sequence[TransmissionSpec], section: Section
+    joints: Sequence[JointSpec], driven: Sequence[TransmissionSpec], section: ConfigSection
 ) -> list[JointSpec]:
     """The joints of transmissions with what their actuators together can. Raises ConfigError.
 
@@ -230,14 +238,16 @@ def _together(
     return list(by_name.values())
 
 
-def _within_a_turn(slot: Slot | JointSpec, travel: tuple[float, float], entry: Section, key: str) -> None:
+def _within_a_turn(
+    slot: ActuatorSlot | JointSpec, travel: tuple[float, float], entry: ConfigSection, key: str
+) -> None:
     turns = (travel[1] - travel[0]) * slot.ratio / (2.0 * math.pi)
     if turns > 1.0:
-        name = "the actuator" if isinstance(slot, Slot) else f"actuator {slot.actuator}"
+        name = "the actuator" if isinstance(slot, ActuatorSlot) else f"actuator {slot.actuator}"
         raise entry.refuse(key, f"the travel is {turns:.2f} turns of {name}: one turn at most without homing")
 
 
-def _type(name: str, parent: Section) -> TypeSpec:
+def _type(name: str, parent: ConfigSection) -> TypeSpec:
     """By its device: a model of one of the CAN families, else a serial servo."""
     section = parent.section(name)
     device = section.text("device")
@@ -256,7 +266,7 @@ def _is_servo(device: str) -> bool:
         return False
 
 
-def _limits(entry: Section) -> tuple[float, float]:
+def _limits(entry: ConfigSection) -> tuple[float, float]:
     lower, upper = entry.numbers("limits_rad", 2)
     if not lower < upper:
         raise entry.refuse("limits_rad", f"lower {lower:g} is not below upper {upper:g}")

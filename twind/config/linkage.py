@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twind.config.located import ConfigError, Mark
+from twind.config.located import ConfigError, FilePosition
 from twind.protocol.plain_file import NotAFile, read_plain
 from twind.robot.arrays import Floats
 from twind.robot.linkage import LinkageTable
@@ -26,7 +26,7 @@ UNIT = "_rad"
 
 
 @dataclass(frozen=True, slots=True)
-class Read:
+class ParsedLinkage:
     """A table as it was read."""
 
     law: LinkageTable
@@ -34,7 +34,7 @@ class Read:
     sha256: str  # of the file
 
 
-def linkage(path: Path, actuators: Sequence[str], joints: Sequence[str]) -> Read:
+def linkage(path: Path, actuators: Sequence[str], joints: Sequence[str]) -> ParsedLinkage:
     """The table at `path`, its actuators and joints in these orders. Raises ConfigError."""
     data = _bytes(path)
     try:
@@ -49,7 +49,7 @@ def linkage(path: Path, actuators: Sequence[str], joints: Sequence[str]) -> Read
     if not 2 <= len(places) <= MOST_ROWS:
         raise _wrong(path, 0, f"has {len(places)} places: 2 to {MOST_ROWS} are taken")
     law = _gridded(path, places[:, [head.index(name) for name in wanted]], actuators)
-    return Read(law, _proved(path, law, actuators), hashlib.sha256(data).hexdigest())
+    return ParsedLinkage(law, _proved(path, law, actuators), hashlib.sha256(data).hexdigest())
 
 
 def _bytes(path: Path) -> bytes:
@@ -123,4 +123,4 @@ def _at(place: Floats, actuators: Sequence[str]) -> str:
 
 
 def _wrong(path: Path, line: int, message: str) -> ConfigError:
-    return ConfigError(str(path), Mark(line, 1 if line else 0), "", message)
+    return ConfigError(str(path), FilePosition(line, 1 if line else 0), "", message)

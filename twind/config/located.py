@@ -27,7 +27,7 @@ _TRUTH = {"true": True, "false": False, "True": True, "False": False}
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class FilePosition:
     """A place in a file; both count from 1, 0 where the file as a whole is meant."""
 
     line: int
@@ -37,7 +37,7 @@ class Mark:
 class ConfigError(Exception):
     """A file that cannot be used, and why: `file:line:column: path: message`."""
 
-    def __init__(self, file: str, mark: Mark, path: str, message: str) -> None:
+    def __init__(self, file: str, mark: FilePosition, path: str, message: str) -> None:
         place = f"{file}:{mark.line}:{mark.column}" if mark.line else file
         super().__init__(f"{place}: {path}: {message}" if path else f"{place}: {message}")
         self.file, self.line, self.column, self.path = file, mark.line, mark.column, path
@@ -55,32 +55,32 @@ class ConfigError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Leaf:
+class YamlScalar:
     """One value. `plain`: written without quotes."""
 
-    mark: Mark
+    mark: FilePosition
     value: str | int | float | bool | None
     plain: bool
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class YamlSequence:
     """A sequence."""
 
-    mark: Mark
+    mark: FilePosition
     items: list["Node"]
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class YamlMapping:
     """A mapping; keys are text. Each key knows its own place."""
 
-    mark: Mark
+    mark: FilePosition
     items: dict[str, "Node"]
-    keys: dict[str, Mark]
+    keys: dict[str, FilePosition]
 
 
-Node = Leaf | Row | Table
+Node = YamlScalar | YamlSequence | YamlMapping
 
 
 def place(path: Path, sha256: str, keys: Sequence[str]) -> str:
@@ -95,7 +95,7 @@ def place(path: Path, sha256: str, keys: Sequence[str]) -> str:
     if hashlib.sha256(text.encode()).hexdigest() != sha256:
         return plain
     for key in keys:
-        if not isinstance(node, Table) or key not in node.items:
+        if not isinstance(node, YamlMapping) or key not in node.items:
             return plain
         node = node.items[key]
     return f"{path}:{node.mark.line}:{node.mark.column}: {'.'.join(keys)}"
@@ -103,7 +103,7 @@ def place(path: Path, sha256: str, keys: Sequence[str]) -> str:
 
 def read_text(path: Path) -> str:
     """The file's text. Raises ConfigError: missing, unreadable, no file, over 256 KiB, not UTF-8."""
-    start = Mark(0, 0)
+    start = FilePosition(0, 0)
     try:
         data = read_plain(path, MAX_BYTES)
     except NotAFile as error:
@@ -117,33 +117,37 @@ def read_text(path: Path) -> str:
         line = data.count(b"\n", 0, error.start) + 1
         column = error.start - data.rfind(b"\n", 0, error.start)
         message = f"byte 0x{data[error.start]:02x} is not UTF-8: save the file as UTF-8"
-        raise ConfigError(str(path), Mark(line, column), "", message) from None
+        raise ConfigError(str(path), FilePosition(line, column), "", message) from None
 
 
-def parse(text: str, file: str) -> Table:
+def parse(text: str, file: str) -> YamlMapping:
     """The mapping that `text` holds. Raises ConfigError naming `file`."""
     if len(text.encode("utf-8", "surrogatepass")) > MAX_BYTES:
-        raise ConfigError(file, Mark(0, 0), "", f"larger than {MAX_BYTES // 1024} KiB: not a file of ours")
+        raise ConfigError(
+            file, FilePosition(0, 0), "", f"larger than {MAX_BYTES // 1024} KiB: not a file of ours"
+        )
     if text.startswith("\ufeff"):  # two readers could take the first key for two things
-        raise ConfigError(file, Mark(1, 1), "", "begins with a byte order mark: save as UTF-8 without one")
+        raise ConfigError(
+            file, FilePosition(1, 1), "", "begins with a byte order mark: save as UTF-8 without one"
+        )
     try:
-        return _Tree(file, yaml.parse(text, Loader=_EVENTS)).document()
+        return _YamlTreeBuilder(file, yaml.parse(text, Loader=_EVENTS)).document()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         raise ConfigError(
-            file, _mark(mark) if mark else Mark(0, 0), "", f"not YAML: {error.problem}"
+            file, _mark(mark) if mark else FilePosition(0, 0), "", f"not YAML: {error.problem}"
         ) from None
     except (yaml.YAMLError, UnicodeError) as error:  # characters that YAML does not allow
-        raise ConfigError(file, Mark(0, 0), "", f"not YAML: {' '.join(str(error).split())}") from None
+        raise ConfigError(file, FilePosition(0, 0), "", f"not YAML: {' '.join(str(error).split())}") from None
     except RecursionError:
-        raise ConfigError(file, Mark(0, 0), "", "nested too deeply") from None
+        raise ConfigError(file, FilePosition(0, 0), "", "nested too deeply") from None
 
 
-def _mark(mark: Any) -> Mark:
-    return Mark(mark.line + 1, mark.column + 1)
+def _mark(mark: Any) -> FilePosition:
+    return FilePosition(mark.line + 1, mark.column + 1)
 
 
-class _Tree:
+class _YamlTreeBuilder:
     """Builds nodes from the parser's events, refusing what we do not allow as soon as it is seen."""
 
     def __init__(self, file: str, events: Iterator[Any]) -> None:
@@ -152,17 +156,17 @@ class _Tree:
     def refuse(self, event: Any, message: str) -> ConfigError:
         return ConfigError(self.file, _mark(event.start_mark), "", message)
 
-    def document(self) -> Table:
+    def document(self) -> YamlMapping:
         """The one document of the stream."""
         next(self.events)
         first = next(self.events)
         if isinstance(first, yaml.StreamEndEvent):
-            raise ConfigError(self.file, Mark(0, 0), "", "the file is empty")
+            raise ConfigError(self.file, FilePosition(0, 0), "", "the file is empty")
         if first.tags or first.version:
             raise self.refuse(first, "directives (%TAG, %YAML) are not allowed: remove them")
         event = next(self.events)
         root = self.node(event, 1)
-        if not isinstance(root, Table):
+        if not isinstance(root, YamlMapping):
             raise self.refuse(event, "a mapping (key: value) is expected at the top level")
         next(self.events)
         after = next(self.events)
@@ -186,19 +190,19 @@ class _Tree:
             return self.row(event, depth)
         return self.table(event, depth)
 
-    def row(self, start: Any, depth: int) -> Row:
+    def row(self, start: Any, depth: int) -> YamlSequence:
         items: list[Node] = []
         while not isinstance(event := next(self.events), yaml.SequenceEndEvent):
             items.append(self.node(event, depth + 1))
-        return Row(_mark(start.start_mark), items)
+        return YamlSequence(_mark(start.start_mark), items)
 
-    def table(self, start: Any, depth: int) -> Table:
+    def table(self, start: Any, depth: int) -> YamlMapping:
         items: dict[str, Node] = {}
-        keys: dict[str, Mark] = {}
+        keys: dict[str, FilePosition] = {}
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
             key = self.node(event, depth + 1)
-            if not isinstance(key, Leaf) or not isinstance(key.value, str):
-                shown = repr(key.value) if isinstance(key, Leaf) else "a list or mapping"
+            if not isinstance(key, YamlScalar) or not isinstance(key.value, str):
+                shown = repr(key.value) if isinstance(key, YamlScalar) else "a list or mapping"
                 raise self.refuse(event, f"a key must be text, found {shown}: quote it")
             if key.value in keys:
                 first = keys[key.value]
@@ -207,25 +211,25 @@ class _Tree:
                 )
             keys[key.value] = key.mark
             items[key.value] = self.node(next(self.events), depth + 1)
-        return Table(_mark(start.start_mark), items, keys)
+        return YamlMapping(_mark(start.start_mark), items, keys)
 
-    def leaf(self, event: Any) -> Leaf:
+    def leaf(self, event: Any) -> YamlScalar:
         """The scalar as a person reads it, or a refusal where YAML 1.1 reads it otherwise."""
         text, mark = event.value, _mark(event.start_mark)
         if not event.implicit[0]:  # quoted, or a block of text
-            return Leaf(mark, text, plain=False)
+            return YamlScalar(mark, text, plain=False)
         tag = _RESOLVER.resolve(yaml.ScalarNode, text, (True, False)).rpartition(":")[2]
         match tag:
             case "str":
-                return Leaf(mark, text, plain=True)
+                return YamlScalar(mark, text, plain=True)
             case "null":
-                return Leaf(mark, None, plain=True)
+                return YamlScalar(mark, None, plain=True)
             case "bool" if text in _TRUTH:
-                return Leaf(mark, _TRUTH[text], plain=True)
+                return YamlScalar(mark, _TRUTH[text], plain=True)
             case "int" if _WHOLE.fullmatch(text):
-                return Leaf(mark, int(text), plain=True)
+                return YamlScalar(mark, int(text), plain=True)
             case "float" if _DECIMAL.fullmatch(text) and math.isfinite(float(text)):
-                return Leaf(mark, float(text), plain=True)
+                return YamlScalar(mark, float(text), plain=True)
         raise self.refuse(event, _trap(tag, text))
 
 

@@ -30,7 +30,7 @@ HEADINGS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class RobotReport:
     """Lines to print, and errors: empty when the robot can be run as described."""
 
     lines: tuple[str, ...]
@@ -39,7 +39,7 @@ class Report:
 
 def check_robot(
     robot: RobotFile, rate_hz: float | None = None, calibration: Calibration | None = None
-) -> Report:
+) -> RobotReport:
     """The robot at `rate_hz` (None: its own). Counts by the calibration, else with zero at mid-encoder."""
     rate = robot.rate_hz if rate_hz is None else rate_hz
     known = {} if calibration is None else calibration.by_name
@@ -60,7 +60,7 @@ def check_robot(
     errors = [each.refusal for each in cycle if each.refusal is not None]
     for joint, zero_ticks in zip(robot.joints, zeros, strict=True):
         errors.extend(_out_of_turn(joint, zero_ticks, joint.actuator in known))
-    return Report(tuple(lines), tuple(errors))
+    return RobotReport(tuple(lines), tuple(errors))
 
 
 def _unfenced(robot: RobotFile) -> list[str]:

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 from twind.config import hot
 from twind.config.calibration_file import Calibration
-from twind.config.files import Described
-from twind.config.hot import Changes, Difference, same
+from twind.config.files import LoadedConfig
+from twind.config.hot import Changes, ConfigDifference, same
 from twind.config.keys import PROOF
 from twind.config.section import Plain
 
 
-def difference(old: Described, new: Described) -> Difference:
+def difference(old: LoadedConfig, new: LoadedConfig) -> ConfigDifference:
     """Hot changes, and the keys that wait for a restart. Of another robot only its name is told apart."""
     settings = hot.settings_difference(old.settings, new.settings)
     restart = set(settings.restart)
@@ -26,7 +26,7 @@ def difference(old: Described, new: Described) -> Difference:
         robot = hot.robot_difference(old.robot, new.robot)
         changes |= robot.changes
         restart |= set(robot.restart)
-    return Difference(dict(sorted(changes.items())), tuple(sorted(restart)))
+    return ConfigDifference(dict(sorted(changes.items())), tuple(sorted(restart)))
 
 
 def proven(old: Calibration | None, new: Calibration | None) -> dict[str, Plain] | None:
@@ -47,7 +47,7 @@ def _measured(calibration: Calibration) -> Calibration:
     return replace(calibration, joints=joints, created="", tool="", sha256="")
 
 
-def in_force(old: Described, new: Described, found: Difference) -> Described:
+def in_force(old: LoadedConfig, new: LoadedConfig, found: ConfigDifference) -> LoadedConfig:
     """What is in force once `found` is applied. Raises NotHot.
 
     Files whose contents are in force whole count as read now; the others as read before, so that nobody arms
@@ -75,7 +75,7 @@ def in_force(old: Described, new: Described, found: Difference) -> Described:
     return replace(made, settings=settings, robot=robot, files=files)
 
 
-def with_changes(old: Described, changes: Changes) -> Described:
+def with_changes(old: LoadedConfig, changes: Changes) -> LoadedConfig:
     """The same with these changes. Raises NotHot."""
     settings, robot = hot.settled(old.settings, changes), hot.applied(old.robot, changes)
     return replace(old, settings=settings, robot=robot)

@@ -23,7 +23,7 @@ _FLAGS = os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 @dataclass(frozen=True, slots=True)
-class Rights:
+class FileOwnership:
     """Whose a file is, from before it has its name."""
 
     mode: int = 0o640
@@ -32,13 +32,13 @@ class Rights:
 
 
 @dataclass(frozen=True, slots=True)
-class Folder:
+class LockedFolder:
     """A folder into which nobody else saves (`alone`)."""
 
     path: Path
     _directory: int  # its descriptor, locked
 
-    def save_text(self, name: str, text: str, history: int, rights: Rights | None = None) -> Path:
+    def save_text(self, name: str, text: str, history: int, rights: FileOwnership | None = None) -> Path:
         """Make `name.yaml` hold `text`; the earlier one becomes `name.0001.yaml` and up, `history` kept.
 
         A power cut at any point leaves the old or the new file, and none of the earlier ones less, but for
@@ -55,7 +55,7 @@ class Folder:
             os.unlink(_numbered(name, number), dir_fd=self._directory)
         return self.path / current
 
-    def save_draft(self, name: str, text: str, rights: Rights | None = None) -> Path:
+    def save_draft(self, name: str, text: str, rights: FileOwnership | None = None) -> Path:
         """Make the draft of `name.yaml` hold `text`: old or new, never mixed, and no history.
 
         Raises as `save_text`.
@@ -69,7 +69,7 @@ class Folder:
 
 
 @contextlib.contextmanager
-def alone(folder: Path) -> Iterator[Folder]:
+def alone(folder: Path) -> Iterator[LockedFolder]:
     """Hold a folder: whoever else saves there waits. Not to be held twice by one program.
 
     Raises OSError: no folder, no permission to read it, somebody else saves there for half a minute.
@@ -77,12 +77,12 @@ def alone(folder: Path) -> Iterator[Folder]:
     directory = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         _lock(directory)
-        yield Folder(folder, directory)
+        yield LockedFolder(folder, directory)
     finally:
         os.close(directory)
 
 
-def save_text(folder: Path, name: str, text: str, history: int, rights: Rights | None = None) -> Path:
+def save_text(folder: Path, name: str, text: str, history: int, rights: FileOwnership | None = None) -> Path:
     """`Folder.save_text`, of a text that owes nothing to what is there. Raises as it and as `alone`."""
     with alone(folder) as held:
         return held.save_text(name, text, history, rights)
@@ -113,7 +113,7 @@ def _require_name(folder: Path, name: str) -> None:
         raise file_error(str(folder), f"{name!r} is no name for a file: use 1 to 64 of a-z, 0-9, _ and -")
 
 
-def _write(directory: int, name: str, data: bytes, rights: Rights | None) -> None:
+def _write(directory: int, name: str, data: bytes, rights: FileOwnership | None) -> None:
     """A file with `data`, on the disk and read back. What a power cut left behind is overwritten."""
     fd = os.open(name, os.O_RDWR | os.O_CREAT | os.O_TRUNC | _FLAGS, 0o640, dir_fd=directory)
     try:

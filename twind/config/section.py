@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TypeVar
 
-from twind.config.located import ConfigError, Leaf, Mark, Node, Row, Table
+from twind.config.located import ConfigError, FilePosition, Node, YamlMapping, YamlScalar, YamlSequence
 
 T = TypeVar("T")
 Plain = str | int | float | bool | None | list["Plain"] | dict[str, "Plain"]
@@ -19,10 +19,10 @@ _LOOKS_NUMERIC = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|0[ox]?[0-9a-
 _KINDS = {str: "text", bool: "a truth value", int: "a whole number", float: "a number", type(None): "nothing"}
 
 
-class Section:
+class ConfigSection:
     """One mapping under conversion. `path` is how its place reads in a message: `joints.l_knee`."""
 
-    def __init__(self, file: str, table: Table, path: str = "") -> None:
+    def __init__(self, file: str, table: YamlMapping, path: str = "") -> None:
         self.file, self.path = file, path
         self._table = table
         self._known: dict[str, None] = {}  # keys asked for, in order
@@ -109,7 +109,7 @@ class Section:
         """A list of `count` whole numbers."""
         values = []
         for item in self._row(key):
-            if not isinstance(item, Leaf) or type(item.value) is not int:
+            if not isinstance(item, YamlScalar) or type(item.value) is not int:
                 raise self.refuse(key, f"a list of whole numbers is expected, found {_shown(item)}")
             values.append(item.value)
         if len(values) != count:
@@ -122,19 +122,19 @@ class Section:
             return ()
         values = []
         for item in self._row(key):
-            if not isinstance(item, Leaf) or not isinstance(item.value, str):
+            if not isinstance(item, YamlScalar) or not isinstance(item.value, str):
                 raise self.refuse(key, f"a list of names is expected, found {_shown(item)}")
             values.append(item.value)
         return tuple(values)
 
-    def section(self, key: str) -> "Section":
+    def section(self, key: str) -> "ConfigSection":
         """A mapping; one that is absent is empty."""
         if not self.has(key):
-            return Section(self.file, Table(self._table.mark, {}, {}), self._join(key))
+            return ConfigSection(self.file, YamlMapping(self._table.mark, {}, {}), self._join(key))
         node = self._node(key)
-        if not isinstance(node, Table):
+        if not isinstance(node, YamlMapping):
             raise self.refuse(key, f"a mapping is expected, found {_shown(node)}")
-        return Section(self.file, node, self._join(key))
+        return ConfigSection(self.file, node, self._join(key))
 
     def plain(self, key: str) -> Plain:
         """The value as it stands, unchecked but for YAML's traps; None when absent."""
@@ -172,26 +172,26 @@ class Section:
 
     def _leaf(self, key: str, wanted: str, kind: type[T]) -> T:
         node = self._node(key)
-        if isinstance(node, Leaf) and type(node.value) is kind:
+        if isinstance(node, YamlScalar) and type(node.value) is kind:
             return node.value
-        hint = "; quote it" if kind is str and isinstance(node, Leaf) and node.value is not None else ""
+        hint = "; quote it" if kind is str and isinstance(node, YamlScalar) and node.value is not None else ""
         raise self.refuse(key, f"{wanted} is expected, found {_shown(node)}{hint}")
 
     def _row(self, key: str) -> list[Node]:
         node = self._node(key)
-        if not isinstance(node, Row):
+        if not isinstance(node, YamlSequence):
             raise self.refuse(key, f"a list is expected, found {_shown(node)}")
         return node.items
 
     def _number(self, node: Node, path: str) -> float:
-        value = node.value if isinstance(node, Leaf) else None
+        value = node.value if isinstance(node, YamlScalar) else None
         if type(value) is int or type(value) is float:
             return float(value)
         message = f"a number is expected, found {_shown(node)}"
         if isinstance(value, str) and _LOOKS_NUMERIC.fullmatch(value):
             how = (
                 "without quotes"
-                if isinstance(node, Leaf) and not node.plain
+                if isinstance(node, YamlScalar) and not node.plain
                 else "as a decimal, 1.0e+3 or -0.5"
             )
             message = f"{value} is text in YAML, not a number: write it {how}"
@@ -213,9 +213,9 @@ class Section:
 
 def _shown(node: Node) -> str:
     """What a message calls a value that is not what was asked for."""
-    if isinstance(node, Row):
+    if isinstance(node, YamlSequence):
         return "a list"
-    if isinstance(node, Table):
+    if isinstance(node, YamlMapping):
         return "a mapping"
     if node.value is None:
         return "nothing"
@@ -224,13 +224,13 @@ def _shown(node: Node) -> str:
 
 
 def _plain(node: Node) -> Plain:
-    if isinstance(node, Leaf):
+    if isinstance(node, YamlScalar):
         return node.value
-    if isinstance(node, Row):
+    if isinstance(node, YamlSequence):
         return [_plain(item) for item in node.items]
     return {key: _plain(item) for key, item in node.items.items()}
 
 
 def file_error(file: str, message: str) -> ConfigError:
     """An error about a file as a whole."""
-    return ConfigError(file, Mark(0, 0), "", message)
+    return ConfigError(file, FilePosition(0, 0), "", message)

@@ -12,7 +12,7 @@ from typing import Any
 
 from twind.config.located import parse, read_text
 from twind.config.ports import wrong_port
-from twind.config.section import Section, file_error
+from twind.config.section import ConfigSection, file_error
 from twind.protocol.places import own_folder
 
 MODES = ("sim", "mirror", "live")
@@ -25,7 +25,7 @@ _PER_BUS = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.+)")
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class InstallationPaths:
     """The folders of one installation."""
 
     config: Path
@@ -34,7 +34,7 @@ class Places:
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class DaemonSettings:
     """What the daemon was told. Paths are absolute or relative to where it was started."""
 
     mode: str
@@ -63,7 +63,7 @@ class Settings:
         socket: str | None = None,
         rate_hz: float | None = None,
         ports: Sequence[str] = (),
-    ) -> "Settings":
+    ) -> "DaemonSettings":
         """The same with what the command line gives; None and () leave what is there. Raises ConfigError."""
         if mode is not None and mode not in MODES:
             raise file_error(COMMAND_LINE, f"--mode {mode} is none of {', '.join(MODES)}")
@@ -117,15 +117,15 @@ def usual_calibration(state_dir: Path, individual: str) -> Path:
     return state_dir / "calibration" / f"{individual}.yaml"
 
 
-def places(environ: Mapping[str, str], uid: int) -> Places:
+def places(environ: Mapping[str, str], uid: int) -> InstallationPaths:
     """Where configuration, state and sockets stand for this user. systemd's STATE_DIRECTORY wins."""
     if uid == 0:
-        found = Places(Path("/etc/twind"), Path("/var/lib/twind"), Path("/run/twind"))
+        found = InstallationPaths(Path("/etc/twind"), Path("/var/lib/twind"), Path("/run/twind"))
     else:
         home = Path(environ.get("HOME") or "/")
         config = Path(environ.get("XDG_CONFIG_HOME") or home / ".config")
         state = Path(environ.get("XDG_STATE_HOME") or home / ".local/state")
-        found = Places(config / "twind", state / "twind", Path(own_folder(environ, uid)))
+        found = InstallationPaths(config / "twind", state / "twind", Path(own_folder(environ, uid)))
     if state_directory := environ.get("STATE_DIRECTORY"):
         found = replace(found, state=Path(state_directory.partition(":")[0]))
     return found
@@ -133,7 +133,7 @@ def places(environ: Mapping[str, str], uid: int) -> Places:
 
 def load_settings(
     path: Path | None, environ: Mapping[str, str] | None = None, uid: int | None = None
-) -> Settings:
+) -> DaemonSettings:
     """Settings of `path`, which must be there; of the usual place where `path` is None, or else the defaults.
 
     Raises ConfigError.
@@ -159,8 +159,8 @@ def _is_there(path: Path, option: str) -> bool:
     return True
 
 
-def _defaults(where: Places) -> Settings:
-    return Settings(
+def _defaults(where: InstallationPaths) -> DaemonSettings:
+    return DaemonSettings(
         mode="mirror",
         robot="h24",
         individual=None,
@@ -176,8 +176,8 @@ def _defaults(where: Places) -> Settings:
     )
 
 
-def _read(text: str, file: str, where: Places) -> Settings:
-    top, usual = Section(file, parse(text, file)), _defaults(where)
+def _read(text: str, file: str, where: InstallationPaths) -> DaemonSettings:
+    top, usual = ConfigSection(file, parse(text, file)), _defaults(where)
     folder = Path(file).parent
     if top.has("individual") and not _NAME.fullmatch(top.text("individual")):
         raise top.refuse("individual", f"{top.text('individual')!r}: use 1 to 64 of a-z, 0-9, _ and -")
@@ -188,7 +188,7 @@ def _read(text: str, file: str, where: Places) -> Settings:
     if block < warn:
         raise thresholds.refuse("latency_block_ms", f"{block:g} is below latency_warn_ms, {warn:g}")
     thresholds.close()
-    settings = Settings(
+    settings = DaemonSettings(
         mode=top.text("mode", usual.mode, MODES),
         robot=_robot(top.text("robot", usual.robot), folder),
         individual=top.text("individual") if top.has("individual") else None,
@@ -214,7 +214,7 @@ def _robot(name: str, folder: Path) -> str:
     return name if _NAME.fullmatch(name) else str(folder / name)
 
 
-def _port(section: Section, bus: str) -> str:
+def _port(section: ConfigSection, bus: str) -> str:
     port = section.text(bus)
     if (wrong := wrong_port(None, port)) is not None:
         raise section.refuse(bus, wrong)

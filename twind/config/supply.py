@@ -8,10 +8,10 @@ XM430 stand: told at 11.1 V, settled at 10.5 V, a fault at 10.0 V, too much abov
 from dataclasses import dataclass
 from math import inf, isfinite, nan
 
-from twind.config.section import Section
-from twind_drivers.dynamixel.factory import FACTORY, Factory
+from twind.config.section import ConfigSection
+from twind_drivers.dynamixel.factory import FACTORY, FactoryDefaults
 from twind_drivers.dynamixel.models import base
-from twind_drivers.dynamixel.tables import Table, number_of, table
+from twind_drivers.dynamixel.tables import ControlTable, number_of, table
 
 XM430 = (9.5, 16.0)  # V, what its voltage limits may be
 TOLD, SETTLED, FAULT, HIGH = 11.1, 10.5, 10.0, 14.8  # V, of an XM430 at 12 V (facts of its page: 10.0-14.8)
@@ -22,7 +22,7 @@ CONTINUOUS = 0.35
 
 
 @dataclass(frozen=True, slots=True)
-class Supply:
+class SupplyLimits:
     """Bounds of the supply, V. Nothing is known of the model: -inf and inf, nothing is judged by them."""
 
     warn: float = -inf  # told at and below
@@ -32,7 +32,7 @@ class Supply:
 
 
 @dataclass(frozen=True, slots=True)
-class Heat:
+class ThermalLimits:
     """Bounds of the temperature, °C, and what current the winding bears."""
 
     warn: float = inf  # told from here on
@@ -42,15 +42,15 @@ class Heat:
     continuous: float = CONTINUOUS  # of the current limit, 0 to 1
 
 
-def supply(parent: Section, device: str) -> Supply:
+def supply(parent: ConfigSection, device: str) -> SupplyLimits:
     """Section `supply` of a servo's type. Raises ConfigError: bounds that are not in order."""
     return own_supply(parent, usual_supply(device))
 
 
-def own_supply(parent: Section, usual: Supply) -> Supply:
+def own_supply(parent: ConfigSection, usual: SupplyLimits) -> SupplyLimits:
     """Section `supply` of a type; `usual`: what stands where it says nothing. Raises ConfigError."""
     section = parent.section("supply")
-    found = Supply(
+    found = SupplyLimits(
         warn=section.number("warn_v", usual.warn, above=0.0, most=100.0),
         settle=section.number("settle_v", usual.settle, above=0.0, most=100.0),
         fault=section.number("fault_v", usual.fault, above=0.0, most=100.0),
@@ -62,15 +62,15 @@ def own_supply(parent: Section, usual: Supply) -> Supply:
     return found
 
 
-def heat(parent: Section, device: str) -> Heat:
+def heat(parent: ConfigSection, device: str) -> ThermalLimits:
     """Section `heat` of a servo's type. Raises ConfigError: bounds not in order, or never reached."""
     return own_heat(parent, usual_heat(_limit(device)), _limit(device))
 
 
-def own_heat(parent: Section, usual: Heat, own: float) -> Heat:
+def own_heat(parent: ConfigSection, usual: ThermalLimits, own: float) -> ThermalLimits:
     """Section `heat` of a type that shuts itself down at `own` °C; `usual` as above. Raises ConfigError."""
     section = parent.section("heat")
-    found = Heat(
+    found = ThermalLimits(
         warn=section.number("warn_c", usual.warn, above=0.0, most=own),
         slow=section.number("slow_c", usual.slow, above=0.0, most=own),
         settle=section.number("settle_c", usual.settle, above=0.0, most=own),
@@ -99,14 +99,14 @@ def full_counts(device: str, current_limit_a: float, current_lsb_a: float) -> fl
     return nan if made.current is None else float(made.current)
 
 
-def usual_supply(device: str) -> Supply:
+def usual_supply(device: str) -> SupplyLimits:
     """Bounds of a model from the range that its vendor prints; infinite where that is not known."""
     made = _made(device)
     if made is None:
-        return Supply()
+        return SupplyLimits()
     least, most = made.volts_least or made.volts[0], made.volts[1]
     own = (0.1 * least, 0.1 * most)
-    return Supply(*(_scaled(bound, own) for bound in (TOLD, SETTLED, FAULT, HIGH)))
+    return SupplyLimits(*(_scaled(bound, own) for bound in (TOLD, SETTLED, FAULT, HIGH)))
 
 
 def _scaled(bound: float, own: tuple[float, float]) -> float:
@@ -115,9 +115,9 @@ def _scaled(bound: float, own: tuple[float, float]) -> float:
     return round(own[0] + share * (own[1] - own[0]), 1)
 
 
-def usual_heat(own: float) -> Heat:
+def usual_heat(own: float) -> ThermalLimits:
     """Bounds of what shuts itself down at `own` °C; inf: not known, nothing is judged by them."""
-    return Heat(own - WARN_BELOW, own - SLOW_BELOW, own - SETTLE_BELOW, own - COOL_BELOW)
+    return ThermalLimits(own - WARN_BELOW, own - SLOW_BELOW, own - SETTLE_BELOW, own - COOL_BELOW)
 
 
 def _limit(device: str) -> float:
@@ -126,19 +126,21 @@ def _limit(device: str) -> float:
     return inf if made is None else float(made.temperature)
 
 
-def _made(device: str) -> Factory | None:
+def _made(device: str) -> FactoryDefaults | None:
     known = _table(device)
     return None if known is None else FACTORY.get(base(known.stem))
 
 
-def _table(device: str) -> Table | None:
+def _table(device: str) -> ControlTable | None:
     try:
         return table(number_of(device))
     except KeyError:
         return None
 
 
-def _require_order(section: Section, keys: tuple[str, ...], values: tuple[float, ...], unit: str) -> None:
+def _require_order(
+    section: ConfigSection, keys: tuple[str, ...], values: tuple[float, ...], unit: str
+) -> None:
     """Raises ConfigError where one is above the next; what is not known (infinite) is in any order."""
     for key, value, after, bound in zip(keys, values, keys[1:], values[1:], strict=False):
         if not value <= bound:

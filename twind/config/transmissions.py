@@ -9,15 +9,19 @@ from pathlib import Path
 
 from twind.config.buses import NAME
 from twind.config.linkage import linkage
-from twind.config.robot_spec import Slot, TransmissionSpec
-from twind.config.section import Section
+from twind.config.robot_spec import ActuatorSlot, TransmissionSpec
+from twind.config.section import ConfigSection
 from twind.robot.transmission import MOST_CONDITION, Differential, Transmission, condition
 
 DIFFERENTIAL, LINKAGE = "differential", "linkage_table"
 
 
 def transmissions(
-    section: Section, slots: Mapping[str, Slot], actuators: Section, joints: Section, folder: Path
+    section: ConfigSection,
+    slots: Mapping[str, ActuatorSlot],
+    actuators: ConfigSection,
+    joints: ConfigSection,
+    folder: Path,
 ) -> tuple[TransmissionSpec, ...]:
     """All of them. `slots`: the actuators by name; a table is sought from `folder`. Raises ConfigError.
 
@@ -41,8 +45,8 @@ def transmissions(
 
 def _transmission(
     name: str,
-    section: Section,
-    slots: Mapping[str, Slot],
+    section: ConfigSection,
+    slots: Mapping[str, ActuatorSlot],
     joints: tuple[str, ...],
     taken: tuple[Mapping[str, str], Mapping[str, str]],
     folder: Path,
@@ -79,7 +83,7 @@ def _transmission(
 
 
 def _known(
-    section: Section, key: str, names: tuple[str, ...], known: tuple[str, ...], taken: Mapping[str, str]
+    section: ConfigSection, key: str, names: tuple[str, ...], known: tuple[str, ...], taken: Mapping[str, str]
 ) -> None:
     """Raises ConfigError unless all are there, each once, and in no other transmission."""
     if not names:
@@ -95,7 +99,7 @@ def _known(
         raise section.refuse(key, "a name stands there twice")
 
 
-def _differential(section: Section, rows: Section) -> Differential:
+def _differential(section: ConfigSection, rows: ConfigSection) -> Differential:
     count = len(tuple(rows))
     matrix = [rows.numbers(joint, count) for joint in rows]
     rows.close()

@@ -8,16 +8,16 @@ each angle would be wrong by that factor.
 import math
 from dataclasses import dataclass
 
-from twind.config.section import Section
-from twind_drivers.dynamixel.models import Facts
+from twind.config.section import ConfigSection
+from twind_drivers.dynamixel.models import ModelCapabilities
 from twind_drivers.dynamixel.tables import number_of, table
 
-X_SERIES = Facts()  # of a device that is in no table: the robot file refuses it
+X_SERIES = ModelCapabilities()  # of a device that is in no table: the robot file refuses it
 ROUNDING = 1e-5  # the vendor's own figures of one model differ by 2e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Units:
+class ServoUnits:
     """Of the servos of one type."""
 
     ticks_per_turn: int
@@ -25,21 +25,21 @@ class Units:
     velocity_lsb_rad_s: float  # rad/s per count
 
 
-def units(section: Section, device: str) -> Units:
+def units(section: ConfigSection, device: str) -> ServoUnits:
     """The units that a type has. Raises ConfigError: against the model, or missing where nobody knows."""
     known = _facts(device)
     current = known.ampere_per_count or X_SERIES.ampere_per_count or math.nan
     velocity = known.radians_per_velocity_count
     if velocity is None and not section.has("velocity_lsb_rad_s"):
         raise section.refuse("velocity_lsb_rad_s", _unclear(device, "rad/s a count"))
-    return Units(
+    return ServoUnits(
         ticks_per_turn=_turn(section, device, known.counts_per_turn),
         current_lsb_a=section.number("current_lsb_a", current, above=0.0, most=1.0),
         velocity_lsb_rad_s=section.number("velocity_lsb_rad_s", velocity, above=0.0, most=1.0),
     )
 
 
-def _turn(section: Section, device: str, known: int | None) -> int:
+def _turn(section: ConfigSection, device: str, known: int | None) -> int:
     if known is None and not section.has("ticks_per_turn"):
         raise section.refuse("ticks_per_turn", _unclear(device, "counts a turn"))
     given = section.integer("ticks_per_turn", known, least=256, most=2**24)
@@ -51,7 +51,7 @@ def _turn(section: Section, device: str, known: int | None) -> int:
     return given
 
 
-def _facts(device: str) -> Facts:
+def _facts(device: str) -> ModelCapabilities:
     try:
         return table(number_of(device)).facts
     except KeyError:

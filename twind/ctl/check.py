@@ -7,7 +7,7 @@ from typing import Any
 from twind.client.errors import finding_lines
 from twind.ctl.motion import asked_motion
 from twind.ctl.motions import load_motion
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, elsewhere, operator, show
 
 from_afar = True
@@ -85,7 +85,7 @@ def _robot(options: argparse.Namespace) -> int:
     from twind.twin.clearance import survey
 
     try:
-        with Progress(options, "check") as progress:
+        with ProgressLine(options, "check") as progress:
             progress.tell("the file")
             robot = load_robot(options.file)
             report = check_robot(robot, options.rate)

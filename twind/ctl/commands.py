@@ -3,7 +3,7 @@
 import argparse
 
 from twind.client.errors import finding_lines
-from twind.ctl.verb import DONE, Plain, lease, observer, operator, show
+from twind.ctl.verb import DONE, FunctionVerb, lease, observer, operator, show
 
 
 def _none(_parser: argparse.ArgumentParser) -> None:
@@ -95,10 +95,10 @@ def _dump(options: argparse.Namespace) -> int:
     return DONE
 
 
-MODE = Plain(_mode_arguments, _mode, from_afar=True)
-ARM = Plain(_arm_arguments, _arm)
-DISARM = Plain(_none, _disarm)
-RESET = Plain(_reset_arguments, _reset)
-STOP = Plain(_none, _stop, from_afar=True)
-MARK = Plain(_mark_arguments, _mark)
-DUMP = Plain(_dump_arguments, _dump)
+MODE = FunctionVerb(_mode_arguments, _mode, from_afar=True)
+ARM = FunctionVerb(_arm_arguments, _arm)
+DISARM = FunctionVerb(_none, _disarm)
+RESET = FunctionVerb(_reset_arguments, _reset)
+STOP = FunctionVerb(_none, _stop, from_afar=True)
+MARK = FunctionVerb(_mark_arguments, _mark)
+DUMP = FunctionVerb(_dump_arguments, _dump)

@@ -130,7 +130,7 @@ def _await_robot(folder: str, daemon: "subprocess.Popen[bytes]") -> None:
 
 
 @dataclass
-class Tracking:
+class TrackingErrorMeter:
     """|goal - measured| of every joint while a motion runs, from the topic `state`."""
 
     worst: float = 0.0  # rad
@@ -156,8 +156,8 @@ class Tracking:
 
 
 @contextmanager
-def _tracked(folder: str) -> Iterator[Tracking]:
-    tracking = Tracking()
+def _tracked(folder: str) -> Iterator[TrackingErrorMeter]:
+    tracking = TrackingErrorMeter()
 
     def watch() -> None:
         with Client(folder) as client:

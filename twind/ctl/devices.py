@@ -3,8 +3,8 @@
 import argparse
 import json
 
-from twind.ctl.progress import Progress
-from twind.ctl.verb import DONE, Plain, UsageError, operator, show, write_register
+from twind.ctl.progress import ProgressLine
+from twind.ctl.verb import DONE, FunctionVerb, UsageError, operator, show, write_register
 
 
 def _scan_arguments(parser: argparse.ArgumentParser) -> None:
@@ -12,7 +12,7 @@ def _scan_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _scan(options: argparse.Namespace) -> int:
-    with operator(options) as client, Progress(options, "scan") as progress:
+    with operator(options) as client, ProgressLine(options, "scan") as progress:
         client.timeout = 65.0
         progress.tell("asking who answers")
         for count, found in enumerate(client.stream("Scan", bus=options.bus), 1):
@@ -76,6 +76,6 @@ def _reboot(options: argparse.Namespace) -> int:
     return DONE
 
 
-SCAN = Plain(_scan_arguments, _scan)
-REGISTER = Plain(_register_arguments, _register)
-REBOOT = Plain(_reboot_arguments, _reboot)
+SCAN = FunctionVerb(_scan_arguments, _scan)
+REGISTER = FunctionVerb(_register_arguments, _register)
+REBOOT = FunctionVerb(_reboot_arguments, _reboot)

@@ -15,8 +15,8 @@ from typing import Any
 from twind.client import Client
 from twind.client.errors import finding_lines
 from twind.ctl.motions import load_motion, read_trajectory
-from twind.ctl.progress import Progress
-from twind.ctl.verb import DONE, REFUSED, Plain, UsageError, elsewhere, lease, operator, show
+from twind.ctl.progress import ProgressLine
+from twind.ctl.verb import DONE, REFUSED, FunctionVerb, UsageError, elsewhere, lease, operator, show
 
 SHORTEST = 1.0  # s, of a move without --time
 PACE = 2.0  # s per rad: a cubic then peaks at 0.75 rad/s
@@ -110,7 +110,7 @@ def _follow(client: Client, trajectory: dict[str, Any], options: argparse.Namesp
     """The last report. Ctrl-C cancels, and the robot holds; a second one hangs up, which holds as well."""
     last: dict[str, Any] = {}
     client.timeout = 130.0  # a start may lie 60 s ahead, and nothing is reported until then
-    with _interruptible(options), Progress(options, options.verb) as progress:
+    with _interruptible(options), ProgressLine(options, options.verb) as progress:
         for report in client.stream("SubmitTrajectory", trajectory=trajectory):
             last = report
             _report(report, options, progress)
@@ -135,7 +135,7 @@ def _interruptible(options: argparse.Namespace) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _report(report: dict[str, Any], options: argparse.Namespace, progress: Progress) -> None:
+def _report(report: dict[str, Any], options: argparse.Namespace, progress: ProgressLine) -> None:
     if options.json:
         print(json.dumps(report, ensure_ascii=False), flush=True)
         return
@@ -147,5 +147,5 @@ def _report(report: dict[str, Any], options: argparse.Namespace, progress: Progr
     progress.tell(report["phase"], report["progress"])
 
 
-MOVE = Plain(_move_arguments, _move, from_afar=True)
-PLAY = Plain(_play_arguments, _play, from_afar=True)
+MOVE = FunctionVerb(_move_arguments, _move, from_afar=True)
+PLAY = FunctionVerb(_play_arguments, _play, from_afar=True)

@@ -13,7 +13,7 @@ from twind.client.errors import CallError
 from twind.config.robot_file import RobotFile
 from twind.ctl.verb import UsageError
 from twind.front import submit
-from twind.front.naming import Names
+from twind.front.naming import JointNames
 from twind.front.world import encode
 from twind.link import Submit
 from twind.loop.submissions import of_the_path, plain, with_front
@@ -21,12 +21,12 @@ from twind.protocol import CONTROL, SERVICE, load
 from twind.protocol.idl import WrongParameter
 from twind.robot.arrays import Floats
 from twind.robot.finding import Verdict
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.trajectory import Reference, Trajectory
-from twind.safety.gate import Demand, Snapshot, Thresholds, check
+from twind.safety.gate import GateSnapshot, GateThresholds, TrajectoryRequest, check
 from twind.twin.binding import Binding
 from twind.twin.dynamics import Dynamics
-from twind.twin.foresight import Foresight
+from twind.twin.foresight import TrajectoryPrecheck
 from twind.twin.simulation import hush
 
 
@@ -35,7 +35,7 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
 
     Raises CallError as the call does.
     """
-    names = Names(binding.joint_map.names)
+    names = JointNames(binding.joint_map.names)
     policy = _policy(trajectory, binding.robot)
     path, wrong = submit.judge(trajectory, names)
     if path is None:
@@ -44,15 +44,15 @@ def verdict(binding: Binding, position: Floats, trajectory: dict[str, Any]) -> d
     found = _foreseen(binding, path, snapshot.reference, append_stop=asked["append_stop"])
     shares: dict[str, Any] = {"policy": policy, "refused": found.refusals, "warned": found.warnings}
     command = Submit(ticket=0, client=0, uid=0, holder="", check_only=True, **asked, **shares)
-    demand = Demand(command.policy, command.append_stop, command.start_in)
-    judged = check(path, snapshot, binding.limits, demand, Thresholds())
+    demand = TrajectoryRequest(command.policy, command.append_stop, command.start_in)
+    judged = check(path, snapshot, binding.limits, demand, GateThresholds())
     return _as_sent(names.verdict(plain(of_the_path(with_front(judged.verdict, command)))))
 
 
 def _foreseen(binding: Binding, path: Trajectory, before: Reference, *, append_stop: bool) -> Verdict:
     """S23–S26."""
     hush()
-    looking = Foresight(binding, 1.0 / binding.robot.rate_hz, Dynamics(binding))
+    looking = TrajectoryPrecheck(binding, 1.0 / binding.robot.rate_hz, Dynamics(binding))
     steps = looking.judging(path, before, append_stop=append_stop)
     while True:
         try:
@@ -69,13 +69,13 @@ def pose(robot: RobotFile, name: str) -> Floats:
     return np.array([robot.poses[name][joint] for joint in robot.names])
 
 
-def standing(position: Floats) -> Snapshot:
+def standing(position: Floats) -> GateSnapshot:
     """Of the simulation of a robot that holds at `position`, for whoever has the lease."""
     still = np.zeros_like(position)
-    return Snapshot(
+    return GateSnapshot(
         now=0.0,
         mode=Mode.SIM,
-        state=State.DISCONNECTED,
+        state=RobotState.DISCONNECTED,
         motion=Motion.HOLDING,
         latched=(),
         lease_held=True,
@@ -95,7 +95,7 @@ def _policy(trajectory: dict[str, Any], robot: RobotFile) -> str:
         return submit.policy(trajectory, msgspec.to_builtins(robot, enc_hook=str))
     except WrongParameter as error:
         field, reason = error.where or "parameters", error.reason
-    except submit.Looser as error:
+    except submit.ToleranceTooLoose as error:
         field, reason = error.field, error.reason
     raise CallError(f"{SERVICE}.InvalidParameter", {"parameter": field, "message": reason})
 

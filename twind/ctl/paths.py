@@ -4,13 +4,13 @@ from twind.config.robot_file import RobotFile
 from twind.ctl.motions import load_motion, motion_names
 from twind.ctl.verb import Rejected
 from twind.front import submit
-from twind.front.naming import Names
+from twind.front.naming import JointNames
 from twind.robot.trajectory import Trajectory
 
 
 def motions_of(robot: RobotFile) -> tuple[dict[str, Trajectory], list[str]]:
     """Paths by name, and what is wrong with the files that are none for this robot."""
-    names, paths, wrong = Names(robot.names), {}, []
+    names, paths, wrong = JointNames(robot.names), {}, []
     for name in motion_names(robot.motions) if robot.motions.is_dir() else ():
         try:
             path, findings = submit.judge(load_motion(name, robot.motions), names)

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from twind.ctl.verb import DONE, Plain, UsageError, observer, operator, show
+from twind.ctl.verb import DONE, FunctionVerb, UsageError, observer, operator, show
 
 NONE = "nothing has changed"
 
@@ -59,5 +59,5 @@ def _setting(word: str) -> tuple[str, Any]:
         return key, text
 
 
-RELOAD = Plain(_arguments, _reload)
-PARAMETERS = Plain(_parameters_arguments, _parameters, from_afar=True)
+RELOAD = FunctionVerb(_arguments, _reload)
+PARAMETERS = FunctionVerb(_parameters_arguments, _parameters, from_afar=True)

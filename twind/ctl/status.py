@@ -3,7 +3,7 @@
 import argparse
 
 from twind.ctl.table import render
-from twind.ctl.verb import DONE, Plain, observer, show
+from twind.ctl.verb import DONE, FunctionVerb, observer, show
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,4 +17,4 @@ def _run(options: argparse.Namespace) -> int:
     return DONE
 
 
-STATUS = Plain(_arguments, _run, from_afar=True)
+STATUS = FunctionVerb(_arguments, _run, from_afar=True)

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from twind.briefing import Briefing
-from twind.flight.records import NO_BUS, Contents, FlightError, Packed, broken
+from twind.flight.records import NO_BUS, FlightContents, FlightError, PackedFlight, broken
 
 MOST = 128 << 20  # bytes of all sections, unpacked: twice the largest ring
 HEAD_MOST = 1 << 20  # bytes of a head
@@ -26,21 +26,23 @@ _LEVEL = 3  # of zlib: the rest of a tenth costs as long again
 _FOREIGN = (msgspec.MsgspecError, RecursionError)  # the second: somebody nested it without end
 
 
-class _Head(msgspec.Struct):
+class _FlightHeader(msgspec.Struct):
     meta: dict[str, Any]
     sections: list[tuple[str, int, int]]  # name, bytes in the file, bytes unpacked
 
 
 @dataclass(frozen=True)
-class Flight:
+class FlightFile:
     """A flight file, read."""
 
     meta: dict[str, Any]  # when, why, of which robot
     briefing: Briefing
-    contents: Contents
+    contents: FlightContents
 
 
-def save(path: Path | str, meta: dict[str, Any], briefing: bytes, contents: Contents | Packed) -> None:
+def save(
+    path: Path | str, meta: dict[str, Any], briefing: bytes, contents: FlightContents | PackedFlight
+) -> None:
     """Write `path`, mode 0640 less what the umask takes, over one that is there.
 
     `briefing`: a Briefing in msgpack. It is on the disk on return; a power cut leaves it whole or not there.
@@ -57,13 +59,15 @@ def save(path: Path | str, meta: dict[str, Any], briefing: bytes, contents: Cont
     settle(path.parent)
 
 
-def draft(path: Path, meta: dict[str, Any], briefing: bytes, contents: Contents | Packed) -> None:
+def draft(path: Path, meta: dict[str, Any], briefing: bytes, contents: FlightContents | PackedFlight) -> None:
     """As `save`, but `path` itself is written: a power cut may leave half of it."""
-    packed = contents.packed() if isinstance(contents, Contents) else contents
+    packed = contents.packed() if isinstance(contents, FlightContents) else contents
     parts = [("briefing", briefing), ("entries", packed.entries)]
     parts += [(f"kept {bus}", data) for bus, data in packed.kept.items()]
     sections = [(name, zlib.compress(data, _LEVEL), len(data)) for name, data in parts]
-    head = msgspec.msgpack.encode(_Head(meta, [(name, len(data), raw) for name, data, raw in sections]))
+    head = msgspec.msgpack.encode(
+        _FlightHeader(meta, [(name, len(data), raw) for name, data, raw in sections])
+    )
     pieces = [_MAGIC, _HEAD.pack(len(head), zlib.crc32(head)), head, *(data for _, data, _ in sections)]
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
     fd = os.open(path, flags, 0o640)
@@ -96,7 +100,7 @@ def about(path: Path | str) -> dict[str, Any]:
         return _open(str(path), start + file.read(min(size, HEAD_MOST)))[0].meta
 
 
-def load(path: Path | str) -> Flight:
+def load(path: Path | str) -> FlightFile:
     """A flight file. Raises FlightError (cut, damaged, or no file of ours), OSError (not readable)."""
     name = str(path)
     with open(path, "rb") as file:
@@ -110,7 +114,7 @@ def load(path: Path | str) -> Flight:
         kept = {int(key.removeprefix("kept ")): part for key, part in raw.items()}
     except (*_FOREIGN, KeyError) as error:
         raise broken(name, f"what it holds is not ours ({error})") from None
-    return Flight(head.meta, briefing, Packed(kept, entries).parse(name))
+    return FlightFile(head.meta, briefing, PackedFlight(kept, entries).parse(name))
 
 
 def _require_magic(path: str, found: bytes) -> None:
@@ -118,7 +122,7 @@ def _require_magic(path: str, found: bytes) -> None:
         raise FlightError(path, "is no flight file of this version", "`twindctl dump` writes one")
 
 
-def _open(path: str, data: bytes) -> tuple[_Head, bytes]:
+def _open(path: str, data: bytes) -> tuple[_FlightHeader, bytes]:
     """The head, and what follows it."""
     size, crc = _HEAD.unpack_from(data) if len(data) >= _HEAD.size else (1, 0)
     head = data[_HEAD.size : _HEAD.size + size]
@@ -127,7 +131,7 @@ def _open(path: str, data: bytes) -> tuple[_Head, bytes]:
     if len(head) != size or zlib.crc32(head) != crc:
         raise broken(path, "its head is cut or damaged")
     try:
-        return msgspec.msgpack.decode(head, type=_Head), data[_HEAD.size + size :]
+        return msgspec.msgpack.decode(head, type=_FlightHeader), data[_HEAD.size + size :]
     except _FOREIGN as error:
         raise broken(path, f"its head is not ours ({error})") from None
 

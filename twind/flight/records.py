@@ -12,7 +12,7 @@ HEAD = RECORD.size
 MORE, ON = 0x80, 0x40  # of a kind: a piece, and more of it follow; a piece that goes on with the one before
 
 
-class Kind(IntEnum):
+class EntryKind(IntEnum):
     """What an entry holds."""
 
     OUT = 1  # bytes written to a bus
@@ -29,11 +29,11 @@ LOST = b"lost"
 REFUSED = b"refused"  # then how many bytes
 
 
-class Entry(NamedTuple):
+class FlightEntry(NamedTuple):
     """One thing that happened."""
 
     time: float  # s, monotonic
-    kind: Kind
+    kind: EntryKind
     bus: int  # place in the robot's order; NO_BUS: none
     data: bytes
 
@@ -52,43 +52,45 @@ def broken(path: str, what: str) -> FlightError:
 
 
 @dataclass(frozen=True)
-class Contents:
+class FlightContents:
     """What a recorder held."""
 
-    kept: dict[int, tuple[Entry, ...]] = field(default_factory=dict)  # bus -> its last whole identification
-    entries: tuple[Entry, ...] = ()  # in the order they were appended, whole ones only
+    kept: dict[int, tuple[FlightEntry, ...]] = field(
+        default_factory=dict
+    )  # bus -> its last whole identification
+    entries: tuple[FlightEntry, ...] = ()  # in the order they were appended, whole ones only
 
-    def packed(self) -> "Packed":
+    def packed(self) -> "PackedFlight":
         """The same as bytes."""
-        return Packed({bus: pack(entries) for bus, entries in self.kept.items()}, pack(self.entries))
+        return PackedFlight({bus: pack(entries) for bus, entries in self.kept.items()}, pack(self.entries))
 
 
 @dataclass(frozen=True)
-class Packed:
+class PackedFlight:
     """The same as bytes: cheap to copy and to save, parsed when somebody looks."""
 
     kept: dict[int, bytes]
     entries: bytes
 
-    def parse(self, path: str = "flight recorder") -> Contents:
+    def parse(self, path: str = "flight recorder") -> FlightContents:
         """As entries. Raises FlightError."""
         kept = {bus: tuple(_parse(path, data)) for bus, data in self.kept.items()}
-        return Contents(kept, tuple(_parse(path, self.entries)))
+        return FlightContents(kept, tuple(_parse(path, self.entries)))
 
 
-def pack(entries: Iterable[Entry]) -> bytes:
+def pack(entries: Iterable[FlightEntry]) -> bytes:
     """Entries as records, one after the other."""
     return b"".join(RECORD.pack(len(data), kind, bus, time) + data for time, kind, bus, data in entries)
 
 
-def _parse(path: str, data: bytes) -> Iterator[Entry]:
+def _parse(path: str, data: bytes) -> Iterator[FlightEntry]:
     """Whole records; pieces are joined, and what lacks its beginning or its end is left out."""
     at = 0
     parts: list[bytes] = []
     while at < len(data):
         try:
             size, mark, bus, time = RECORD.unpack_from(data, at)
-            kind = Kind(mark & ~(MORE | ON))
+            kind = EntryKind(mark & ~(MORE | ON))
         except (struct.error, ValueError):
             raise broken(path, f"byte {at} of its records makes no sense") from None
         at += HEAD + size
@@ -100,5 +102,5 @@ def _parse(path: str, data: bytes) -> Iterator[Entry]:
             continue  # its beginning was overwritten
         parts.append(data[at - size : at])
         if not mark & MORE:
-            yield Entry(time, kind, bus, b"".join(parts))
+            yield FlightEntry(time, kind, bus, b"".join(parts))
             parts = []

@@ -11,7 +11,7 @@ import os
 import select
 import struct
 
-from twind.flight.records import HEAD, MORE, ON, RECORD, Contents, Packed, broken
+from twind.flight.records import HEAD, MORE, ON, RECORD, FlightContents, PackedFlight, broken
 
 TRANSCRIPT = 256 << 10  # bytes that `Ring.keep` takes of one bus
 SEGMENTS = 64  # of a ring: one of them is what a copy may lack of the oldest
@@ -26,7 +26,7 @@ _ROW = struct.Struct("=QQ")
 _FUTURE_WRITE = 0x10  # F_SEAL_FUTURE_WRITE, Linux 5.1
 
 
-class Ring:
+class FlightRing:
     """The writer's end, of which there is one: appending never fails, waits or grows.
 
     A record that does not fit into what is left of a segment begins the next one. One larger than a segment
@@ -45,7 +45,7 @@ class Ring:
         self._turn()
 
     @classmethod
-    def create(cls, size: int, *, buses: int = 4, transcript: int = TRANSCRIPT) -> "Ring":
+    def create(cls, size: int, *, buses: int = 4, transcript: int = TRANSCRIPT) -> "FlightRing":
         """A ring of `size` bytes, and room for two transcripts of each bus; every page is there at once.
 
         Raises OSError (no memory), ValueError (less than `LEAST`).
@@ -133,12 +133,12 @@ class Ring:
             on = ON
 
 
-def read(fd: int) -> Contents:
+def read(fd: int) -> FlightContents:
     """`copy`, as entries. Raises FlightError."""
     return copy(fd).parse()
 
 
-def copy(fd: int) -> Packed:
+def copy(fd: int) -> PackedFlight:
     """What a ring holds, by any process, at any moment: also while its writer appends, or was killed there.
 
     The end of all that was appended until some moment of this call, without a gap. Takes some ms, costs the
@@ -164,7 +164,7 @@ def copy(fd: int) -> Packed:
         newest -= 1
     best = [max(2 * bus, 2 * bus + 1, key=lambda place: whole[count + place]) for bus in range(buses)]
     kept = {bus: parts[count + place] for bus, place in enumerate(best) if whole[count + place]}
-    return Packed(kept, b"".join(reversed(run)))
+    return PackedFlight(kept, b"".join(reversed(run)))
 
 
 def held(fd: int) -> tuple[float | None, int]:

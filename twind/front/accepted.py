@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from twind.front.naming import Names, Plain
-from twind.link import Moment
-from twind.robot.finding import Code, Finding
+from twind.front.naming import JointNames, Plain
+from twind.link import VerdictReport
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
 from twind.safety import retime
 
@@ -22,7 +22,7 @@ ASKED = ("start_in", "goal_time", "tolerances")  # what a trajectory has beside 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Accepted:
+class AcceptedTrajectory:
     """A path that is followed, or may be: `asked` is what was asked beside its points (`kept`)."""
 
     id: str
@@ -30,7 +30,7 @@ class Accepted:
     path: Trajectory
     asked: Mapping[str, Any]
 
-    def plain(self, names: Names) -> Plain:
+    def plain(self, names: JointNames) -> Plain:
         """As `Accepted` of the interface: what was asked of its changes is done, so it is not asked again."""
         path, joints = self.path, np.flatnonzero(self.path.commanded)
         given = zip(COLUMNS, (path.position, path.velocity, path.acceleration), strict=True)
@@ -48,25 +48,26 @@ def kept(message: Mapping[str, Any]) -> Plain:
     return {key: message.get(key) for key in ASKED}
 
 
-class Judged:
+class PendingVerdict:
     """What was sent to the loop and has no verdict yet."""
 
     def __init__(self) -> None:
-        self._waiting: dict[str, Accepted] = {}
+        self._waiting: dict[str, AcceptedTrajectory] = {}
 
-    def wait(self, sent: Accepted) -> None:
+    def wait(self, sent: AcceptedTrajectory) -> None:
         """This was sent: its verdict is still to come. The oldest is forgotten where too many wait."""
         self._waiting[sent.id] = sent
         if len(self._waiting) > WAITING:
             del self._waiting[next(iter(self._waiting))]
 
-    def said(self, moment: Moment) -> Accepted | None:
+    def said(self, moment: VerdictReport) -> AcceptedTrajectory | None:
         """What is followed by this verdict, with the verdict's changes; None: nothing."""
         sent = self._waiting.pop(moment.id, None)
         if sent is None or moment.verdict.get("refusals"):
             return None
         changes = [
-            Finding(Code(each["code"]), value=each["value"]) for each in moment.verdict.get("changes") or ()
+            Finding(ReasonCode(each["code"]), value=each["value"])
+            for each in moment.verdict.get("changes") or ()
         ]
         path = retime.changed(sent.path, changes)
         return replace(sent, path=replace(path, time=path.time + moment.lead))

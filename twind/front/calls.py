@@ -33,12 +33,12 @@ class Caller:
         return f"uid {self.uid}, pid {self.pid}"
 
 
-class Call:
+class ClientCall:
     """One call. `method` is without its interface."""
 
     def __init__(
         self,
-        queue: "Calls",
+        queue: "ConnectionCalls",
         interface: str,
         method: str,
         parameters: dict[str, Any],
@@ -77,12 +77,14 @@ class Call:
         self._queue.put(self, data)
 
 
-class Calls:
+class ConnectionCalls:
     """The calls of one connection. `send` takes answers, `start` begins a call."""
 
-    def __init__(self, caller: Caller, send: Callable[[bytes], None], start: Callable[[Call], None]) -> None:
+    def __init__(
+        self, caller: Caller, send: Callable[[bytes], None], start: Callable[[ClientCall], None]
+    ) -> None:
         self.caller, self._send, self._start = caller, send, start
-        self._line: deque[Call] = deque()
+        self._line: deque[ClientCall] = deque()
         self._moving = False
 
     def __len__(self) -> int:
@@ -93,7 +95,7 @@ class Calls:
         """No more should be read for now."""
         return len(self._line) >= PENDING
 
-    def add(self, call: Call) -> None:
+    def add(self, call: ClientCall) -> None:
         """A call came."""
         if call.oneway:
             call.started = True
@@ -105,11 +107,11 @@ class Calls:
             self._start(call)
         self.advance()
 
-    def queue(self, call: Call) -> None:
+    def queue(self, call: ClientCall) -> None:
         """A message that is no call, for its answer to come in turn."""
         self._line.append(call)
 
-    def put(self, call: Call, data: bytes) -> None:
+    def put(self, call: ClientCall, data: bytes) -> None:
         """An answer: sent if it is the call's turn, else kept."""
         if call.oneway:
             return

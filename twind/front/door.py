@@ -13,7 +13,7 @@ _PASSING = 16  # files open for a moment: a reload, a flight recorder, libraries
 NEEDED = _STANDING + sum(PLACES.values()) + RESERVED * (len(PLACES) + 1) + _PASSING  # with the spare ones
 
 
-class Spares:
+class ReservedDescriptors:
     """At most `most` descriptors that are good for nothing but to be given up."""
 
     def __init__(self, most: int) -> None:

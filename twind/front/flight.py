@@ -18,17 +18,21 @@ from typing import TYPE_CHECKING
 
 from twind.briefing import fingerprint
 from twind.flight import FlightError, copy, held, signature
-from twind.front.calls import Call
-from twind.front.flight_folder import CRASH, FAILSAFE, Folder, meta_of, plain
+from twind.front.calls import ClientCall
+from twind.front.flight_folder import CRASH, FAILSAFE, FlightFolder, meta_of, plain
 from twind.front.log import printable
 from twind.front.world import encode
-from twind.link import Event, WreckDone
-from twind.robot.modes import State
+from twind.link import CrashRecordingDone, Event
+from twind.robot.modes import RobotState
 
 if TYPE_CHECKING:
-    from twind.front.server import Front
+    from twind.front.server import FrontServer
 
-FAULTS = {State.FAULT.value, State.ESTOP.value, State.INHIBITED.value}  # what an operator must acknowledge
+FAULTS = {
+    RobotState.FAULT.value,
+    RobotState.ESTOP.value,
+    RobotState.INHIBITED.value,
+}  # what an operator must acknowledge
 AFTERMATH = 2.0  # s after a fault that are in its file
 AGAIN = 10.0  # s between two files of faults
 CAUSE = 0.05  # s before a fault in which its cause was told
@@ -39,7 +43,7 @@ NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecorderHandover:
     """What the loop hands over: descriptors of rings, which are ours to close."""
 
     folder: Path
@@ -48,23 +52,23 @@ class Recorded:
 
 
 @dataclass(frozen=True, slots=True)
-class _Wanted:
+class _FlightRequest:
     """A file that is to be written: of what ring, why, by what name, and who asked for it."""
 
     ring: int
     reason: str
     label: str
-    call: Call | None = None
+    call: ClientCall | None = None
     wreck: bool = False
 
 
-class Flights:
+class FlightDumper:
     """What waits to be written, and what was."""
 
-    def __init__(self, front: Front, recorded: Recorded | None) -> None:
+    def __init__(self, front: FrontServer, recorded: RecorderHandover | None) -> None:
         self._front, self._parent = front, os.getppid()
-        self._recorded = recorded or Recorded(Path())
-        self._folder = Folder(self._recorded.folder)
+        self._recorded = recorded or RecorderHandover(Path())
+        self._folder = FlightFolder(self._recorded.folder)
         self._thread = ThreadPoolExecutor(1, "flight")
         self._causes: list[Event] = []
         self._due: float | None = None  # s, when the file of a fault is written
@@ -101,7 +105,7 @@ class Flights:
         """What a daemon before us left behind is written, and once more where that failed."""
         if self._wreck_due is not None and now >= self._wreck_due and self._recorded.wreck is not None:
             self._wreck_due, self._wreck_tries = None, self._wreck_tries + 1
-            self._begin(_Wanted(self._recorded.wreck, "crash", CRASH, wreck=True))
+            self._begin(_FlightRequest(self._recorded.wreck, "crash", CRASH, wreck=True))
 
     def _show(self, now: float) -> None:
         """In the status."""
@@ -113,7 +117,7 @@ class Flights:
             span = 0.0 if oldest is None or isnan(oldest) else max(0.0, now - oldest)
             self._front.world.flight = {"span_s": round(span, 1), "bytes": size, "last": self.last}
 
-    def dump(self, call: Call) -> None:
+    def dump(self, call: ClientCall) -> None:
         """`DumpRecorder`: now, by that name."""
         name = call.parameters.get("name")
         if self._recorded.ring is None:
@@ -127,13 +131,13 @@ class Flights:
             call.error("Busy", {"what": "another call: its file is being written"})
         else:
             self._asked += 1
-            self._begin(_Wanted(self._recorded.ring, "dump", name or "DUMP", call))
+            self._begin(_FlightRequest(self._recorded.ring, "dump", name or "DUMP", call))
 
     async def end(self) -> None:
         """The loop has gone: what is due is written now, and what it was doing if it took no farewell."""
         ring = self._recorded.ring
         if ring is not None and not self._farewell and await self._orphaned():
-            self._begin(_Wanted(ring, "crash", CRASH))
+            self._begin(_FlightRequest(ring, "crash", CRASH))
         elif self._due is not None:
             self._write_due()
         await self._front.loop.run_in_executor(None, self._thread.shutdown)
@@ -152,7 +156,7 @@ class Flights:
     def _write_due(self) -> None:
         self._due, self._next = None, self._front.now() + AGAIN
         if self._recorded.ring is not None:
-            self._begin(_Wanted(self._recorded.ring, self._reason, self._cause()))
+            self._begin(_FlightRequest(self._recorded.ring, self._reason, self._cause()))
 
     def _cause(self) -> str:
         """Of what was told just before the fault, what is latched; else the last of it."""
@@ -161,7 +165,7 @@ class Flights:
         last = self._told[-1] if self._told else self._reason.upper()
         return next((code for code in self._told if code in latched), last)
 
-    def _begin(self, wanted: _Wanted) -> None:
+    def _begin(self, wanted: _FlightRequest) -> None:
         """Into the thread; what became of it is told from this one."""
         briefing, tick = self._front.world.briefing, None if wanted.wreck else self._front.world.tick
         state = () if tick is None else (tick.mode, tick.state)
@@ -191,7 +195,7 @@ class Flights:
             return "unknown"
         return "same" if signed == fingerprint(briefing.version, briefing.files) else "other"
 
-    def _done(self, future: Future[Path | None], wanted: _Wanted) -> None:
+    def _done(self, future: Future[Path | None], wanted: _FlightRequest) -> None:
         """To the log, and to who asked."""
         error = future.exception()
         if error is not None:
@@ -207,9 +211,9 @@ class Flights:
             self._front.log.say("info", "FLIGHT_WRITTEN", now, message=f"{path} ({wanted.reason})")
         self._answer(wanted, None if path is None else encode({"path": str(path)}), said="it was left out")
         if wanted.wreck:
-            self._front.link.owe(WreckDone())
+            self._front.link.owe(CrashRecordingDone())
 
-    def _failed(self, error: BaseException, wanted: _Wanted) -> None:
+    def _failed(self, error: BaseException, wanted: _FlightRequest) -> None:
         """It could not be written. What a daemon before us left is kept, and tried once more."""
         self.failed += 1
         now, said = self._front.now(), f"{self._folder.path}: {error}"
@@ -218,9 +222,9 @@ class Flights:
         if wanted.wreck and self._wreck_tries < WRECK_TRIES:
             self._wreck_due = now + WRECK_AGAIN
         elif wanted.wreck:
-            self._front.link.owe(WreckDone())
+            self._front.link.owe(CrashRecordingDone())
 
-    def _answer(self, wanted: _Wanted, reply: bytes | None, *, said: str) -> None:
+    def _answer(self, wanted: _FlightRequest, reply: bytes | None, *, said: str) -> None:
         """Whoever asked for it has an answer, whatever became of it."""
         if wanted.call is None:
             return

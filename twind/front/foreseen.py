@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.front.calls import Call
+from twind.front.calls import ClientCall
 from twind.front.tickets import OUTSTANDING
 from twind.link import RenewLease, Tick
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code, Finding, Verdict
+from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode, Motion
 from twind.robot.trajectory import Reference, Trajectory
 
 if TYPE_CHECKING:
-    from twind.front.server import Front
-    from twind.twin.foresight import Foresight
+    from twind.front.server import FrontServer
+    from twind.twin.foresight import TrajectoryPrecheck
 
 Forward = Callable[[Verdict, float], None]  # what was found, and when the state that it rests on was true
 KEPT = (
@@ -34,10 +34,10 @@ NOBODY = 0  # the ticket of a command whose answer nobody waits for
 
 
 @dataclass(slots=True)
-class Job:
+class TrajectoryCheck:
     """One path to judge. `begun` is the state that it is judged from."""
 
-    call: Call
+    call: ClientCall
     path: Trajectory
     append_stop: bool
     moves: bool  # it will be followed if nothing is wrong; False: `Check`
@@ -46,15 +46,15 @@ class Job:
     begun: Tick | None = None
 
 
-class Foreseen:
+class TrajectoryCheckQueue:
     """What is being judged, and what waits. One path of a connection at a time, in the order of its calls."""
 
-    def __init__(self, front: Front) -> None:
+    def __init__(self, front: FrontServer) -> None:
         self._front = front
-        self._foresight: Foresight | None = None
+        self._foresight: TrajectoryPrecheck | None = None
         self._why = "the model is not loaded"
         self._loaded = False
-        self._jobs: deque[Job] = deque()
+        self._jobs: deque[TrajectoryCheck] = deque()
         self._steps: Generator[None, None, Verdict] | None = None
 
     # ------------------------------------------------------------------------------- the model
@@ -64,15 +64,15 @@ class Foreseen:
         loading = self._front.loop.run_in_executor(None, self._load)
         loading.add_done_callback(lambda done: self._ready(done.result()))
 
-    def replace(self, foresight: Foresight) -> None:
+    def replace(self, foresight: TrajectoryPrecheck) -> None:
         """From now on paths are judged by other limits; those begun, or waiting, must be sent again."""
         self._foresight, self._loaded, self._steps = foresight, True, None
         for job in self._jobs:
             reason = "the limits were changed while this was judged: send it again"
-            self._front.refuse(job.call, [Finding(Code.CMD_EXPIRED, message=reason)])
+            self._front.refuse(job.call, [Finding(ReasonCode.CMD_EXPIRED, message=reason)])
         self._jobs.clear()
 
-    def _load(self) -> Foresight | None:
+    def _load(self) -> TrajectoryPrecheck | None:
         """In a thread: MuJoCo takes a quarter of a second to import."""
         try:
             from twind.twin.handover import foresight  # noqa: PLC0415  status is served before MuJoCo is there
@@ -83,7 +83,7 @@ class Foreseen:
             self._why = f"{type(error).__name__}: {error}"
             return None
 
-    def _ready(self, foresight: Foresight | None) -> None:
+    def _ready(self, foresight: TrajectoryPrecheck | None) -> None:
         if not self._loaded:  # else the limits were changed meanwhile
             self._foresight, self._loaded = foresight, True
         now = self._front.now()
@@ -96,7 +96,7 @@ class Foreseen:
 
     # ------------------------------------------------------------------------------- paths
 
-    def judge(self, job: Job) -> None:
+    def judge(self, job: TrajectoryCheck) -> None:
         """Judge a path when it is its turn, then forward it; a connection that is gone by then ends it."""
         own = [other for other in self._jobs if other.call.caller.number == job.call.caller.number]
         if len(own) >= OUTSTANDING:  # only `oneway` can come that far
@@ -131,7 +131,7 @@ class Foreseen:
         for job in stopped:
             self._jobs.remove(job)
             reason = "the robot was stopped while this was judged: send it again"
-            self._front.refuse(job.call, [Finding(Code.BUSY, message=reason)])
+            self._front.refuse(job.call, [Finding(ReasonCode.BUSY, message=reason)])
         if stopped and self._steps is None:
             self._front.soon(self._next)
 
@@ -147,7 +147,7 @@ class Foreseen:
         job.begun = self._front.world.tick
         if self._foresight is None or job.begun is None:
             reason = f"no look-ahead, so nothing may move: {self._why}"
-            self._done(Verdict((Finding(Code.SELF_COLLISION, message=reason),)))
+            self._done(Verdict((Finding(ReasonCode.SELF_COLLISION, message=reason),)))
             return
         reference = standing(job.begun)
         self._steps = self._foresight.judging(job.path, reference, append_stop=job.append_stop)
@@ -169,7 +169,7 @@ class Foreseen:
             call = self._jobs[0].call
             self._front.broken(call.caller, call.method, error)
             reason = f"cannot be judged: {type(error).__name__}: {error}"
-            self._done(Verdict((Finding(Code.SELF_COLLISION, message=reason),)))
+            self._done(Verdict((Finding(ReasonCode.SELF_COLLISION, message=reason),)))
         else:
             self._front.soon(self._step)
 

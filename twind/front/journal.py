@@ -40,7 +40,7 @@ def _field(name: str, value: Any) -> bytes:
     return name.encode() + b"\n" + struct.pack("<Q", len(data)) + data + b"\n"
 
 
-class Journal:
+class SystemdJournal:
     """Its socket, opened when it is needed. Used by one thread."""
 
     def __init__(self, path: str = SOCKET) -> None:

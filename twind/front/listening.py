@@ -16,7 +16,7 @@ from twind.link import Reachable, Rebound
 from twind.sockets import Listener, SocketError, listen
 
 if TYPE_CHECKING:
-    from twind.front.loop_end import LoopEnd
+    from twind.front.loop_end import LoopConnection
 
 ROLES = {"control": "operator", "observe": "observer"}
 ONLY_MANAGER = (
@@ -41,7 +41,7 @@ class Listening:
     def __init__(
         self,
         loop: asyncio.AbstractEventLoop,
-        link: LoopEnd,
+        link: LoopConnection,
         accept: Callable[[socket.socket, str], None],
     ) -> None:
         """`accept` is called with a socket that has a client, and the role that it gives."""

@@ -28,23 +28,23 @@ Fields = MutableMapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LogLine:
     """One line, and the same as a datagram for the journal."""
 
     text: str
     datagram: bytes = b""
 
 
-class Writer:
+class LogWriter:
     """Lines to a descriptor, or to the journal's socket, written by a thread."""
 
     def __init__(self, fd: int, journal: str | None = None) -> None:
         """`journal`: path of its socket; what it does not take goes to `fd`."""
         self._fd, self._partly = fd, False
-        self._lines: queue.Queue[Line | None] = queue.Queue(WAITING)
+        self._lines: queue.Queue[LogLine | None] = queue.Queue(WAITING)
         self.dropped = 0  # lines, in all, for which there was no room; counted by who puts
         self.failed = 0  # lines, in all, that could not be written; counted by the thread
-        self._journal = journals.Journal(journal) if journal is not None else None
+        self._journal = journals.SystemdJournal(journal) if journal is not None else None
         self._thread = threading.Thread(target=self._run, name="log", daemon=True)
         self._thread.start()
 
@@ -53,10 +53,10 @@ class Writer:
         """Lines that nobody will ever read."""
         return self.dropped + self.failed
 
-    def put(self, line: Line | str) -> None:
+    def put(self, line: LogLine | str) -> None:
         """Write `line` soon, or drop and count it. Never waits."""
         try:
-            self._lines.put_nowait(Line(line) if isinstance(line, str) else line)
+            self._lines.put_nowait(LogLine(line) if isinstance(line, str) else line)
         except queue.Full:
             self.dropped += 1
 
@@ -77,7 +77,7 @@ class Writer:
         if self._journal is not None:
             self._journal.close()
 
-    def _write(self, line: Line) -> bool:
+    def _write(self, line: LogLine) -> bool:
         """To the journal, or else to the descriptor. False: neither took it."""
         if self._journal is not None and line.datagram and self._journal.send(line.datagram):
             return True
@@ -94,27 +94,27 @@ class Writer:
         return True
 
 
-def _loss(count: int) -> Line:
+def _loss(count: int) -> LogLine:
     said = f"... {count} lines lost: nobody took them (standard error not read, closed, or its disk full)"
     fields = {"MESSAGE": said, "PRIORITY": "4", "TWIND_CODE": "LINES_LOST", "TWIND_LINES": count}
-    return Line(said, journals.datagram(fields))
+    return LogLine(said, journals.datagram(fields))
 
 
-class Log:
+class DaemonLog:
     """What the daemon tells people. `event` names are ours; what clients say stands in fields only."""
 
-    def __init__(self, writer: Writer, level: str, *, journal: bool) -> None:
+    def __init__(self, writer: LogWriter, level: str, *, journal: bool) -> None:
         self._writer = writer
         render = _for_journal if journal else _for_people
         stamp = [] if journal else [structlog.processors.TimeStamper("%H:%M:%S", utc=False, key="at")]
         self._processors = [structlog.processors.add_log_level, *stamp, _escaped, render]
         self.level(level)
-        self._allowances = {kind: _Allowance() for kind in ("client", "error", "other")}
+        self._allowances = {kind: _LineBudget() for kind in ("client", "error", "other")}
 
     def level(self, level: str) -> None:
         """From now on nothing below this level is said."""
         self._logger = structlog.wrap_logger(
-            _Sink(self._writer.put),
+            _StructlogSink(self._writer.put),
             processors=self._processors,
             wrapper_class=structlog.make_filtering_bound_logger(LEVELS.get(level, 20)),
         )
@@ -143,7 +143,7 @@ class Log:
         self._writer.close()
 
 
-class _Allowance:
+class _LineBudget:
     """`PER_SECOND` lines in a second."""
 
     def __init__(self) -> None:
@@ -161,10 +161,10 @@ class _Allowance:
         return left_out
 
 
-class _Sink:
+class _StructlogSink:
     """What structlog logs to: every level is a line."""
 
-    def __init__(self, put: Callable[[Line | str], None]) -> None:
+    def __init__(self, put: Callable[[LogLine | str], None]) -> None:
         self.debug = self.info = self.warning = self.error = self.critical = put
 
 
@@ -186,7 +186,7 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def _for_journal(_logger: Any, _method: str, fields: Fields) -> tuple[tuple[Line], dict[str, Any]]:
+def _for_journal(_logger: Any, _method: str, fields: Fields) -> tuple[tuple[LogLine], dict[str, Any]]:
     """A datagram; and JSON with a level prefix, for when its socket does not take that."""
     details = fields.pop("details", {})
     text = f"<{PRIORITY.get(fields['level'], 6)}>"
@@ -198,7 +198,7 @@ def _for_journal(_logger: Any, _method: str, fields: Fields) -> tuple[tuple[Line
     }
     others = {**fields, **details}
     sent |= {f"TWIND_{key.upper()}": value for key, value in others.items() if key not in _SAID}
-    return (Line(text, journals.datagram(sent)),), {}
+    return (LogLine(text, journals.datagram(sent)),), {}
 
 
 _SAID = frozenset({"event", "level", "message"})  # stand in fields of the journal's own

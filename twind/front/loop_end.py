@@ -11,7 +11,7 @@ from twind.link import DATAGRAM, Heartbeat, Inward, Outward, decode_news, encode
 MOST = DATAGRAM // 2  # bytes of one command
 
 
-class TooLarge(Exception):
+class CommandTooLarge(Exception):
     """A command that does not fit one datagram of the link."""
 
     def __init__(self, size: int) -> None:
@@ -19,7 +19,7 @@ class TooLarge(Exception):
         self.size = size
 
 
-class LoopEnd:
+class LoopConnection:
     """A SOCK_SEQPACKET socket whose other end is the loop. `ended` is called once, at end-of-file."""
 
     def __init__(
@@ -98,5 +98,5 @@ def _bounded(command: Inward) -> bytes:
     """Encoded. Raises TooLarge: the kernel would cut it, and the loop would take that for a broken front."""
     data = encode(command)
     if len(data) > MOST:
-        raise TooLarge(len(data))
+        raise CommandTooLarge(len(data))
     return data

@@ -4,31 +4,31 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 
 # What `value` and `bound` of a finding are, and their unit; codes that are not here carry their own words.
 QUANTITIES: Mapping[str, tuple[str, str]] = {
-    Code.POS_LIMIT: ("position", "rad"),
-    Code.OUT_OF_LIMIT: ("position", "rad"),
-    Code.START_JUMP: ("distance from where the motion starts", "rad"),
-    Code.VEL_LIMIT: ("velocity", "rad/s"),
-    Code.ACC_LIMIT: ("acceleration", "rad/s²"),
-    Code.JERK_LIMIT: ("jerk", "rad/s³"),
-    Code.BRAKE_DISTANCE: ("speed towards the limit", "rad/s"),
-    Code.END_NOT_AT_REST: ("velocity at the end", "rad/s"),
-    Code.PATH_TOLERANCE: ("distance from the path", "rad"),
-    Code.GOAL_TOLERANCE: ("distance from the goal", "rad"),
-    Code.STEP_LIMIT: ("step", "rad"),
-    Code.SELF_COLLISION: ("clearance", "m"),
-    Code.KEEP_OUT: ("clearance", "m"),
-    Code.FLOOR: ("clearance", "m"),
-    Code.LOOKAHEAD_COLLISION: ("clearance", "m"),
+    ReasonCode.POS_LIMIT: ("position", "rad"),
+    ReasonCode.OUT_OF_LIMIT: ("position", "rad"),
+    ReasonCode.START_JUMP: ("distance from where the motion starts", "rad"),
+    ReasonCode.VEL_LIMIT: ("velocity", "rad/s"),
+    ReasonCode.ACC_LIMIT: ("acceleration", "rad/s²"),
+    ReasonCode.JERK_LIMIT: ("jerk", "rad/s³"),
+    ReasonCode.BRAKE_DISTANCE: ("speed towards the limit", "rad/s"),
+    ReasonCode.END_NOT_AT_REST: ("velocity at the end", "rad/s"),
+    ReasonCode.PATH_TOLERANCE: ("distance from the path", "rad"),
+    ReasonCode.GOAL_TOLERANCE: ("distance from the goal", "rad"),
+    ReasonCode.STEP_LIMIT: ("step", "rad"),
+    ReasonCode.SELF_COLLISION: ("clearance", "m"),
+    ReasonCode.KEEP_OUT: ("clearance", "m"),
+    ReasonCode.FLOOR: ("clearance", "m"),
+    ReasonCode.LOOKAHEAD_COLLISION: ("clearance", "m"),
 }
 
 Plain = dict[str, Any]  # what goes into JSON
 
 
-class Names:
+class JointNames:
     """The joints' names in their order, as a robot's briefing gives them."""
 
     def __init__(self, names: Sequence[str]) -> None:

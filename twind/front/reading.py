@@ -8,10 +8,10 @@ import sys
 
 import msgspec
 
-from twind.briefing import Briefing, Reading
+from twind.briefing import Briefing, ReloadResult
 from twind.config import files, reread
-from twind.config.files import UsageError, describe
-from twind.config.hot import NotHot
+from twind.config.files import CommandLineError, describe
+from twind.config.hot import RestartRequired
 from twind.config.keys import of_robot
 from twind.config.located import ConfigError
 from twind.front.told import with_files
@@ -20,7 +20,7 @@ from twind.twin.binding import Binding, BindingError, bind, rebound
 from twind.twin.simulation import hush
 
 
-def read_again(briefing: Briefing) -> Reading:
+def read_again(briefing: Briefing) -> ReloadResult:
     """What of the files differs from `briefing`, and the next briefing, with the hot part in force."""
     try:
         sources, old = files.unpacked(briefing.described)
@@ -38,9 +38,9 @@ def read_again(briefing: Briefing) -> Reading:
         if of_robot(found.changes):
             binding = rebound(handover.unpacked(briefing.binding), then.robot, then.calibration)
             told = _with_robot(told, binding)
-    except (ConfigError, UsageError, BindingError, NotHot, ValueError, OSError) as error:
-        return Reading(error=str(error))
-    return Reading(changes=dict(found.changes), needs_restart=found.restart, briefing=told)
+    except (ConfigError, CommandLineError, BindingError, RestartRequired, ValueError, OSError) as error:
+        return ReloadResult(error=str(error))
+    return ReloadResult(changes=dict(found.changes), needs_restart=found.restart, briefing=told)
 
 
 def _with_robot(told: Briefing, binding: Binding) -> Briefing:

@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from twind import link
-from twind.briefing import Briefing, Reading
+from twind.briefing import Briefing, ReloadResult
 from twind.config.keys import BLOCK, LEVEL, WARN, of_robot
-from twind.front.calls import Call
+from twind.front.calls import ClientCall
 from twind.front.foreseen import NOBODY
 from twind.front.world import encode
 from twind.memfd import seal
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 
 if TYPE_CHECKING:
-    from twind.front.server import Front
-    from twind.twin.foresight import Foresight
+    from twind.front.server import FrontServer
+    from twind.twin.foresight import TrajectoryPrecheck
 
 READING = 15.0  # s that reading and checking the files may take
 ANSWER = 5.0  # s until the loop must have answered
@@ -35,24 +35,24 @@ PARAMETERS = {"log_level": LEVEL, "latency_warn_ms": WARN, "latency_block_ms": B
 
 
 @dataclass(slots=True)
-class Asked:
+class ReloadRequest:
     """One wish: the files read again, or settings by a client's word. `call` None: SIGHUP told the loop."""
 
-    call: Call | None
+    call: ClientCall | None
     changes: dict[str, Any] | None = None  # None: read the files
-    reading: Reading | None = None
-    foresight: Foresight | None = None  # by the new limits
+    reading: ReloadResult | None = None
+    foresight: TrajectoryPrecheck | None = None  # by the new limits
     ticket: int = NOBODY
     deadline: float = 0.0  # s, of the loop's answer
 
 
-class Reloads:
+class ReloadQueue:
     """What is under way, and what waits."""
 
-    def __init__(self, front: Front) -> None:
+    def __init__(self, front: FrontServer) -> None:
         self._front = front
-        self._waiting: deque[Asked] = deque()
-        self._now: Asked | None = None
+        self._waiting: deque[ReloadRequest] = deque()
+        self._now: ReloadRequest | None = None
         self._reader: subprocess.Popen[bytes] | None = None  # the process that reads the files
 
     def close(self) -> None:
@@ -60,14 +60,14 @@ class Reloads:
         if self._reader is not None:
             self._reader.kill()
 
-    def ask(self, call: Call | None, changes: dict[str, Any] | None = None) -> None:
+    def ask(self, call: ClientCall | None, changes: dict[str, Any] | None = None) -> None:
         """Read the files, or make `changes` (settings by their keys), when it is their turn."""
         if call is not None and len(self._waiting) >= WAITING:
             call.error("Busy", {"what": "reloads wait for each other: try again"})
             return
         if call is None and any(asked.call is None for asked in self._waiting):
             return  # two signals, and the files are not looked at yet
-        self._waiting.append(Asked(call, changes))
+        self._waiting.append(ReloadRequest(call, changes))
         self._next()
 
     def _next(self) -> None:
@@ -76,7 +76,7 @@ class Reloads:
         asked = self._now = self._waiting.popleft()
         briefing = self._front.world.briefing
         if asked.changes is None:
-            self._front.link.owe(link.Rereading())
+            self._front.link.owe(link.ReloadStarted())
             working = self._front.loop.run_in_executor(None, self._work, briefing)
             working.add_done_callback(lambda done: self._read(asked, done.result()))
             return
@@ -85,11 +85,11 @@ class Reloads:
         try:
             made = with_settings(briefing, asked.changes)
         except ValueError as error:  # NotHot
-            self._read(asked, Reading(error=str(error)))
+            self._read(asked, ReloadResult(error=str(error)))
         else:
-            self._read(asked, Reading(changes=asked.changes, briefing=made))
+            self._read(asked, ReloadResult(changes=asked.changes, briefing=made))
 
-    def _work(self, briefing: Briefing) -> Reading:
+    def _work(self, briefing: Briefing) -> ReloadResult:
         """In a thread, which waits for the process that reads."""
         program = [sys.executable, "-P", "-m", "twind.front.reading"]
         pipe = subprocess.PIPE
@@ -99,22 +99,22 @@ class Reloads:
                     told, said = self._reader.communicate(msgspec.msgpack.encode(briefing), READING)
                 except subprocess.TimeoutExpired:
                     self._reader.kill()
-                    return Reading(error=f"reading the files took longer than {READING:g} s")
+                    return ReloadResult(error=f"reading the files took longer than {READING:g} s")
             if self._reader.returncode != 0:
                 last = said.decode(errors="replace").strip().rpartition("\n")[2]
-                return Reading(error=f"reading the files broke ({self._reader.returncode}): {last}")
-            return msgspec.msgpack.decode(told, type=Reading)
+                return ReloadResult(error=f"reading the files broke ({self._reader.returncode}): {last}")
+            return msgspec.msgpack.decode(told, type=ReloadResult)
         except (OSError, msgspec.MsgspecError) as error:
-            return Reading(error=f"reading the files broke: {error}")
+            return ReloadResult(error=f"reading the files broke: {error}")
         finally:
             self._reader = None
 
-    def _read(self, asked: Asked, reading: Reading) -> None:
+    def _read(self, asked: ReloadRequest, reading: ReloadResult) -> None:
         """The files are read, and checked."""
         if reading.error or reading.briefing is None:
             if asked.changes is None:
-                self._front.link.owe(link.RereadFailed(message=reading.error))
-            self._refused(asked, [Finding(Code.CONFIG_REFUSED, message=reading.error)])
+                self._front.link.owe(link.ReloadFailed(message=reading.error))
+            self._refused(asked, [Finding(ReasonCode.CONFIG_REFUSED, message=reading.error)])
             return
         asked.reading = reading
         if not of_robot(reading.changes):
@@ -123,20 +123,20 @@ class Reloads:
         made = self._front.loop.run_in_executor(None, _foresight, reading.briefing)
         made.add_done_callback(lambda done: self._foreseen(asked, done.result()))
 
-    def _foreseen(self, asked: Asked, made: Foresight | str) -> None:
+    def _foreseen(self, asked: ReloadRequest, made: TrajectoryPrecheck | str) -> None:
         if isinstance(made, str):
-            self._read(asked, Reading(error=made))
+            self._read(asked, ReloadResult(error=made))
             return
         asked.foresight = made
         self._send(asked)
 
-    def _send(self, asked: Asked) -> None:
+    def _send(self, asked: ReloadRequest) -> None:
         """To the loop, which decides."""
         front, reading = self._front, asked.reading
         assert reading is not None
         assert reading.briefing is not None
         asked.ticket, asked.deadline = front.tickets.number(), front.now() + ANSWER
-        command = link.Adopt(
+        command = link.ApplyChanges(
             ticket=asked.ticket,
             client=NOBODY if asked.call is None else asked.call.caller.number,
             generation=reading.briefing.generation,
@@ -152,7 +152,7 @@ class Reloads:
         if not sent:
             front.loop.call_later(0.05, self._again, asked)
 
-    def _again(self, asked: Asked) -> None:
+    def _again(self, asked: ReloadRequest) -> None:
         if self._now is asked and self._front.now() < asked.deadline:
             deadline = asked.deadline
             self._send(asked)
@@ -187,7 +187,7 @@ class Reloads:
             self._front.log.say("error", "LOOP_SILENT", now, method="Reload")
             self._front.ended.set()
 
-    def _refused(self, asked: Asked, findings: list[Finding]) -> None:
+    def _refused(self, asked: ReloadRequest, findings: list[Finding]) -> None:
         self._over(lambda call: self._front.refuse(call, findings))
 
     def _over(self, answer: Any) -> None:
@@ -197,7 +197,7 @@ class Reloads:
         self._front.soon(self._next)
 
 
-def _foresight(briefing: Briefing) -> Foresight | str:
+def _foresight(briefing: Briefing) -> TrajectoryPrecheck | str:
     """In a thread. A text: why there is none."""
     from twind.twin.handover import foresight  # noqa: PLC0415  as in `foreseen`
 

@@ -3,21 +3,23 @@
 from collections.abc import Sequence
 from typing import Any
 
-from twind.front.log import Log
-from twind.front.naming import Names
+from twind.front.log import DaemonLog
+from twind.front.naming import JointNames
 from twind.link import Event, Overview, Tick
 
 EVERY = 5.0  # s between two latency reports (design 6.4)
 
 
-class Report:
+class EventLogger:
     """Turns news into lines."""
 
-    def __init__(self, log: Log) -> None:
+    def __init__(self, log: DaemonLog) -> None:
         self._log = log
         self._last: Overview | None = None  # of the last report
 
-    def event(self, event: Event, names: Names, buses: Sequence[str] = (), state: str | None = None) -> None:
+    def event(
+        self, event: Event, names: JointNames, buses: Sequence[str] = (), state: str | None = None
+    ) -> None:
         """One line per event. Of its findings the first is told in words: joint, value, bound, reason.
 
         `buses`: the bus of each joint; `state`: of the robot.
@@ -61,7 +63,7 @@ class Report:
         return {key: value for key, value in summary.items() if value is not None}
 
 
-def _details(event: Event, names: Names, buses: Sequence[str], state: str | None) -> dict[str, Any]:
+def _details(event: Event, names: JointNames, buses: Sequence[str], state: str | None) -> dict[str, Any]:
     """What a machine looks for: state, and of the first finding its code, joint, bus, value and bound."""
     if not event.findings:
         return {"state": state}

@@ -10,62 +10,66 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from twind.briefing import Briefing
-from twind.front.accepted import Judged
-from twind.front.calls import Call, Caller
-from twind.front.door import PLACES, RESERVED, Spares
-from twind.front.flight import Flights, Recorded
-from twind.front.foreseen import Foreseen
+from twind.front.accepted import PendingVerdict
+from twind.front.calls import Caller, ClientCall
+from twind.front.door import PLACES, RESERVED, ReservedDescriptors
+from twind.front.flight import FlightDumper, RecorderHandover
+from twind.front.foreseen import TrajectoryCheckQueue
 from twind.front.listening import Listening
-from twind.front.log import Log
-from twind.front.loop_end import LoopEnd
-from twind.front.reload import Reloads
-from twind.front.report import Report
-from twind.front.session import Session
-from twind.front.stream import Stream
-from twind.front.streams import Streams
-from twind.front.telemetry import Telemetry
-from twind.front.tickets import Tickets
-from twind.front.world import World
-from twind.link import Event, Gone, Moment, Outward, Overview, Reply, Reread, Tick
+from twind.front.log import DaemonLog
+from twind.front.loop_end import LoopConnection
+from twind.front.reload import ReloadQueue
+from twind.front.report import EventLogger
+from twind.front.session import ClientSession
+from twind.front.stream import MessageStream
+from twind.front.streams import StreamerReports
+from twind.front.telemetry import SubscriberRegistry
+from twind.front.tickets import TicketTable
+from twind.front.world import StateCache
+from twind.link import ConnectionClosed, Event, Outward, Overview, ReloadWanted, Reply, Tick, VerdictReport
 from twind.protocol import CONTROL, SERVICE, load
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 
 if TYPE_CHECKING:
-    from twind.twin.foresight import Foresight
+    from twind.twin.foresight import TrajectoryPrecheck
 
 LIMITS = {"operator": 4 << 20, "observer": 64 << 10}  # bytes of one message
 TEND = 0.25  # s between two rounds of housekeeping, and heartbeats
 
 
-class Front:
+class FrontServer:
     """Everything the front process keeps. `ended` is set when the loop has gone."""
 
     CALLS_PER_SECOND = 20  # of one peer and kind: trajectories, marks
 
     def __init__(
-        self, link: socket.socket, briefing: Briefing, log: Log, recorded: Recorded | None = None
+        self,
+        link: socket.socket,
+        briefing: Briefing,
+        log: DaemonLog,
+        recorded: RecorderHandover | None = None,
     ) -> None:
         """`recorded`: the flight recorder; None: there is none."""
         loop = asyncio.get_running_loop()
         self.loop, self.log = loop, log
         self.ended = asyncio.Event()
-        self.world = World(briefing)
+        self.world = StateCache(briefing)
         self.interfaces = {name: load(name) for name in (SERVICE, CONTROL)}
-        self.telemetry = Telemetry(self.world)
-        self.link = LoopEnd(link, loop, self.news, self.ended.set)
+        self.telemetry = SubscriberRegistry(self.world)
+        self.link = LoopConnection(link, loop, self.news, self.ended.set)
         # Counting from the clock: a number that an earlier front gave out is never given out again.
         self._number = time.monotonic_ns()
-        self.tickets = Tickets(self.world.names, self._number)
-        self.sessions: dict[int, Session] = {}
-        self.foreseen = Foreseen(self)
-        self.reloads = Reloads(self)
-        self.flights = Flights(self, recorded)
-        self.streams = Streams(self.world, self.telemetry)
-        self.submitted = Judged()
+        self.tickets = TicketTable(self.world.names, self._number)
+        self.sessions: dict[int, ClientSession] = {}
+        self.foreseen = TrajectoryCheckQueue(self)
+        self.reloads = ReloadQueue(self)
+        self.flights = FlightDumper(self, recorded)
+        self.streams = StreamerReports(self.world, self.telemetry)
+        self.submitted = PendingVerdict()
         self.listening = Listening(loop, self.link, self._accept)
-        self._spares, self._starved = Spares(RESERVED), False
+        self._spares, self._starved = ReservedDescriptors(RESERVED), False
         self._paced: dict[tuple[int, int, str], list[float]] = {}
-        self._report = Report(log)
+        self._report = EventLogger(log)
         self._tend()
 
     def now(self) -> float:
@@ -104,8 +108,8 @@ class Front:
         pid, uid, _gid = struct.unpack("3i", sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
         self._number += 1
         caller = Caller(self._number, role, uid, pid, reserved=reserved or not self._has_place(role))
-        stream = Stream(sock, LIMITS[role], self.loop)
-        session = self.sessions[caller.number] = Session(self, caller, stream, self.now())
+        stream = MessageStream(sock, LIMITS[role], self.loop)
+        session = self.sessions[caller.number] = ClientSession(self, caller, stream, self.now())
         stream.start(session)
 
     def _has_place(self, role: str) -> bool:
@@ -132,22 +136,22 @@ class Front:
         self.listening.rest(listener)  # it stays readable: to be asked again and again helps nobody
         return False
 
-    def gone(self, session: Session) -> None:
+    def gone(self, session: ClientSession) -> None:
         """A connection closed: if the loop has heard of it, it must know, and its lease lapses."""
         number = session.caller.number
         if self.sessions.pop(number, None) is not None:
             self.telemetry.forget(number)
             self.streams.forget(number, self.now())
             if self.tickets.forget(number):
-                self.link.owe(Gone(client=number))
+                self.link.owe(ConnectionClosed(client=number))
 
-    def watch(self, call: Call, topics: list[str], rate: float | None) -> None:
+    def watch(self, call: ClientCall, topics: list[str], rate: float | None) -> None:
         """Begin a Monitor call."""
         session = self.sessions.get(call.caller.number)
         if session is not None:
             self.telemetry.watch(call, session.stream, topics, rate)
 
-    def in_time(self, call: Call, kind: str, remedy: str) -> bool:
+    def in_time(self, call: ClientCall, kind: str, remedy: str) -> bool:
         """S01: at most so many calls of a kind per second of one peer; one too many is refused."""
         caller, now = call.caller, self.now()
         recent = self._paced.setdefault((caller.uid, caller.pid, kind), [])
@@ -160,24 +164,24 @@ class Front:
             session.paced(in_time=in_time)
         if not in_time:
             reason = f"{kind} per second of one peer; {remedy}"
-            self.refuse(call, [Finding(Code.RATE_LIMIT, bound=self.CALLS_PER_SECOND, message=reason)])
+            self.refuse(call, [Finding(ReasonCode.RATE_LIMIT, bound=self.CALLS_PER_SECOND, message=reason)])
         return in_time
 
-    def refuse(self, call: Call, findings: list[Finding]) -> None:
+    def refuse(self, call: ClientCall, findings: list[Finding]) -> None:
         """The error `Refused`, readable; told to the log and to whoever watches verdicts too."""
         named = self.world.names.findings(findings)
         call.refuse(named)
         self.judged(call, {"refusals": named, "warnings": [], "changes": []})
 
-    def not_allowed(self, call: Call) -> None:
+    def not_allowed(self, call: ClientCall) -> None:
         """S04, for the log and whoever watches; the caller has the error `NotAllowed`."""
         reason = f"{call.method} is not for an {call.caller.role}: control.sock takes it"
-        named = self.world.names.findings([Finding(Code.AUTH_ROLE, message=reason)])
+        named = self.world.names.findings([Finding(ReasonCode.AUTH_ROLE, message=reason)])
         self.judged(call, {"refusals": named, "warnings": [], "changes": []})
 
-    def judged(self, call: Call, verdict: dict[str, list[dict[str, Any]]]) -> None:
+    def judged(self, call: ClientCall, verdict: dict[str, list[dict[str, Any]]]) -> None:
         """The front's own verdict, for whoever watches. Its sequence is 0: the loop counts only its own."""
-        self.telemetry.verdict(Moment(time=self.now(), sequence=0, id="", verdict=verdict))
+        self.telemetry.verdict(VerdictReport(time=self.now(), sequence=0, id="", verdict=verdict))
         self._tell_refusal(call.caller, verdict["refusals"])
 
     def _tell_refusal(self, caller: Caller, findings: list[dict[str, Any]]) -> None:
@@ -200,7 +204,7 @@ class Front:
 
     # ----------------------------------------------------------------------------- the loop
 
-    def adopt(self, briefing: Briefing, foresight: Foresight | None) -> None:
+    def adopt(self, briefing: Briefing, foresight: TrajectoryPrecheck | None) -> None:
         """The loop has put these values in force: from now on this side goes by them too.
 
         `foresight`: what judges paths by them; None: limits and gains are the same.
@@ -223,7 +227,7 @@ class Front:
             state = None if self.world.tick is None else self.world.tick.state
             buses = [joint.bus for joint in self.world.briefing.joints]
             self._report.event(news, self.world.names, buses, state)
-        elif isinstance(news, Reread):
+        elif isinstance(news, ReloadWanted):
             self.reloads.ask(None)
         else:
             self.telemetry.verdict(news)

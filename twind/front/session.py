@@ -4,27 +4,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from twind.front.calls import Call, Caller, Calls
+from twind.front.calls import Caller, ClientCall, ConnectionCalls
 from twind.front.methods import METHODS, OBSERVER, service
-from twind.front.stream import Stream
+from twind.front.stream import MessageStream
 from twind.protocol import CONTROL, SERVICE, WrongParameter
 from twind.protocol.strict import BadJson, loads
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 
 if TYPE_CHECKING:
-    from twind.front.server import Front
+    from twind.front.server import FrontServer
 
 HANDSHAKE = 5.0  # s in which the first call must come; a reserved place is for that long only
 STRIKES = 10  # messages that are no calls before the connection is closed
 _KEYS = frozenset({"method", "parameters", "more", "oneway", "upgrade"})
 
 
-class Session:
+class ClientSession:
     """A connection and its calls in their order."""
 
-    def __init__(self, front: Front, caller: Caller, stream: Stream, now: float) -> None:
+    def __init__(self, front: FrontServer, caller: Caller, stream: MessageStream, now: float) -> None:
         self.front, self.caller, self.stream = front, caller, stream
-        self.calls = Calls(caller, stream.send, self._begin)
+        self.calls = ConnectionCalls(caller, stream.send, self._begin)
         self._heard = False
         self._deadline = now + HANDSHAKE
         self._strikes = self._too_fast = 0
@@ -38,9 +38,9 @@ class Session:
         try:
             call = self._call(loads(data))
         except BadJson as error:
-            self._strike(Code.BAD_JSON, str(error))
+            self._strike(ReasonCode.BAD_JSON, str(error))
         except WrongParameter as error:
-            self._strike(Code.BAD_SCHEMA, str(error))
+            self._strike(ReasonCode.BAD_SCHEMA, str(error))
         except Exception as error:  # noqa: BLE001  see `_begin`
             self._broke("", error)
         else:
@@ -51,7 +51,7 @@ class Session:
 
     def too_large(self, limit: int) -> None:
         """Refuse and hang up: where the next message begins is unknown."""
-        finding = Finding(Code.FRAME_TOO_LARGE, bound=limit, message="bytes in one message")
+        finding = Finding(ReasonCode.FRAME_TOO_LARGE, bound=limit, message="bytes in one message")
         self._answer_outside([finding])
         self.stream.finish()
 
@@ -80,7 +80,7 @@ class Session:
 
     # --------------------------------------------------------------------------- calls
 
-    def _call(self, message: Any) -> Call:
+    def _call(self, message: Any) -> ClientCall:
         """A message as a call. Raises WrongParameter."""
         if type(message) is not dict or type(message.get("method")) is not str:
             raise WrongParameter("method", 'a call is {"method": "interface.Method", "parameters": {...}}')
@@ -100,9 +100,9 @@ class Session:
         if message.get("upgrade") or (more and oneway):
             raise WrongParameter("upgrade" if message.get("upgrade") else "oneway", "not served here")
         interface, _, method = message["method"].rpartition(".")
-        return Call(self.calls, interface, method, parameters, more=more, oneway=oneway)
+        return ClientCall(self.calls, interface, method, parameters, more=more, oneway=oneway)
 
-    def _begin(self, call: Call) -> None:
+    def _begin(self, call: ClientCall) -> None:
         """Do what a call asks. Whatever breaks ends this connection only."""
         if self._done:  # read before that was known
             call.finished = True
@@ -127,7 +127,7 @@ class Session:
         self.front.broken(self.caller, method, error)
         self.stream.close()
 
-    def _allowed(self, call: Call) -> bool:
+    def _allowed(self, call: ClientCall) -> bool:
         """The method exists, its parameters fit, and this caller may call it. Raises WrongParameter."""
         interface = self.front.interfaces.get(call.interface)
         method = interface.methods.get(call.method) if interface else None
@@ -151,7 +151,7 @@ class Session:
 
     # --------------------------------------------------------------------------- what is no call
 
-    def _strike(self, code: Code, reason: str) -> None:
+    def _strike(self, code: ReasonCode, reason: str) -> None:
         self._strikes += 1
         self._answer_outside([Finding(code, message=reason)])
         if self._strikes >= STRIKES:
@@ -159,7 +159,7 @@ class Session:
 
     def _answer_outside(self, findings: list[Finding]) -> None:
         """Refuse something that is no call, in its turn."""
-        call = Call(self.calls, CONTROL, "", {}, more=False, oneway=False)
+        call = ClientCall(self.calls, CONTROL, "", {}, more=False, oneway=False)
         call.started = True
         self.calls.queue(call)
         self.front.refuse(call, findings)

@@ -19,13 +19,13 @@ PATIENCE = 2.0  # s without progress, or with too many answers waiting, before a
 _CHUNK = 65536
 
 
-class Counter(Protocol):
+class DropCounter(Protocol):
     """Who is told how much of it was lost."""
 
     dropped: int
 
 
-class Owner(Protocol):
+class StreamOwner(Protocol):
     """Who uses a stream."""
 
     def message(self, data: bytes) -> bool:
@@ -38,16 +38,16 @@ class Owner(Protocol):
         """The stream is closed; called once."""
 
 
-class Stream:
+class MessageStream:
     """A non-blocking socket in an asyncio loop. `limit`: largest message, bytes."""
 
     def __init__(self, sock: socket.socket, limit: int, loop: asyncio.AbstractEventLoop) -> None:
         self._sock, self._limit, self._loop = sock, limit, loop
-        self._owner: Owner | None = None
+        self._owner: StreamOwner | None = None
         self._terminator: bytes | None = None
         self._buffer = bytearray()
         self._searched = 0
-        self._queue: deque[tuple[bytes, Counter | None]] = deque()
+        self._queue: deque[tuple[bytes, DropCounter | None]] = deque()
         self._queued = 0
         self._large = 0  # bytes of what is queued that are a large message of telemetry
         self._answers = 0  # bytes of what is queued that are answers
@@ -59,7 +59,7 @@ class Stream:
         self.closed = False
         self.half_closed = False  # the peer sends no more; it may still read
 
-    def start(self, owner: Owner) -> None:
+    def start(self, owner: StreamOwner) -> None:
         """Begin to read."""
         self._owner = owner
         self._read_on()
@@ -173,14 +173,14 @@ class Stream:
         """An answer: never dropped. The terminator is added."""
         self._put(data, None)
 
-    def publish(self, body: bytes, counter: Counter) -> None:
+    def publish(self, body: bytes, counter: DropCounter) -> None:
         """Telemetry: `body` is what follows `"parameters":{"dropped":N,`. May be dropped, and counted."""
         large = len(body) > LARGE
         if self._large if large else self._queued - self._large + len(body) > QUEUE:
             self._drop(len(body), large=large)
         self._put(body, counter)
 
-    def _put(self, data: bytes, counter: Counter | None) -> None:
+    def _put(self, data: bytes, counter: DropCounter | None) -> None:
         if self.closed:
             return
         if not self.backlog:
@@ -198,7 +198,7 @@ class Stream:
 
     def _drop(self, room: int, *, large: bool) -> None:
         """The large message that waits; or of the rest the oldest telemetry, until `room` bytes fit."""
-        kept: deque[tuple[bytes, Counter | None]] = deque()
+        kept: deque[tuple[bytes, DropCounter | None]] = deque()
         while self._queue and (self._large if large else self._queued - self._large + room > QUEUE):
             data, counter = self._queue.popleft()
             if counter is None or (len(data) > LARGE) is not large:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from twind.front.log import printable
-from twind.front.telemetry import Telemetry
-from twind.front.world import World
+from twind.front.telemetry import SubscriberRegistry
+from twind.front.world import StateCache
 
 TEXT = 200  # characters of each text that are kept
 MOST_HZ = 1e6  # samples a second that anybody measures
@@ -19,10 +19,10 @@ GONE = "the streamer is gone"
 HANGS = f"the streamer has said nothing for {SILENCE:g} s"
 
 
-class Streams:
+class StreamerReports:
     """The last report of each streamer."""
 
-    def __init__(self, world: World, telemetry: Telemetry) -> None:
+    def __init__(self, world: StateCache, telemetry: SubscriberRegistry) -> None:
         self._world, self._telemetry = world, telemetry
         self._reports: dict[int, tuple[float, dict[str, Any]]] = {}  # connection -> when it came (s), what
 

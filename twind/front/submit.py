@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from twind.front.naming import Names
+from twind.front.naming import JointNames
 from twind.link import pack_path
 from twind.memfd import seal
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
-from twind.safety.form import Row, form
+from twind.safety.form import PointRow, form
 
 POLICIES = ("reject", "retime")  # strict first
 LONGEST_WAIT = 60.0  # s: the largest start_in
 
 
-class Looser(ValueError):
+class ToleranceTooLoose(ValueError):
     """A request that asks for less care than the robot file demands. `field` names it."""
 
     def __init__(self, field: str, reason: str) -> None:
@@ -29,10 +29,12 @@ class Looser(ValueError):
         self.field, self.reason = field, reason
 
 
-def judge(message: Mapping[str, Any], names: Names) -> tuple[Trajectory | None, list[Finding]]:
+def judge(message: Mapping[str, Any], names: JointNames) -> tuple[Trajectory | None, list[Finding]]:
     """The path of a `Trajectory` of the interface in joint order, and all that is wrong (S12-S16)."""
     rows = [
-        Row(point["time_from_start"], point["positions"], point.get("velocities"), point.get("accelerations"))
+        PointRow(
+            point["time_from_start"], point["positions"], point.get("velocities"), point.get("accelerations")
+        )
         for point in message["points"]
     ]
     path, findings = form(message["joint_names"], rows, names.joints)
@@ -46,29 +48,33 @@ def _start(start_in: float | None) -> list[Finding]:
         return []
     if start_in > LONGEST_WAIT:
         reason = "start_in (s) is too far ahead"
-        return [Finding(Code.TOO_DISTANT, value=start_in, bound=LONGEST_WAIT, message=reason)]
-    return [Finding(Code.CMD_EXPIRED, value=start_in, bound=0.0, message="start_in (s) lies in the past")]
+        return [Finding(ReasonCode.TOO_DISTANT, value=start_in, bound=LONGEST_WAIT, message=reason)]
+    return [
+        Finding(ReasonCode.CMD_EXPIRED, value=start_in, bound=0.0, message="start_in (s) lies in the past")
+    ]
 
 
-def _tolerances(message: Mapping[str, Any], names: Names) -> list[Finding]:
+def _tolerances(message: Mapping[str, Any], names: JointNames) -> list[Finding]:
     """Tolerances name joints of the robot, once each: positive, 0 for the default or -1 for no check."""
     findings, seen = [], set()
     for tolerance in message.get("tolerances") or ():
         name = tolerance["joint"]
         place = names.places.get(name)
         if place is None:
-            findings.append(Finding(Code.UNKNOWN_JOINT, message=f"tolerance of {name!r}: no such joint"))
+            findings.append(
+                Finding(ReasonCode.UNKNOWN_JOINT, message=f"tolerance of {name!r}: no such joint")
+            )
         elif name in seen:
-            findings.append(Finding(Code.DUP_JOINT, joint=place, message="two tolerances"))
+            findings.append(Finding(ReasonCode.DUP_JOINT, joint=place, message="two tolerances"))
         seen.add(name)
         for key in ("path", "goal"):
             given = tolerance.get(key)
             if given is not None and not (given >= 0.0 or given == -1.0):
                 reason = f"{key} tolerance (rad) must be positive, 0 for the default or -1 for no check"
-                findings.append(Finding(Code.BAD_SCHEMA, place, value=given, bound=0.0, message=reason))
+                findings.append(Finding(ReasonCode.BAD_SCHEMA, place, value=given, bound=0.0, message=reason))
     if message.get("goal_time") is not None and not message["goal_time"] >= 0.0:
         reason = "goal_time (s) must not be negative"
-        findings.append(Finding(Code.BAD_SCHEMA, value=message["goal_time"], bound=0.0, message=reason))
+        findings.append(Finding(ReasonCode.BAD_SCHEMA, value=message["goal_time"], bound=0.0, message=reason))
     return findings
 
 
@@ -80,14 +86,14 @@ def policy(message: Mapping[str, Any], description: Mapping[str, Any]) -> str:
     if asked is None:
         return theirs
     if asked not in POLICIES:
-        raise Looser("trajectory.policy", f"expected one of {', '.join(POLICIES)}, got {asked!r}")
+        raise ToleranceTooLoose("trajectory.policy", f"expected one of {', '.join(POLICIES)}, got {asked!r}")
     if theirs in POLICIES and POLICIES.index(asked) > POLICIES.index(theirs):
         reason = f"the robot file says {theirs} (gate: on_velocity); a request may only be stricter"
-        raise Looser("trajectory.policy", reason)
+        raise ToleranceTooLoose("trajectory.policy", reason)
     return str(asked)
 
 
-def fields(message: Mapping[str, Any], path: Trajectory, names: Names) -> dict[str, Any]:
+def fields(message: Mapping[str, Any], path: Trajectory, names: JointNames) -> dict[str, Any]:
     """The fields of `link.Submit` that say what was asked."""
     tolerances = [
         (names.places[tolerance["joint"]], tolerance.get("path"), tolerance.get("goal"))
@@ -106,7 +112,7 @@ def fields(message: Mapping[str, Any], path: Trajectory, names: Names) -> dict[s
     }
 
 
-class Sealed:
+class SealedTrajectory:
     """The arrays of a path in a memfd, for as long as the context lasts."""
 
     def __init__(self, path: Trajectory) -> None:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from twind.front.accepted import Accepted
-from twind.front.calls import Call
-from twind.front.stream import Stream
-from twind.front.world import World, encode
-from twind.link import Event, Moment, Overview, Tick
+from twind.front.accepted import AcceptedTrajectory
+from twind.front.calls import ClientCall
+from twind.front.stream import MessageStream
+from twind.front.world import StateCache, encode
+from twind.link import Event, Overview, Tick, VerdictReport
 
 # topic -> Hz where the call does not say
 PERIODIC = {"state": 10.0, "latency": 10.0, "status": 2.0, "raw": 10.0}
@@ -21,11 +21,11 @@ TOPICS = (*PERIODIC, "events", "verdicts", "trajectories", "stream")
 
 
 @dataclass(slots=True)
-class Watcher:
+class MonitorSubscriber:
     """One Monitor call. `dropped`: messages lost since the last one that was sent."""
 
-    call: Call
-    stream: Stream
+    call: ClientCall
+    stream: MessageStream
     topics: frozenset[str]
     period: dict[str, float]  # s, by topic
     due: dict[str, float] = field(default_factory=dict)  # s, by topic
@@ -50,9 +50,9 @@ class Watcher:
             self.call.reply(b'{"dropped":0,' + body[:-1])
 
 
-def by_histograms(wanting: list[Watcher], now: float) -> dict[bool, list[Watcher]]:
+def by_histograms(wanting: list[MonitorSubscriber], now: float) -> dict[bool, list[MonitorSubscriber]]:
     """Who of those that want latencies gets histograms with them (True): everybody once a second."""
-    found: dict[bool, list[Watcher]] = {True: [], False: []}
+    found: dict[bool, list[MonitorSubscriber]] = {True: [], False: []}
     for watcher in wanting:
         due = watcher.due.get(HISTOGRAMS, now)
         whole = now + 0.05 >= due
@@ -61,19 +61,19 @@ def by_histograms(wanting: list[Watcher], now: float) -> dict[bool, list[Watcher
     return found
 
 
-class Telemetry:
+class SubscriberRegistry:
     """All watchers."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: StateCache) -> None:
         self._world = world
-        self._watchers: list[Watcher] = []
+        self._watchers: list[MonitorSubscriber] = []
         self._slack = 0.5 / world.briefing.rate_hz
 
-    def watch(self, call: Call, stream: Stream, topics: list[str], rate: float | None) -> None:
+    def watch(self, call: ClientCall, stream: MessageStream, topics: list[str], rate: float | None) -> None:
         """Begin a Monitor call. `rate` in Hz for the periodic topics, None: each its own."""
         most = self._world.briefing.rate_hz
         period = {topic: 1.0 / min(rate or usual, most) for topic, usual in PERIODIC.items()}
-        self._watchers.append(Watcher(call, stream, frozenset(topics), period))
+        self._watchers.append(MonitorSubscriber(call, stream, frozenset(topics), period))
 
     def forget(self, client: int) -> None:
         """A connection is gone."""
@@ -114,13 +114,13 @@ class Telemetry:
         """To all who watch events."""
         self._at_once("events", b"event", lambda: self._world.event(event), event.time, event.sequence)
 
-    def verdict(self, moment: Moment) -> None:
+    def verdict(self, moment: VerdictReport) -> None:
         """To all who watch verdicts."""
         self._at_once(
             "verdicts", b"verdict", lambda: self._world.verdict(moment), moment.time, moment.sequence
         )
 
-    def accepted(self, accepted: Accepted, moment: Moment) -> None:
+    def accepted(self, accepted: AcceptedTrajectory, moment: VerdictReport) -> None:
         """To all who watch trajectories."""
         self._at_once(
             "trajectories",
@@ -143,7 +143,7 @@ class Telemetry:
 
     def _send(
         self,
-        to: list[Watcher],
+        to: list[MonitorSubscriber],
         topic: str,
         key: bytes,
         piece: Callable[[], bytes],

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from twind.front.calls import STOPS, Call
-from twind.front.naming import Names
+from twind.front.calls import STOPS, ClientCall
+from twind.front.naming import JointNames
 from twind.front.world import encode
 from twind.link import Reply
 
@@ -22,18 +22,18 @@ ESTOPS = 4  # unanswered e-stops of one connection: each has a last answer when 
 
 
 @dataclass(slots=True)
-class _Waiting:
-    call: Call
+class _PendingCall:
+    call: ClientCall
     patience: float
     deadline: float
 
 
-class Tickets:
+class TicketTable:
     """Every command under way. `first` is the first ticket: no other front may have used it."""
 
-    def __init__(self, names: Names, first: int) -> None:
+    def __init__(self, names: JointNames, first: int) -> None:
         self._names, self._next = names, first
-        self._waiting: dict[int, _Waiting] = {}
+        self._waiting: dict[int, _PendingCall] = {}
         self._heard: set[int] = set()  # connections of which the loop knows
 
     def number(self) -> int:
@@ -41,26 +41,26 @@ class Tickets:
         self._next += 1
         return self._next
 
-    def open(self, call: Call, now: float) -> int:
+    def open(self, call: ClientCall, now: float) -> int:
         """A fresh ticket for a call."""
         self._next += 1
         self._heard.add(call.caller.number)
         patience = PATIENCE_BY_METHOD.get(call.method, PATIENCE)
-        self._waiting[self._next] = _Waiting(call, patience, now + patience)
+        self._waiting[self._next] = _PendingCall(call, patience, now + patience)
         return self._next
 
     def close(self, ticket: int) -> None:
         """The command never left."""
         self._waiting.pop(ticket, None)
 
-    def flooded(self, call: Call) -> bool:
+    def flooded(self, call: ClientCall) -> bool:
         """Too many commands of this connection are unanswered. A stop is measured by its like only."""
         own = self._own(call)
         if call.method in STOPS:
             own = [other for other in own if other.method == call.method]
         return len(own) >= OUTSTANDING
 
-    def stopping(self, call: Call, level: str) -> bool:
+    def stopping(self, call: ClientCall, level: str) -> bool:
         """Enough e-stops of this connection are unanswered, and one of them asked for `level` already.
 
         A level that none of them asked for adds to the stop, so it is never one too many.
@@ -68,7 +68,7 @@ class Tickets:
         levels = [c.parameters.get("level") or "settle" for c in self._own(call) if c.method == call.method]
         return len(levels) >= ESTOPS and level in levels
 
-    def _own(self, call: Call) -> list[Call]:
+    def _own(self, call: ClientCall) -> list[ClientCall]:
         number = call.caller.number
         return [w.call for w in self._waiting.values() if w.call.caller.number == number]
 

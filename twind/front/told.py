@@ -8,12 +8,12 @@ import msgspec
 
 from twind.briefing import Briefing
 from twind.config import edited, files, reread
-from twind.config.files import Described, Sources
+from twind.config.files import ConfigSources, LoadedConfig
 
 BY_CLIENT = "SetParameters"  # where such a value comes from
 
 
-def with_files(briefing: Briefing, sources: Sources, then: Described) -> Briefing:
+def with_files(briefing: Briefing, sources: ConfigSources, then: LoadedConfig) -> Briefing:
     """The next briefing, with what the files say by now; limits and gains of the robot stay as they are."""
     return msgspec.structs.replace(
         briefing,

@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 
 from twind.briefing import Briefing
-from twind.front.naming import Names
-from twind.link import Event, LatencyInfo, LoopInfo, Moment, Overview, Tick
+from twind.front.naming import JointNames
+from twind.link import Event, LatencyInfo, LoopInfo, Overview, Tick, VerdictReport
 
 # Bits of a servo's hardware error register (Protocol 2.0, address 70), and of what the CAN drivers make of a
 # fault (`twind_drivers.can.family`); bit 8: its last answer's alert.
@@ -39,7 +39,7 @@ def encode(value: Any) -> bytes:
 Slow = tuple[list[float], list[float], list[bool | None], list[bool | None], list[list[str]]]
 
 
-class JointNow(msgspec.Struct):
+class JointSnapshot(msgspec.Struct):
     """One joint, as `Joint` of the interface. NaN where unknown."""
 
     name: str
@@ -60,12 +60,12 @@ class JointNow(msgspec.Struct):
     faults: list[str]
 
 
-class World:
+class StateCache:
     """The latest tick and overview of one robot. Nothing is known until both have come."""
 
     def __init__(self, briefing: Briefing) -> None:
         self.briefing = briefing
-        self.names = Names([joint.name for joint in briefing.joints])
+        self.names = JointNames([joint.name for joint in briefing.joints])
         self.tick: Tick | None = None
         self.overview: Overview | None = None
         self.flight: dict[str, Any] | None = None  # `Flight` of the interface; None: nothing is recorded
@@ -169,7 +169,7 @@ class World:
             }
         )
 
-    def verdict(self, moment: Moment) -> bytes:
+    def verdict(self, moment: VerdictReport) -> bytes:
         """Of the topic `verdicts`: the verdict, and which trajectory it is of; encoded."""
         return encode(self.names.verdict(moment.verdict)) + b',"id":' + encode(moment.id or None)
 
@@ -233,7 +233,7 @@ class World:
         still = self.briefing.joints
         return encode(
             [
-                JointNow(
+                JointSnapshot(
                     j.name,
                     j.bus,
                     j.id,

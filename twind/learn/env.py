@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from twind.config.robot_file import load_robot
 from twind.learn.asked import command_in
 from twind.learn.daemon_body import DaemonBody
-from twind.learn.judge import Judge
+from twind.learn.judge import RewardFunction
 from twind.learn.model import Plant, plant_of
-from twind.learn.observation import Observer, Reading
-from twind.learn.picture import Picture
-from twind.learn.randomise.noise import Noise
-from twind.learn.randomise.ranges import Ranges, load_ranges
-from twind.learn.shaping import Shaper, Shaping
+from twind.learn.observation import BodyReading, ObservationBuilder
+from twind.learn.picture import CameraRenderer
+from twind.learn.randomise.noise import ReadingNoise
+from twind.learn.randomise.ranges import RandomisationRanges, load_ranges
+from twind.learn.shaping import ActionShaper, ActionShaping
 from twind.learn.sim_body import SimBody
 from twind.learn.tasks import task_of
 from twind.robot.arrays import Floats
@@ -26,7 +26,7 @@ from twind.robot.arrays import Floats
 BACKENDS = ("sim", "daemon")
 
 
-class Body(Protocol):
+class RobotBody(Protocol):
     """What can be told to move and says how it stands: a simulation, or a robot behind its daemon."""
 
     model: Any  # mujoco.MjModel and
@@ -40,10 +40,10 @@ class Body(Protocol):
     def told(self) -> Mapping[str, Any]:
         """What else `info` is to say of the last step."""
 
-    def reset(self, rng: np.random.Generator) -> Reading:
+    def reset(self, rng: np.random.Generator) -> BodyReading:
         """Stand in the default pose, as well as can be; what may differ is drawn from `rng`."""
 
-    def advance(self, target: Floats, velocity: Floats) -> Reading:
+    def advance(self, target: Floats, velocity: Floats) -> BodyReading:
         """One control period; the joints (n,) are to be at `target`, rad, at its end, with `velocity`, rad/s.
 
         The reading is the body's own: it changes with the next call.
@@ -59,7 +59,10 @@ class RobotEnv(gymnasium.Env):
     It ends its episodes by itself, in time too.
     """
 
-    metadata: Mapping[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / Shaping().period)}
+    metadata: Mapping[str, Any] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": round(1.0 / ActionShaping().period),
+    }
 
     def __init__(
         self,
@@ -69,7 +72,7 @@ class RobotEnv(gymnasium.Env):
         render_mode: str | None = None,
         randomise: str | None = None,
         socket: str | None = None,
-        shaping: Shaping | None = None,
+        shaping: ActionShaping | None = None,
         episode_steps: int | None = None,
     ) -> None:
         """`robot`: name or path of a robot file; `backend`: sim or daemon (at `socket`, None: the usual one).
@@ -83,7 +86,7 @@ class RobotEnv(gymnasium.Env):
             raise ValueError(f"randomise {randomise!r} with backend {backend!r}: it is of simulations alone")
         self.render_mode = render_mode
         self.task = task_of(task)
-        self.shaping = shaping or Shaping()
+        self.shaping = shaping or ActionShaping()
         ranges = self.task.ranges(load_ranges(randomise))
         self.plant = plant = plant_of(
             load_robot(robot),
@@ -91,16 +94,19 @@ class RobotEnv(gymnasium.Env):
             action_delay=ranges.action_delay[1],
             imu_delay=ranges.imu_delay[1],
         )
-        self.body: Body = _body(plant, ranges, self.shaping, backend, socket)
-        self.shaper = Shaper(plant.binding.limits, plant.default, self.shaping)
-        self._observer, self._judge = Observer(plant.layout, plant.default), Judge(self.task, plant)
-        self._noise = Noise(ranges.noise, len(plant.default))
+        self.body: RobotBody = _body(plant, ranges, self.shaping, backend, socket)
+        self.shaper = ActionShaper(plant.binding.limits, plant.default, self.shaping)
+        self._observer, self._judge = (
+            ObservationBuilder(plant.layout, plant.default),
+            RewardFunction(self.task, plant),
+        )
+        self._noise = ReadingNoise(ranges.noise, len(plant.default))
         self._phases = self.task.phases(self.shaping.period)
         self._command, self._phase, self._steps = np.zeros(3), self._phases[0], 0
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.shaping.period)}
         self.episode_steps = episode_steps or self.task.steps(self.shaping.period)
         self._rngs: list[np.random.Generator] = []
-        self._picture: Picture | None = None
+        self._picture: CameraRenderer | None = None
         most = plant.layout.most.astype(np.float32)
         self.observation_space = spaces.Box(-most, most, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (len(plant.default),), np.float32)
@@ -147,7 +153,7 @@ class RobotEnv(gymnasium.Env):
         if self.render_mode is None:
             return None
         if self._picture is None:
-            self._picture = Picture(self.body.model, self.plant.binding.robot.base)
+            self._picture = CameraRenderer(self.body.model, self.plant.binding.robot.base)
         return self._picture.take(self.body.data)
 
     def close(self) -> None:
@@ -157,13 +163,15 @@ class RobotEnv(gymnasium.Env):
             self._picture.close()
             self._picture = None
 
-    def _observe(self, reading: Reading, action: NDArray[Any]) -> NDArray[np.float32]:
+    def _observe(self, reading: BodyReading, action: NDArray[Any]) -> NDArray[np.float32]:
         if not self._noise.silent:
             self._noise.add(reading, self._rngs)
         return self._observer.observe(reading, action, self.shaper.target, self._command, self._phase)
 
 
-def _body(plant: Plant, ranges: Ranges, shaping: Shaping, backend: str, socket: str | None) -> Body:
+def _body(
+    plant: Plant, ranges: RandomisationRanges, shaping: ActionShaping, backend: str, socket: str | None
+) -> RobotBody:
     """Raises ValueError: no such back end."""
     if backend == "sim":
         return SimBody(plant, ranges, shaping.period)

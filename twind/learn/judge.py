@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from twind.learn.model import Plant
-from twind.learn.observation import Reading, columns
-from twind.learn.tasks import Task
+from twind.learn.observation import BodyReading, columns
+from twind.learn.tasks import LearningTask
 from twind.robot.arrays import Floats
 
 UPRIGHT = 0.5  # cosine of the tilt of the base beyond which the robot has fallen: 60 degrees
@@ -22,10 +22,10 @@ PER_SPEED, PER_TURN, PER_LIFT = SPEED**-2, TURN**-2, LIFT**-2
 Column = Any  # a float, or an array (…,)
 
 
-class Judge:
+class RewardFunction:
     """Judges one robot, or `shape` robots, by the weights of a task."""
 
-    def __init__(self, task: Task, plant: Plant, shape: tuple[int, ...] = ()) -> None:
+    def __init__(self, task: LearningTask, plant: Plant, shape: tuple[int, ...] = ()) -> None:
         n = len(plant.default)
         self._task, self._low = task, LOW * plant.height
         self._origin = np.concatenate([plant.default, np.zeros(n)])
@@ -38,7 +38,7 @@ class Judge:
         self._torque, self._brake = self._all[..., 2, :], np.zeros((*shape, n))
 
     def reward(
-        self, reading: Reading, target: Floats, command: Floats, phase: Floats
+        self, reading: BodyReading, target: Floats, command: Floats, phase: Floats
     ) -> tuple[Column, dict[str, Column]]:
         """The reward (…,) of the control step that led here, and its terms by name: they add up to it.
 
@@ -46,12 +46,12 @@ class Judge:
         """
         return self._worth(columns(reading.base), reading, target, command, phase)
 
-    def fallen(self, reading: Reading) -> Column:
+    def fallen(self, reading: BodyReading) -> Column:
         """The base is tilted too far, or too low: bool, or (…,)."""
         return self._down(columns(reading.base))
 
     def verdict(
-        self, reading: Reading, target: Floats, command: Floats, phase: Floats
+        self, reading: BodyReading, target: Floats, command: Floats, phase: Floats
     ) -> tuple[Column, dict[str, Column], Column]:
         """`reward` and `fallen` together."""
         c = columns(reading.base)
@@ -61,7 +61,7 @@ class Judge:
         return (c[8] > -UPRIGHT) | (c[9] < self._low)
 
     def _worth(
-        self, c: Any, reading: Reading, target: Floats, command: Floats, phase: Floats
+        self, c: Any, reading: BodyReading, target: Floats, command: Floats, phase: Floats
     ) -> tuple[Column, dict[str, Column]]:
         weigh, moving = self._task.weights, self._task.stride > 0.0
         forward, left, turn = columns(command)
@@ -88,7 +88,7 @@ class Judge:
         other = height - (c[16] * x + c[17] * y + c[18] * z) - rise * (right + abs(right))
         return 1.0 / (1.0 + (one * one + other * other) * PER_LIFT)
 
-    def _squares(self, reading: Reading, target: Floats) -> Floats:
+    def _squares(self, reading: BodyReading, target: Floats) -> Floats:
         """(…, 3): sums of squares of the way from the default pose and of velocity, mean square of torque.
 
         The torque is what a servo of the task's middle gain makes of its lag and its speed, as a share of the

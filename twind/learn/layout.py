@@ -16,7 +16,7 @@ PHASE = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class ObservationPart:
     """A run of entries that belong together."""
 
     name: str
@@ -27,38 +27,38 @@ class Part:
     labels: tuple[str, ...]  # of its entries; empty: the joints
 
 
-def _base() -> tuple[Part, ...]:
+def _base() -> tuple[ObservationPart, ...]:
     xyz = ("x", "y", "z")
     feet = tuple(f"{side}.{axis}" for side in ("left", "right") for axis in xyz)
     return (
-        Part("gyro", 3, "rad/s", 35.0, "angular velocity of the base, base frame", xyz),
-        Part("acceleration", 3, "m/s²", 160.0, "what the accelerometer feels, base frame", xyz),
-        Part("gravity", 3, "", 1.0, "which way is down, base frame; upright: 0 0 -1", xyz),
-        Part("height", 1, "m", 5.0, "of the base above the lower sole", ("z",)),
-        Part("base_velocity", 3, "m/s", 20.0, "of the base, base frame", xyz),
-        Part("soles", 6, "m", 5.0, "the soles as seen from the base, base frame", feet),
-        Part("sole_velocities", 6, "m/s", 50.0, "their velocities as seen from the base", feet),
+        ObservationPart("gyro", 3, "rad/s", 35.0, "angular velocity of the base, base frame", xyz),
+        ObservationPart("acceleration", 3, "m/s²", 160.0, "what the accelerometer feels, base frame", xyz),
+        ObservationPart("gravity", 3, "", 1.0, "which way is down, base frame; upright: 0 0 -1", xyz),
+        ObservationPart("height", 1, "m", 5.0, "of the base above the lower sole", ("z",)),
+        ObservationPart("base_velocity", 3, "m/s", 20.0, "of the base, base frame", xyz),
+        ObservationPart("soles", 6, "m", 5.0, "the soles as seen from the base, base frame", feet),
+        ObservationPart("sole_velocities", 6, "m/s", 50.0, "their velocities as seen from the base", feet),
     )
 
 
 @dataclass(frozen=True)
-class Layout:
+class ObservationLayout:
     """The observation of a robot with these joints."""
 
     joints: tuple[str, ...]
 
     @cached_property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[ObservationPart, ...]:
         """In order, without a gap."""
         n = len(self.joints)
         return (
-            Part("position", n, "rad", 7.0, "position less the default pose of the task", ()),
-            Part("velocity", n, "rad/s", 50.0, "velocity", ()),
-            Part("action", n, "", 1.0, "the last action", ()),
-            Part("lag", n, "rad", 7.0, "the target sent last less the position", ()),
+            ObservationPart("position", n, "rad", 7.0, "position less the default pose of the task", ()),
+            ObservationPart("velocity", n, "rad/s", 50.0, "velocity", ()),
+            ObservationPart("action", n, "", 1.0, "the last action", ()),
+            ObservationPart("lag", n, "rad", 7.0, "the target sent last less the position", ()),
             *_base(),
-            Part("command", COMMAND, "m/s, rad/s", 5.0, "asked for", ("forward", "left", "turn")),
-            Part(
+            ObservationPart("command", COMMAND, "m/s, rad/s", 5.0, "asked for", ("forward", "left", "turn")),
+            ObservationPart(
                 "phase",
                 PHASE,
                 "",
@@ -98,7 +98,7 @@ class Layout:
         return {"joints": list(self.joints), "size": self.size, "entries": ranges}
 
 
-def table(layout: Layout) -> list[tuple[str, str, str, str]]:
+def table(layout: ObservationLayout) -> list[tuple[str, str, str, str]]:
     """Entries, name, unit, meaning: the rows of the page that documents it, with n for the joints."""
     rows, joints, rest = [], 0, 0
     for part in layout.parts:

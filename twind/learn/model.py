@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 
 from twind.config.robot_file import RobotFile
-from twind.learn.layout import Layout
-from twind.learn.observation import Reading, height_of
-from twind.learn.randomise.physics import Places
+from twind.learn.layout import ObservationLayout
+from twind.learn.observation import BodyReading, height_of
+from twind.learn.randomise.physics import ModelAddresses
 from twind.robot.arrays import Floats, Ints, frozen
 from twind.twin.balance import Balance
 from twind.twin.base_pose import stand
@@ -34,8 +34,8 @@ class Plant:
 
     binding: Binding  # names and limits; its own model lacks what is added here
     model: Any  # mujoco.MjModel, as compiled: who changes it changes a copy
-    places: Places
-    layout: Layout
+    places: ModelAddresses
+    layout: ObservationLayout
     default: Floats  # rad, (n,): the pose `stand` of the robot file, else `rest`
     stance: Floats  # (nq,): standing in it
     control: Floats  # (nu,): holding it
@@ -75,12 +75,12 @@ class Plant:
         x, y, z = sensordata[DOWN].tolist()
         sensordata[FORCE] = -self.weight * x, -self.weight * y, -self.weight * z
 
-    def read(self, qpos: Floats, qvel: Floats, sensordata: Floats, reading: Reading) -> None:
+    def read(self, qpos: Floats, qvel: Floats, sensordata: Floats, reading: BodyReading) -> None:
         """Fill `reading` from a state (…, nq), (…, nv), (…, nsensordata): of one robot or of many."""
         fill(reading, *self.parts(qpos, qvel, sensordata))
 
 
-def fill(reading: Reading, position: Floats, velocity: Floats, imu: Floats, rest: Floats) -> None:
+def fill(reading: BodyReading, position: Floats, velocity: Floats, imu: Floats, rest: Floats) -> None:
     """Put the parts of a state into `reading`."""
     reading.position[...], reading.velocity[...] = position, velocity
     base = reading.base
@@ -117,7 +117,7 @@ def plant_of(robot: RobotFile, *, period: float, action_delay: float = 0.0, imu_
         binding=binding,
         model=model,
         places=places,
-        layout=Layout(robot.names),
+        layout=ObservationLayout(robot.names),
         default=default,
         stance=stance,
         control=control,
@@ -195,11 +195,11 @@ def _soles(binding: Binding) -> list[tuple[int, Floats]]:
     return found
 
 
-def _places(model: Any, binding: Binding) -> Places:
+def _places(model: Any, binding: Binding) -> ModelAddresses:
     base = int(model.body(binding.robot.base).id)
     free = int(model.body_jntadr[base])
     joints = [int(model.joint(joint.model_joint).id) for joint in binding.robot.joints]
-    return Places(
+    return ModelAddresses(
         links=np.flatnonzero(model.body_rootid == model.body_rootid[base]).astype(np.int64),
         base=base,
         joints=np.array(joints, np.int64),
@@ -224,7 +224,7 @@ def _standing(model: Any, binding: Binding, pose: Floats) -> tuple[Floats, Float
     return frozen(data.qpos), frozen(data.ctrl), float(base - lower)
 
 
-def _torque(model: Any, binding: Binding, places: Places) -> Floats:
+def _torque(model: Any, binding: Binding, places: ModelAddresses) -> Floats:
     """The most that each servo gives, N·m: of the model, else of the robot file."""
     limited = model.actuator_forcelimited[places.actuators] != 0
     given = model.actuator_forcerange[places.actuators, 1]

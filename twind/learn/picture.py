@@ -13,11 +13,11 @@ WAYS = ("egl", "osmesa")
 AWAY, ASIDE, ABOVE = 1.6, 130.0, -12.0  # m from the robot; degrees around it, and seen from above
 
 
-class NoPicture(RuntimeError):
+class RendererUnavailable(RuntimeError):
     """Nothing here can draw without a display."""
 
 
-class Picture:
+class CameraRenderer:
     """A camera that goes along with the base. Holds a GL context of its own until `close`.
 
     Not `mujoco.Renderer`: that takes the context that was chosen while MuJoCo was imported, and to the twin's
@@ -77,7 +77,9 @@ def _context() -> Any:
             refusals.append(f"{way}: {error}")
             if before is not None:
                 os.environ["PYOPENGL_PLATFORM"] = before
-    raise NoPicture(f"no picture without a display ({'; '.join(refusals)}): install libegl1 or libosmesa6")
+    raise RendererUnavailable(
+        f"no picture without a display ({'; '.join(refusals)}): install libegl1 or libosmesa6"
+    )
 
 
 def _seen(model: Any, base: int) -> bool:

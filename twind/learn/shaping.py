@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.robot.arrays import Bools, Floats, frozen
-from twind.robot.limits import Limits
+from twind.robot.limits import JointLimits
 
 PERIOD = 0.02  # s, of a policy
 # With B = BEND / s, B asinh(s x / B) is below the fastest speed that stops within x in whole periods, for any
@@ -20,7 +20,7 @@ BEND = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Shaping:
+class ActionShaping:
     """How actions are shaped. A policy is trained with one of these, and must run with the same."""
 
     period: float = PERIOD  # s
@@ -45,7 +45,7 @@ class Shaping:
         return asdict(self)
 
 
-class Shaper:
+class ActionShaper:
     """The targets of one robot, or of `shape` robots: arrays (…, n), in joint order.
 
     Each period a target goes `smoothing` of a short way to its goal (a low-pass with one pole), and of a long
@@ -54,7 +54,7 @@ class Shaper:
     """
 
     def __init__(
-        self, limits: Limits, default: Floats, shaping: Shaping, shape: tuple[int, ...] = ()
+        self, limits: JointLimits, default: Floats, shaping: ActionShaping, shape: tuple[int, ...] = ()
     ) -> None:
         """`default` (n,): the pose that actions are told from, rad. Raises ValueError: beyond the limits."""
         if not ((default >= limits.lower) & (default <= limits.upper)).all():
@@ -121,7 +121,7 @@ class Shaper:
         return self.target, self.velocity
 
 
-def _most_change(limits: Limits, shaping: Shaping) -> Floats:
+def _most_change(limits: JointLimits, shaping: ActionShaping) -> Floats:
     """What velocity may change in one period, rad/s, (n,).
 
     Its share of the acceleration limit; less where the longest way within the limits would become too fast.

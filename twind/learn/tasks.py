@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twind.learn.layout import COMMAND
-from twind.learn.randomise.ranges import SAME, ZERO, PushRanges, Ranges, Span
+from twind.learn.randomise.ranges import SAME, ZERO, PushRanges, RandomisationRanges, Span
 from twind.robot.arrays import Floats, frozen
 
 
 @dataclass(frozen=True, slots=True)
-class Weights:
+class RewardWeights:
     """What each term of the reward of one control step is worth. A kernel is 1 / (1 + x²): at most 1."""
 
     alive: float = 0.0  # 1, until the robot has fallen
@@ -28,11 +28,11 @@ class Weights:
 
 
 @dataclass(frozen=True)
-class Task:
+class LearningTask:
     """One thing to learn, as data. Spans are [low, high]."""
 
     name: str
-    weights: Weights
+    weights: RewardWeights
     episode: float = 20.0  # s
     command: tuple[Span, Span, Span] = (ZERO, ZERO, ZERO)  # m/s forward, m/s left, rad/s turn
     stride: float = 0.0  # s of one step of both feet; 0: the feet stay
@@ -43,7 +43,7 @@ class Task:
     # x, each joint's position gain, over whatever the ranges draw of it.
     stiffness: Span = SAME
 
-    def ranges(self, given: Ranges) -> Ranges:
+    def ranges(self, given: RandomisationRanges) -> RandomisationRanges:
         """`given`, with this task's own start and pushes where it says nothing of them, and its stiffness."""
         own = {name: span for name, span in self.start.items() if getattr(given, name) == ZERO}
         soft = self.stiffness[0] * given.stiffness[0], self.stiffness[1] * given.stiffness[1]
@@ -72,10 +72,10 @@ class Task:
         return round(self.episode / period)
 
 
-STAND = Task(
+STAND = LearningTask(
     name="Stand",
     episode=10.0,
-    weights=Weights(alive=1.0, velocity=0.5, upright=0.5, energy=-1.0, pose=-0.5, motion=-0.005),
+    weights=RewardWeights(alive=1.0, velocity=0.5, upright=0.5, energy=-1.0, pose=-0.5, motion=-0.005),
     start={
         "start_joints": (-0.05, 0.05),
         "start_tilt": (-0.03, 0.03),
@@ -88,19 +88,19 @@ STAND = Task(
     stiffness=(0.25, 0.45),
     pushes=PushRanges(every=(1.0, 3.0), speed=(0.05, 0.15), lasting=(0.1, 0.2)),
 )
-HUMANOID = Task(
+HUMANOID = LearningTask(
     name="Humanoid",
-    weights=Weights(
+    weights=RewardWeights(
         alive=0.5, velocity=2.0, turn=0.5, upright=0.5, gait=0.5, energy=-0.5, pose=-0.2, motion=-0.002
     ),
     command=((0.1, 0.3), ZERO, ZERO),
     stride=0.6,
     start={"start_joints": (-0.03, 0.03), "start_tilt": (-0.02, 0.02)},
 )
-TASKS: Mapping[str, Task] = {task.name: task for task in (STAND, HUMANOID)}
+TASKS: Mapping[str, LearningTask] = {task.name: task for task in (STAND, HUMANOID)}
 
 
-def task_of(name: str) -> Task:
+def task_of(name: str) -> LearningTask:
     """By its name, `Stand` or `Humanoid`. Raises KeyError: there is none such, the known ones are listed."""
     for known, task in TASKS.items():
         if known.lower() == name.lower():

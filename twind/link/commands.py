@@ -8,11 +8,11 @@ import msgspec
 from twind.robot.finding import Finding
 
 
-class Base(msgspec.Struct, frozen=True, kw_only=True, tag=True, tag_field="kind"):
+class LinkMessage(msgspec.Struct, frozen=True, kw_only=True, tag=True, tag_field="kind"):
     """What every message has: a `kind` that names its type."""
 
 
-class Command(Base, frozen=True, kw_only=True, tag=True, tag_field="kind"):
+class Command(LinkMessage, frozen=True, kw_only=True, tag=True, tag_field="kind"):
     """A call of one client. Replies carry its ticket; the lease is bound to its connection."""
 
     ticket: int
@@ -171,7 +171,7 @@ class Mark(Command, frozen=True, kw_only=True):
     annotation: Annotation
 
 
-class Adopt(Command, frozen=True, kw_only=True, tag="Adopt"):
+class ApplyChanges(Command, frozen=True, kw_only=True, tag="Adopt"):
     """Changes that both sides make at one moment (`config/hot.py`); the next front's briefing in the memfd.
 
     Reply: {applied: [key], needs_restart: [key]}.
@@ -183,41 +183,41 @@ class Adopt(Command, frozen=True, kw_only=True, tag="Adopt"):
     reread: bool = True  # by files read again; False: by a client's word
 
 
-class Rereading(Base, frozen=True, kw_only=True, tag="Rereading"):
+class ReloadStarted(LinkMessage, frozen=True, kw_only=True, tag="Rereading"):
     """The front begins to read the files again."""
 
 
-class RereadFailed(Base, frozen=True, kw_only=True, tag="RereadFailed"):
+class ReloadFailed(LinkMessage, frozen=True, kw_only=True, tag="RereadFailed"):
     """What was wrong with the files; nothing changes."""
 
     message: str
 
 
-class Gone(Base, frozen=True, kw_only=True, tag="Gone"):
+class ConnectionClosed(LinkMessage, frozen=True, kw_only=True, tag="Gone"):
     """A connection closed: its lease lapses, its unanswered tickets are void."""
 
     client: int
 
 
-class Rebound(Base, frozen=True, kw_only=True):
+class Rebound(LinkMessage, frozen=True, kw_only=True):
     """A listening socket was bound again, as its file was gone. Its descriptor comes beside this datagram."""
 
     name: str  # control or observe
     label: str  # of the `Listener`
 
 
-class Reachable(Base, frozen=True, kw_only=True):
+class Reachable(LinkMessage, frozen=True, kw_only=True):
     """Whether clients can connect. The first message of a front about it, and one for every change."""
 
     missing: str = ""  # which socket cannot be reached, why, and the remedy; "": every socket is in place
     rebound: Sequence[str] = ()  # paths of the sockets that were bound again since the last message
 
 
-class WreckDone(Base, frozen=True, kw_only=True, tag="WreckDone"):
+class CrashRecordingDone(LinkMessage, frozen=True, kw_only=True, tag="WreckDone"):
     """What a daemon before this one left is written down, or cannot be: it need not be kept any longer."""
 
 
-class Heartbeat(Base, frozen=True, kw_only=True):
+class Heartbeat(LinkMessage, frozen=True, kw_only=True):
     """The front lives; at least twice a second."""
 
 
@@ -240,12 +240,12 @@ Inward = (
     | Reboot
     | Scan
     | Mark
-    | Adopt
-    | Rereading
-    | RereadFailed
-    | Gone
+    | ApplyChanges
+    | ReloadStarted
+    | ReloadFailed
+    | ConnectionClosed
     | Rebound
     | Reachable
-    | WreckDone
+    | CrashRecordingDone
     | Heartbeat
 )

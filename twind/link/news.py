@@ -6,11 +6,11 @@ from typing import Any
 
 import msgspec
 
-from twind.link.commands import Annotation, Base
+from twind.link.commands import Annotation, LinkMessage
 from twind.robot.finding import Finding
 
 
-class Tick(Base, frozen=True, kw_only=True):
+class Tick(LinkMessage, frozen=True, kw_only=True):
     """The state after one tick. Arrays are little-endian float64 bytes of n joints; NaN = unknown."""
 
     time: float
@@ -98,7 +98,7 @@ class LeaseInfo(msgspec.Struct, frozen=True):
     expires_in: float
 
 
-class Overview(Base, frozen=True, kw_only=True):
+class Overview(LinkMessage, frozen=True, kw_only=True):
     """What changes slowly; ten times a second and whenever mode, state or faults change."""
 
     time: float
@@ -123,7 +123,7 @@ class Overview(Base, frozen=True, kw_only=True):
     verified: bytes = b""  # bool of n joints: as calibrated, its turn known; empty: no robot is looked at
 
 
-class Reply(Base, frozen=True, kw_only=True):
+class Reply(LinkMessage, frozen=True, kw_only=True):
     """An answer to a ticket. `error` is the interface's error name without its prefix."""
 
     ticket: int
@@ -132,7 +132,7 @@ class Reply(Base, frozen=True, kw_only=True):
     error: str | None = None
 
 
-class Event(Base, frozen=True, kw_only=True):
+class Event(LinkMessage, frozen=True, kw_only=True):
     """Something happened that a person may want to know. Also the loop's only way to a log."""
 
     time: float
@@ -150,7 +150,7 @@ class Event(Base, frozen=True, kw_only=True):
     stop: str = ""  # the stop that is demanded: hold, settle, damp, cut, inhibit; "": none
 
 
-class Moment(Base, frozen=True, kw_only=True, tag="Moment"):
+class VerdictReport(LinkMessage, frozen=True, kw_only=True, tag="Moment"):
     """A verdict was given: topic `verdicts`. Without refusals it is followed: topic `trajectories`."""
 
     time: float
@@ -160,8 +160,8 @@ class Moment(Base, frozen=True, kw_only=True, tag="Moment"):
     lead: float = 0.0  # s by which it begins later, on the way to a first point at t = 0
 
 
-class Reread(Base, frozen=True, kw_only=True, tag="Reread"):
+class ReloadWanted(LinkMessage, frozen=True, kw_only=True, tag="Reread"):
     """The loop was told to have the files read again (SIGHUP)."""
 
 
-Outward = Tick | Overview | Reply | Event | Moment | Reread
+Outward = Tick | Overview | Reply | Event | VerdictReport | ReloadWanted

@@ -8,15 +8,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from twind import link
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import Mode, State
-from twind.safety.states import TABLE, Event
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode, RobotState
+from twind.safety.states import TABLE, RobotEvent
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
 
-class Calibrating:
+class CalibratingState:
     """Begins and ends the state; `tend` once per tick."""
 
     def __init__(self, loop: Loop) -> None:
@@ -26,13 +26,13 @@ class Calibrating:
     @property
     def on(self) -> bool:
         """The robot is being calibrated now."""
-        return self._loop.state is State.CALIBRATING
+        return self._loop.state is RobotState.CALIBRATING
 
     def ask(self, command: link.Calibrate, now: float) -> None:
         """Begin or end it; what is so already is no error."""
         loop = self._loop
         if not loop.lease.renew(command.client, now):
-            finding = Finding(Code.LEASE_MISSING, message="this connection does not hold the lease")
+            finding = Finding(ReasonCode.LEASE_MISSING, message="this connection does not hold the lease")
             loop.say.refuse(command, (finding,))
             return
         if command.on != self.on and not self._change(command, now):
@@ -46,9 +46,9 @@ class Calibrating:
             loop.say.error(command, "Busy", what=loop.procedures.rank.name.lower())
             return False
         if not command.on:
-            loop.change(Event.CALIBRATED, now)
+            loop.change(RobotEvent.CALIBRATED, now)
             return True
-        state, allowed = loop.state.value, list(TABLE[Event.CALIBRATE])
+        state, allowed = loop.state.value, list(TABLE[RobotEvent.CALIBRATE])
         latched = ", ".join(loop.latches)
         if loop.mode is Mode.SIM:
             loop.say.error(command, "WrongState", state="mode sim", allowed=["mode mirror", "mode live"])
@@ -60,7 +60,7 @@ class Calibrating:
             loop.say.error(command, "WrongState", state=f"{state}, torque on", allowed=["disarmed"])
         else:
             self._epoch = loop.lease.epoch
-            loop.change(Event.CALIBRATE, now)
+            loop.change(RobotEvent.CALIBRATE, now)
             return True
         return False
 
@@ -70,10 +70,10 @@ class Calibrating:
         if not self.on or loop.procedures.rank is not None:
             return
         if any(port.reader is None for port in loop.hardware.ports):
-            loop.change(Event.PORT_LOST, now)
+            loop.change(RobotEvent.PORT_LOST, now)
         elif not loop.lease.holds(now) or loop.lease.epoch != self._epoch:
-            loop.say.event("warning", Code.LEASE_LOST, "the lease is gone: the calibration ends")
-            loop.change(Event.CALIBRATED, now)
+            loop.say.event("warning", ReasonCode.LEASE_LOST, "the lease is gone: the calibration ends")
+            loop.change(RobotEvent.CALIBRATED, now)
             loop.identity.settle_state(now)
 
     def may_keep(self, command: link.WriteRegister, kept: bool, now: float) -> bool:
@@ -85,10 +85,10 @@ class Calibrating:
             self.refuse(command)
         else:
             message = "somebody else calibrates: EEPROM is written by who holds the lease"
-            loop.say.refuse(command, (Finding(Code.LEASE_MISSING, message=message),))
+            loop.say.refuse(command, (Finding(ReasonCode.LEASE_MISSING, message=message),))
         return False
 
     def refuse(self, command: link.WriteRegister) -> None:
         """EEPROM is written while calibrating, and it is not."""
         state = f"{self._loop.state.value}, and {command.name} of id {command.id} is EEPROM"
-        self._loop.say.error(command, "WrongState", state=state, allowed=[State.CALIBRATING.value])
+        self._loop.say.error(command, "WrongState", state=state, allowed=[RobotState.CALIBRATING.value])

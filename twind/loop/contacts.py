@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode
 from twind.safety.tracking_rules import DRIFT
 
@@ -27,10 +27,12 @@ def with_contact(loop: Loop, finding: Finding) -> Finding:
         return finding
     one, other = contact.bodies
     touch = f"{one} and {other} touch in the simulation, {contact.depth * 1e3:.1f} mm deep: {REMEDY}"
-    what = f"{DRIFT}: " if finding.code is Code.MIRROR_DRIFT else ""
+    what = f"{DRIFT}: " if finding.code is ReasonCode.MIRROR_DRIFT else ""
     return replace(finding, message=what + touch)
 
 
-def _simulated(loop: Loop, code: Code) -> bool:
+def _simulated(loop: Loop, code: ReasonCode) -> bool:
     """Whether a finding of this code compares with the simulation."""
-    return code is Code.MIRROR_DRIFT or (code is Code.GOAL_TOLERANCE and loop.mode is not Mode.LIVE)
+    return code is ReasonCode.MIRROR_DRIFT or (
+        code is ReasonCode.GOAL_TOLERANCE and loop.mode is not Mode.LIVE
+    )

@@ -9,22 +9,22 @@ from twind.config.hot import Changes, applied
 from twind.config.robot_spec import RobotFile
 from twind.robot.finding import Verdict
 from twind.twin.binding import Binding, rebound
-from twind_drivers.bus import Device
+from twind_drivers.bus import IdentifiedDevice
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class BoundRobot:
     """One robot; both sides of the link judge the same."""
 
     file: RobotFile
     calibration: Calibration | None
     binding: Binding
 
-    def judge(self, devices: Mapping[tuple[str, int], Device]) -> Verdict:
+    def judge(self, devices: Mapping[tuple[str, int], IdentifiedDevice]) -> Verdict:
         """S09: do the devices hold what the calibration was made with?"""
         return compare(self.file, self.calibration, devices)
 
-    def changed(self, changes: Changes) -> "Robot":
+    def changed(self, changes: Changes) -> "BoundRobot":
         """The same with these changes. Raises NotHot, BindingError."""
         file = applied(self.file, changes)
-        return Robot(file, self.calibration, rebound(self.binding, file, self.calibration))
+        return BoundRobot(file, self.calibration, rebound(self.binding, file, self.calibration))

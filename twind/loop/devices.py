@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from twind import link
 from twind.loop.procedures import Procedure, all_of
 from twind.robot.modes import Mode
-from twind_drivers.bus import BusError, NoReply, Register, Restart, UnknownRegister
+from twind_drivers.bus import BusError, NoReply, RegisterAddress, RestartResult, UnknownRegister
 
 if TYPE_CHECKING:
-    from twind.loop.ports import Port, Task
+    from twind.loop.ports import BusPort, ScriptRun
     from twind.loop.tick import Loop
 
 
 T = TypeVar("T")
 
 
-def _port(loop: Loop, command: link.Command, name: str | None, id: int | None = None) -> Port | None:
+def _port(loop: Loop, command: link.Command, name: str | None, id: int | None = None) -> BusPort | None:
     """The open port of a bus; None after answering why there is none."""
     known = [port.name for port in loop.hardware.ports]
     for port in loop.hardware.ports:
@@ -43,7 +43,7 @@ def _port(loop: Loop, command: link.Command, name: str | None, id: int | None = 
 def _writable(
     loop: Loop,
     command: link.WriteRegister | link.Reboot,
-    port: Port,
+    port: BusPort,
     what: str,
     *,
     unknown: bool = False,
@@ -72,8 +72,8 @@ def _refuse(loop: Loop, command: link.Command, torque: str) -> None:
 def _answer(
     loop: Loop,
     command: link.Command,
-    port: Port,
-    task: Task[T],
+    port: BusPort,
+    task: ScriptRun[T],
     told: Callable[[T], dict[str, Any]],
     name: str = "",
 ) -> Procedure:
@@ -90,12 +90,12 @@ def _answer(
         loop.say.reply(command, **told(task.result))
 
 
-def _register(value: Register) -> dict[str, Any]:
+def _register(value: RegisterAddress) -> dict[str, Any]:
     plain = {"name": value.name, "address": value.address, "size": value.size, "value": value.value}
     return {"register": plain}
 
 
-def _restored(restart: Restart) -> dict[str, Any]:
+def _restored(restart: RestartResult) -> dict[str, Any]:
     """What the restart had changed and what differs now, in words."""
     return {
         "restored": [f"{each.name} = {each.value}" for each in restart.restored],
@@ -124,7 +124,7 @@ def write(loop: Loop, command: link.WriteRegister, now: float) -> None:
         loop.procedures.beside(_written(loop, command, port))
 
 
-def _kept(port: Port, command: link.WriteRegister) -> bool:
+def _kept(port: BusPort, command: link.WriteRegister) -> bool:
     """Does that register survive power-off? One that there is none of does not: the write says so."""
     try:
         return port.reader is not None and port.reader.keeps(command.id, command.name)
@@ -132,7 +132,7 @@ def _kept(port: Port, command: link.WriteRegister) -> bool:
         return False
 
 
-def _written(loop: Loop, command: link.WriteRegister, port: Port) -> Procedure:
+def _written(loop: Loop, command: link.WriteRegister, port: BusPort) -> Procedure:
     if loop.energised and not (yield from _limp(port, command.id)):
         _refuse(loop, command, f"torque of id {command.id} on or not read")
         return
@@ -144,7 +144,7 @@ def _written(loop: Loop, command: link.WriteRegister, port: Port) -> Procedure:
     if _kept(port, command) and not loop.calibrating.on:  # it ended while that was looked at
         loop.calibrating.refuse(command)
         return
-    task: Task[Register] = port.run(port.writer.write(command.id, command.name, command.value))
+    task: ScriptRun[RegisterAddress] = port.run(port.writer.write(command.id, command.name, command.value))
     yield from _answer(loop, command, port, task, _register, command.name)
     done = "was refused" if task.error is not None else "is written"
     said = f"{command.holder}: {port.name}/{command.id} {command.name} := {command.value} {done}"
@@ -153,7 +153,7 @@ def _written(loop: Loop, command: link.WriteRegister, port: Port) -> Procedure:
         port.identify()  # the description may fit no longer, and that is told at once
 
 
-def _limp(port: Port, id: int) -> Generator[None, float, bool]:
+def _limp(port: BusPort, id: int) -> Generator[None, float, bool]:
     """Does its torque read off now?"""
     if port.reader is None:
         return False
@@ -174,7 +174,7 @@ def reboot(loop: Loop, command: link.Reboot, now: float) -> None:
     loop.procedures.beside(_reboot(loop, command, port, task))
 
 
-def _reboot(loop: Loop, command: link.Reboot, port: Port, task: Task[Restart]) -> Procedure:
+def _reboot(loop: Loop, command: link.Reboot, port: BusPort, task: ScriptRun[RestartResult]) -> Procedure:
     yield from _answer(
         loop, command, port, task, lambda restart: {"state": loop.state.value, **_restored(restart)}
     )
@@ -195,7 +195,7 @@ def scan(loop: Loop, command: link.Scan, now: float) -> None:
         loop.procedures.beside(_scan(loop, command, port))
 
 
-def _scan(loop: Loop, command: link.Scan, port: Port) -> Procedure:
+def _scan(loop: Loop, command: link.Scan, port: BusPort) -> Procedure:
     assert port.reader is not None
     task = port.run(port.reader.identify())
     try:

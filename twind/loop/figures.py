@@ -5,19 +5,19 @@ from collections.abc import Mapping
 
 from twind import link
 from twind.loop.realtime import Granted
-from twind.safety.window import BOUNDS_MS, Window
+from twind.safety.window import BOUNDS_MS, RollingStats
 
 ON_TIME = 0.002  # s: a tick that begins later than this is late (R02 warns from here)
 
 
-class Figures:
+class LoopFigures:
     """Counted once per tick."""
 
     def __init__(self, period: float, realtime: Mapping[str, Granted]) -> None:
         self._period, self._realtime = period, realtime
         self.ticks = self.missed = 0
         self._gap = 0.0  # s, the longest in which ticks were due and none began
-        self._late = Window(threshold=ON_TIME)
+        self._late = RollingStats(threshold=ON_TIME)
         self._punctual: deque[bool] = deque([True] * 100, maxlen=100)
 
     def tick(self, lateness: float, missed: int) -> None:
@@ -50,7 +50,7 @@ class Figures:
         )
 
 
-def buckets(window: Window) -> list[link.Bucket]:
+def buckets(window: RollingStats) -> list[link.Bucket]:
     """The run of a window, as the interface spells it."""
     bounds = (*BOUNDS_MS, None)
     return [link.Bucket(bound, count) for bound, count in zip(bounds, window.buckets, strict=True)]

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from twind import link
-from twind.loop.procedures import Procedure, Rank, ticks
-from twind.loop.sought import Sought
-from twind.motion.homing import Phase
-from twind.robot.finding import Code, Finding
-from twind_drivers.bus import Device, DeviceRefused, WireClamp
+from twind.loop.procedures import Priority, Procedure, ticks
+from twind.loop.sought import HomingRequest
+from twind.motion.homing import HomingPhase
+from twind.robot.finding import Finding, ReasonCode
+from twind_drivers.bus import DeviceRefused, IdentifiedDevice, WireClamp
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -27,12 +27,12 @@ ITS_OWN = ("drive_mode", "homing_offset", "moving_threshold")  # settings by whi
 
 
 @dataclass(eq=False)
-class Debt:
+class PendingRestore:
     """One search: what was asked, what the servo was before, and how it came out."""
 
     command: link.FindStop
-    sought: Sought
-    device: Device  # as it was identified before
+    sought: HomingRequest
+    device: IdentifiedDevice  # as it was identified before
     kept: Any = None  # of the driver: what is given back; None: nothing was written
     left: str = ""  # what it is left with, if it is not given back
     watchdog: int = 0  # what its watchdog reads while it has torque
@@ -45,7 +45,7 @@ class Debt:
     findings: tuple[Finding, ...] = ()
 
 
-def give_back(loop: Loop, debt: Debt) -> Procedure:
+def give_back(loop: Loop, debt: PendingRestore) -> Procedure:
     """Once it is over and torque is off: as it was, read back, identified anew. Then the answer."""
     port = debt.sought.port
     while not debt.over:
@@ -61,7 +61,7 @@ def give_back(loop: Loop, debt: Debt) -> Procedure:
     answer(loop, debt)
 
 
-def _returned(loop: Loop, debt: Debt, until: float) -> Generator[None, float, tuple[Finding, ...]]:
+def _returned(loop: Loop, debt: PendingRestore, until: float) -> Generator[None, float, tuple[Finding, ...]]:
     """Tried until it is done, or never will be; why not."""
     refusals = 0
     while True:
@@ -82,21 +82,21 @@ def _returned(loop: Loop, debt: Debt, until: float) -> Generator[None, float, tu
         yield from ticks(PAUSE)
 
 
-def _free(loop: Loop, debt: Debt) -> bool:
+def _free(loop: Loop, debt: PendingRestore) -> bool:
     """Nobody else writes there, no torque of ours is left, and it is known who is there."""
     port = debt.sought.port
-    calm = loop.procedures.rank in (None, Rank.SHUTDOWN) and not loop.armed and not loop.energising
+    calm = loop.procedures.rank in (None, Priority.SHUTDOWN) and not loop.armed and not loop.energising
     known = port.identification is None and _now(debt) is not None
     return calm and known and port.writer is not None and port.reader is not None and not port.full
 
 
-def _now(debt: Debt) -> Device | None:
+def _now(debt: PendingRestore) -> IdentifiedDevice | None:
     """Who has its id, as last identified; None: nobody has said since the bus was opened."""
     found = (each for each in debt.sought.port.devices if each.id == debt.sought.id and each.settings)
     return next(found, None)
 
 
-def _stranger(debt: Debt) -> str | None:
+def _stranger(debt: PendingRestore) -> str | None:
     """How whoever has its id now is known to be another than was driven."""
     was, found = debt.device, _now(debt)
     if found is None:
@@ -112,7 +112,7 @@ def _stranger(debt: Debt) -> str | None:
     return None
 
 
-def _restored(debt: Debt) -> Generator[None, float, Exception | None]:
+def _restored(debt: PendingRestore) -> Generator[None, float, Exception | None]:
     """One try; what was wrong with it."""
     port, aim = debt.sought.port, debt.sought
     assert port.writer is not None
@@ -128,14 +128,14 @@ def _restored(debt: Debt) -> Generator[None, float, Exception | None]:
     return task.error
 
 
-def leave(loop: Loop, debt: Debt) -> None:
+def leave(loop: Loop, debt: PendingRestore) -> None:
     """The daemon ends, and it was not given back: that is told."""
     why = unrestored(debt, "the daemon ends")
     _say(loop, debt, (why,))
     answer(loop, debt, why)
 
 
-def release(loop: Loop, debt: Debt) -> None:
+def release(loop: Loop, debt: PendingRestore) -> None:
     """It is owed no more; everybody on its bus is written to again."""
     if debt.sought.port.writer is not None:
         debt.sought.port.writer.together()
@@ -145,7 +145,7 @@ def release(loop: Loop, debt: Debt) -> None:
 # ------------------------------------------------------------------------------------------- what is said
 
 
-def answer(loop: Loop, debt: Debt, *more: Finding) -> None:
+def answer(loop: Loop, debt: PendingRestore, *more: Finding) -> None:
     """The last answer: captures, or why there are none; nothing is found where anything is wrong."""
     if debt.answered:
         return
@@ -154,14 +154,14 @@ def answer(loop: Loop, debt: Debt, *more: Finding) -> None:
     if findings:
         said = f"{name}: its stop was not found: {findings[0].message}"
         loop.say.event("warning", findings[0].code, said, findings)
-        loop.say.reply(debt.command, phase=Phase.FAILED.value, progress=1.0, findings=findings)
+        loop.say.reply(debt.command, phase=HomingPhase.FAILED.value, progress=1.0, findings=findings)
         return
     counts = [round(count) for count in debt.captures]
     loop.say.event("info", "HOMING", f"{name}: its stop is at {counts}; torque is off")
-    loop.say.reply(debt.command, phase=Phase.FOUND.value, progress=1.0, ticks=counts)
+    loop.say.reply(debt.command, phase=HomingPhase.FOUND.value, progress=1.0, ticks=counts)
 
 
-def _say(loop: Loop, debt: Debt, why: tuple[Finding, ...]) -> None:
+def _say(loop: Loop, debt: PendingRestore, why: tuple[Finding, ...]) -> None:
     """How giving back came out, for who was answered before, and for those who asked nothing."""
     name = loop.joints.names[debt.sought.joint]
     for finding in why:
@@ -170,14 +170,14 @@ def _say(loop: Loop, debt: Debt, why: tuple[Finding, ...]) -> None:
         loop.say.event("info", "HOMING", f"{name}: its mode and settings are as they were")
 
 
-def unrestored(debt: Debt, why: str) -> Finding:
+def unrestored(debt: PendingRestore, why: str) -> Finding:
     """What it is left with, and why."""
     message = f"its mode and settings are not as they were: {why}; it is left with {debt.left}"
-    return Finding(Code.DEVICE_MISMATCH, debt.sought.joint, message=message)
+    return Finding(ReasonCode.DEVICE_MISMATCH, debt.sought.joint, message=message)
 
 
-def clamped(loop: Loop, debt: Debt, error: WireClamp) -> Finding:
+def clamped(loop: Loop, debt: PendingRestore, error: WireClamp) -> Finding:
     """R22: bytes that may not leave are a fault of ours, and latch as everywhere."""
-    finding = Finding(Code.WIRE_CLAMP, debt.sought.joint, value=float(error.value), message=str(error))
+    finding = Finding(ReasonCode.WIRE_CLAMP, debt.sought.joint, value=float(error.value), message=str(error))
     loop.fail(finding, loop.clock.now())
     return finding

@@ -13,7 +13,7 @@ _FIRST = 3  # SD_LISTEN_FDS_START
 
 
 @dataclass(frozen=True, slots=True)
-class Handed:
+class InheritedDescriptors:
     """What the service manager handed over, ours to close; the memfd by who takes it (`Wreck`)."""
 
     sockets: Mapping[str, socket.socket] = field(default_factory=dict)  # that it listens on, by name
@@ -25,7 +25,7 @@ class Handed:
             listener.close()
 
 
-def handed_over() -> Handed:
+def handed_over() -> InheritedDescriptors:
     """What the service manager hands over, by FileDescriptorName= or FDNAME=; clears LISTEN_*.
 
     A socket by another name is told, and left to the manager: we neither serve nor close it.
@@ -35,7 +35,7 @@ def handed_over() -> Handed:
     for key in ("LISTEN_FDS", "LISTEN_PID", "LISTEN_FDNAMES"):
         os.environ.pop(key, None)
     if not count.isdigit() or mine != str(os.getpid()):
-        return Handed()
+        return InheritedDescriptors()
     found, wreck = {}, None
     handed = range(_FIRST, _FIRST + int(count))
     for fd in handed:
@@ -51,4 +51,4 @@ def handed_over() -> Handed:
             known = " or ".join(NAMES)
             said = f"a socket named {name!r} was handed over, and nobody serves it"
             tell(2, "warning", f"twind: {said}: FileDescriptorName= of its unit must be {known}")
-    return Handed(found, wreck)
+    return InheritedDescriptors(found, wreck)

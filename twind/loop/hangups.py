@@ -6,7 +6,7 @@ from collections.abc import Callable
 from types import FrameType
 
 
-class HangUps:
+class HangupSignal:
     """The files are read again (daemon(7)); where the terminal that we were started from is gone, we end.
 
     Kept until there is somebody to `tell`: a start reads files and compiles a model first.

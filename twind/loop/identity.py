@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twind.loop import release, torque
-from twind.loop.ports import IDENTIFY_AGAIN, Link, Port
-from twind.loop.procedures import Rank
-from twind.loop.verified import Verified
+from twind.loop.ports import IDENTIFY_AGAIN, BusPort, PortState
+from twind.loop.procedures import Priority
+from twind.loop.verified import JointVerification
 from twind.robot.arrays import Bools, some
-from twind.robot.finding import Code, Finding, Verdict
-from twind.robot.joints import BusMap
-from twind.robot.modes import Mode, State
-from twind.safety.states import Event
-from twind_drivers.bus import Device
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.joints import JointBusMap
+from twind.robot.modes import Mode, RobotState
+from twind.safety.states import RobotEvent
+from twind_drivers.bus import IdentifiedDevice
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -34,15 +34,15 @@ DOUBLE = "two devices with this id? Stop the daemon: `twindctl scan --port PORT`
 SPOKE = 0.05  # s: somebody of a mute bus was heard just now, so its power is back
 
 # (bus name, id) -> device, for every device that answered -> what S09 says of them, joints as indices
-Judge = Callable[[Mapping[tuple[str, int], Device]], Verdict]
+Judge = Callable[[Mapping[tuple[str, int], IdentifiedDevice]], Verdict]
 
 
-class Identity:
+class IdentificationState:
     """What is known of the devices, bus by bus."""
 
     def __init__(self, loop: Loop, judge: Judge) -> None:
         self._loop, self.judge = loop, judge
-        self._devices: dict[tuple[str, int], Device] = {}
+        self._devices: dict[tuple[str, int], IdentifiedDevice] = {}
         self._again: dict[str, float] = {}
         self._gone: dict[str, float] = {}  # bus -> s that nobody on it has answered
         self._waited: dict[str, frozenset[tuple[int, bool]]] = {}  # bus -> whom patience has found
@@ -52,7 +52,7 @@ class Identity:
         self._found_all = False  # everybody is there: the simulation may start where they are
         self.missing: dict[str, tuple[Finding, ...]] = {}  # bus -> who is absent or another model
         self.mismatches: tuple[Finding, ...] = ()  # S09
-        self.verified = Verified(loop)
+        self.verified = JointVerification(loop)
 
     @property
     def troubles(self) -> list[Finding]:
@@ -73,30 +73,30 @@ class Identity:
         self.settle_state(now)
         if loop.inherited and not self._told:
             message = "torque was found on; nothing is written until an operator arms or disarms"
-            loop.say.event("warning", Code.TORQUE_INHERITED, message)
+            loop.say.event("warning", ReasonCode.TORQUE_INHERITED, message)
         self._told = loop.inherited
 
     def settle_state(self, now: float) -> None:
         """Bring the robot's state in line with its ports, whatever came between."""
         loop = self._loop
         ports = loop.hardware.ports
-        if loop.mode is Mode.SIM or loop.state is State.INHIBITED:
+        if loop.mode is Mode.SIM or loop.state is RobotState.INHIBITED:
             return
         identified = loop.hardware.connected
-        if not identified and loop.state is State.CONNECTED:
-            loop.change(Event.PORT_LOST, now)  # a latched state says so until it is reset
-        if loop.state is State.DISCONNECTED and any(port.reader for port in ports):
-            loop.change(Event.PORT_OPENED, now)
-        waits = loop.state in (State.IDENTIFYING, State.FAULT, State.ESTOP)
+        if not identified and loop.state is RobotState.CONNECTED:
+            loop.change(RobotEvent.PORT_LOST, now)  # a latched state says so until it is reset
+        if loop.state is RobotState.DISCONNECTED and any(port.reader for port in ports):
+            loop.change(RobotEvent.PORT_OPENED, now)
+        waits = loop.state in (RobotState.IDENTIFYING, RobotState.FAULT, RobotState.ESTOP)
         if identified and not loop.condition.identified and waits:
-            loop.change(Event.IDENTIFIED, now)
+            loop.change(RobotEvent.IDENTIFIED, now)
         if loop.torque_off:
             loop.owed = loop.unconfirmed = False
         idle = loop.procedures.rank is None and loop.mode is Mode.LIVE
         if loop.stop_level is not None and idle and loop.inherited and not loop.stop_wanted:
             release.stop(loop, loop.stop_level, now)  # it came back with torque on under a latched stop
         elif loop.unconfirmed and idle and loop.inherited:
-            loop.procedures.own(Rank.DISARM, lambda: torque.again(loop))
+            loop.procedures.own(Priority.DISARM, lambda: torque.again(loop))
 
     def restarted(self, findings: Sequence[Finding]) -> None:
         """Servos that began anew (R11): settings and turns may be gone, so their buses are asked anew."""
@@ -108,24 +108,24 @@ class Identity:
 
     # ----------------------------------------------------------------------------- coming
 
-    def _tend(self, port: Port, bus: BusMap, now: float) -> None:
+    def _tend(self, port: BusPort, bus: JointBusMap, now: float) -> None:
         loop = self._loop
-        if port.link is Link.CLOSED:
+        if port.link is PortState.CLOSED:
             if port.trouble and self._said.get(port.name) != port.trouble:
                 self._said[port.name] = port.trouble
-                loop.say.event("error", Code.PORT_UNAVAILABLE, port.trouble)
+                loop.say.event("error", ReasonCode.PORT_UNAVAILABLE, port.trouble)
             return
         warning = port.warning
         if self._said.get(port.name, "") != warning:
             self._said[port.name] = warning
             if warning:
                 loop.say.event("warning", "PORT_WARNING", f"{port.name}: {warning}")
-        if port.link is Link.CONNECTED:
+        if port.link is PortState.CONNECTED:
             self._listen(port, loop.hardware.silence(bus, now))
-        if port.link is Link.IDENTIFYING:
+        if port.link is PortState.IDENTIFYING:
             self._identify(port, bus, now)
 
-    def _listen(self, port: Port, silence: float) -> None:
+    def _listen(self, port: BusPort, silence: float) -> None:
         """Nobody answers, or nobody did for a moment: a servo that lost its power may have lost its settings
         and its turns, so everybody is asked anew."""
         before = self._gone.pop(port.name, 0.0)
@@ -138,10 +138,10 @@ class Identity:
             message = f"{port.name}: nobody answered for {before:.2f} s: check power; everybody is asked anew"
         else:
             return
-        self._loop.say.event("error", Code.HW_DISCONNECTED, message)
+        self._loop.say.event("error", ReasonCode.HW_DISCONNECTED, message)
         port.identify()
 
-    def _identify(self, port: Port, bus: BusMap, now: float) -> None:
+    def _identify(self, port: BusPort, bus: JointBusMap, now: float) -> None:
         task = port.identification
         if task is None:
             spoke = port.name in self._mute and self._loop.hardware.silence(bus, now) < SPOKE
@@ -172,26 +172,26 @@ class Identity:
         if findings:
             self._again[port.name] = now + IDENTIFY_AGAIN
             return
-        port.link = Link.CONNECTED
+        port.link = PortState.CONNECTED
         self._found()
 
-    def _fits(self, port: Port, bus: BusMap, findings: Sequence[Finding]) -> Bools:
+    def _fits(self, port: BusPort, bus: JointBusMap, findings: Sequence[Finding]) -> Bools:
         """Who (m,) of this bus has said who it is, and is what the robot file says."""
         said, wrong = {device.id for device in port.devices}, {finding.joint for finding in findings}
         rows = zip(bus.ids, bus.joints.tolist(), strict=True)
         return np.array([id in said and joint not in wrong for id, joint in rows], np.bool_)
 
-    def _unfit(self, port: Port, bus: BusMap) -> Iterator[Finding]:
+    def _unfit(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
         """Everybody of this bus who did not answer, or is not what the robot file says."""
         mine = set(bus.joints.tolist())
         for finding in self.judge(self._devices).refusals:
-            if finding.joint in mine and finding.code == Code.DEVICE_MISMATCH:
+            if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
                 yield finding
-            elif finding.joint in mine and finding.code == Code.DEVICE_MISSING:
+            elif finding.joint in mine and finding.code == ReasonCode.DEVICE_MISSING:
                 hint = f"; but bytes come that are no answer: {DOUBLE}" if port.strays else ""
                 yield replace(finding, message=finding.message + hint)
 
-    def _again_patiently(self, port: Port) -> bool:
+    def _again_patiently(self, port: BusPort) -> bool:
         """Somebody is missing or was not read: everybody is asked again at once, as slow as a servo can be
         set (return delay 508 us). Whom even that finds no better is not waited for again."""
         who = frozenset((device.id, bool(device.settings)) for device in port.devices)
@@ -202,14 +202,14 @@ class Identity:
         port.identify(patient=True)
         return True
 
-    def _slow(self, bus: BusMap) -> Iterator[Finding]:
+    def _slow(self, bus: JointBusMap) -> Iterator[Finding]:
         """Whose return delay is longer than described, where that makes the reading longer than a tick."""
         mine = set(bus.joints.tolist())
         for finding in self.judge(self._devices).warnings:
-            if finding.joint in mine and finding.code == Code.DEVICE_MISMATCH:
+            if finding.joint in mine and finding.code == ReasonCode.DEVICE_MISMATCH:
                 yield finding
 
-    def _unread(self, port: Port, bus: BusMap) -> Iterator[Finding]:
+    def _unread(self, port: BusPort, bus: JointBusMap) -> Iterator[Finding]:
         """Who says who it is, but gives no sound reading: two of one model say the same, and show different
         positions (fault matrix row 12)."""
         said = {device.id for device in port.devices}
@@ -217,7 +217,7 @@ class Identity:
         for id, joint, unheard in zip(bus.ids, bus.joints.tolist(), ~(age < UNREAD), strict=True):
             if id in said and unheard:
                 message = f"id {id} on bus {bus.name} answers, but not one of its readings is sound: {DOUBLE}"
-                yield Finding(Code.DEVICE_MISSING, joint, message=message)
+                yield Finding(ReasonCode.DEVICE_MISSING, joint, message=message)
 
     def _found(self) -> None:
         """Everybody of one bus is there; when that was the last bus, the robot is connected."""
@@ -246,16 +246,16 @@ class Identity:
 
     def _lost(self, bus: str, error: str, now: float) -> None:
         loop = self._loop
-        finding = Finding(Code.PORT_LOST, message=f"{bus}: {error}")
-        loop.say.event("error", Code.PORT_LOST, finding.message, (finding,))
+        finding = Finding(ReasonCode.PORT_LOST, message=f"{bus}: {error}")
+        loop.say.event("error", ReasonCode.PORT_LOST, finding.message, (finding,))
         self._devices = {key: device for key, device in self._devices.items() if key[0] != bus}
         self.missing.pop(bus, None)
         self._gone.pop(bus, None)
-        held = loop.armed or loop.energising or loop.procedures.rank is Rank.ARM
+        held = loop.armed or loop.energising or loop.procedures.rank is Priority.ARM
         if held:
             loop.owed = True
             loop.latch(finding)
-            loop.change(Event.FAULT, now)
+            loop.change(RobotEvent.FAULT, now)
         if held and loop.hardware.writers:
             loop.executor.stop("aborted", (finding,))
             self._others(now)
@@ -266,7 +266,7 @@ class Identity:
             if loop.mode is Mode.LIVE:
                 loop.executor.stop("aborted", (finding,))
                 loop.executor.idle()
-            loop.change_if(Event.PORT_LOST, now)
+            loop.change_if(RobotEvent.PORT_LOST, now)
 
     def _others(self, now: float) -> None:
         """Of a robot that is carried they hold until somebody disarms (fault matrix rows 1 and 2); else they
@@ -275,7 +275,7 @@ class Identity:
         if loop.inhibited:
             return  # torque stays, and nothing is written
         if loop.support not in ("fixed", "gantry") or not loop.armed or loop.procedures.rank is not None:
-            loop.procedures.own(Rank.FAULT, lambda: release.fault(loop, now))
+            loop.procedures.own(Priority.FAULT, lambda: release.fault(loop, now))
         elif not some(loop.hardware.held):  # a bus that was lost before is back, but takes no goals of itself
             loop.executor.idle()
             loop.armed = False

@@ -10,12 +10,12 @@ from math import isfinite
 import numpy as np
 
 from twind.config.robot_spec import ImuSpec
-from twind.loop.ports import PATIENCE, Port
+from twind.loop.ports import PATIENCE, BusPort
 from twind.robot.arrays import Floats, every
 from twind.robot.attitude import Attitude, G, Quaternion, conjugate, matrix, product, unit
 from twind.robot.state import Imu
-from twind_drivers.bus import Sample
-from twind_drivers.dynamixel.sensor import Field, Sensor
+from twind_drivers.bus import BusSample
+from twind_drivers.dynamixel.sensor import Sensor, SensorField
 
 UNIT = 0.1  # how far the length of a quaternion may be from 1: beyond, it is no attitude
 SPIN, SHOCK = 200.0, 100.0 * G  # rad/s, m/s²: more than a body can have and stay whole
@@ -26,7 +26,7 @@ HARMS = "its late answers have spoilt readings of the servos"
 REMEDY = "is left alone but for probes; check its cable, its power, and return_delay_us"
 
 
-class Inertial:
+class ImuPoller:
     """One IMU on the bus of that number among the ports. Times in s."""
 
     def __init__(self, spec: ImuSpec, mount: Quaternion, bus: int) -> None:
@@ -36,7 +36,7 @@ class Inertial:
         self.asked = self.missed = self.late = self.spoilt = 0
         self._name, self._faults = f"imu (id {spec.id})", set[str]()
         self._sensor = Sensor(
-            spec.id, [Field(each.address, each.kind, each.count) for each in spec.registers]
+            spec.id, [SensorField(each.address, each.kind, each.count) for each in spec.registers]
         )
         turn = matrix(mount)
         self._gyro, self._force = turn * spec.gyro.lsb, turn * spec.acceleration.lsb
@@ -58,7 +58,7 @@ class Inertial:
         worst = next(each for each in (HARMS, TARDY, SILENT) if each in self._faults)
         return f"{self._name}: {worst}: it {REMEDY}"
 
-    def listen(self, sample: Sample) -> bool:
+    def listen(self, sample: BusSample) -> bool:
         """The servos' reading and what came in between. True: an answer of this device spoilt it, so it is no
         fault of the bus; at most one reading for each question that was not answered in time."""
         now = sample.sent
@@ -75,7 +75,7 @@ class Inertial:
         self.spoilt += 1
         return True
 
-    def begin(self, port: Port, now: float, end: float) -> bool:
+    def begin(self, port: BusPort, now: float, end: float) -> bool:
         """Ask it, where that ends before `end` and keeps nothing more urgent waiting. Raises PortError.
 
         Where there is never room it is asked all the same after `PATIENCE` ticks, as the slow registers are.
@@ -94,7 +94,7 @@ class Inertial:
         reader.begin(query, now)
         return True
 
-    def end(self, port: Port, now: float) -> None:
+    def end(self, port: BusPort, now: float) -> None:
         """Take the answer, which was there at `now`."""
         if port.reader is None:
             self._sensor.forget()

@@ -15,21 +15,21 @@ from typing import Protocol
 
 import msgspec
 
-from twind.flight import Kind
+from twind.flight import EntryKind
 from twind.link import (
     DATAGRAM,
-    Adopt,
+    ApplyChanges,
+    CrashRecordingDone,
     Event,
     Heartbeat,
     Inward,
-    Moment,
     Overview,
     Rebound,
+    ReloadWanted,
     Reply,
-    Reread,
     Submit,
     Tick,
-    WreckDone,
+    VerdictReport,
     decode_command,
     encode,
 )
@@ -45,7 +45,7 @@ PER_TICK = 64  # commands taken in one tick: a flood waits in the pipe, not in t
 
 
 @dataclass(frozen=True, slots=True)
-class Incoming:
+class ReceivedCommand:
     """A command, and the bytes of the memfd that came beside it; of a briefing the memfd itself."""
 
     command: Inward
@@ -53,7 +53,7 @@ class Incoming:
     fd: int | None = None  # sealed, and now the receiver's to close
 
 
-class Outside(Protocol):
+class ControlLink(Protocol):
     """Whoever commands the loop and hears of it, as the loop calls them: clients by a front, or nobody."""
 
     dropped: int  # ticks in a row that nobody took
@@ -69,13 +69,13 @@ class Outside(Protocol):
     def ask_reread(self) -> None:
         """The files shall be read again."""
 
-    def commands(self, now: float) -> list[Incoming]:
+    def commands(self, now: float) -> list[ReceivedCommand]:
         """What came since the last tick, oldest first."""
 
     def reply(self, reply: Reply) -> None:
         """Owed to a client."""
 
-    def event(self, event: Event | Moment) -> None:
+    def event(self, event: Event | VerdictReport) -> None:
         """Owed to the log and to whoever watches."""
 
     def sequence(self) -> int:
@@ -91,14 +91,14 @@ class Outside(Protocol):
         """The loop ends."""
 
 
-Record = Callable[[Kind, bytes], None]
+Record = Callable[[EntryKind, bytes], None]
 
 
-def unrecorded(_kind: Kind, _data: bytes) -> None:
+def unrecorded(_kind: EntryKind, _data: bytes) -> None:
     """Nobody writes down what goes over the link."""
 
 
-class Link:
+class FrontLink:
     """Commands in, news out: the `Outside` that is a front."""
 
     def __init__(self, front: FrontProcess, record: Record = unrecorded) -> None:
@@ -107,7 +107,7 @@ class Link:
         self.dropped = 0
         self._queue: deque[bytes] = deque()
         self._events = 0
-        self._last_words: list[Incoming] = []  # of a front that died, not yet handed on
+        self._last_words: list[ReceivedCommand] = []  # of a front that died, not yet handed on
         self._behind_since = inf  # s, since when more is owed than a living front leaves
         self.lost = False  # the front went since the last look
         self.no_front = ""  # why none could be started; "": there is one, or it was not tried yet
@@ -159,7 +159,7 @@ class Link:
 
     # ----------------------------------------------------------------------------- in
 
-    def commands(self, now: float) -> list[Incoming]:
+    def commands(self, now: float) -> list[ReceivedCommand]:
         """What the front sent since the last tick, oldest first."""
         taken, self._last_words = self._last_words, []
         while self.front.socket is not None and len(taken) < PER_TICK:
@@ -174,7 +174,7 @@ class Link:
                 self._bury(now)
                 break
             self.front.alive(now)
-            if isinstance(incoming.command, WreckDone):
+            if isinstance(incoming.command, CrashRecordingDone):
                 self.front.wreck.done()
             elif not isinstance(incoming.command, Heartbeat | Rebound):
                 taken.append(incoming)
@@ -191,7 +191,7 @@ class Link:
             os.close(copy)
             raise
 
-    def _receive(self, source: socket.socket) -> Incoming | None:
+    def _receive(self, source: socket.socket) -> ReceivedCommand | None:
         """One datagram; None at end-of-file or when it is not one of ours."""
         ancillary = socket.CMSG_SPACE(array.array("i", [0]).itemsize * 4)
         data, extra, _flags, _ = source.recvmsg(DATAGRAM, ancillary)
@@ -202,19 +202,19 @@ class Link:
             if not data:
                 return None
             command = decode_command(data)
-            if isinstance(command, Heartbeat | WreckDone):
-                return Incoming(command)
+            if isinstance(command, Heartbeat | CrashRecordingDone):
+                return ReceivedCommand(command)
             if isinstance(command, Rebound):
                 self._rebound(command, fds)
-                return Incoming(command)
-            self._record(Kind.COMMAND, data)
-            if isinstance(command, Adopt):
-                return Incoming(command, fd=sealed(os.dup(fds[0])) if fds else None)
+                return ReceivedCommand(command)
+            self._record(EntryKind.COMMAND, data)
+            if isinstance(command, ApplyChanges):
+                return ReceivedCommand(command, fd=sealed(os.dup(fds[0])) if fds else None)
             if not fds:
-                return Incoming(command)
-            incoming = Incoming(command, unseal(fds[0], LARGEST))
+                return ReceivedCommand(command)
+            incoming = ReceivedCommand(command, unseal(fds[0], LARGEST))
             if not (isinstance(command, Submit) and command.check_only):  # it moved nothing, and is megabytes
-                self._record(Kind.ARRAYS, incoming.data)
+                self._record(EntryKind.ARRAYS, incoming.data)
             return incoming
         except (msgspec.MsgspecError, ValueError):
             return None  # a front that cannot spell is as good as dead
@@ -228,7 +228,7 @@ class Link:
         """Owed to a client: queued, sent after this tick's state."""
         self._owe(reply)
 
-    def event(self, event: Event | Moment) -> None:
+    def event(self, event: Event | VerdictReport) -> None:
         """Owed to the log and to whoever watches."""
         self._owe(event)
 
@@ -238,7 +238,7 @@ class Link:
 
     def ask_reread(self) -> None:
         """The front shall read the files again."""
-        self._owe(Reread())
+        self._owe(ReloadWanted())
 
     def sequence(self) -> int:
         """A number for the next event or verdict."""
@@ -248,7 +248,7 @@ class Link:
     def state(self, news: Tick | Overview) -> None:
         """Sent at once, or dropped and counted."""
         data = encode(news)
-        self._record(Kind.NEWS, data)
+        self._record(EntryKind.NEWS, data)
         if not self._send(data):
             self.dropped += 1
         elif isinstance(news, Tick):
@@ -259,9 +259,9 @@ class Link:
         while self._queue and self._send(self._queue[0]):
             self._queue.popleft()
 
-    def _owe(self, news: Reply | Event | Moment | Reread) -> None:
+    def _owe(self, news: Reply | Event | VerdictReport | ReloadWanted) -> None:
         data = encode(news)
-        self._record(Kind.NEWS, data)
+        self._record(EntryKind.NEWS, data)
         self._queue.append(data)
 
     def _send(self, data: bytes) -> bool:

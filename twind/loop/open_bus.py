@@ -12,28 +12,28 @@ import numpy as np
 from twind.config.actuator import CAN, CanType, ServoType
 from twind.config.robot_file import RobotFile
 from twind.config.robot_spec import JointSpec
-from twind.loop.tape import BusTape, TapedChannel, TapedTransport
-from twind.robot.joints import BusMap, JointMap
-from twind_drivers.bus import Reader, Transport, Writer
-from twind_drivers.can.bus import Actuator, CanReader, CanWriter
-from twind_drivers.can.channel import Channel
+from twind.loop.tape import RecordingBusTap, TappedChannel, TappedTransport
+from twind.robot.joints import JointBusMap, JointMap
+from twind_drivers.bus import BusReader, BusWriter, ByteTransport
+from twind_drivers.can.bus import CanActuator, CanReader, CanWriter
+from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.ports import open_channel, present
-from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter, Gains
+from twind_drivers.dynamixel.bus import DynamixelReader, DynamixelWriter, RawGains
 from twind_drivers.dynamixel.serial_port import SerialTransport
 from twind_drivers.dynamixel.tables import number_of
 
 
 @dataclass(frozen=True)
-class Buses:
+class BusOpener:
     """How each bus of a robot is opened."""
 
     robot: RobotFile
     joints: JointMap
     ports: Mapping[str, str | None]
     rate_hz: float
-    tapes: Mapping[str, BusTape] = field(default_factory=dict)  # buses that are written down
+    tapes: Mapping[str, RecordingBusTap] = field(default_factory=dict)  # buses that are written down
 
-    def open(self, name: str) -> Reader:
+    def open(self, name: str) -> BusReader:
         """The read half of a bus, on its port. Raises PortError."""
         port = self.ports[name]
         assert port is not None
@@ -42,12 +42,12 @@ class Buses:
             return self.can_reader(name, open_channel(port, bus.baud))
         return self.reader(name, SerialTransport(port, bus.baud))
 
-    def reader(self, name: str, transport: Transport) -> Reader:
+    def reader(self, name: str, transport: ByteTransport) -> BusReader:
         """The read half of a serial bus, on any transport."""
         kinds, tape = [kind for _, kind in self._servos(name)], self.tapes.get(name)
         return DynamixelReader(
             name,
-            transport if tape is None else TapedTransport(transport, tape),
+            transport if tape is None else TappedTransport(transport, tape),
             self._map(name).ids,
             [number_of(kind.device) for kind in kinds],
             baud=self.robot.bus(name).baud,
@@ -62,10 +62,10 @@ class Buses:
         imu = self.robot.imu
         return {} if imu is None or imu.bus != name else {imu.id: imu.return_delay_us * 1e-6}
 
-    def can_reader(self, name: str, channel: Channel) -> Reader:
+    def can_reader(self, name: str, channel: CanChannel) -> BusReader:
         """The read half of a CAN bus, on any channel."""
         actuators = [
-            Actuator(
+            CanActuator(
                 id=joint.id,
                 feedback_id=joint.id if joint.feedback_id is None else joint.feedback_id,
                 model=kind.device,
@@ -76,10 +76,10 @@ class Buses:
             for joint, kind in self._actuators(name)
         ]
         tape = self.tapes.get(name)
-        channel = channel if tape is None else TapedChannel(channel, tape)
+        channel = channel if tape is None else TappedChannel(channel, tape)
         return CanReader(name, channel, actuators, bitrate=self.robot.bus(name).baud, rate_hz=self.rate_hz)
 
-    def enable(self, reader: Reader) -> Writer:
+    def enable(self, reader: BusReader) -> BusWriter:
         """The write half of a bus: its clamp (R22) is the joints' hard range in ticks."""
         if isinstance(reader, CanReader):
             return self._enable_can(reader)
@@ -89,12 +89,12 @@ class Buses:
             reader,
             lower=bus.lower,
             upper=bus.upper,
-            gains=[Gains(kind.gains.p, kind.gains.i, kind.gains.d) for _, kind in joints],
+            gains=[RawGains(kind.gains.p, kind.gains.i, kind.gains.d) for _, kind in joints],
             modes=[joint.operating_mode for joint, _ in joints],
             current_caps=[joint.current_cap for joint, _ in joints],
         )
 
-    def _enable_can(self, reader: CanReader) -> Writer:
+    def _enable_can(self, reader: CanReader) -> BusWriter:
         bus, kinds = self._map(reader.name), [kind for _, kind in self._actuators(reader.name)]
         return CanWriter(
             reader,
@@ -111,7 +111,7 @@ class Buses:
 
         A port that does not exist yet is no failure: the robot may be plugged in later. Raises PortError.
         """
-        held: list[Channel | SerialTransport] = []  # all at once: two buses on one port are refused too
+        held: list[CanChannel | SerialTransport] = []  # all at once: two buses on one port are refused too
         try:
             for name, port in self.ports.items():
                 if port is not None:
@@ -121,12 +121,12 @@ class Buses:
                 each.close()
 
     @staticmethod
-    def _look(kind: str, port: str, rate: int) -> list[Channel | SerialTransport]:
+    def _look(kind: str, port: str, rate: int) -> list[CanChannel | SerialTransport]:
         if kind == CAN:
             return [open_channel(port, rate)] if present(port) else []
         return [SerialTransport(port, rate)] if Path(port).exists() else []
 
-    def _map(self, name: str) -> BusMap:
+    def _map(self, name: str) -> JointBusMap:
         return next(bus for bus in self.joints.buses if bus.name == name)
 
     def _joints(self, name: str) -> list[JointSpec]:

@@ -12,29 +12,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.motion.course import Plan
+from twind.motion.course import LookaheadPlan
 from twind.robot.arrays import Floats, Ints
 from twind.robot.finding import Finding
-from twind.robot.limits import Limits
+from twind.robot.limits import JointLimits
 from twind.robot.modes import Motion
-from twind.safety.facts import Outlook
-from twind.twin.collision import Bodies
+from twind.safety.facts import ClearanceAhead
+from twind.twin.collision import CollisionModel
 
 if TYPE_CHECKING:
-    from twind.motion.executor import Executor
+    from twind.motion.executor import TrajectoryExecutor
 
 LEAST = 0.3  # s that are looked ahead at least
 MOST = 1.0  # s at most: a joint that takes longer to brake is looked at as far as that
 POSES = 30  # looked at in one tick at most: 0.2 to 0.3 ms
 NEAR = 0.02  # m: how far bodies are looked at; less is faster
 NEARER = 1e-4  # m: what does not come nearer than that than it is now is no danger
-CLEAR = Outlook(inf)
+CLEAR = ClearanceAhead(inf)
 
 
-class Lookahead:
+class CollisionLookahead:
     """Remembers of the way what comes near; the rest needs no memory. Distances are (p,), m."""
 
-    def __init__(self, bodies: Bodies, limits: Limits, period: float) -> None:
+    def __init__(self, bodies: CollisionModel, limits: JointLimits, period: float) -> None:
         """`period`: s, of a tick."""
         self._bodies, self._limits, self._period = bodies, limits, period
         brakes = float((limits.velocity / limits.acceleration).max(initial=0.0))
@@ -47,11 +47,11 @@ class Lookahead:
         self._way: tuple[object, ...] | None = None
         self._near: deque[tuple[int, Floats]] = deque()  # tick when it is reached, distances
 
-    def within(self, limits: Limits) -> Lookahead:
+    def within(self, limits: JointLimits) -> CollisionLookahead:
         """The same bodies, for a robot at rest that from now on has these limits."""
-        return Lookahead(self._bodies, limits, self._period)
+        return CollisionLookahead(self._bodies, limits, self._period)
 
-    def look(self, executor: Executor) -> Outlook | None:
+    def look(self, executor: TrajectoryExecutor) -> ClearanceAhead | None:
         """The tightest place just ahead of all that comes nearer; None while nothing moves.
 
         Not finite: the clearance is NaN.
@@ -70,7 +70,7 @@ class Lookahead:
             poses = plan.course(self._limits, times)
             if not np.isfinite(poses).all():
                 self._way = None
-                return Outlook(nan, float(times[-1]))
+                return ClearanceAhead(nan, float(times[-1]))
             self._take(poses)
             self._way, self._due = way, self._tick + self._stride
         while self._near and self._near[0][0] <= self._tick:
@@ -78,7 +78,7 @@ class Lookahead:
         return self._tightest(plan) if self._near else CLEAR
 
     def refuses(
-        self, executor: Executor, joints: Ints, position: Floats, velocity: Floats | None
+        self, executor: TrajectoryExecutor, joints: Ints, position: Floats, velocity: Floats | None
     ) -> tuple[Finding, ...]:
         """Why a setpoint (m,) of a stream cannot be taken: after a step to it no way to rest is clear.
 
@@ -122,12 +122,12 @@ class Lookahead:
             rows[k, doubtful] = [bodies.between(pair, bodies.reach) for pair in doubtful]
         return rows
 
-    def _spare(self, plan: Plan, least: Floats) -> Floats:
+    def _spare(self, plan: LookaheadPlan, least: Floats) -> Floats:
         """How much of the way `least` leaves each pair beyond `block`; infinite where it comes no nearer."""
         now = self._measured(plan.reference.position[None])[0]
         return np.where(least > now - NEARER, inf, least - self._bodies.block)
 
-    def _tightest(self, plan: Plan) -> Outlook:
+    def _tightest(self, plan: LookaheadPlan) -> ClearanceAhead:
         """Of the pairs that come nearer than they are now, the one with the least to spare."""
         bodies = self._bodies
         rows = np.array([row for _, row in self._near])
@@ -139,4 +139,6 @@ class Lookahead:
         reached = self._near[int(rows[:, pair].argmin())][0]
         block = float(bodies.block[pair])
         ahead = max(reached - self._tick, 1) * self._period
-        return Outlook(float(least[pair]), ahead, bodies.pairs[pair].bodies, block, block + bodies.band)
+        return ClearanceAhead(
+            float(least[pair]), ahead, bodies.pairs[pair].bodies, block, block + bodies.band
+        )

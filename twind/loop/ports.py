@@ -9,28 +9,28 @@ from enum import Enum, auto
 from math import inf
 from typing import Any, Generic, TypeVar
 
-from twind.loop.tape import Tape
+from twind.loop.tape import BusTap
 from twind.robot.arrays import every
 from twind_drivers.bus import (
     BusError,
-    Device,
+    BusReader,
+    BusSample,
+    BusWriter,
+    IdentifiedDevice,
     Order,
-    Ping,
+    PingRequest,
     PortError,
     Query,
-    Read,
-    Reader,
-    Reply,
+    ReadRequest,
     Request,
-    Sample,
+    RequestReply,
     Script,
-    Writer,
 )
 
 T = TypeVar("T")
 
-Opener = Callable[[str], Reader]  # bus name -> reader; raises PortError
-Enabler = Callable[[Reader], Writer]  # the write half, made in live only
+Opener = Callable[[str], BusReader]  # bus name -> reader; raises PortError
+Enabler = Callable[[BusReader], BusWriter]  # the write half, made in live only
 
 REOPEN_FIRST, REOPEN_MOST = 0.1, 0.5  # s, between tries to open (design 6.4)
 IDENTIFY_AGAIN = 1.0  # s, between identifications while devices are missing
@@ -41,7 +41,7 @@ QUEUE = 16  # scripts that may wait on one bus
 SOON, PATIENCE = 2, 8
 
 
-class Link(Enum):
+class PortState(Enum):
     """How far a port has come."""
 
     CLOSED = auto()
@@ -50,7 +50,7 @@ class Link(Enum):
 
 
 @dataclass(eq=False)
-class Task(Generic[T]):
+class ScriptRun(Generic[T]):
     """A script on its way: one transaction a tick. `done` with a result, or with the error that ended it."""
 
     script: Script[T]
@@ -60,7 +60,7 @@ class Task(Generic[T]):
     error: BusError | KeyError | ValueError | None = None
     done: bool = False
 
-    def advance(self, reply: Reply | None) -> None:
+    def advance(self, reply: RequestReply | None) -> None:
         """Give the script its reply (None to begin) and take its next request."""
         try:
             self.request = next(self.script) if reply is None else self.script.send(reply)
@@ -78,7 +78,7 @@ class Task(Generic[T]):
 
 
 @dataclass
-class Counts:
+class BusCounters:
     """What happened on a bus since the start."""
 
     exchanges: int = 0
@@ -88,30 +88,30 @@ class Counts:
 
 
 @dataclass(eq=False)
-class Port:
+class BusPort:
     """A bus by its name: its reader while open, its writer while the mode is live."""
 
     name: str
     where: str | None  # the port's path, None: no port given
     opener: Opener
     enabler: Enabler
-    tape: Tape = field(default_factory=Tape)
-    link: Link = Link.CLOSED
-    reader: Reader | None = None
-    writer: Writer | None = None
+    tape: BusTap = field(default_factory=BusTap)
+    link: PortState = PortState.CLOSED
+    reader: BusReader | None = None
+    writer: BusWriter | None = None
     holding: bool = False  # goals go here: armed, and not lost since
-    devices: tuple[Device, ...] = ()
+    devices: tuple[IdentifiedDevice, ...] = ()
     trouble: str = ""  # why it is not open, for people
     beside: str = ""  # what is wrong with a device that hangs there besides, for people
-    counts: Counts = field(default_factory=Counts)
-    tasks: list[Task[Any]] = field(default_factory=list)
-    identification: Task[tuple[Device, ...]] | None = None
+    counts: BusCounters = field(default_factory=BusCounters)
+    tasks: list[ScriptRun[Any]] = field(default_factory=list)
+    identification: ScriptRun[tuple[IdentifiedDevice, ...]] | None = None
     patient: bool = False  # it waits for the slowest return delay
     _holed: bool = False  # in the last cyclic reading somebody was silent
     _begun: tuple[int, int] = (0, 0)  # exchanges and discarded bytes when identification began
     _retry: float = -inf
     _wait: float = REOPEN_FIRST
-    _asked: Task[Any] | None = None
+    _asked: ScriptRun[Any] | None = None
     querying: bool = False  # the rare transaction asks something: it is answered, and not at once
     _upkeep: bool = False  # it goes before the scripts this time
     _due: Query | None = None  # a slice of upkeep whose turn has come, and that has not begun
@@ -150,7 +150,7 @@ class Port:
         if self.reader is not None:
             if self.identification is not None:
                 self.identification.cancel(BusError(f"{self.name}: everybody is asked anew"))
-            self.link = Link.IDENTIFYING
+            self.link = PortState.IDENTIFYING
             self._begun = (self.counts.exchanges, self.counts.discarded)
             self.patient = patient
             self.tape.identifying()
@@ -160,7 +160,7 @@ class Port:
     def resting(self) -> bool:
         """No cyclic reading: its answers would take longer than a tick, into the next question. Only on a bus
         that is not identified, and gets no goals."""
-        if self.link is not Link.IDENTIFYING or self.holding or self.reader is None:
+        if self.link is not PortState.IDENTIFYING or self.holding or self.reader is None:
             return False
         asked = self.identification
         unheard = self.patient or (self._holed and not self.devices)
@@ -201,7 +201,7 @@ class Port:
             self.tape.lost(str(error))
         self.reader = self.writer = None
         self.holding = self._holed = False
-        self.link, self.devices, self.beside = Link.CLOSED, (), ""
+        self.link, self.devices, self.beside = PortState.CLOSED, (), ""
         self._asked = self.identification = self._due = None
         self._waited = self._queued = 0
         for task in self.tasks:
@@ -210,9 +210,9 @@ class Port:
 
     # ------------------------------------------------------------------------------- scripts
 
-    def run(self, script: Script[T], *, urgent: bool = False) -> Task[T]:
+    def run(self, script: Script[T], *, urgent: bool = False) -> ScriptRun[T]:
         """Queue a script; an urgent one goes before the others."""
-        task = Task(script, urgent)
+        task = ScriptRun(script, urgent)
         task.advance(None)
         if not task.done:
             self.tasks.insert(0 if urgent else len(self.tasks), task)
@@ -250,7 +250,9 @@ class Port:
             return False
         self.tasks[:] = [task for task in self.tasks if not task.done]
         task = self.tasks[0] if self.tasks else None
-        alone = task is not None and (task.urgent or (self.link is Link.IDENTIFYING and not self.holding))
+        alone = task is not None and (
+            task.urgent or (self.link is PortState.IDENTIFYING and not self.holding)
+        )
         if upkeep and not alone and self._due is None:
             self._upkeep = task is None or not self._upkeep  # what tells of lost torque is never starved
             if self._upkeep:
@@ -270,7 +272,7 @@ class Port:
             self._queued, self._upkeep = self._queued + 1, due is not None
             return False
         self._queued, self._asked, self._upkeep = 0, task, due is not None
-        if isinstance(task.request, Ping | Read):
+        if isinstance(task.request, PingRequest | ReadRequest):
             return self._ask(task.request, now)
         self.querying = False
         return self._order(task.request, task, now)
@@ -288,7 +290,7 @@ class Port:
             self.reader.begin(query, now)
         return True
 
-    def _order(self, order: Order, task: Task[Any], now: float) -> bool:
+    def _order(self, order: Order, task: ScriptRun[Any], now: float) -> bool:
         """Begin what a script wants written; one that may not leave ends its script, not the tick."""
         try:
             if self.writer is None:
@@ -316,7 +318,7 @@ class Port:
 
     # ------------------------------------------------------------------------------- the cyclic reading
 
-    def finish(self, now: float) -> Sample | None:
+    def finish(self, now: float) -> BusSample | None:
         """End the cyclic reading and count it; whether it is an error of the bus, the caller knows."""
         if self.reader is None:
             return None

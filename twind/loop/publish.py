@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from twind import link
 from twind.loop.figures import buckets
-from twind.loop.ports import Link
+from twind.loop.ports import PortState
 from twind.robot.finding import Finding
 from twind.robot.modes import Mode
 from twind.robot.state import Imu
-from twind.safety.window import Window
+from twind.safety.window import RollingStats
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -25,7 +25,7 @@ WHOLE = 0.9  # s between two with histograms: every tenth, however urgent the ot
 FRESH = 5.0  # s: what a hop took is told as of now for so long
 
 
-class Publisher:
+class StatePublisher:
     """Builds and sends the news of a tick. `urgent`: something changed that cannot wait for 10 Hz."""
 
     def __init__(self, loop: Loop) -> None:
@@ -145,7 +145,7 @@ class Publisher:
         )
         return faults.astype(np.int16)
 
-    def _windows(self) -> list[tuple[str, Window]]:
+    def _windows(self) -> list[tuple[str, RollingStats]]:
         health = self._loop.health
         return [("total", health.total), *health.hops.items()]
 
@@ -160,7 +160,7 @@ class Publisher:
         return link.BusInfo(
             name=port.name,
             port=port.where or "",
-            connected=port.link is Link.CONNECTED,
+            connected=port.link is PortState.CONNECTED,
             latency_ms=_ms(window.now),
             latency_p99_ms=_ms(window.p99),
             utilisation=min(1.0, port.counts.busy / self._loop.period) if port.reader else 0.0,
@@ -174,7 +174,7 @@ def _packed(imu: Imu) -> bytes:
     return np.concatenate((imu.gyro, imu.acceleration, imu.quaternion)).tobytes()
 
 
-def _latency(hop: str, window: Window, now: float, whole: bool) -> link.LatencyInfo:
+def _latency(hop: str, window: RollingStats, now: float, whole: bool) -> link.LatencyInfo:
     return link.LatencyInfo(
         hop=hop,
         now_ms=_ms(window.now) if now - window.at <= FRESH else None,

@@ -5,10 +5,10 @@ from math import inf, nan
 import numpy as np
 
 from twind.robot.arrays import Floats, Ints, every
-from twind_drivers.bus import Sample
+from twind_drivers.bus import BusSample
 
 
-class Raw:
+class RawCounts:
     """Counts and efforts as they were answered: no zero, no turn, and no judgement of what can be.
 
     Arrays are (n,), in `JointMap` order.
@@ -19,7 +19,7 @@ class Raw:
         self.effort: Floats = np.full(count, nan)  # raw; NaN: not told
         self.heard_at: Floats = np.full(count, -inf)  # s, of the last answer
 
-    def take(self, places: slice | Ints, sample: Sample) -> None:
+    def take(self, places: slice | Ints, sample: BusSample) -> None:
         """Keep what a bus answered, of whom was heard; the others keep what they said last."""
         heard, told = sample.heard, sample.effort_told
         if every(heard) and told is None:

@@ -9,20 +9,20 @@ from math import inf, nan
 
 import numpy as np
 
-from twind.loop.raw import Raw
+from twind.loop.raw import RawCounts
 from twind.robot.arrays import Bools, Floats, Ints, every, some
-from twind.robot.joints import BusMap, JointMap
+from twind.robot.joints import JointBusMap, JointMap
 from twind.robot.state import Imu, JointState
 from twind.robot.transmission import forth
 from twind.safety.device_rules import ALERT
-from twind.safety.senses import Senses
-from twind_drivers.bus import Registers, Sample
+from twind.safety.senses import PlausibilityFilter
+from twind_drivers.bus import BusSample, SlowRegisterValues
 
 NOWHERE = 1 << 40  # ticks: beyond every goal register
 SILENT = 0.5  # s: of a joint not heard for longer nobody knows what it draws
 
 
-def ticks(bus: BusMap, position: Floats) -> Ints:
+def ticks(bus: JointBusMap, position: Floats) -> Ints:
     """Goals (m,) of one bus in ticks, from positions (n,) in rad. Rounded to nearest.
 
     NaN and what no register holds become `NOWHERE`, which no clamp lets pass.
@@ -36,7 +36,7 @@ def ticks(bus: BusMap, position: Floats) -> Ints:
     return wanted
 
 
-def radians(bus: BusMap, place: Ints) -> Floats:
+def radians(bus: JointBusMap, place: Ints) -> Floats:
     """Positions (m,) of one bus in rad, from ticks (m,)."""
     angle = _angles(bus, place)
     for each in bus.linked:
@@ -44,13 +44,13 @@ def radians(bus: BusMap, place: Ints) -> Floats:
     return angle
 
 
-def _angles(bus: BusMap, place: Ints) -> Floats:
+def _angles(bus: JointBusMap, place: Ints) -> Floats:
     """What the actuators (m,) stand at: the positions, but of joints of transmissions."""
     angle: Floats = (place - bus.zero) * bus.scale
     return angle
 
 
-def velocities(bus: BusMap, place: Ints, raw: Floats | Ints) -> Floats:
+def velocities(bus: JointBusMap, place: Ints, raw: Floats | Ints) -> Floats:
     """Velocities (m,) of one bus in rad/s, from raw ones (m,) read at ticks (m,)."""
     speed = raw * bus.velocity_scale
     for each in bus.linked:
@@ -58,7 +58,7 @@ def velocities(bus: BusMap, place: Ints, raw: Floats | Ints) -> Floats:
     return speed
 
 
-def efforts(bus: BusMap, place: Ints, raw: Floats | Ints) -> Floats:
+def efforts(bus: JointBusMap, place: Ints, raw: Floats | Ints) -> Floats:
     """Efforts (m,) of one bus in N·m, from raw ones (m,) read at ticks (m,); NaN of one is NaN of all that it
     turns together with others."""
     effort = raw * bus.effort_scale
@@ -67,7 +67,7 @@ def efforts(bus: BusMap, place: Ints, raw: Floats | Ints) -> Floats:
     return effort
 
 
-def resolution(bus: BusMap) -> Floats:
+def resolution(bus: JointBusMap) -> Floats:
     """How far a count takes the joints (m,) of one bus, rad: one of a transmission, a count of each of its
     actuators."""
     found = np.abs(bus.scale)
@@ -76,7 +76,7 @@ def resolution(bus: BusMap) -> Floats:
     return found
 
 
-def reach(bus: BusMap) -> tuple[Floats, Floats]:
+def reach(bus: JointBusMap) -> tuple[Floats, Floats]:
     """Positions (m,) between which a goal may leave (R22), rad. Counts of a transmission's actuators reach
     further: not every place of theirs is one that its joints may have."""
     angles = (bus.lower - bus.zero) * bus.scale, (bus.upper - bus.zero) * bus.scale
@@ -86,7 +86,7 @@ def reach(bus: BusMap) -> tuple[Floats, Floats]:
     return least, most
 
 
-def heard_whole(bus: BusMap, heard: Bools) -> Bools:
+def heard_whole(bus: JointBusMap, heard: Bools) -> Bools:
     """Joints (m,) that are known by actuators `heard` (m,): one of a transmission by all of its actuators."""
     known = heard.copy()
     for each in bus.linked:
@@ -94,20 +94,20 @@ def heard_whole(bus: BusMap, heard: Bools) -> Bools:
     return known
 
 
-def where(bus: BusMap) -> slice | Ints:
+def where(bus: JointBusMap) -> slice | Ints:
     """The joints of a bus as an index; joints side by side as a slice, which takes a third of the time."""
     first, count = int(bus.joints[0]), len(bus.joints)
     side_by_side = np.array_equal(bus.joints, np.arange(first, first + count))
     return slice(first, first + count) if side_by_side else bus.joints
 
 
-def _told(sample: Sample) -> Floats:
+def _told(sample: BusSample) -> Floats:
     """Efforts (m,), raw; NaN of those who did not tell it."""
     told = sample.heard if sample.effort_told is None else sample.effort_told
     return np.where(told, sample.effort, nan)
 
 
-class Slow:
+class SlowReadings:
     """The slowly read registers in joint order; arrays (n,)."""
 
     def __init__(self, count: int) -> None:
@@ -120,7 +120,7 @@ class Slow:
         self.tick = np.full(count, -1, np.int32)  # ms, the servo's own clock modulo 32768; -1 unknown
         self.health_time = np.full(count, -inf)
 
-    def keep(self, places: slice | Ints, registers: Registers) -> None:
+    def keep(self, places: slice | Ints, registers: SlowRegisterValues) -> None:
         """What the reader of one bus knows now."""
         self.torque[places] = registers.torque
         self.fault[places] = registers.fault
@@ -139,13 +139,13 @@ class Slow:
         self.health_time[places] = -inf
 
 
-class Readings:
+class JointReadings:
     """The last reading of every joint. Arrays are (n,), in `JointMap` order; buses by their number there."""
 
     def __init__(self, joints: JointMap, period: float) -> None:
         count = len(joints)
-        self.slow = Slow(count)
-        self.raw = Raw(count)
+        self.slow = SlowReadings(count)
+        self.raw = RawCounts(count)
         self.jumps = np.zeros(count, np.int64)  # readings in a row that could not be (R13)
         self.leaps = np.zeros(count)  # rad, how far the last of them was off
         self.alerts = np.zeros(count, np.uint8)  # error byte of the last status, 0x80 = alert
@@ -160,14 +160,14 @@ class Readings:
         self._buses = list(joints.buses)  # the same, their zeros less the shift
         self._where = [where(bus) for bus in joints.buses]
         self._loads = [nan if bus.load_scale is None else bus.load_scale for bus in joints.buses]
-        self._senses = [Senses(bus.fastest, period) for bus in joints.buses]
+        self._senses = [PlausibilityFilter(bus.fastest, period) for bus in joints.buses]
 
     def begin(self) -> None:
         """Forget what the last exchange said of jumps: each is told once."""
         if some(self.jumps):
             self.jumps[:] = 0
 
-    def take(self, number: int, sample: Sample) -> Bools:
+    def take(self, number: int, sample: BusSample) -> Bools:
         """Keep what was read of a bus; whose position (m,) is believed."""
         heard, senses, bus = sample.heard, self._senses[number], self._buses[number]
         places = self._where[number]
@@ -211,7 +211,7 @@ class Readings:
         for number, places in enumerate(self._where):
             self._shift(number, self.shift[places])
 
-    def alert(self, number: int, sample: Sample) -> list[int]:
+    def alert(self, number: int, sample: BusSample) -> list[int]:
         """Keep the error bytes; places on the bus of those who begin to say that they have an error (R09)."""
         places = self._where[number]
         if not some(sample.error):
@@ -222,7 +222,7 @@ class Readings:
         self.alerts[places] = alerts
         return np.flatnonzero(new).tolist()
 
-    def keep(self, number: int, registers: Registers) -> None:
+    def keep(self, number: int, registers: SlowRegisterValues) -> None:
         """What the reader of a bus knows of the slow registers."""
         self.slow.keep(self._where[number], registers)
 
@@ -230,7 +230,7 @@ class Readings:
         """A lost bus: its registers are not known, and its joints may be anywhere when it is back."""
         self.slow.forget(self._where[number])
         self.alerts[self._where[number]] = 0
-        self._senses[number] = Senses(self._buses[number].fastest, self._period)
+        self._senses[number] = PlausibilityFilter(self._buses[number].fastest, self._period)
 
     def loads(self, now: float) -> Floats:
         """Share of the current limit (n,), as of `now` (s); NaN: not known, or of a joint that is silent."""
@@ -253,7 +253,7 @@ class Readings:
         self.shift[self._where[number]] = shift
         self._buses[number] = self._maps[number].turned(shift)
 
-    def _believe(self, number: int, sample: Sample) -> Bools:
+    def _believe(self, number: int, sample: BusSample) -> Bools:
         """Drop the positions that cannot be; where torque is off a hand may be faster than the motor."""
         senses, bus, places = self._senses[number], self._buses[number], self._where[number]
         limp = self.slow.torque[places] == 0

@@ -15,13 +15,13 @@ import numpy as np
 
 from twind import link
 from twind.loop import damping
-from twind.loop.procedures import Procedure, Rank, all_of, ticks
+from twind.loop.procedures import Priority, Procedure, all_of, ticks
 from twind.loop.torque import loosen, named, past, say_unconfirmed, spelled, take
 from twind.motion.settle import SPEED, settle
 from twind.robot.arrays import every, some
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.modes import Mode, Motion
-from twind.safety.states import Event
+from twind.safety.states import RobotEvent
 from twind_drivers.bus import BusError, NoReply
 
 if TYPE_CHECKING:
@@ -39,11 +39,11 @@ ARRIVED = 0.02  # rad from the rest pose, of the goals
 NEAR = 0.1  # rad from the rest pose, as measured: a free-standing robot is let go only there ...
 SLOW, SLOW_FOR = 0.05, 0.5  # rad/s ... and when it has been at rest for so many s
 KNOWN, HEARD = 0.5, 0.1  # s that the turn of a joint is waited for that was heard so lately
-RANKS = {"settle": Rank.ESTOP, "cut": Rank.CUT}
+RANKS = {"settle": Priority.ESTOP, "cut": Priority.CUT}
 
 
 @dataclass(frozen=True, slots=True)
-class Manner:
+class SettleProfile:
     """How a robot is lowered."""
 
     speed: float = SPEED  # share of every limit on the way, when there is time for it
@@ -52,7 +52,7 @@ class Manner:
     whole: bool = False  # who cannot be taken over whole keeps its torque, instead of losing it where it is
 
 
-USUAL = Manner()
+USUAL = SettleProfile()
 
 
 def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
@@ -60,19 +60,19 @@ def disarm(loop: Loop, command: link.Disarm, now: float) -> Procedure:
     if not loop.energised:
         _say_disarmed(loop, command)
         return
-    loop.change_if(Event.SETTLE, now)
+    loop.change_if(RobotEvent.SETTLE, now)
     try:
-        yield from release(loop, Finding(Code.NOT_ARMED, message="the robot was disarmed"))
+        yield from release(loop, Finding(ReasonCode.NOT_ARMED, message="the robot was disarmed"))
     except BusError as error:
         loop.say.error(command, "BusFailed", bus="", message=spelled(loop, error))
     except GeneratorExit:
         loop.say.error(command, "Busy", what="disarming was ended by something more urgent")
         raise
     else:
-        loop.change_if(Event.SETTLED, loop.clock.now())
+        loop.change_if(RobotEvent.SETTLED, loop.clock.now())
         _say_disarmed(loop, command)
         return
-    loop.change_if(Event.SETTLED, loop.clock.now())  # `inherited` and `torque` tell who is still on
+    loop.change_if(RobotEvent.SETTLED, loop.clock.now())  # `inherited` and `torque` tell who is still on
 
 
 def _say_disarmed(loop: Loop, command: link.Disarm) -> None:
@@ -87,10 +87,10 @@ def _say_disarmed(loop: Loop, command: link.Disarm) -> None:
 
 def fault(loop: Loop, now: float, why: tuple[Finding, ...] = ()) -> Procedure:
     """What cannot be held is settled, or damped, and let go. A latched state stays until a reset."""
-    latched = next(iter(why or loop.latches.values()), Finding(Code.FAULT_LATCHED, message="a fault"))
-    loop.change_if(Event.SETTLE, now)
+    latched = next(iter(why or loop.latches.values()), Finding(ReasonCode.FAULT_LATCHED, message="a fault"))
+    loop.change_if(RobotEvent.SETTLE, now)
     yield from _down(loop, latched)
-    loop.change_if(Event.SETTLED, loop.clock.now())
+    loop.change_if(RobotEvent.SETTLED, loop.clock.now())
 
 
 def _down(loop: Loop, why: Finding) -> Procedure:
@@ -107,9 +107,9 @@ def shutdown(loop: Loop, now: float) -> Procedure:
     while loop.owed and not loop.hardware.connected and now < until:
         now = yield
     if (loop.armed or loop.energising or (loop.owed and loop.torque_on)) and not loop.inhibited:
-        loop.change_if(Event.SETTLE, now)
-        yield from _down(loop, Finding(Code.NOT_ARMED, message="the daemon ends: the robot is lowered"))
-        loop.change_if(Event.SETTLED, loop.clock.now())
+        loop.change_if(RobotEvent.SETTLE, now)
+        yield from _down(loop, Finding(ReasonCode.NOT_ARMED, message="the daemon ends: the robot is lowered"))
+        loop.change_if(RobotEvent.SETTLED, loop.clock.now())
     until = loop.clock.now() + AWAITED
     while loop.homing.owed is not None and loop.clock.now() < until:
         yield  # what was driven against its stop is given back
@@ -129,8 +129,8 @@ def stop(loop: Loop, level: str, now: float) -> None:
 
 def estop(loop: Loop, level: str, now: float) -> Procedure:
     """Stop, by level. `Loop.stops` answers those who asked: when it has begun, and when it is over."""
-    loop.change(Event.ESTOP, now, stop=level)
-    loop.executor.stop("aborted", (loop.latches[Code.ESTOP],))
+    loop.change(RobotEvent.ESTOP, now, stop=level)
+    loop.executor.stop("aborted", (loop.latches[ReasonCode.ESTOP],))
     if loop.mode is not Mode.LIVE or not loop.hardware.writers:
         loop.twin.halt()
         return
@@ -138,7 +138,7 @@ def estop(loop: Loop, level: str, now: float) -> Procedure:
         if level == "cut":
             yield from loosen(loop)
         else:
-            yield from release(loop, loop.latches[Code.ESTOP])
+            yield from release(loop, loop.latches[ReasonCode.ESTOP])
     except BusError as error:
         say_unconfirmed(loop, error)
 
@@ -146,7 +146,7 @@ def estop(loop: Loop, level: str, now: float) -> Procedure:
 # ----------------------------------------------------------------------------------------------- the parts
 
 
-def release(loop: Loop, why: Finding, manner: Manner = USUAL) -> Procedure:
+def release(loop: Loop, why: Finding, manner: SettleProfile = USUAL) -> Procedure:
     """Down to the rest pose if the robot can be held, then torque off and read back. Raises BusError.
 
     What was under way ends as aborted, for the reason `why`. What does not come to rest there is damped.
@@ -162,11 +162,11 @@ def release(loop: Loop, why: Finding, manner: Manner = USUAL) -> Procedure:
         if manner.whole and not loop.armed:
             raise
         said = f"the way to the rest pose was cut short: {spelled(loop, error)}"
-        loop.say.event("error", Code.BUS_ERRORS, said)
+        loop.say.event("error", ReasonCode.BUS_ERRORS, said)
     yield from loosen(loop)
 
 
-def _held(loop: Loop, manner: Manner) -> Generator[None, float, bool]:
+def _held(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     """We hold the robot, or took over what was found on or tripped. False: it is limp, or was just about to
     be energised: then there is nothing to lower."""
     held, tripped = loop.hardware.held, loop.hardware.slow.watchdog == 255
@@ -197,31 +197,33 @@ def _held(loop: Loop, manner: Manner) -> Generator[None, float, bool]:
         if manner.whole:
             raise
         said = f"lowered without everybody's answer: {spelled(loop, error)}"
-        loop.say.event("error", Code.DEVICE_MISSING, said)
+        loop.say.event("error", ReasonCode.DEVICE_MISSING, said)
     take(loop, here)
     return True
 
 
-def _leave(loop: Loop, stepped: Bools, manner: Manner) -> None:
+def _leave(loop: Loop, stepped: Bools, manner: SettleProfile) -> None:
     """Nobody is taken over with joints (n,) past their hard limits. Raises BusError where all is to stay."""
     message = f"to hold {named(loop, stepped)} inside the hard limits would be a step"
     if manner.whole and not loop.armed:
         raise BusError(message)
     joint = int(np.flatnonzero(stepped)[0])
-    found = Finding(Code.OUT_OF_LIMIT, joint, value=float(loop.measured.position[joint]), message=message)
+    found = Finding(
+        ReasonCode.OUT_OF_LIMIT, joint, value=float(loop.measured.position[joint]), message=message
+    )
     said = f"{message}: torque goes off where the robot stands; support it"
-    loop.say.event("error", Code.OUT_OF_LIMIT, said, (found,))
+    loop.say.event("error", ReasonCode.OUT_OF_LIMIT, said, (found,))
 
 
-def _leave_out(loop: Loop, nowhere: Bools, manner: Manner) -> None:
+def _leave_out(loop: Loop, nowhere: Bools, manner: SettleProfile) -> None:
     """Those (n,) get no goal: it could be a turn away. Raises BusError where the whole robot is wanted."""
     message = f"nobody knows where {named(loop, nowhere)} is"
     if manner.whole and not loop.armed:
         raise BusError(message)
     joint = int(np.flatnonzero(nowhere)[0])
-    found = Finding(Code.CALIB_MISMATCH, joint, message=message)
+    found = Finding(ReasonCode.CALIB_MISMATCH, joint, message=message)
     said = f"{message}: no goal goes there, it is let go where it stands; support it"
-    loop.say.event("error", Code.CALIB_MISMATCH, said, (found,))
+    loop.say.event("error", ReasonCode.CALIB_MISMATCH, said, (found,))
 
 
 def _looked_for(loop: Loop) -> Procedure:
@@ -240,7 +242,7 @@ def _rejoined(loop: Loop) -> Procedure:
     back_with = ~loop.hardware.held & loop.hardware.open & past(loop)
     if some(back_with):
         why = f"to hold {named(loop, back_with)} inside the hard limits would be a step"
-        loop.say.event("error", Code.OUT_OF_LIMIT, f"not taken over, let go where it stands: {why}")
+        loop.say.event("error", ReasonCode.OUT_OF_LIMIT, f"not taken over, let go where it stands: {why}")
         return
     here, known = _where_it_is(loop)
     back = loop.hardware.prepare_back(here, known)
@@ -248,10 +250,10 @@ def _rejoined(loop: Loop) -> Procedure:
         yield from all_of(back)
     except NoReply as error:
         said = f"lowered without everybody's answer: {spelled(loop, error)}"
-        loop.say.event("error", Code.DEVICE_MISSING, said)
+        loop.say.event("error", ReasonCode.DEVICE_MISSING, said)
     except BusError as error:  # never a reason to drop those that we hold
         said = f"not taken over, let go where it stands: {spelled(loop, error)}"
-        loop.say.event("error", Code.BUS_ERRORS, said)
+        loop.say.event("error", ReasonCode.BUS_ERRORS, said)
         return
     if back and loop.written is not None:
         place = np.where(loop.hardware.held, loop.written, here)
@@ -268,7 +270,7 @@ def _where_it_is(loop: Loop) -> tuple[Floats, Bools]:
     return loop.hardware.reachable(np.where(known, position, loop.rest)), known
 
 
-def _settled(loop: Loop, manner: Manner) -> Generator[None, float, bool]:
+def _settled(loop: Loop, manner: SettleProfile) -> Generator[None, float, bool]:
     """The robot rests where it may be let go. False: the way there is refused, interrupted or too long, or
     nothing but damping is wanted any more."""
     until, free = loop.clock.now() + manner.within, loop.support not in ("fixed", "gantry")
@@ -310,7 +312,7 @@ def _obeyed(loop: Loop) -> Generator[None, float, bool]:
         held = yield from loop.hardware.aimed()
     except BusError as error:
         said = f"the goals of the way could not be read back: {spelled(loop, error)}"
-        loop.say.event("error", Code.BUS_ERRORS, said)
+        loop.say.event("error", ReasonCode.BUS_ERRORS, said)
         return False
     if loop.written is None:
         return False

@@ -17,12 +17,12 @@ import numpy as np
 from twind import link
 from twind.config import hot
 from twind.config.keys import of_robot
-from twind.loop.described import Robot
+from twind.loop.described import BoundRobot
 from twind.robot.arrays import Bools, Floats
-from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.modes import Mode, Motion
-from twind.safety.gate import Thresholds
+from twind.safety.gate import GateThresholds
 from twind.twin.binding import BindingError
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ FRESH = 0.5  # s: an older reading does not say where a limp joint is now
 LISTED = 6  # keys that one line names
 
 
-class Reloads:
+class ReloadCoordinator:
     """What was asked, what is in force. `wanted` is set by SIGHUP."""
 
     def __init__(self, loop: Loop) -> None:
@@ -87,24 +87,28 @@ class Reloads:
 
     # ------------------------------------------------------------------------------- put in force
 
-    def adopt(self, command: link.Adopt, briefing: int | None, now: float) -> None:
+    def adopt(self, command: link.ApplyChanges, briefing: int | None, now: float) -> None:
         """Put changes in force, all or none. `briefing`: descriptor for the next front, which is ours now."""
         try:
             kept = self._adopt(command, briefing, now)
         except (ValueError, BindingError) as error:  # NotHot, or a gain that a driver's field does not hold
             kept = False
-            self._refuse(command, (Finding(Code.CONFIG_REFUSED, message=str(error)),))
+            self._refuse(command, (Finding(ReasonCode.CONFIG_REFUSED, message=str(error)),))
         if briefing is not None and not kept:
             os.close(briefing)
 
-    def _adopt(self, command: link.Adopt, briefing: int | None, now: float) -> bool:
+    def _adopt(self, command: link.ApplyChanges, briefing: int | None, now: float) -> bool:
         """True: in force, and `briefing` is kept. Raises ValueError, BindingError: nothing has changed."""
         loop = self._loop
         if command.reread and self._until == inf:  # it was told that nothing was changed: so it stays
-            self._refuse(command, (Finding(Code.BUSY, message="the files came too late: reload again"),))
+            self._refuse(
+                command, (Finding(ReasonCode.BUSY, message="the files came too late: reload again"),)
+            )
             return False
         if command.generation != self.generation + 1 or briefing is None:
-            self._refuse(command, (Finding(Code.BUSY, message="other changes came first: reload again"),))
+            self._refuse(
+                command, (Finding(ReasonCode.BUSY, message="other changes came first: reload again"),)
+            )
             return False
         thresholds = thresholds_with(loop.parts.thresholds, command.changes)
         robot = of_robot(command.changes)
@@ -123,7 +127,7 @@ class Reloads:
         self._tell(command)
         return True
 
-    def _refuse(self, command: link.Adopt, findings: tuple[Finding, ...]) -> None:
+    def _refuse(self, command: link.ApplyChanges, findings: tuple[Finding, ...]) -> None:
         self._loop.say.refuse(command, findings)
         if command.reread:
             named = self._loop.joints.names
@@ -131,7 +135,7 @@ class Reloads:
             where = "" if first.joint is None else f"{named[first.joint]}: "
             self.failed(f"{where}{first.message}")
 
-    def _tell(self, command: link.Adopt) -> None:
+    def _tell(self, command: link.ApplyChanges) -> None:
         loop, applied, waiting = self._loop, sorted(command.changes), list(command.needs_restart)
         loop.say.reply(command, applied=applied, needs_restart=waiting)
         made = f"in force: {listed(applied)}" if applied else "nothing to change"
@@ -162,7 +166,9 @@ def at_rest(loop: Loop) -> tuple[Finding, ...]:
     elif loop.mode is Mode.LIVE and loop.torque_off is not True:
         why = _not_known(loop)
     return (
-        () if why is None else (Finding(Code.BUSY, message=f"limits and gains change at rest only; {why}"),)
+        ()
+        if why is None
+        else (Finding(ReasonCode.BUSY, message=f"limits and gains change at rest only; {why}"),)
     )
 
 
@@ -180,7 +186,7 @@ def _still_stopping(loop: Loop) -> bool:
     return reference is not None and bool(reference.velocity.any())
 
 
-def outside(loop: Loop, limits: Limits, now: float) -> tuple[Finding, ...]:
+def outside(loop: Loop, limits: JointLimits, now: float) -> tuple[Finding, ...]:
     """Joints that stand inside the limits in force and would be outside of `limits`."""
     measured, old = loop.measured, loop.limits
     places: list[Floats] = []
@@ -199,14 +205,16 @@ def outside(loop: Loop, limits: Limits, now: float) -> tuple[Finding, ...]:
             value = float(place[joint])
             message = "stands outside the new limits: bring it inside, then reload"
             bound = limits.nearest(joint, value)
-            found.setdefault(joint, Finding(Code.POS_LIMIT, joint, value=value, bound=bound, message=message))
+            found.setdefault(
+                joint, Finding(ReasonCode.POS_LIMIT, joint, value=value, bound=bound, message=message)
+            )
     return tuple(found[joint] for joint in sorted(found))
 
 
 # ------------------------------------------------------------------------------------------- what
 
 
-def put_in_force(loop: Loop, one: Robot) -> None:
+def put_in_force(loop: Loop, one: BoundRobot) -> None:
     """Everybody who keeps limits, ranges or gains gets those of `one`. Raises before anything has changed."""
     parts, binding, hardware = loop.parts, one.binding, loop.hardware
     enabler = parts.rewire(one) if parts.rewire is not None else None
@@ -236,7 +244,7 @@ def put_in_force(loop: Loop, one: Robot) -> None:
     )
 
 
-def thresholds_with(old: Thresholds, changes: dict[str, Any]) -> Thresholds:
+def thresholds_with(old: GateThresholds, changes: dict[str, Any]) -> GateThresholds:
     """The thresholds in force once these changes are made. Raises NotHot."""
     warn, block = hot.thresholds(changes, old.latency_warn * 1e3, old.latency_block * 1e3)
     return replace(old, latency_warn=warn / 1e3, latency_block=block / 1e3)

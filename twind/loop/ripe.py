@@ -3,13 +3,13 @@
 from collections.abc import Collection, Sequence
 from math import inf
 
-from twind_drivers.bus import Reader
+from twind_drivers.bus import BusReader
 from twind_drivers.clock import Clock
 
 TOGETHER = 0.00015  # s: answers of two buses that end so close are taken in one look
 
 
-def ripe(readers: Sequence[Reader], clock: Clock) -> Collection[int]:
+def ripe(readers: Sequence[BusReader], clock: Clock) -> Collection[int]:
     """Until one of them has bytes, or its time is over; places of those that are worth a look.
 
     Nobody looks before anything can be complete: on a CAN bus each frame would wake us, two dozen times a

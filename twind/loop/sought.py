@@ -13,14 +13,14 @@ import numpy as np
 
 from twind import link
 from twind.config.actuator import SERIAL
-from twind.motion.homing import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES, Search
-from twind.robot.finding import Code, Finding
-from twind.robot.joints import BusMap
+from twind.motion.homing import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES, HomingParameters
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.joints import JointBusMap
 from twind.safety import gate
 
 if TYPE_CHECKING:
     from twind.config.robot_spec import JointSpec
-    from twind.loop.ports import Port
+    from twind.loop.ports import BusPort
     from twind.loop.tick import Loop
 
 # What may be asked for.
@@ -37,13 +37,13 @@ HASTE = 2.0  # of the goals' speed that the servo's own profile allows
 
 
 @dataclass(frozen=True, slots=True)
-class Sought:
+class HomingRequest:
     """One joint and its stop. Counts are calibrated: raw and whole turns."""
 
     joint: int
-    port: Port
+    port: BusPort
     id: int
-    search: Search
+    search: HomingParameters
     lower: int  # counts: the goals that may ever be sent (R22)
     upper: int
     turn: int  # counts
@@ -52,7 +52,7 @@ class Sought:
     cap: int  # raw current
 
 
-def sought(loop: Loop, command: link.FindStop, now: float) -> Sought | list[Finding]:
+def sought(loop: Loop, command: link.FindStop, now: float) -> HomingRequest | list[Finding]:
     """What is sought, or all that speaks against it."""
     against = [*_asked(command), *_allowed(loop, command, now)]
     return against if against else _counted(loop, command)
@@ -69,7 +69,7 @@ def _asked(command: link.FindStop) -> list[Finding]:
     for what, value, (least, most) in given:
         if value is not None and not least <= value <= most:
             bound = most if value > most else least
-            found.append(Finding(Code.BAD_SCHEMA, value=float(value), bound=float(bound), message=what))
+            found.append(Finding(ReasonCode.BAD_SCHEMA, value=float(value), bound=float(bound), message=what))
     return found
 
 
@@ -78,19 +78,19 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
     joint = command.joint
     mine = np.arange(len(loop.joints)) == joint
     verdict = gate.arming(loop.snapshot(command.client, now), loop.parts.thresholds, mine)
-    found = [each for each in verdict.refusals if each.code is not Code.ARM_FAILED]
+    found = [each for each in verdict.refusals if each.code is not ReasonCode.ARM_FAILED]
     found = [each for each in found if each.joint in (None, joint)]
     spec, robot = loop.parts.one.file.joints[joint], loop.parts.one.file
 
-    def against(message: str, code: Code = Code.STOP_NOT_FOUND) -> None:
+    def against(message: str, code: ReasonCode = ReasonCode.STOP_NOT_FOUND) -> None:
         found.append(Finding(code, joint, message=message))
 
     if not loop.hardware.connected:
-        found.append(Finding(Code.HW_DISCONNECTED, message="not every bus is open and identified"))
+        found.append(Finding(ReasonCode.HW_DISCONNECTED, message="not every bus is open and identified"))
     if loop.joints.calibrated[joint] and not loop.identity.verified.joints[joint] and not found:
-        against("not verified since its bus was identified: `twindctl status`", Code.CALIB_MISMATCH)
+        against("not verified since its bus was identified: `twindctl status`", ReasonCode.CALIB_MISMATCH)
     if loop.torque_off is not True:
-        against("torque is on somewhere, or not known yet: disarm first", Code.TORQUE_MISMATCH)
+        against("torque is on somewhere, or not known yet: disarm first", ReasonCode.TORQUE_MISMATCH)
     if spec.stops.at(command.side) is None:
         against(f"the robot file has no stop_rad.{command.side} of it: nobody knows where that stop is")
     if robot.bus(spec.bus).kind != SERIAL:
@@ -106,7 +106,7 @@ def _allowed(loop: Loop, command: link.FindStop, now: float) -> list[Finding]:
     return found
 
 
-def _counted(loop: Loop, command: link.FindStop) -> Sought | list[Finding]:
+def _counted(loop: Loop, command: link.FindStop) -> HomingRequest | list[Finding]:
     joint, spec = command.joint, loop.parts.one.file.joints[command.joint]
     number, row, bus = _place(loop, joint)
     port, scale = loop.hardware.ports[number], float(bus.scale[row])
@@ -119,11 +119,11 @@ def _counted(loop: Loop, command: link.FindStop) -> Sought | list[Finding]:
     if (end - count) * search.way <= 0.0:
         beyond = (count - search.expected) * search.way
         message = "counts beyond where the stop should be already: wrong stop_rad, side or coarse zero?"
-        return [Finding(Code.STOP_NOT_FOUND, joint, value=beyond, bound=search.margin, message=message)]
+        return [Finding(ReasonCode.STOP_NOT_FOUND, joint, value=beyond, bound=search.margin, message=message)]
     away = search.expected - search.way * (search.margin + search.back + search.still)
     ends = (end, away, count - search.way * SLACK)
     rate = HASTE * search.speed * tau / spec.type.ticks_per_turn  # rad/s of the servo
-    return Sought(
+    return HomingRequest(
         joint=joint,
         port=port,
         id=bus.ids[row],
@@ -137,7 +137,7 @@ def _counted(loop: Loop, command: link.FindStop) -> Sought | list[Finding]:
     )
 
 
-def _search(command: link.FindStop, spec: JointSpec, zero: int, scale: float, cap: float) -> Search:
+def _search(command: link.FindStop, spec: JointSpec, zero: int, scale: float, cap: float) -> HomingParameters:
     stop = spec.stops.at(command.side)
     assert stop is not None
     up = 1 if scale > 0.0 else -1
@@ -146,7 +146,7 @@ def _search(command: link.FindStop, spec: JointSpec, zero: int, scale: float, ca
     def counts(angle: float) -> float:
         return angle / abs(scale)
 
-    return Search(
+    return HomingParameters(
         way=up if command.side == "upper" else -up,
         expected=zero + stop / scale,
         margin=counts(MARGIN),
@@ -166,7 +166,7 @@ def _cap(share: float, spec: JointSpec, own: int | None) -> float:
     return max(1.0, floor(share * full))
 
 
-def _place(loop: Loop, joint: int) -> tuple[int, int, BusMap]:
+def _place(loop: Loop, joint: int) -> tuple[int, int, JointBusMap]:
     """Its bus and place there. Calibrated counts: the maps of the file, not those of the wire."""
     for number, bus in enumerate(loop.joints.buses):
         rows = np.flatnonzero(bus.joints == joint)

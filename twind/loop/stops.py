@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from twind import link
-from twind.loop.procedures import Rank
+from twind.loop.procedures import Priority
 from twind.robot.modes import Mode
 
 if TYPE_CHECKING:
@@ -14,24 +14,24 @@ if TYPE_CHECKING:
 
 
 @dataclass(eq=False)
-class Waiting:
+class PendingEStop:
     """One call: answered once the stop has begun, and with `more` again when it is over."""
 
     command: link.EStop
     told: bool = False
 
 
-class Stops:
+class EStopReplies:
     """`begun`: the first effect of the running stop was read back from the bus."""
 
     def __init__(self, loop: Loop) -> None:
         self._loop = loop
-        self._waiting: list[Waiting] = []
+        self._waiting: list[PendingEStop] = []
         self.begun = False
 
     def ask(self, command: link.EStop) -> None:
         """Answer this call when there is something true to say."""
-        self._waiting.append(Waiting(command))
+        self._waiting.append(PendingEStop(command))
 
     def begin(self) -> None:
         """A stop starts: nothing of it is confirmed yet."""
@@ -43,7 +43,7 @@ class Stops:
 
     def answer(self) -> None:
         """After each exchange: tell whom there is something to tell."""
-        running = self._loop.procedures.rank in (Rank.ESTOP, Rank.CUT)
+        running = self._loop.procedures.rank in (Priority.ESTOP, Priority.CUT)
         for waiting in list(self._waiting):
             if not running:
                 known = self._loop.mode is not Mode.LIVE or self._loop.torque_off is not None
@@ -55,8 +55,8 @@ class Stops:
                 if not waiting.command.more:
                     self._waiting.remove(waiting)
 
-    def _tell(self, waiting: Waiting, *, done: bool) -> None:
+    def _tell(self, waiting: PendingEStop, *, done: bool) -> None:
         loop = self._loop
-        more = waiting.command.more and self._loop.procedures.rank in (Rank.ESTOP, Rank.CUT)
+        more = waiting.command.more and self._loop.procedures.rank in (Priority.ESTOP, Priority.CUT)
         off = loop.torque_off
         loop.say.reply(waiting.command, continues=more, state=loop.state.value, torque_off=off, done=done)

@@ -11,14 +11,14 @@ import numpy as np
 from twind import link
 from twind.loop.contacts import with_contact
 from twind.loop.procedures import Procedure
-from twind.motion.executor import Outcome, Tolerances
+from twind.motion.executor import GoalOutcome, GoalTolerances
 from twind.motion.goals import led_in
 from twind.robot.arrays import Bools, Ints
-from twind.robot.finding import Code, Finding, Verdict
+from twind.robot.finding import Finding, ReasonCode, Verdict
 from twind.robot.modes import Mode
 from twind.robot.trajectory import Trajectory
 from twind.safety import gate, stream
-from twind.safety.way import STREAM, Taken
+from twind.safety.way import STREAM, StartedCommand
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
@@ -28,25 +28,25 @@ SLICE = 250  # points judged in one tick: some 2.5 ms when every single one is r
 PROGRESS = 0.1  # s between two reports of progress
 ABOUT_NOW = frozenset(  # S05–S11, S27, S28: what another moment would judge otherwise
     {
-        Code.LEASE_MISSING,
-        Code.ESTOP_LATCHED,
-        Code.FAULT_LATCHED,
-        Code.SOCKETS_GONE,
-        Code.NOT_ARMED,
-        Code.CALIB_MISSING,
-        Code.CALIB_MISMATCH,
-        Code.DEVICE_MISSING,
-        Code.DEVICE_MISMATCH,
-        Code.HW_DISCONNECTED,
-        Code.LATENCY_BLOCK,
-        Code.THERMAL_HEADROOM,
-        Code.VOLTAGE_LOW,
-        Code.BUSY,
+        ReasonCode.LEASE_MISSING,
+        ReasonCode.ESTOP_LATCHED,
+        ReasonCode.FAULT_LATCHED,
+        ReasonCode.SOCKETS_GONE,
+        ReasonCode.NOT_ARMED,
+        ReasonCode.CALIB_MISSING,
+        ReasonCode.CALIB_MISMATCH,
+        ReasonCode.DEVICE_MISSING,
+        ReasonCode.DEVICE_MISMATCH,
+        ReasonCode.HW_DISCONNECTED,
+        ReasonCode.LATENCY_BLOCK,
+        ReasonCode.THERMAL_HEADROOM,
+        ReasonCode.VOLTAGE_LOW,
+        ReasonCode.BUSY,
     }
 )
 
 
-class Submissions:
+class SubmissionTracker:
     """One being judged, and those being followed with `more`."""
 
     def __init__(self, loop: Loop) -> None:
@@ -63,28 +63,30 @@ class Submissions:
         taken = None if command.check_only else way.take(command.received, clock.now(), inf)
         self._loop.procedures.beside(self._judge(command, data, taken, now))
 
-    def _judge(self, command: link.Submit, data: bytes, taken: Taken | None, now: float) -> Procedure:
+    def _judge(
+        self, command: link.Submit, data: bytes, taken: StartedCommand | None, now: float
+    ) -> Procedure:
         loop = self._loop
         try:
             path = link.unpack_path(data, command, len(loop.joints))
         except ValueError as error:
-            self._refuse(command, Verdict((Finding(Code.BAD_SHAPE, message=str(error)),)), taken, now)
+            self._refuse(command, Verdict((Finding(ReasonCode.BAD_SHAPE, message=str(error)),)), taken, now)
             return
         if command.generation < loop.reloads.judged_since:
             message = "the limits were changed while this was judged: send it again"
-            self._refuse(command, Verdict((Finding(Code.CMD_EXPIRED, message=message),)), taken, now)
+            self._refuse(command, Verdict((Finding(ReasonCode.CMD_EXPIRED, message=message),)), taken, now)
             return
         waiting = command.start_in > 0.0 and loop.executor.waiting > 0
         if self.busy or (waiting and not command.check_only):
             message = "another trajectory is being judged" if self.busy else "one already waits for its start"
-            busy = Finding(Code.BUSY, message=f"{message}: try again, or cancel")
+            busy = Finding(ReasonCode.BUSY, message=f"{message}: try again, or cancel")
             self._refuse(command, Verdict((busy,)), taken, now)
             return
         asked = loop.snapshot(command.client, now)
         soon = 0.0 < command.start_in <= loop.parts.thresholds.max_duration
         if soon and loop.executor.reference is not None:
             asked = replace(asked, reference=loop.executor.ahead(command.start_in))
-        demand = gate.Demand(command.policy, command.append_stop, command.start_in)
+        demand = gate.TrajectoryRequest(command.policy, command.append_stop, command.start_in)
         steps = gate.checking(path, asked, loop.limits, demand, loop.parts.thresholds, SLICE)
         self.busy, sliced = True, False
         try:
@@ -92,7 +94,7 @@ class Submissions:
                 try:
                     next(steps)
                 except StopIteration as stop:
-                    judged: gate.Judged = stop.value
+                    judged: gate.GateResult = stop.value
                     break
                 sliced = True
                 now = yield
@@ -117,7 +119,7 @@ class Submissions:
             self._accept(command, verdict, followed, now)
 
     def _still_true(
-        self, command: link.Submit, asked: gate.Snapshot, commanded: Any, now: float
+        self, command: link.Submit, asked: gate.GateSnapshot, commanded: Any, now: float
     ) -> tuple[Finding, ...]:
         """A long check took several ticks: what admitted it, and where it starts, must still hold."""
         loop = self._loop
@@ -126,7 +128,7 @@ class Submissions:
         here = loop.executor.reference
         if here is None or not np.array_equal(here.position, asked.reference.position):
             message = "the robot moved while the trajectory was judged: a long one starts from a hold"
-            refusals = (*refusals, Finding(Code.BUSY, message=message))
+            refusals = (*refusals, Finding(ReasonCode.BUSY, message=message))
         return refusals
 
     def _follow(self, command: link.Submit, path: Trajectory, now: float) -> float | Finding:
@@ -135,7 +137,7 @@ class Submissions:
         if command.front_checked and now - command.front_checked > STALE_VERDICT:
             age = now - command.front_checked
             return Finding(
-                Code.CMD_EXPIRED, value=age, bound=STALE_VERDICT, message="the front's verdict is old"
+                ReasonCode.CMD_EXPIRED, value=age, bound=STALE_VERDICT, message="the front's verdict is old"
             )
         tolerances, goal_time = self._ending(command)
         if command.client:
@@ -150,7 +152,7 @@ class Submissions:
         )
         return lead if refused is None else refused
 
-    def _ending(self, command: link.Submit) -> tuple[Tolerances | None, float | None]:
+    def _ending(self, command: link.Submit) -> tuple[GoalTolerances | None, float | None]:
         """Tolerances of a goal, and the time (s) it has to meet them after its end.
 
         A simulated joint must come as near to its goal as FOLLOW_ERR demands of a real one at rest. Without
@@ -159,11 +161,11 @@ class Submissions:
         loop = self._loop
         count, asked = len(loop.joints), command.tolerances
         if loop.mode is Mode.LIVE:
-            return (Tolerances.of(count, asked) if asked else None), command.goal_time
+            return (GoalTolerances.of(count, asked) if asked else None), command.goal_time
         bounds = loop.parts.guard.bounds
         own = any(goal for _, _, goal in asked)
         goal_time = command.goal_time if own else command.goal_time or bounds.drift_for
-        return Tolerances.of(count, asked, bounds.follow), goal_time
+        return GoalTolerances.of(count, asked, bounds.follow), goal_time
 
     def _lead(self, path: Trajectory, start_in: float) -> float:
         """How long the way to a first point at t = 0 takes, s, from where the path is foreseen to begin."""
@@ -191,7 +193,7 @@ class Submissions:
             verdict=plain(verdict),
         )
 
-    def _on_its_way(self, command: link.Submit, taken: Taken | None, commanded: Bools) -> None:
+    def _on_its_way(self, command: link.Submit, taken: StartedCommand | None, commanded: Bools) -> None:
         """Its figures; of one that is to begin later the verdict's is the last: it waits on purpose."""
         loop, reference, at = self._loop, self._loop.executor.reference, self._loop.clock.now()
         if taken is not None:
@@ -199,7 +201,9 @@ class Submissions:
             if reference is not None and not command.start_in:
                 loop.way.accept(taken, command.id, commanded, reference, at)
 
-    def _refuse(self, command: link.Submit, verdict: Verdict, taken: Taken | None, now: float) -> None:
+    def _refuse(
+        self, command: link.Submit, verdict: Verdict, taken: StartedCommand | None, now: float
+    ) -> None:
         """The caller is told, and unless it only asked whoever watches and the log."""
         loop = self._loop
         if taken is not None:
@@ -212,7 +216,7 @@ class Submissions:
 
     def _tell(self, id: str, verdict: Verdict, now: float, lead: float = 0.0) -> None:
         link_, given = self._loop.link, plain(verdict)
-        link_.event(link.Moment(time=now, sequence=link_.sequence(), id=id, verdict=given, lead=lead))
+        link_.event(link.VerdictReport(time=now, sequence=link_.sequence(), id=id, verdict=given, lead=lead))
 
     # --------------------------------------------------------------------------- setpoints
 
@@ -233,7 +237,7 @@ class Submissions:
         changes = [asdict(finding) for finding in judged.verdict.changes]
         loop.say.reply(command, sequence=loop.figures.ticks, changes=changes)
 
-    def _streamed(self, command: link.Setpoint, now: float) -> stream.Aim:
+    def _streamed(self, command: link.Setpoint, now: float) -> stream.SetpointResult:
         """Judged, and followed unless its verdict says otherwise."""
         loop = self._loop
         snapshot = loop.snapshot(command.client, now)
@@ -283,7 +287,7 @@ class Submissions:
             if command is not None:
                 loop.say.reply(command, continues=True, id=command.id, phase="running", progress=running[1])
 
-    def _end(self, outcome: Outcome) -> None:
+    def _end(self, outcome: GoalOutcome) -> None:
         loop = self._loop
         if outcome.phase != "succeeded":
             loop.way.end(outcome.id)

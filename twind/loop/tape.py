@@ -8,11 +8,11 @@ from itertools import count
 from typing import Generic, TypeVar
 
 from twind.config.robot_spec import RobotFile
-from twind.flight import LOST, NO_BUS, OPENED, REFUSED, Entry, Kind, Ring, pack
+from twind.flight import LOST, NO_BUS, OPENED, REFUSED, EntryKind, FlightEntry, FlightRing, pack
 from twind.flight.ring import TRANSCRIPT
 from twind.streams import tell
-from twind_drivers.bus import PortError, Transport
-from twind_drivers.can.channel import Channel
+from twind_drivers.bus import ByteTransport, PortError
+from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.frame import Frames
 from twind_drivers.clock import Clock
 
@@ -23,7 +23,7 @@ _JOINT = 110  # ... of its arrays
 _SLOW = 50_000  # bytes/s of overviews, answers, events and calls
 
 
-class Tape:
+class BusTap:
     """What happens on one bus, for whoever writes it down: here nobody."""
 
     def opened(self, where: str) -> None:
@@ -42,10 +42,10 @@ class Tape:
 class FlightRecorder:
     """The loop's side of the flight recorder."""
 
-    def __init__(self, ring: Ring, buses: Sequence[str], clock: Clock) -> None:
+    def __init__(self, ring: FlightRing, buses: Sequence[str], clock: Clock) -> None:
         self._ring, self._clock = ring, clock
-        self.tapes: Mapping[str, BusTape] = {
-            name: BusTape(ring, place, clock) for name, place in zip(buses, count(), strict=False)
+        self.tapes: Mapping[str, RecordingBusTap] = {
+            name: RecordingBusTap(ring, place, clock) for name, place in zip(buses, count(), strict=False)
         }
 
     @property
@@ -53,7 +53,7 @@ class FlightRecorder:
         """The memory that others can read, also when this process is gone."""
         return self._ring.fd
 
-    def link(self, kind: Kind, data: bytes) -> None:
+    def link(self, kind: EntryKind, data: bytes) -> None:
         """A datagram of the link, or the arrays beside one."""
         self._ring.append(kind, NO_BUS, self._clock.now(), data)
 
@@ -69,7 +69,7 @@ class FlightRecorder:
 def recorder(robot: RobotFile, rate_hz: float, clock: Clock) -> FlightRecorder | None:
     """One for this robot; None, and why is told: there is no memory for it."""
     try:
-        ring = Ring.create(size(robot, rate_hz), buses=len(robot.buses))
+        ring = FlightRing.create(size(robot, rate_hz), buses=len(robot.buses))
     except OSError as error:
         tell(2, "warning", f"twind: no flight recorder, this run leaves nothing behind: {error}")
         return None
@@ -82,28 +82,28 @@ def size(robot: RobotFile, rate_hz: float) -> int:
     return min(MOST, round(SPAN * (buses + rate_hz * (_TICK + _JOINT * len(robot.joints)) + _SLOW)))
 
 
-class BusTape(Tape):
+class RecordingBusTap(BusTap):
     """One bus, written down; the bytes of its last whole identification are kept beside the ring."""
 
-    def __init__(self, ring: Ring, place: int, clock: Clock) -> None:
+    def __init__(self, ring: FlightRing, place: int, clock: Clock) -> None:
         self._ring, self._place, self._clock = ring, place, clock
-        self._transcript: list[Entry] | None = None  # of the identification under way
+        self._transcript: list[FlightEntry] | None = None  # of the identification under way
         self._length = 0  # bytes of it, heads not counted
         self._whole = False  # the one that is kept is of everybody
 
     def sent(self, data: bytes | bytearray | memoryview) -> None:
         """Bytes written to the bus."""
-        self._note(Kind.OUT, data)
+        self._note(EntryKind.OUT, data)
 
     def heard(self, data: bytes | bytearray | memoryview) -> None:
         """Bytes read from it, whatever they are."""
-        self._note(Kind.IN, data)
+        self._note(EntryKind.IN, data)
 
-    def _note(self, kind: Kind, data: bytes | bytearray | memoryview) -> None:
+    def _note(self, kind: EntryKind, data: bytes | bytearray | memoryview) -> None:
         now = self._clock.now()
         self._ring.append(kind, self._place, now, data)
         if self._transcript is not None:
-            self._transcript.append(Entry(now, kind, self._place, bytes(data)))
+            self._transcript.append(FlightEntry(now, kind, self._place, bytes(data)))
             self._length += len(data)
             if self._length > TRANSCRIPT:  # somebody babbles: what is kept would not be whole
                 self._transcript = None
@@ -122,7 +122,7 @@ class BusTape(Tape):
         self._port(LOST, why)
 
     def _port(self, word: bytes, text: str) -> None:
-        self._ring.append(Kind.PORT, self._place, self._clock.now(), word + b" " + text.encode())
+        self._ring.append(EntryKind.PORT, self._place, self._clock.now(), word + b" " + text.encode())
 
     def identifying(self) -> None:
         """Its bytes are kept from here on."""
@@ -136,13 +136,13 @@ class BusTape(Tape):
         self._transcript = None
 
 
-Inside = TypeVar("Inside", Transport, Channel)
+Inside = TypeVar("Inside", ByteTransport, CanChannel)
 
 
-class _Taped(Generic[Inside]):
+class _Tapped(Generic[Inside]):
     """What a port and a channel have in common; what carries no bytes costs nothing more than before."""
 
-    def __init__(self, inside: Inside, tape: BusTape) -> None:
+    def __init__(self, inside: Inside, tape: RecordingBusTap) -> None:
         self._inside: Inside = inside
         self._tape, self.name = tape, inside.name
         self.fileno, self.arrival, self.close = inside.fileno, inside.arrival, inside.close
@@ -157,10 +157,10 @@ class _Taped(Generic[Inside]):
         self._inside.warning = text
 
 
-class TapedTransport(_Taped[Transport]):
+class TappedTransport(_Tapped[ByteTransport]):
     """A `Transport` as the one inside, whose bytes are written down."""
 
-    def __init__(self, inside: Transport, tape: BusTape) -> None:
+    def __init__(self, inside: ByteTransport, tape: RecordingBusTap) -> None:
         super().__init__(inside, tape)
         self.holds, self.backlog, self.flush = inside.holds, inside.backlog, inside.flush
 
@@ -196,10 +196,10 @@ class TapedTransport(_Taped[Transport]):
         return count
 
 
-class TapedChannel(_Taped[Channel]):
+class TappedChannel(_Tapped[CanChannel]):
     """A `Channel` as the one inside, whose frames are written down, as the bytes of their records."""
 
-    def __init__(self, inside: Channel, tape: BusTape) -> None:
+    def __init__(self, inside: CanChannel, tape: RecordingBusTap) -> None:
         super().__init__(inside, tape)
         self.condition, self.drive, self.purge = inside.condition, inside.drive, inside.purge
 

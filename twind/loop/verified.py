@@ -13,23 +13,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twind.loop.ports import Link, Port
+from twind.loop.ports import BusPort, PortState
 from twind.robot.arrays import Bools, Floats, Ints, every, frozen, some
-from twind.robot.finding import Code, Finding
-from twind.robot.joints import BusMap
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.joints import JointBusMap
 from twind.robot.modes import Mode
 from twind.safety.device_rules import ALERT
 from twind.safety.turns import chosen, inside, strayed, unfit
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
-    from twind.robot.turns import Turns
+    from twind.robot.turns import TurnRange
 
 AGREEING = 3  # readings in a row that must say the same turn
 ASTRAY = 1.0  # s out of its travel, limp, after which another turn is taken if one fits
 
 
-class Verified:
+class JointVerification:
     """Joint by joint; arrays are (n,)."""
 
     def __init__(self, loop: Loop) -> None:
@@ -41,7 +41,7 @@ class Verified:
         self._turn: Ints = np.zeros(count, np.int64)  # ticks, what the last reading says ...
         self._agreeing: Ints = np.zeros(count, np.int64)  # ... and so many before it said too
         self._astray: Floats = np.full(count, inf)  # s, since when
-        self._links = [Link.CLOSED] * len(loop.hardware.ports)
+        self._links = [PortState.CLOSED] * len(loop.hardware.ports)
         self._unfit: dict[str, Sequence[Finding]] = {}  # bus -> whose turn cannot be told, or not be used
         loop.hardware.readings.placed = self._told.copy()
 
@@ -51,7 +51,7 @@ class Verified:
         loop = self._loop
         found = np.array(loop.joints.calibrated, np.bool_) & self._told & ~self._marred
         for port, bus in loop.hardware.pairs:
-            if port.link is not Link.CONNECTED:
+            if port.link is not PortState.CONNECTED:
                 found[bus.joints] = False
         for finding in (*loop.identity.mismatches, *self.findings()):
             if finding.joint is not None:
@@ -76,7 +76,7 @@ class Verified:
             if joint not in said:
                 message = "restarted, or had a hardware error: wait until it has been identified anew"
                 message = message if self._marred[joint] else "nobody knows yet which turn it is on: wait"
-                found.append(Finding(Code.CALIB_MISMATCH, joint, message=message))
+                found.append(Finding(ReasonCode.CALIB_MISMATCH, joint, message=message))
         return found
 
     def doubts(self) -> list[Finding]:
@@ -100,7 +100,7 @@ class Verified:
         self.mar(findings)
         self._doubt(np.array(_joints(findings), np.int64))
 
-    def identified(self, port: Port, bus: BusMap, fits: Bools) -> None:
+    def identified(self, port: BusPort, bus: JointBusMap, fits: Bools) -> None:
         """Everybody of that bus was asked who they are; `fits` (m,): who said so, and is right. Who did not
         may be anywhere when it is back."""
         rows = bus.joints
@@ -129,8 +129,10 @@ class Verified:
     def _look_at_links(self) -> None:
         """Who is on a bus that was lost, or is asked anew, may be on another turn: but those that we hold."""
         for number, (port, bus) in enumerate(self._loop.hardware.pairs):
-            anew = port.link is Link.IDENTIFYING and self._links[number] is Link.CONNECTED
-            if (anew and not port.holding) or (port.link is Link.CLOSED and some(self._answered[bus.joints])):
+            anew = port.link is PortState.IDENTIFYING and self._links[number] is PortState.CONNECTED
+            if (anew and not port.holding) or (
+                port.link is PortState.CLOSED and some(self._answered[bus.joints])
+            ):
                 self._answered[bus.joints] = False
                 self._doubt(bus.joints)
                 self._unfit.pop(port.name, None)
@@ -144,10 +146,10 @@ class Verified:
         readings, slow = self._loop.hardware.readings, self._loop.hardware.slow
         healed = self._marred & (readings.alerts & ALERT == 0) & (slow.fault == 0)
         for port, bus in self._loop.hardware.pairs:
-            if port.link is Link.CONNECTED and some(healed[bus.joints]):
+            if port.link is PortState.CONNECTED and some(healed[bus.joints]):
                 port.identify()
 
-    def _look_astray(self, turns: Turns, now: float) -> None:
+    def _look_astray(self, turns: TurnRange, now: float) -> None:
         """Who leapt by half a turn or more, or hangs out of its travel though another turn fits, is chosen
         anew: a reading misled us, or its servo has lost its turns."""
         hardware = self._loop.hardware
@@ -162,14 +164,14 @@ class Verified:
         else:
             self._astray[:] = inf
 
-    def _count(self, turns: Turns) -> None:
+    def _count(self, turns: TurnRange) -> None:
         """How many readings in a row say the same turn."""
         turn, heard = chosen(self._loop.hardware.readings.raw.ticks, turns), self._loop.measured.heard
         again = np.where(turn == self._turn, self._agreeing, 0) + 1
         self._agreeing = np.where(heard, again, self._agreeing)
         self._turn = np.where(heard, turn, self._turn)
 
-    def _choose(self, number: int, port: Port, rows: Ints, turns: Turns) -> None:
+    def _choose(self, number: int, port: BusPort, rows: Ints, turns: TurnRange) -> None:
         loop, hardware = self._loop, self._loop.hardware
         raw, before = hardware.readings.raw.ticks, hardware.readings.shift
         due = np.zeros_like(self._told)

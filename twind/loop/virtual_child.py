@@ -15,11 +15,11 @@ from twind.loop.front_process import child_environment
 START = 30.0  # s it may take to be ready
 
 
-class VirtualError(Exception):
+class VirtualRobotError(Exception):
     """The virtual robot did not start."""
 
 
-class VirtualChild:
+class VirtualRobotProcess:
     """Context manager: started and ready inside, ended outside. `ports` by bus name."""
 
     def __init__(self, robot: str, *options: str) -> None:
@@ -39,7 +39,7 @@ class VirtualChild:
             env=child_environment(),
         )
 
-    def __enter__(self) -> "VirtualChild":
+    def __enter__(self) -> "VirtualRobotProcess":
         try:
             self._await_ready()
         except BaseException:
@@ -55,7 +55,7 @@ class VirtualChild:
             ready, _, _ = select.select([output], [], [], START)
             more = output.read1(4096) if ready else b""  # type: ignore[attr-defined]
             if not more:
-                raise VirtualError("the virtual robot did not start; its own words are above")
+                raise VirtualRobotError("the virtual robot did not start; its own words are above")
             text += more
         for line in text.decode().splitlines():
             word, _, rest = line.partition(" ")

@@ -5,16 +5,16 @@ from math import isnan
 from typing import Any
 
 from twind import link
-from twind.loop.link import Outside
-from twind.robot.finding import Code, Finding
-from twind.safety.alarm import CALM, CALM_FOR, Alert
+from twind.loop.link import ControlLink
+from twind.robot.finding import Finding, ReasonCode
+from twind.safety.alarm import CALM, CALM_FOR, LatencyAlert
 from twind_drivers.clock import Clock
 
 
-class Voice:
+class Responder:
     """Answers and events."""
 
-    def __init__(self, out: Outside, clock: Clock) -> None:
+    def __init__(self, out: ControlLink, clock: Clock) -> None:
         self._link, self._clock = out, clock
 
     def reply(self, command: link.Command, *, continues: bool = False, **parameters: Any) -> None:
@@ -59,7 +59,7 @@ class Voice:
             )
         )
 
-    def slow(self, alert: Alert) -> None:
+    def slow(self, alert: LatencyAlert) -> None:
         """A hop became too slow, or has recovered."""
         if alert.calm:
             said = f"{alert.hop} is below {CALM * alert.bound * 1e3:g} ms again, for more than {CALM_FOR:g} s"
@@ -67,7 +67,9 @@ class Voice:
                 said = f"{alert.hop} is not measured any longer: no robot is read"
             self.event("info", "LATENCY_CALM", said)
             return
-        finding = Finding(Code.LATENCY_WARN, value=alert.value, bound=alert.bound, message=f"s, {alert.hop}")
+        finding = Finding(
+            ReasonCode.LATENCY_WARN, value=alert.value, bound=alert.bound, message=f"s, {alert.hop}"
+        )
         self.event("warning", finding.code, f"{alert.hop} is above its threshold", (finding,))
 
     def mark(self, command: link.Mark, code: str, message: str) -> None:

@@ -10,17 +10,17 @@ import numpy as np
 from twind.robot.arrays import some
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
-from twind.safety.facts import Facts
+from twind.safety.facts import GuardInput
 
 if TYPE_CHECKING:
     from twind.loop.tick import Loop
 
 
-def facts(loop: Loop, reference: Reference | None, target: JointState, now: float) -> Facts:
+def facts(loop: Loop, reference: Reference | None, target: JointState, now: float) -> GuardInput:
     """All that one judgement rests on. `target`: whom commands go to; `reference`: what is about to leave."""
     held = loop.lease.holds(now) and loop.lease.epoch == loop.motion_epoch
     readings, slow, left_out = loop.hardware.readings, loop.hardware.slow, loop.hardware.left_out
-    return Facts(
+    return GuardInput(
         now=now,
         mode=loop.mode,
         state=loop.state,

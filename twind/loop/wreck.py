@@ -6,7 +6,7 @@ from collections.abc import Callable
 FRONTS = 2  # that get it: should they die of it, it is given up
 
 
-class Wreck:
+class CrashRecording:
     """The flight recorder of a daemon that is gone; `fd` is None where there is none, or no longer."""
 
     def __init__(self, fd: int | None) -> None:

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twind.motion.layers import Layer, choose
-from twind.motion.stops import Follower
+from twind.motion.layers import MotionLayer, choose
+from twind.motion.stops import LimitedFollower
 from twind.robot.arrays import Bools, Floats, Ints
-from twind.robot.limits import Limits
+from twind.robot.limits import JointLimits
 from twind.robot.splines import Spline
 from twind.robot.trajectory import Reference
 
 
-def braking(reference: Reference, limits: Limits, times: Floats) -> Floats:
+def braking(reference: Reference, limits: JointLimits, times: Floats) -> Floats:
     """Positions (k, n) at `times` (k,) s after every joint has begun to brake with its acceleration limit."""
     speed = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
     t = np.minimum(times[:, None], np.abs(speed) / limits.acceleration)
@@ -39,15 +39,15 @@ def along(curve: Spline, times: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class LookaheadPlan:
     """What the executor is about to do, as it stands."""
 
     reference: Reference  # of this tick
     floor: object  # what the joints do that no layer decides
-    layers: tuple[Layer, ...]
+    layers: tuple[MotionLayer, ...]
     tick: int
     changing: bool  # with every tick, even if nobody commands anything
-    stream: Follower | None
+    stream: LimitedFollower | None
     streamed: Bools  # (n,)
     pace: float  # of the stream
 
@@ -56,7 +56,7 @@ class Plan:
         """While it compares equal, the way is the same, and time has gone on along it."""
         return (self.tick if self.changing else None, self.floor, *self.layers)
 
-    def course(self, limits: Limits, times: Floats) -> Floats:
+    def course(self, limits: JointLimits, times: Floats) -> Floats:
         """Where the motion leads, (k, n), at `times` (k,) s from now, without goals that wait.
 
         Of a stream: one step on, and then to rest.
@@ -75,12 +75,12 @@ class Plan:
         joints: Ints,
         position: Floats,
         velocity: Floats | None,
-        limits: Limits,
+        limits: JointLimits,
         period: float,
         times: Floats,
     ) -> Floats:
         """The same if a setpoint (m,) of `joints` were taken: one step towards it, and then to rest."""
-        follower = Follower(self.reference, limits, period)
+        follower = LimitedFollower(self.reference, limits, period)
         target, drift = follower.target.copy(), np.zeros(len(follower.target))
         moved = np.zeros(len(target), np.bool_)
         moved[joints] = True

@@ -10,43 +10,43 @@ from math import inf, isfinite
 
 import numpy as np
 
-from twind.motion.course import Plan
-from twind.motion.goals import Outcome, Tolerances, off, without_past
-from twind.motion.layers import Goal, Layer, begun, choose, displaced, laid_over, without
+from twind.motion.course import LookaheadPlan
+from twind.motion.goals import GoalOutcome, GoalTolerances, off, without_past
+from twind.motion.layers import MotionGoal, MotionLayer, begun, choose, displaced, laid_over, without
 from twind.motion.pace import next_pace
-from twind.motion.stops import Follower, GivingWay, Ramp, still
+from twind.motion.stops import CompliantFollower, LimitedFollower, StopRamp, still
 from twind.robot.arrays import Bools, Floats, Ints, some
-from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.modes import Motion
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference, Trajectory
 
-__all__ = ["Executor", "Outcome", "Tolerances"]
+__all__ = ["GoalOutcome", "GoalTolerances", "TrajectoryExecutor"]
 
 
-class Executor:
+class TrajectoryExecutor:
     """Follows accepted trajectories on its own time, which advances by one period per `goal()`.
 
     A late or missed tick re-times the motion; it never catches up and never jumps (R02). Starts fall on
     ticks: a start time is rounded to the nearest one.
     """
 
-    def __init__(self, limits: Limits, period: float) -> None:
+    def __init__(self, limits: JointLimits, period: float) -> None:
         self.limits, self._period = limits, period  # limits: replaced at rest only
         self._tick = 0
         self._pace = 1.0
         self._reference: Reference | None = None
-        self._floor: Ramp | Follower | None = None  # what the joints do that no layer decides
-        self._layers: list[Layer] = []  # begun, oldest first; no joint is in two
-        self._running: Layer | None = None  # the newest, while its goal has not ended
-        self._pending: list[Goal] = []  # by start
-        self._stream: Follower | None = None
+        self._floor: StopRamp | LimitedFollower | None = None  # what the joints do that no layer decides
+        self._layers: list[MotionLayer] = []  # begun, oldest first; no joint is in two
+        self._running: MotionLayer | None = None  # the newest, while its goal has not ended
+        self._pending: list[MotionGoal] = []  # by start
+        self._stream: LimitedFollower | None = None
         self._streamed: Bools = np.zeros(0, np.bool_)
         self._valid_for, self._heard_at = 0.0, inf
-        self._ended: list[tuple[Outcome, float]] = []
+        self._ended: list[tuple[GoalOutcome, float]] = []
         self._fractions: dict[str, float] = {}
-        self._yielding: GivingWay | None = None  # while `yield_to` is called
+        self._yielding: CompliantFollower | None = None  # while `yield_to` is called
 
     # ------------------------------------------------------------------------------- what is
 
@@ -104,7 +104,7 @@ class Executor:
             return self._running.fraction(self._tick)
         return self._fractions.get(id, 0.0)
 
-    def outcomes(self) -> list[Outcome]:
+    def outcomes(self) -> list[GoalOutcome]:
         """Goals that ended since the last call."""
         ended, self._ended = self._ended, []
         self._fractions = {outcome.id: fraction for outcome, fraction in ended}
@@ -128,13 +128,15 @@ class Executor:
         return self._predict(layers, until)
 
     @property
-    def plan(self) -> Plan | None:
+    def plan(self) -> LookaheadPlan | None:
         """What the coming ticks follow from; None while idle."""
         if self._reference is None or self._floor is None:
             return None
         now, layers, stream = self._reference, tuple(self._layers), self._stream
         changing = self.slowed or stream is not None
-        return Plan(now, self._floor, layers, self._tick, changing, stream, self._streamed, self._pace)
+        return LookaheadPlan(
+            now, self._floor, layers, self._tick, changing, stream, self._streamed, self._pace
+        )
 
     # ------------------------------------------------------------------------------- what to do
 
@@ -157,7 +159,7 @@ class Executor:
         path: Trajectory,
         *,
         start_in: float = 0.0,
-        tolerances: Tolerances | None = None,
+        tolerances: GoalTolerances | None = None,
         goal_time: float | None = None,
     ) -> Finding | None:
         """Follow `path` from its start on; None, or why that cannot be.
@@ -166,24 +168,24 @@ class Executor:
         are replaced; one that runs is replaced when this one begins.
         """
         if self._reference is None:
-            return Finding(Code.NOT_ARMED, message="nobody holds: arm first")
+            return Finding(ReasonCode.NOT_ARMED, message="nobody holds: arm first")
         if not len(path.time):
-            return Finding(Code.EMPTY, message="a trajectory without points")
+            return Finding(ReasonCode.EMPTY, message="a trajectory without points")
         if not start_in < inf:
-            return Finding(Code.TOO_DISTANT, value=start_in, message="a start that never comes")
+            return Finding(ReasonCode.TOO_DISTANT, value=start_in, message="a start that never comes")
         left = without_past(path, start_in)
         if isinstance(left, Finding):
             return left
         start = self._start(start_in)
         if self._stream is not None and start > self._tick:
-            return Finding(Code.BUSY, message="setpoints arrive: a later start cannot be foreseen")
+            return Finding(ReasonCode.BUSY, message="setpoints arrive: a later start cannot be foreseen")
         if self.slowed and start > self._tick:
-            return Finding(Code.BUSY, message="the motion is slowed: a later start cannot be foreseen")
+            return Finding(ReasonCode.BUSY, message="the motion is slowed: a later start cannot be foreseen")
         for goal in [goal for goal in self._pending if goal.start >= start]:
             self._pending.remove(goal)
             self._end(goal, "replaced")
         foreseen = self.ahead(start_in).position if start > self._tick else None
-        self._pending.append(Goal(id, left, start, tolerances, goal_time, foreseen))
+        self._pending.append(MotionGoal(id, left, start, tolerances, goal_time, foreseen))
         return None
 
     def setpoint(
@@ -194,16 +196,16 @@ class Executor:
         Goals under way are replaced; joints that the stream does not name keep their path. None, or why not.
         """
         if self._reference is None:
-            return Finding(Code.NOT_ARMED, message="nobody holds: arm first")
+            return Finding(ReasonCode.NOT_ARMED, message="nobody holds: arm first")
         drift = np.zeros(len(joints)) if velocity is None else velocity
         if not np.isfinite([*position, *drift, valid_for]).all():
-            return Finding(Code.NONFINITE, message="a setpoint must be finite")
+            return Finding(ReasonCode.NONFINITE, message="a setpoint must be finite")
         self._end_goals("replaced", ())
         new = np.zeros(len(self._reference.position), np.bool_)
         new[joints] = True
         old = self._stream
         if old is None or (new & ~self._streamed).any():
-            self._stream = Follower(self._reference, self.limits, self._period)
+            self._stream = LimitedFollower(self._reference, self.limits, self._period)
             if old is not None:
                 self._stream.aim(
                     np.where(self._streamed, old.target, self._stream.target),
@@ -220,10 +222,10 @@ class Executor:
 
     def stop(self, phase: str = "cancelled", findings: Sequence[Finding] = ()) -> None:
         """Brake with the gate's acceleration limit, then hold. Goals under way end as `phase`."""
-        moving = bool(self._layers) or self._stream is not None or isinstance(self._floor, Follower)
+        moving = bool(self._layers) or self._stream is not None or isinstance(self._floor, LimitedFollower)
         self._end_all(phase, findings)
         if moving and self._reference is not None:
-            self._floor = Ramp(self._reference, self.limits, self._period)
+            self._floor = StopRamp(self._reference, self.limits, self._period)
 
     def give_in(self, joints: Sequence[int], place: Floats, findings: Sequence[Finding] = ()) -> None:
         """Brake, and hold `joints` where they are, `place` (n,), the others as commanded (R14, R15).
@@ -235,12 +237,12 @@ class Executor:
         named = np.zeros(len(place), np.bool_)
         named[list(joints)] = True
         busy = self._layers or self._pending or self._stream is not None
-        under_way = self._floor if isinstance(self._floor, GivingWay) and not busy else None
+        under_way = self._floor if isinstance(self._floor, CompliantFollower) and not busy else None
         if under_way is not None:
             under_way.aim_at(named & ~under_way.joints, place)
             return
         self._end_all("aborted", findings)
-        self._floor = floor = GivingWay(self._reference, self.limits, self._period)
+        self._floor = floor = CompliantFollower(self._reference, self.limits, self._period)
         floor.aim_at(named, place)
 
     def yield_to(self, place: Floats, speed: float) -> None:
@@ -249,7 +251,7 @@ class Executor:
             return
         if self._yielding is None or self._floor is not self._yielding:
             self._end_all("aborted", ())
-            self._yielding = GivingWay(self._reference, self.limits, self._period, speed=speed)
+            self._yielding = CompliantFollower(self._reference, self.limits, self._period, speed=speed)
             self._floor = self._yielding
         self._yielding.aim_at(np.isfinite(place), place)
 
@@ -267,8 +269,8 @@ class Executor:
         self._tick += 1
         reference = self._next(self._floor)
         if not isfinite(float(reference.position @ reference.position)):
-            self._end_all("aborted", (Finding(Code.INTERNAL, message="the reference is not finite"),))
-            self._floor = Ramp(self._reference, self.limits, self._period)
+            self._end_all("aborted", (Finding(ReasonCode.INTERNAL, message="the reference is not finite"),))
+            self._floor = StopRamp(self._reference, self.limits, self._period)
             reference = self._floor.step()
         self._reference = reference
         self._settle_down(reference)
@@ -284,25 +286,25 @@ class Executor:
         if t < duration:
             out = layer.outside(error, tolerances.path)
             if some(out):
-                self._give_up(layer, Code.PATH_TOLERANCE, out, error, tolerances.path, state)
+                self._give_up(layer, ReasonCode.PATH_TOLERANCE, out, error, tolerances.path, state)
             return
         out = layer.outside(error, tolerances.goal) | layer.outside(np.abs(state.velocity), tolerances.speed)
         if not some(out):
             self._end(layer.goal, "succeeded", fraction=1.0)
             self._running = None
         elif layer.goal.goal_time and t > duration + layer.goal.goal_time:
-            self._give_up(layer, Code.GOAL_TOLERANCE, out, error, tolerances.goal, state)
+            self._give_up(layer, ReasonCode.GOAL_TOLERANCE, out, error, tolerances.goal, state)
 
     # ------------------------------------------------------------------------------- inside
 
     def _start(self, start_in: float) -> int:
         return self._tick + max(0, round(start_in / self._period))
 
-    def _predict(self, layers: Sequence[Layer], tick: int) -> Reference:
+    def _predict(self, layers: Sequence[MotionLayer], tick: int) -> Reference:
         assert self._floor is not None  # `ahead` has asked
         return laid_over(self._floor.ahead((tick - self._tick) * self._period), layers, tick)
 
-    def _begin(self, goal: Goal, reference: Reference) -> None:
+    def _begin(self, goal: MotionGoal, reference: Reference) -> None:
         """A goal's start has come: it takes its joints over, and the goal that ran is replaced.
 
         One that was judged from another place, because the motion before it was slowed since, ends here.
@@ -312,7 +314,7 @@ class Executor:
             self._end(goal, "aborted", (strayed,))
             return
         if self._stream is not None:  # a stream has no old path: joints it leaves behind brake
-            self._stream, self._floor = None, Ramp(reference, self.limits, self._period)
+            self._stream, self._floor = None, StopRamp(reference, self.limits, self._period)
         layer = begun(goal, reference, self.limits, self._period)
         self._layers = [*without(self._layers, layer.joints), layer]
         if self._running is not None:
@@ -331,7 +333,7 @@ class Executor:
                 args = (layer.pace, self._pace, self.limits, self._period)
                 layer.pace.step(next_pace(layer.curve, layer.joints, at, *args))
 
-    def _next(self, floor: Ramp | Follower) -> Reference:
+    def _next(self, floor: StopRamp | LimitedFollower) -> Reference:
         if self._stream is None and len(self._layers) == 1 and self._layers[0].whole:
             return self._layers[0].at(self._tick)
         reference = floor.step()
@@ -349,13 +351,13 @@ class Executor:
             self._running = None
         if self._layers and self._running is None and all(layer.over(self._tick) for layer in self._layers):
             self._layers = []
-            self._floor = Ramp(reference, self.limits, self._period)
-        if isinstance(self._floor, Follower) and self._floor.resting:
+            self._floor = StopRamp(reference, self.limits, self._period)
+        if isinstance(self._floor, LimitedFollower) and self._floor.resting:
             self._rest(still(reference.position))
 
     def _rest(self, reference: Reference) -> None:
         self._reference = reference
-        self._floor = Ramp(reference, self.limits, self._period)
+        self._floor = StopRamp(reference, self.limits, self._period)
 
     def _age(self, now: float) -> None:
         """Hold when the last setpoint is too old (R04). It is as old as the first tick that could use it."""
@@ -365,17 +367,26 @@ class Executor:
         if not age <= self._valid_for:
             self.stop()
             stale = Finding(
-                Code.STREAM_STALE, value=age, bound=self._valid_for, message="no newer setpoint: holding"
+                ReasonCode.STREAM_STALE,
+                value=age,
+                bound=self._valid_for,
+                message="no newer setpoint: holding",
             )
-            self._ended.append((Outcome("", "aborted", (stale,)), 0.0))
+            self._ended.append((GoalOutcome("", "aborted", (stale,)), 0.0))
 
     def _give_up(
-        self, layer: Layer, code: Code, out: Bools, error: Floats, bound: Floats, state: JointState
+        self,
+        layer: MotionLayer,
+        code: ReasonCode,
+        out: Bools,
+        error: Floats,
+        bound: Floats,
+        state: JointState,
     ) -> None:
         """Abort: brake, and hold those that were held back where they are (R15), the others as commanded."""
         assert self._reference is not None  # `observe` has asked
         self._end_all("aborted", off(code, out, error, bound, layer.elapsed(self._tick)))
-        follower = Follower(self._reference, self.limits, self._period)
+        follower = LimitedFollower(self._reference, self.limits, self._period)
         there = np.clip(state.position, self.limits.hard_lower, self.limits.hard_upper)
         follower.aim(np.where(out & np.isfinite(there), there, follower.target), np.zeros(len(there)))
         self._floor = follower
@@ -392,5 +403,7 @@ class Executor:
             self._end(goal, phase, findings)
         self._pending.clear()
 
-    def _end(self, goal: Goal, phase: str, findings: Sequence[Finding] = (), fraction: float = 0.0) -> None:
-        self._ended.append((Outcome(goal.id, phase, tuple(findings)), fraction))
+    def _end(
+        self, goal: MotionGoal, phase: str, findings: Sequence[Finding] = (), fraction: float = 0.0
+    ) -> None:
+        self._ended.append((GoalOutcome(goal.id, phase, tuple(findings)), fraction))

@@ -7,8 +7,8 @@ from math import ceil, inf
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats
-from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.trajectory import Reference, Trajectory
 
 STOPPED = 0.05  # rad/s: at the end slower than this counts as stopped (as S22)
@@ -17,7 +17,7 @@ SHARE = 0.5  # of the velocity limit for the way to a first point at t = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Tolerances:
+class GoalTolerances:
     """How far measured may be from reference, (n,) each; inf: not checked."""
 
     path: Floats  # rad, while the goal runs
@@ -30,7 +30,7 @@ class Tolerances:
         count: int,
         entries: Sequence[tuple[int, float | None, float | None]],
         arrival: float = inf,
-    ) -> "Tolerances":
+    ) -> "GoalTolerances":
         """Tolerances from (joint, path, goal) entries: None and 0 keep the default, -1 erases it.
 
         The default is no check of the path, and `arrival` (rad) at the end. A joint whose goal tolerance an
@@ -57,7 +57,7 @@ class Tolerances:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class GoalOutcome:
     """How a goal ended. The setpoint stream reports itself with an empty id."""
 
     id: str
@@ -65,7 +65,7 @@ class Outcome:
     findings: tuple[Finding, ...] = ()
 
 
-def off(code: Code, out: Bools, error: Floats, bound: Floats, time: float) -> tuple[Finding, ...]:
+def off(code: ReasonCode, out: Bools, error: Floats, bound: Floats, time: float) -> tuple[Finding, ...]:
     """What is said of the joints (n,) that are `out`, `time` s after the start."""
     return tuple(
         Finding(code, joint, time=time, value=float(error[joint]), bound=float(bound[joint]))
@@ -81,7 +81,7 @@ def without_past(path: Trajectory, start_in: float) -> Trajectory | Finding:
     if not ahead.any():
         end = float(path.time[-1]) if len(path.time) else 0.0
         message = "every waypoint lies in the past: send it earlier, or without a start"
-        return Finding(Code.CMD_EXPIRED, value=-start_in, bound=end, message=message)
+        return Finding(ReasonCode.CMD_EXPIRED, value=-start_in, bound=end, message=message)
     return replace(
         path,
         time=path.time[ahead] + start_in,
@@ -91,7 +91,7 @@ def without_past(path: Trajectory, start_in: float) -> Trajectory | Finding:
     )
 
 
-def led_in(path: Trajectory, before: Reference, limits: Limits, period: float) -> Trajectory:
+def led_in(path: Trajectory, before: Reference, limits: JointLimits, period: float) -> Trajectory:
     """The same path; one that would jump at t = 0 begins later, by the time a smooth way to it takes."""
     if path.time[0] > 0.0:
         return path

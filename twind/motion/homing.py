@@ -11,7 +11,7 @@ from enum import StrEnum
 from math import inf
 from statistics import median
 
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 
 USUAL_SHARE, USUAL_SPEED, USUAL_TIMES = 0.12, 0.2, 3  # of the current limit; rad/s; where nothing is asked
 MARGIN = 0.2  # rad either side of where the stop should be
@@ -33,7 +33,7 @@ WAIT = 3.0  # s that they are waited for
 SPARE = 5.0  # s beyond the planned time, twice of it
 
 
-class Phase(StrEnum):
+class HomingPhase(StrEnum):
     """What the joint is doing."""
 
     APPROACHING = "approaching"
@@ -43,7 +43,7 @@ class Phase(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class HomingParameters:
     """What is sought, and how carefully. Counts and raw efforts."""
 
     way: int  # +1 or -1: towards the stop, in counts
@@ -59,7 +59,7 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class HomingSample:
     """One reading of the joint."""
 
     at: float  # s, when it was read
@@ -67,14 +67,14 @@ class Look:
     effort: float  # raw; NaN: not told
 
 
-class Quiet:
+class StandstillCheck:
     """Does the joint hang still, and do its readings agree? Before anything is written."""
 
     def __init__(self, now: float) -> None:
         self._until = now + WAIT
-        self._looks: deque[Look] = deque(maxlen=READS)
+        self._looks: deque[HomingSample] = deque(maxlen=READS)
 
-    def step(self, look: Look, now: float) -> bool | Finding:
+    def step(self, look: HomingSample, now: float) -> bool | Finding:
         """True: so many readings agree. A finding: they did not in time."""
         if not self._looks or look.at > self._looks[-1].at:
             self._looks.append(look)
@@ -85,20 +85,20 @@ class Quiet:
             return False
         spread = float(max(counts) - min(counts)) if len(counts) == READS else inf
         message = f"counts between {READS} readings, or too few of them: let it hang still, check its cable"
-        return Finding(Code.STOP_NOT_FOUND, value=spread, bound=float(AGREE), message=message)
+        return Finding(ReasonCode.STOP_NOT_FOUND, value=spread, bound=float(AGREE), message=message)
 
 
-class Course:
+class EndstopSearch:
     """Approach, stop, back off, so many times. `failed` says why it ended; then nothing may be written."""
 
-    def __init__(self, search: Search, start: float, now: float) -> None:
+    def __init__(self, search: HomingParameters, start: float, now: float) -> None:
         """`start`: the count that the servo was told to hold, read back."""
         self.search, self.goal = search, start
-        self.phase = Phase.APPROACHING
+        self.phase = HomingPhase.APPROACHING
         self.captures: list[float] = []
         self.failed: Finding | None = None
         self._began = self._now = now
-        self._looks: deque[Look] = deque()  # of the last PRESSED s
+        self._looks: deque[HomingSample] = deque()  # of the last PRESSED s
         self._over = 0  # readings in a row over the cap
         self._farthest = -inf  # along the way, of this approach
         self._ended: float | None = None  # s, since when the goals of this phase are at their end
@@ -115,9 +115,9 @@ class Course:
     @property
     def done(self) -> bool:
         """Nothing more is to be written: found, or failed."""
-        return self.phase in (Phase.FOUND, Phase.FAILED)
+        return self.phase in (HomingPhase.FOUND, HomingPhase.FAILED)
 
-    def step(self, look: Look, now: float) -> float:
+    def step(self, look: HomingSample, now: float) -> float:
         """The goal (counts) of this tick; that of the last one where nothing may advance."""
         passed, self._now = now - self._now, now
         if not self.done:
@@ -126,14 +126,14 @@ class Course:
             self._keep(look)
             self.failed = self._astray(look) or self._overdue(now)
         if self.failed is not None:
-            self.phase = Phase.FAILED
+            self.phase = HomingPhase.FAILED
         elif not self.done and now - look.at <= STALE:
-            (self._approach if self.phase is Phase.APPROACHING else self._back)(look, now, passed)
+            (self._approach if self.phase is HomingPhase.APPROACHING else self._back)(look, now, passed)
         return self.goal
 
     # ------------------------------------------------------------------------------- the two ways
 
-    def _approach(self, look: Look, now: float, passed: float) -> None:
+    def _approach(self, look: HomingSample, now: float, passed: float) -> None:
         search = self.search
         if self._pressed(now):
             self._capture(float(median(each.count for each in self._looks)))
@@ -148,7 +148,7 @@ class Course:
         elif now - self._ended > NO_STOP:
             self._fail(self._held_back(look) if ahead >= search.lead else self._no_stop(look))
 
-    def _back(self, look: Look, now: float, passed: float) -> None:
+    def _back(self, look: HomingSample, now: float, passed: float) -> None:
         """To the place beside the last capture, at the same speed; there the joint follows, or it is held."""
         search = self.search
         place = self.captures[-1] - search.way * search.back
@@ -162,11 +162,13 @@ class Course:
         if abs(look.count - self.goal) > search.back / 2.0:
             message = "counts from where it was sent, away from its stop: it does not come back"
             off = abs(look.count - self.goal)
-            self._fail(Finding(Code.STOP_NOT_FOUND, value=off, bound=search.back / 2.0, message=message))
+            self._fail(
+                Finding(ReasonCode.STOP_NOT_FOUND, value=off, bound=search.back / 2.0, message=message)
+            )
         else:
-            self._begin(Phase.APPROACHING if len(self.captures) < search.times else Phase.FOUND)
+            self._begin(HomingPhase.APPROACHING if len(self.captures) < search.times else HomingPhase.FOUND)
 
-    def _begin(self, phase: Phase) -> None:
+    def _begin(self, phase: HomingPhase) -> None:
         self.phase, self._ended, self._farthest = phase, None, -inf
         self._looks.clear()
 
@@ -179,12 +181,12 @@ class Course:
                 f"counts from where the stop should be, held at {count:.0f}: is something in its way, or its "
                 "load more than the cap lifts? Lay the robot so that the joint carries less"
             )
-            self._fail(Finding(Code.STOP_NOT_FOUND, value=off, bound=search.margin, message=message))
+            self._fail(Finding(ReasonCode.STOP_NOT_FOUND, value=off, bound=search.margin, message=message))
         elif spread > SPREAD:
             message = "counts between the captures: is it loose, or is the stop soft?"
-            self._fail(Finding(Code.STOP_NOT_FOUND, value=spread, bound=SPREAD, message=message))
+            self._fail(Finding(ReasonCode.STOP_NOT_FOUND, value=spread, bound=SPREAD, message=message))
         else:
-            self._begin(Phase.BACKING)
+            self._begin(HomingPhase.BACKING)
 
     def _pressed(self, now: float) -> bool:
         """At the cap, and standing, for long enough."""
@@ -208,7 +210,7 @@ class Course:
         again = search.times * (2.0 * (search.back + search.margin) / search.speed + PRESSED + SETTLE)
         return self._home / search.speed + again
 
-    def _keep(self, look: Look) -> None:
+    def _keep(self, look: HomingSample) -> None:
         if self._looks and look.at <= self._looks[-1].at:
             return
         self._looks.append(look)
@@ -218,50 +220,52 @@ class Course:
         self._over = self._over + 1 if over else 0
         self._farthest = max(self._farthest, look.count * self.search.way)
 
-    def _lost(self, look: Look, now: float, passed: float) -> Finding | None:
+    def _lost(self, look: HomingSample, now: float, passed: float) -> Finding | None:
         if not 0.0 <= passed <= GAP:
             message = "s since the last step: nobody knows what the joint did meanwhile"
-            return Finding(Code.TIME_GAP, value=passed, bound=GAP, message=message)
+            return Finding(ReasonCode.TIME_GAP, value=passed, bound=GAP, message=message)
         if not now - look.at <= LOST:
             message = "s since its last reading: check cable and power"
-            return Finding(Code.STATE_STALE, value=now - look.at, bound=LOST, message=message)
+            return Finding(ReasonCode.STATE_STALE, value=now - look.at, bound=LOST, message=message)
         return None
 
-    def _astray(self, look: Look) -> Finding | None:
+    def _astray(self, look: HomingSample) -> Finding | None:
         search = self.search
         if self._over >= OVER_CAP_ROW:
             message = "raw effort, over the cap that it was given: it does not obey it"
-            return Finding(Code.OVERCURRENT, value=abs(look.effort), bound=search.cap, message=message)
+            return Finding(ReasonCode.OVERCURRENT, value=abs(look.effort), bound=search.cap, message=message)
         along = look.count * search.way
         ahead = along - self.goal * search.way
         if ahead > search.astray:
             message = "counts ahead of its goal: it runs away, its load is more than the cap holds"
-            return Finding(Code.STOP_NOT_FOUND, value=ahead, bound=search.astray, message=message)
+            return Finding(ReasonCode.STOP_NOT_FOUND, value=ahead, bound=search.astray, message=message)
         behind = self._farthest - along
-        if self.phase is Phase.APPROACHING and behind > search.astray:
+        if self.phase is HomingPhase.APPROACHING and behind > search.astray:
             message = "counts against the way to its stop: wrong sign, or more load than the cap lifts?"
-            return Finding(Code.STOP_NOT_FOUND, value=behind, bound=search.astray, message=message)
+            return Finding(ReasonCode.STOP_NOT_FOUND, value=behind, bound=search.astray, message=message)
         return None
 
     def _overdue(self, now: float) -> Finding | None:
         if now - self._began <= self._patience:
             return None
         message = "s have passed and the stop was not found so often: is it held back on its way?"
-        return Finding(Code.STOP_NOT_FOUND, value=now - self._began, bound=self._patience, message=message)
+        return Finding(
+            ReasonCode.STOP_NOT_FOUND, value=now - self._began, bound=self._patience, message=message
+        )
 
-    def _held_back(self, look: Look) -> Finding:
+    def _held_back(self, look: HomingSample) -> Finding:
         message = (
             f"raw effort, held back at count {look.count} and not standing at its cap: gains too soft, no "
             "current told, or too slow for its goals?"
         )
         return Finding(
-            Code.STOP_NOT_FOUND, value=abs(look.effort), bound=AT_CAP * self.search.cap, message=message
+            ReasonCode.STOP_NOT_FOUND, value=abs(look.effort), bound=AT_CAP * self.search.cap, message=message
         )
 
-    def _no_stop(self, look: Look) -> Finding:
+    def _no_stop(self, look: HomingSample) -> Finding:
         beyond = (look.count - self.search.expected) * self.search.way
         message = "counts beyond where the stop should be, and no stop: wrong stop_rad, side or coarse zero?"
-        return Finding(Code.STOP_NOT_FOUND, value=beyond, bound=self.search.margin, message=message)
+        return Finding(ReasonCode.STOP_NOT_FOUND, value=beyond, bound=self.search.margin, message=message)
 
     def _fail(self, finding: Finding) -> None:
-        self.failed, self.phase = finding, Phase.FAILED
+        self.failed, self.phase = finding, HomingPhase.FAILED

@@ -10,11 +10,11 @@ from math import inf
 
 import numpy as np
 
-from twind.motion.goals import JUMP, Tolerances, led_in
-from twind.motion.pace import Pace
+from twind.motion.goals import JUMP, GoalTolerances, led_in
+from twind.motion.pace import TimeScaling
 from twind.robot.arrays import Bools, Floats
-from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.splines import Spline, interpolate
 from twind.robot.trajectory import Reference, Trajectory
 
@@ -22,13 +22,13 @@ ROUNDING = 1e-9  # s: a tick this close to the end of a curve is at its end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Goal:
+class MotionGoal:
     """An accepted trajectory and what was asked with it."""
 
     id: str
     path: Trajectory
     start: int  # tick
-    tolerances: Tolerances | None
+    tolerances: GoalTolerances | None
     goal_time: float | None  # s after the end within which the goal tolerances must be met; None, 0: ever
     foreseen: Floats | None = None  # rad, (n,), where it was to begin when it was judged; None: at once
 
@@ -39,15 +39,15 @@ class Goal:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layer:
+class MotionLayer:
     """A goal that has begun, and the joints that follow it."""
 
-    goal: Goal
+    goal: MotionGoal
     curve: Spline
     joints: Bools  # (n,)
     whole: bool  # all of them
     period: float  # s
-    pace: Pace = field(default_factory=Pace)  # shared by what is left of it when joints leave
+    pace: TimeScaling = field(default_factory=TimeScaling)  # shared by what is left of it when joints leave
 
     def elapsed(self, tick: int) -> float:
         """Time on the curve, s; exactly its duration when within rounding of it. Ticks to come are whole."""
@@ -76,7 +76,7 @@ class Layer:
         return min(1.0, self.elapsed(tick) / duration) if duration > 0.0 else 1.0
 
 
-def displaced(goal: Goal, reference: Reference) -> Finding | None:
+def displaced(goal: MotionGoal, reference: Reference) -> Finding | None:
     """Why a goal that waited for its start cannot begin here: it was judged from another place."""
     if goal.foreseen is None:
         return None
@@ -85,17 +85,17 @@ def displaced(goal: Goal, reference: Reference) -> Finding | None:
         return None
     joint = int(np.argmax(off))
     message = "rad from where it was to begin: what moved before was slowed down"
-    return Finding(Code.START_JUMP, joint, value=float(off[joint]), bound=JUMP, message=message)
+    return Finding(ReasonCode.START_JUMP, joint, value=float(off[joint]), bound=JUMP, message=message)
 
 
-def begun(goal: Goal, reference: Reference, limits: Limits, period: float) -> Layer:
+def begun(goal: MotionGoal, reference: Reference, limits: JointLimits, period: float) -> MotionLayer:
     """The layer of a goal that starts now, from `reference`."""
     curve = interpolate(led_in(goal.path, reference, limits, period), reference)
     joints = goal.path.commanded
-    return Layer(goal, curve, joints, bool(joints.all()), period)
+    return MotionLayer(goal, curve, joints, bool(joints.all()), period)
 
 
-def without(layers: Sequence[Layer], joints: Bools) -> list[Layer]:
+def without(layers: Sequence[MotionLayer], joints: Bools) -> list[MotionLayer]:
     """The layers after `joints` (n,) have left them; those left by all are gone."""
     left = []
     for layer in layers:
@@ -105,7 +105,7 @@ def without(layers: Sequence[Layer], joints: Bools) -> list[Layer]:
     return left
 
 
-def laid_over(base: Reference, layers: Sequence[Layer], tick: int) -> Reference:
+def laid_over(base: Reference, layers: Sequence[MotionLayer], tick: int) -> Reference:
     """`base`, with the joints of each layer taken from it."""
     for layer in layers:
         base = choose(layer.joints, layer.at(tick), base)

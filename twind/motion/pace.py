@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats
-from twind.robot.limits import Limits
+from twind.robot.limits import JointLimits
 from twind.robot.splines import Spline
 from twind.robot.trajectory import Reference
 
@@ -19,7 +19,7 @@ STANDING = 1e-9  # rad/s: slower costs nothing to slow down
 
 
 @dataclass(slots=True, eq=False)
-class Pace:
+class TimeScaling:
     """How fast the time of one motion goes: 1 as the clock, 0 not at all."""
 
     now: float = 1.0
@@ -46,7 +46,13 @@ class Pace:
 
 
 def next_pace(
-    curve: Spline, joints: Bools, at: float, pace: Pace, wanted: float, limits: Limits, period: float
+    curve: Spline,
+    joints: Bools,
+    at: float,
+    pace: TimeScaling,
+    wanted: float,
+    limits: JointLimits,
+    period: float,
 ) -> float:
     """The pace of the next tick, nearer to `wanted`, `at` s after the start. `joints` (n,) follow the curve.
 
@@ -69,7 +75,7 @@ def next_pace(
     return pace.now
 
 
-def _room(here: Reference, joints: Bools, pace: float, limits: Limits) -> tuple[float, float]:
+def _room(here: Reference, joints: Bools, pace: float, limits: JointLimits) -> tuple[float, float]:
     """How fast the pace may fall and rise, 1/s: what the acceleration of the curve leaves."""
     speed = np.abs(here.velocity)
     moving = joints & (speed > STANDING)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats, frozen
-from twind.robot.limits import Limits
+from twind.robot.limits import JointLimits
 from twind.robot.trajectory import Reference
 
 ROUNDING = 1e-9  # of a step
@@ -27,10 +27,10 @@ def stopping_point(reference: Reference, acceleration: Floats) -> Floats:
     return reference.position + velocity * np.abs(velocity) / (2.0 * acceleration)
 
 
-class Ramp:
+class StopRamp:
     """Each joint brakes with its acceleration limit and then holds. From standstill it is a plain hold."""
 
-    def __init__(self, reference: Reference, limits: Limits, period: float) -> None:
+    def __init__(self, reference: Reference, limits: JointLimits, period: float) -> None:
         self._velocity = np.nan_to_num(reference.velocity, posinf=0.0, neginf=0.0)
         self._acceleration = np.copysign(limits.acceleration, self._velocity)
         self._lasts = np.abs(self._velocity) / limits.acceleration
@@ -70,14 +70,14 @@ class Ramp:
         return self.at(self._steps * self._period + t)
 
 
-class Follower:
+class LimitedFollower:
     """Follows a target that may change at any time, within velocity, acceleration and position limits.
 
     Each step takes the largest velocity from which the joint can still stop at its target, and before its
     position limit, in whole periods. A target that is too fast is followed late, never by a jump.
     """
 
-    def __init__(self, reference: Reference, limits: Limits, period: float) -> None:
+    def __init__(self, reference: Reference, limits: JointLimits, period: float) -> None:
         self._limits, self._period = limits, period
         self._gain = limits.acceleration * period  # rad/s: what velocity may change in one step
         self._position, self._velocity = reference.position.copy(), reference.velocity.copy()
@@ -123,7 +123,7 @@ class Follower:
 
     def ahead(self, t: float) -> Reference:
         """The reference `t` s from now, without going there."""
-        copy = Follower(self._last, self._limits, self._period)
+        copy = LimitedFollower(self._last, self._limits, self._period)
         copy.aim(self._target, self._drift)
         reference = self._last
         for _ in range(round(t / self._period)):
@@ -134,7 +134,7 @@ class Follower:
 
     def onwards(self, share: float = 1.0) -> Reference:
         """What the next `step` would give."""
-        copy = Follower(self._last, self._limits, self._period)
+        copy = LimitedFollower(self._last, self._limits, self._period)
         copy.aim(self._target, self._drift)
         return copy.step(share)
 
@@ -148,14 +148,16 @@ class Follower:
         return covered / count + 0.5 * (count - 1.0) * self._gain
 
 
-class GivingWay(Follower):
+class CompliantFollower(LimitedFollower):
     """Goes where joints are, not where they were told to be, up to the hard limits.
 
     The others come to rest as from any stop. A joint is aimed at once: the load that pushed it there would
     push it on. `aim_at` aims anew.
     """
 
-    def __init__(self, reference: Reference, limits: Limits, period: float, *, speed: float = np.inf) -> None:
+    def __init__(
+        self, reference: Reference, limits: JointLimits, period: float, *, speed: float = np.inf
+    ) -> None:
         """`speed` rad/s: no faster, nor than each joint's limit."""
         self.joints: Bools = np.zeros(len(reference.position), np.bool_)  # (n,), aimed at where they are
         least, most = limits.hard_lower, limits.hard_upper

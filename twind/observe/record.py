@@ -12,8 +12,8 @@ from pathlib import Path
 from twind.client.clocks import clocks
 from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import UsageError, observer
-from twind.observe.writing.course import Course
-from twind.observe.writing.folder import Bounds
+from twind.observe.writing.course import Recorder
+from twind.observe.writing.folder import DiskQuota
 from twind.observe.writing.writer import RecordWriter
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
@@ -75,12 +75,12 @@ def run(options: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"{folder}: {error.strerror}; name another folder with --out") from None
-    bounds = Bounds(options.keep, options.free, options.max_size)
+    bounds = DiskQuota(options.keep, options.free, options.max_size)
     with told_to_stop() as stop:
         writer = RecordWriter(place, bounds, time.monotonic, per_episode=options.per_episode, clocks=clocks)
         writer.start()
         try:
-            return Course(options, writer, stop).run()
+            return Recorder(options, writer, stop).run()
         finally:
             writer.close()
 

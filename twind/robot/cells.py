@@ -15,7 +15,7 @@ CLOSE = 1e-9  # of a cell, or rad: what rounding may put on its other side
 EXACT = 1e-12  # of a cell: where Newton has arrived
 
 
-class Cell:
+class TableCell:
     """One cell of a table: value = c + x s + y t + z s t, s, t in 0..1 across it; of one axis y = z = 0."""
 
     def __init__(self, corner: Numbers, size: Numbers, block: list[list[float]]) -> None:
@@ -79,15 +79,15 @@ class Cell:
         return [(d * miss[0] - b * miss[1]) / det, (a * miss[1] - c * miss[0]) / det]
 
 
-class Finder:
+class CellIndex:
     """Which cells may hold joint angles: those that reach into the same square of a coarse grid of them."""
 
-    def __init__(self, cells: list[Cell]) -> None:
+    def __init__(self, cells: list[TableCell]) -> None:
         self._low = [min(numbers) for numbers in zip(*(cell.low for cell in cells), strict=True)]
         high = [max(numbers) for numbers in zip(*(cell.high for cell in cells), strict=True)]
         self._most = ceil(len(cells) ** (1.0 / len(high)))
         self._per = [self._most / ((b - a) or 1.0) for a, b in zip(self._low, high, strict=True)]
-        self._squares: dict[Numbers, list[Cell]] = {}
+        self._squares: dict[Numbers, list[TableCell]] = {}
         for cell in cells:
             slack = [CLOSE * (b - a) for a, b in zip(cell.low, cell.high, strict=True)]
             first = self._square([a - by for a, by in zip(cell.low, slack, strict=True)])
@@ -95,7 +95,7 @@ class Finder:
             for square in product(*(range(a, b + 1) for a, b in zip(first, last, strict=True))):
                 self._squares.setdefault(square, []).append(cell)
 
-    def near(self, wanted: list[float]) -> Sequence[Cell]:
+    def near(self, wanted: list[float]) -> Sequence[TableCell]:
         """Of finite joint angles; of others nobody."""
         return self._squares.get(self._square(wanted), ()) if all(map(isfinite, wanted)) else ()
 

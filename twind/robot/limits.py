@@ -6,7 +6,7 @@ from twind.robot.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class JointLimits:
     """Bounds per joint, (n,) each. `lower..upper` is what the gate accepts, inclusive."""
 
     lower: Floats  # rad

@@ -12,7 +12,7 @@ from math import inf, nan
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats, corners
-from twind.robot.cells import CLOSE, Cell, Finder, Numbers
+from twind.robot.cells import CLOSE, CellIndex, Numbers, TableCell
 
 
 class LinkageTable:
@@ -40,8 +40,8 @@ class LinkageTable:
         if not np.isfinite(np.array(self.values)).all() or not all(map(np.isfinite, self.axes[0])):
             raise ValueError("every number of a table must be finite")
         self._cells = self._made_cells()
-        self._finder = Finder(self._cells)
-        self._lines = _Lines(self.axes, self.values) if len(self.axes) == 2 else None
+        self._finder = CellIndex(self._cells)
+        self._lines = _GridLines(self.axes, self.values) if len(self.axes) == 2 else None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, LinkageTable) and (self.axes, self.values) == (other.axes, other.values)
@@ -87,7 +87,9 @@ class LinkageTable:
                     found += self._crossings(self._lines, joint, edge, (lower[other], upper[other]))
         return np.array(found)
 
-    def _crossings(self, lines: "_Lines", joint: int, edge: float, ends: tuple[float, float]) -> list[Floats]:
+    def _crossings(
+        self, lines: "_GridLines", joint: int, edge: float, ends: tuple[float, float]
+    ) -> list[Floats]:
         """Actuator angles where one joint stands at `edge`, the other within `ends`, on a line of the grid.
 
         Where that edge of a box has left the table, and comes back, there is one more that nobody knows.
@@ -123,7 +125,7 @@ class LinkageTable:
         middles = [cell.angles([0.5] * len(self.axes)) for cell in self._cells]
         return np.concatenate([grid, np.array(middles)])
 
-    def _at(self, actuators: Floats) -> tuple[Cell | None, Numbers, Numbers]:
+    def _at(self, actuators: Floats) -> tuple[TableCell | None, Numbers, Numbers]:
         """The cell of the nearest place, where in it, 0..1, and rad that are missing to it; None for NaN."""
         number, share, beyond = 0, [], []
         for axis, wanted in zip(self.axes, actuators.tolist(), strict=True):
@@ -143,18 +145,18 @@ class LinkageTable:
             if found is not None:
                 yield found
 
-    def _made_cells(self) -> list[Cell]:
+    def _made_cells(self) -> list[TableCell]:
         values = np.array(self.values).reshape(*self.shape, len(self.axes))
         cells = []
         for index in np.ndindex(*[length - 1 for length in self.shape]):
             corner = tuple(axis[at] for axis, at in zip(self.axes, index, strict=True))
             size = tuple(axis[at + 1] - axis[at] for axis, at in zip(self.axes, index, strict=True))
             block = values[tuple(slice(at, at + 2) for at in index)].reshape(-1, len(self.axes))
-            cells.append(Cell(corner, size, block.tolist()))
+            cells.append(TableCell(corner, size, block.tolist()))
         return cells
 
 
-class _Lines:
+class _GridLines:
     """The lines of a grid of two axes, from each place to the next."""
 
     def __init__(self, axes: Sequence[Numbers], values: Sequence[Numbers]) -> None:

@@ -9,7 +9,7 @@ from twind.robot.arrays import Bools, Floats, frozen
 
 
 @dataclass(frozen=True, slots=True)
-class Ratings:
+class ActuatorRatings:
     """Bounds per joint, (n,) each. Where nothing is known of a model they are infinite: never reached."""
 
     low_warn: Floats  # V: told at and below
@@ -24,7 +24,7 @@ class Ratings:
     leg: Bools  # carries the robot: one that lost its torque lets a free-standing robot fall
 
     @classmethod
-    def unknown(cls, count: int) -> "Ratings":
+    def unknown(cls, count: int) -> "ActuatorRatings":
         """Of `count` joints of which nothing is known, but that they may be legs."""
         never, above = frozen([-inf] * count), frozen([inf] * count)
         always = np.ones(count, np.bool_)

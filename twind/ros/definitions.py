@@ -117,7 +117,7 @@ class DefinitionError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class MessageField:
     """One field. `kind`: a primitive, `string`, or a full type name.
 
     `many`: a row of them; `count`: of that many always, None: as many as the bytes say.
@@ -132,7 +132,7 @@ class Field:
     longest: int = 0
 
 
-class Definitions:
+class MessageDefinitions:
     """The fields of each type of one `ros2msg` text: the type's own lines, then those of what it contains."""
 
     def __init__(self, name: str, text: str) -> None:
@@ -140,7 +140,7 @@ class Definitions:
         self.name = _full(name, name)
         self._fields = {each: tuple(_fields(each, lines)) for each, lines in _sections(self.name, text)}
 
-    def fields(self, name: str) -> tuple[Field, ...]:
+    def fields(self, name: str) -> tuple[MessageField, ...]:
         """Fields of a type, in the order of the bytes. Raises DefinitionError where it is not defined."""
         try:
             found = self._fields[name]
@@ -160,19 +160,19 @@ def definition_text(name: str) -> str:
     return "".join(parts)
 
 
-def definitions_of(kind: str | Definitions) -> Definitions:
+def definitions_of(kind: str | MessageDefinitions) -> MessageDefinitions:
     """The fields of a known type, or those that are given. Raises DefinitionError."""
-    if isinstance(kind, Definitions):
+    if isinstance(kind, MessageDefinitions):
         return kind
     if kind not in KNOWN:
         raise DefinitionError(f"no message {kind!r}; known: {', '.join(KNOWN)}")
-    return Definitions(kind, definition_text(kind))
+    return MessageDefinitions(kind, definition_text(kind))
 
 
-def participant_entities(gid_bytes: int) -> Definitions:
+def participant_entities(gid_bytes: int) -> MessageDefinitions:
     """What `ros_discovery_info` carries. A gid has 24 bytes in Humble and 16 since Iron."""
     text = definition_text(PARTICIPANT_ENTITIES)
-    return Definitions(PARTICIPANT_ENTITIES, text.replace(KNOWN[GID], f"char[{gid_bytes}] data"))
+    return MessageDefinitions(PARTICIPANT_ENTITIES, text.replace(KNOWN[GID], f"char[{gid_bytes}] data"))
 
 
 def _contained(name: str) -> Iterator[str]:
@@ -193,7 +193,7 @@ def _sections(name: str, text: str) -> Iterator[tuple[str, str]]:
         yield _full(head[4:].strip(), name), lines
 
 
-def _fields(name: str, lines: str) -> Iterator[Field]:
+def _fields(name: str, lines: str) -> Iterator[MessageField]:
     for line in lines.splitlines():
         words = line.partition("#")[0].split(maxsplit=2)
         if not words or _CONSTANT.match(line):
@@ -205,7 +205,7 @@ def _fields(name: str, lines: str) -> Iterator[Field]:
         kind = kind if kind in PRIMITIVES or kind == TEXT else _full(kind, name)
         fixed = int(count) if count and not at_most else None
         most = int(count) if count and at_most else 0
-        yield Field(words[1], kind, row is not None, fixed, most, int(longest or 0))
+        yield MessageField(words[1], kind, row is not None, fixed, most, int(longest or 0))
 
 
 def _full(kind: str, beside: str) -> str:

@@ -12,8 +12,8 @@ from twind.ros.definitions import (
     PRIMITIVES,
     TEXT,
     DefinitionError,
-    Definitions,
-    Field,
+    MessageDefinitions,
+    MessageField,
     definitions_of,
 )
 
@@ -36,7 +36,7 @@ def dds_type(kind: str) -> str:
     return f"{package}::{folder}::dds_::{name}_"
 
 
-def type_hash(kind: str | Definitions) -> str:
+def type_hash(kind: str | MessageDefinitions) -> str:
     """`RIHS01_` and 64 hexadecimal digits, of a message or a service. Raises DefinitionError."""
     definitions = definitions_of(kind)
     name = definitions.name
@@ -48,19 +48,19 @@ def type_hash(kind: str | Definitions) -> str:
     return "RIHS01_" + hashlib.sha256(json.dumps(told).encode()).hexdigest()
 
 
-def _contained(definitions: Definitions, name: str) -> Iterator[str]:
+def _contained(definitions: MessageDefinitions, name: str) -> Iterator[str]:
     yield name
     for field in definitions.fields(name):
         if field.kind not in PRIMITIVES and field.kind != TEXT:
             yield from _contained(definitions, field.kind)
 
 
-def _described(definitions: Definitions, name: str) -> Mapping[str, Any]:
+def _described(definitions: MessageDefinitions, name: str) -> Mapping[str, Any]:
     fields = [{"name": field.name, "type": _type(field)} for field in definitions.fields(name)]
     return {"type_name": name, "fields": fields}
 
 
-def _type(field: Field) -> Mapping[str, Any]:
+def _type(field: MessageField) -> Mapping[str, Any]:
     known = _IDS.get(field.kind)
     one = _BOUNDED_TEXT if field.longest else known or _NESTED
     row = 0

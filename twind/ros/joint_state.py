@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from twind.ros.cdr import HEAD, CdrError, Source, encode
+from twind.ros.cdr import HEAD, CdrError, CdrReader, encode
 from twind.ros.definitions import JOINT_STATE
 
 SECOND = 1_000_000_000  # ns
@@ -35,7 +35,7 @@ class JointStateLayout:
     @classmethod
     def of(cls, data: bytes) -> "JointStateLayout":
         """Of one message. Raises CdrError."""
-        source, fixed, columns = Source(data), [], []
+        source, fixed, columns = CdrReader(data), [], []
         try:
             source.numbers("I", 4, 2)
             source.text()

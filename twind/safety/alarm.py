@@ -8,7 +8,7 @@ CALM_FOR = 1.0  # s ... for longer than this before it counts as over, and may b
 
 
 @dataclass(frozen=True, slots=True)
-class Alert:
+class LatencyAlert:
     """A hop became too slow, or it has recovered (`calm`)."""
 
     hop: str
@@ -17,7 +17,7 @@ class Alert:
     calm: bool = False
 
 
-class Alarm:
+class LatencyAlarm:
     """Hysteresis over one hop's durations. A negative one is as wrong as one that is too long.
 
     One that is not known (NaN) is no news, but nothing to be calm about either.
@@ -27,22 +27,22 @@ class Alarm:
         self._hop = hop
         self._high_at: float | None = None  # s, since it was told: when it was last not calm; None: it is
 
-    def judge(self, value: float, bound: float, now: float) -> Alert | None:
+    def judge(self, value: float, bound: float, now: float) -> LatencyAlert | None:
         """One more duration, s, at `now`; what is to be told."""
         within, told = 0.0 <= value <= bound, self._high_at
         if told is None:
             if within or isnan(value):
                 return None
             self._high_at = now
-            return Alert(self._hop, value, bound)
+            return LatencyAlert(self._hop, value, bound)
         if not (within and value <= CALM * bound):
             self._high_at = now
         elif now - told > CALM_FOR:
             self._high_at = None
-            return Alert(self._hop, value, bound, calm=True)
+            return LatencyAlert(self._hop, value, bound, calm=True)
         return None
 
-    def drop(self) -> Alert | None:
+    def drop(self) -> LatencyAlert | None:
         """The hop is not measured any longer: what was told of it is over, and that is to be told."""
         told, self._high_at = self._high_at, None
-        return None if told is None else Alert(self._hop, nan, nan, calm=True)
+        return None if told is None else LatencyAlert(self._hop, nan, nan, calm=True)

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.robot.arrays import Floats, Ints
-from twind.robot.finding import Code, Finding
-from twind.robot.modes import Mode, Motion, State
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.modes import Mode, Motion, RobotState
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
 from twind.safety.states import LATCHED
 
 MOVING = (Motion.ACTIVE, Motion.STREAMING)
-REACTING = (State.SETTLING, *LATCHED)  # stopping already: a hold would only cut the way to rest short
+REACTING = (RobotState.SETTLING, *LATCHED)  # stopping already: a hold would only cut the way to rest short
 
 
 class Reaction(IntEnum):
@@ -29,7 +29,7 @@ class Reaction(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Thresholds:
+class GuardThresholds:
     """The guard's numbers that do not depend on the joint (design 6.4)."""
 
     late: float = 0.002  # s, a tick that starts later is told (R02)
@@ -93,7 +93,7 @@ class Thresholds:
 
 
 @dataclass(slots=True)
-class Traffic:
+class BusTraffic:
     """What the last tick's exchange of one bus brought."""
 
     asked: bool = False  # a reading was asked for, of devices that are known to be there
@@ -106,7 +106,7 @@ class Traffic:
 
 
 @dataclass(frozen=True, slots=True)
-class Outlook:
+class ClearanceAhead:
     """The tightest place on the commanded way just ahead, as the model sees it (R20)."""
 
     clearance: float  # m between the surfaces of the closest pair; negative: inside each other; inf: far
@@ -117,12 +117,12 @@ class Outlook:
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class GuardInput:
     """All that one judgement rests on. Arrays are (n,)."""
 
     now: float  # s
     mode: Mode
-    state: State
+    state: RobotState
     motion: Motion
     period: float  # s, nominal
     lateness: float  # s, of this tick's start
@@ -138,7 +138,7 @@ class Facts:
     watchdog: NDArray[np.int16]  # read back, raw; 255 tripped, -1 unknown
     status_time: Floats  # s, when torque and watchdog were read; -inf never
     discarded: int  # bytes thrown away in the last exchange
-    traffic: Sequence[Traffic]  # of the last exchange, in the order of the buses
+    traffic: Sequence[BusTraffic]  # of the last exchange, in the order of the buses
     alerts: NDArray[np.uint8]  # error byte of the last status; 0x80: hardware error; 0 where not heard
     fault: NDArray[np.int16]  # hardware error bits as read back; -1 unknown
     tick: NDArray[np.int32]  # ms, the servo's own clock modulo 32768; -1 unknown
@@ -148,13 +148,13 @@ class Facts:
     jumps: Ints  # readings in a row, up to the last one, that could not be (R13)
     leaps: Floats  # rad, by how much the last one was off the one before
     simulated: JointState | None = None  # the same goals in the model (R25)
-    outlook: Outlook | None = None  # the least clearance on the way just ahead (R20); None: not looked
+    outlook: ClearanceAhead | None = None  # the least clearance on the way just ahead (R20); None: not looked
     load: Floats | None = None  # (n,) share of the current limit, NaN unknown; None: of nobody (R17)
     suspended: float = 0.0  # s that the machine has slept since it started (TIME_GAP)
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class GuardDecision:
     """The answer of one tick. When `latches`, `findings` are exactly the codes to latch."""
 
     reaction: Reaction = Reaction.NONE
@@ -169,7 +169,7 @@ class Judgement:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class RuleResult:
     """What one rule says of one tick."""
 
     finding: Finding
@@ -188,25 +188,25 @@ class Said:
         return self.finding.code, self.finding.joint, self.finding.bound, self.bus
 
 
-def hold_here(facts: Facts) -> Reaction:
+def hold_here(facts: GuardInput) -> Reaction:
     """HOLD where measured, after a latch too: but where the robot is on its way down already."""
-    down = facts.state in (State.SETTLING, State.ESTOP) or not facts.torque_settled
+    down = facts.state in (RobotState.SETTLING, RobotState.ESTOP) or not facts.torque_settled
     return Reaction.NONE if down else Reaction.HOLD
 
 
-Key = tuple[Code, int | None, float | None, int]
+Key = tuple[ReasonCode, int | None, float | None, int]
 
 
-def held(facts: Facts) -> bool:
+def held(facts: GuardInput) -> bool:
     """Our torque holds the robot: a fault of it is a fault of the robot."""
     return facts.mode is Mode.LIVE and facts.torque_expected
 
 
-def ours(facts: Facts) -> bool:
+def ours(facts: GuardInput) -> bool:
     """The same, or is just about to: what is wrong must end the arming."""
-    return facts.mode is Mode.LIVE and (facts.torque_expected or facts.state is State.ARMING)
+    return facts.mode is Mode.LIVE and (facts.torque_expected or facts.state is RobotState.ARMING)
 
 
-def hold(facts: Facts) -> Reaction:
+def hold(facts: GuardInput) -> Reaction:
     """HOLD, but where a harder reaction is under way already."""
     return Reaction.NONE if facts.state in REACTING else Reaction.HOLD

@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats
-from twind.robot.finding import Code, Finding
+from twind.robot.finding import Finding, ReasonCode
 from twind.robot.trajectory import Trajectory
 
 MOST = 32  # findings of names, and of shapes: looking for near spellings takes its time
 ROUNDING = 1e-12  # s: stamps of 60 s are exact to 7e-15, so a step of 1 ms may read a little less
 
 
-class Row(NamedTuple):
+class PointRow(NamedTuple):
     """One point of a message: time from start (s), and per named joint rad, rad/s, rad/s²."""
 
     time: float
@@ -30,7 +30,7 @@ class Row(NamedTuple):
 
 def form(
     joint_names: Sequence[str],
-    rows: Sequence[Row | tuple[Any, ...]],
+    rows: Sequence[PointRow | tuple[Any, ...]],
     names: tuple[str, ...],
     *,
     max_points: int = 2000,
@@ -44,7 +44,7 @@ def form(
     """
     findings = [*islice(_names(joint_names, names), MOST)]
     if not len(rows):
-        findings.append(Finding(Code.EMPTY, message="no points"))
+        findings.append(Finding(ReasonCode.EMPTY, message="no points"))
     if len(rows) > max_points:
         findings.append(_too_many(len(rows), max_points))
         return None, tuple(findings)  # before any work that grows with it
@@ -59,43 +59,43 @@ def form(
 def _names(joint_names: Sequence[str], names: tuple[str, ...]) -> Iterator[Finding]:
     """S13."""
     if not len(joint_names):
-        yield Finding(Code.NO_JOINTS, message="no joint is named")
+        yield Finding(ReasonCode.NO_JOINTS, message="no joint is named")
     for name, times in Counter(joint_names).items():
         if name not in names:
             near = difflib.get_close_matches(name, names, 3) or names
-            yield Finding(Code.UNKNOWN_JOINT, message=f"no joint {name!r}; nearest: {', '.join(near)}")
+            yield Finding(ReasonCode.UNKNOWN_JOINT, message=f"no joint {name!r}; nearest: {', '.join(near)}")
         elif times > 1:
             yield Finding(
-                Code.DUP_JOINT, joint=names.index(name), value=times, bound=1, message="named twice"
+                ReasonCode.DUP_JOINT, joint=names.index(name), value=times, bound=1, message="named twice"
             )
 
 
-def _shapes(rows: Sequence[Row | tuple[Any, ...]], width: int) -> Iterator[Finding]:
+def _shapes(rows: Sequence[PointRow | tuple[Any, ...]], width: int) -> Iterator[Finding]:
     """S14: every row as wide as the names, made of numbers, and as rich as the first."""
     rich: tuple[bool, bool] | None = None
     for point, row in enumerate(rows):
         if len(row) != 4:
             reason = "a point is time, positions, velocities, accelerations"
-            yield Finding(Code.BAD_SHAPE, point=point, value=len(row), bound=4, message=reason)
+            yield Finding(ReasonCode.BAD_SHAPE, point=point, value=len(row), bound=4, message=reason)
             continue
         time, *columns = row
         if not _numbers([time]):
-            yield Finding(Code.BAD_SHAPE, point=point, message=f"time {time!r} is not a number")
+            yield Finding(ReasonCode.BAD_SHAPE, point=point, message=f"time {time!r} is not a number")
         for column, what in zip(columns, ("positions", "velocities", "accelerations"), strict=True):
             if column is None and what != "positions":
                 continue
             if column is None or len(column) != width:
                 have, reason = 0 if column is None else len(column), f"{what}: one number per named joint"
-                yield Finding(Code.BAD_SHAPE, point=point, value=have, bound=width, message=reason)
+                yield Finding(ReasonCode.BAD_SHAPE, point=point, value=have, bound=width, message=reason)
             elif not _numbers(column):
-                yield Finding(Code.BAD_SHAPE, point=point, message=f"{what}: not all are numbers")
+                yield Finding(ReasonCode.BAD_SHAPE, point=point, message=f"{what}: not all are numbers")
         given = (columns[1] is not None, columns[2] is not None)
         rich = given if rich is None else rich
         if given != rich:
             reason = "velocities and accelerations at every point or at none"
-            yield Finding(Code.BAD_SHAPE, point=point, message=reason)
+            yield Finding(ReasonCode.BAD_SHAPE, point=point, message=reason)
         elif given == (False, True):
-            yield Finding(Code.BAD_SHAPE, point=point, message="accelerations need velocities")
+            yield Finding(ReasonCode.BAD_SHAPE, point=point, message="accelerations need velocities")
 
 
 def _numbers(column: Sequence[Any]) -> bool:
@@ -103,7 +103,7 @@ def _numbers(column: Sequence[Any]) -> bool:
     return set(map(type, column)) <= {int, float}
 
 
-def _arrays(rows: Sequence[Row | tuple[Any, ...]], places: list[int], count: int) -> Trajectory:
+def _arrays(rows: Sequence[PointRow | tuple[Any, ...]], places: list[int], count: int) -> Trajectory:
     """Rows of the right shape as arrays in the robot's order."""
     commanded: Bools = np.zeros(count, np.bool_)
     commanded[places] = True
@@ -148,9 +148,9 @@ def wellformed(
     points = path.time.size
     findings = []
     if path.position.size == 0 or points == 0:
-        findings.append(Finding(Code.EMPTY, message="no points"))
+        findings.append(Finding(ReasonCode.EMPTY, message="no points"))
     if not path.commanded.any():
-        findings.append(Finding(Code.NO_JOINTS, message="no joint is commanded"))
+        findings.append(Finding(ReasonCode.NO_JOINTS, message="no joint is commanded"))
     findings += _misfits(path, count)
     if points > max_points:
         findings.append(_too_many(points, max_points))
@@ -159,37 +159,43 @@ def wellformed(
     if path.time[-1] > max_duration:
         last = float(path.time[-1])
         reason = "too long (s)"
-        findings.append(Finding(Code.TOO_MANY_POINTS, None, points - 1, last, last, max_duration, reason))
+        findings.append(
+            Finding(ReasonCode.TOO_MANY_POINTS, None, points - 1, last, last, max_duration, reason)
+        )
     return [*findings, *_nonfinite(path), *_disorder(path.time, min_dt)]
 
 
 def _too_many(points: int, most: int) -> Finding:
     """S14."""
-    return Finding(Code.TOO_MANY_POINTS, value=points, bound=most, message="too many points")
+    return Finding(ReasonCode.TOO_MANY_POINTS, value=points, bound=most, message="too many points")
 
 
 def _misfits(path: Trajectory, count: int) -> Iterator[Finding]:
     """S14: arrays that do not fit together."""
     shape = (path.time.size, count)
     if path.time.ndim != 1:
-        yield Finding(Code.BAD_SHAPE, message=f"time has shape {path.time.shape}, not one number per point")
+        yield Finding(
+            ReasonCode.BAD_SHAPE, message=f"time has shape {path.time.shape}, not one number per point"
+        )
     if path.commanded.shape != (count,):
-        yield Finding(Code.BAD_SHAPE, message=f"commanded has shape {path.commanded.shape}, not ({count},)")
+        yield Finding(
+            ReasonCode.BAD_SHAPE, message=f"commanded has shape {path.commanded.shape}, not ({count},)"
+        )
     for given, what in (
         (path.position, "position"),
         (path.velocity, "velocity"),
         (path.acceleration, "acceleration"),
     ):
         if given is not None and given.shape != shape:
-            yield Finding(Code.BAD_SHAPE, message=f"{what} has shape {given.shape}, not {shape}")
+            yield Finding(ReasonCode.BAD_SHAPE, message=f"{what} has shape {given.shape}, not {shape}")
     if path.acceleration is not None and path.velocity is None:
-        yield Finding(Code.BAD_SHAPE, message="accelerations need velocities")
+        yield Finding(ReasonCode.BAD_SHAPE, message="accelerations need velocities")
 
 
 def _nonfinite(path: Trajectory) -> Iterator[Finding]:
     """S15: per joint the first number that is none."""
     for point in np.flatnonzero(~np.isfinite(path.time))[:1]:
-        yield Finding(Code.NONFINITE, point=int(point), value=float(path.time[point]), message="time")
+        yield Finding(ReasonCode.NONFINITE, point=int(point), value=float(path.time[point]), message="time")
     for given, what in (
         (path.position, "position"),
         (path.velocity, "velocity"),
@@ -201,13 +207,15 @@ def _nonfinite(path: Trajectory) -> Iterator[Finding]:
         for joint in np.flatnonzero(wrong.any(axis=0)):
             point = int(wrong[:, joint].argmax())
             value = float(given[point, joint])
-            yield Finding(Code.NONFINITE, int(joint), point, float(path.time[point]), value, message=what)
+            yield Finding(
+                ReasonCode.NONFINITE, int(joint), point, float(path.time[point]), value, message=what
+            )
 
 
 def _disorder(time: Floats, min_dt: float) -> Iterator[Finding]:
     """S16: the first step that is too short. A first point at 0 is a start, later ones leave `min_dt`."""
     if not time[0] >= 0.0:
-        yield Finding(Code.TIME_ORDER, point=0, time=float(time[0]), value=float(time[0]), bound=0.0)
+        yield Finding(ReasonCode.TIME_ORDER, point=0, time=float(time[0]), value=float(time[0]), bound=0.0)
         return
     with np.errstate(all="ignore"):
         steps = np.diff(time, prepend=0.0)
@@ -216,4 +224,6 @@ def _disorder(time: Floats, min_dt: float) -> Iterator[Finding]:
     for point in np.flatnonzero(short)[:1]:
         reason = "times must increase by at least this (s)"
         step, at = float(steps[point]), float(time[point])
-        yield Finding(Code.TIME_ORDER, point=int(point), time=at, value=step, bound=min_dt, message=reason)
+        yield Finding(
+            ReasonCode.TIME_ORDER, point=int(point), time=at, value=step, bound=min_dt, message=reason
+        )

@@ -9,8 +9,8 @@ from typing import Protocol
 
 from twind.robot.arrays import some
 from twind.robot.state import JointState
-from twind.safety.alarm import Alarm, Alert
-from twind.safety.window import Recent, Window
+from twind.safety.alarm import LatencyAlarm, LatencyAlert
+from twind.safety.window import RecentValues, RollingStats
 
 READING = ("request", "reply", "state", "twin")  # its way: sent, first byte, last byte, state, twin
 COMMAND = ("received", "gated", "written", "moved", "command")  # its way, and the whole but the moving
@@ -18,7 +18,7 @@ LATENCY = 0.05  # s, warned of above (design 6.4)
 SILENT = 2.0  # s without an answer: disconnected
 
 
-class Exchange(Protocol):
+class ExchangeTiming(Protocol):
     """What the hardware tells of the timing of its last exchange."""
 
     @property
@@ -30,18 +30,20 @@ class Exchange(Protocol):
         """Request to last byte of each bus, s; NaN: nobody on it answered."""
 
 
-class Health:
+class TimingMonitor:
     """Timing of all buses, of the way of a reading and of the way of a command."""
 
     def __init__(self, buses: int, threshold: float = LATENCY) -> None:
-        self.total = Window(threshold)  # state age + bus round trip, at the start of each tick
-        self.buses = tuple(Window(threshold) for _ in range(buses))
-        self.hops: Mapping[str, Window] = {name: Window(threshold) for name in (*READING, *COMMAND)}
+        self.total = RollingStats(threshold)  # state age + bus round trip, at the start of each tick
+        self.buses = tuple(RollingStats(threshold) for _ in range(buses))
+        self.hops: Mapping[str, RollingStats] = {
+            name: RollingStats(threshold) for name in (*READING, *COMMAND)
+        }
         self.hops["moved"].threshold = inf  # a slow move against friction is nobody's latency
         self._time, self._trip = -inf, nan  # s, of the last exchange in which anybody answered
-        self._recent = Recent()  # of `total`
-        self._alarms = {name: Alarm(name) for name in ("total", *self.hops)}
-        self._alerts: list[Alert] = []
+        self._recent = RecentValues()  # of `total`
+        self._alarms = {name: LatencyAlarm(name) for name in ("total", *self.hops)}
+        self._alerts: list[LatencyAlert] = []
 
     def warn_above(self, threshold: float) -> None:
         """From now on this is too late, s; but not for a motor to move, which takes its time."""
@@ -49,7 +51,7 @@ class Health:
         for window in (self.total, *self.buses, *hops):
             window.threshold = threshold
 
-    def update(self, measured: JointState, exchange: Exchange, now: float, *, live: bool) -> None:
+    def update(self, measured: JointState, exchange: ExchangeTiming, now: float, *, live: bool) -> None:
         """After each exchange; `now` is the tick's start, `live`: a bus is open."""
         if not live:
             self._time, self._trip = -inf, nan
@@ -81,7 +83,7 @@ class Health:
         if bound < inf:
             self._tell(self._alarms[name].judge(duration, bound, now))
 
-    def alerts(self) -> list[Alert]:
+    def alerts(self) -> list[LatencyAlert]:
         """What is to be told since the last call."""
         alerts, self._alerts = self._alerts, []
         return alerts
@@ -98,6 +100,6 @@ class Health:
         """Somebody answered within the last 2 s."""
         return now - self._time <= SILENT
 
-    def _tell(self, alert: Alert | None) -> None:
+    def _tell(self, alert: LatencyAlert | None) -> None:
         if alert is not None:
             self._alerts.append(alert)

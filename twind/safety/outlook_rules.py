@@ -5,11 +5,19 @@ Between `warn` and `block` a motion slows down in proportion; at `block` it is h
 
 from collections.abc import Iterator
 
-from twind.robot.finding import Code, Finding
-from twind.safety.facts import MOVING, REACTING, Facts, Outlook, Reaction, Said, Thresholds
+from twind.robot.finding import Finding, ReasonCode
+from twind.safety.facts import (
+    MOVING,
+    REACTING,
+    ClearanceAhead,
+    GuardInput,
+    GuardThresholds,
+    Reaction,
+    RuleResult,
+)
 
 
-def ahead(facts: Facts, bounds: Thresholds) -> Iterator[Said]:
+def ahead(facts: GuardInput, bounds: GuardThresholds) -> Iterator[RuleResult]:
     """R20: only of what moves, and never of a hold, a stop or the way to the rest pose.
 
     What comes no nearer than it is already is not in the outlook: a motion may lead out of a bad place.
@@ -20,17 +28,17 @@ def ahead(facts: Facts, bounds: Thresholds) -> Iterator[Said]:
     if facts.motion not in MOVING or facts.state in REACTING:
         return
     if not outlook.clearance > outlook.block:  # NaN too
-        yield Said(_near(outlook, outlook.block, "holding"), Reaction.HOLD)
+        yield RuleResult(_near(outlook, outlook.block, "holding"), Reaction.HOLD)
         return
     room = (outlook.clearance - outlook.block) / (outlook.warn - outlook.block)
-    yield Said(_near(outlook, outlook.warn, "slower"), pace=max(bounds.least_pace, room))
+    yield RuleResult(_near(outlook, outlook.warn, "slower"), pace=max(bounds.least_pace, room))
 
 
-def _near(outlook: Outlook, bound: float, what: str) -> Finding:
+def _near(outlook: ClearanceAhead, bound: float, what: str) -> Finding:
     first, second = outlook.pair
     message = f"m between {first} and {second} in {outlook.ahead:.2f} s on this way: {what}"
     return Finding(
-        Code.LOOKAHEAD_COLLISION,
+        ReasonCode.LOOKAHEAD_COLLISION,
         time=outlook.ahead,
         value=outlook.clearance,
         bound=bound,

@@ -13,14 +13,14 @@ from itertools import pairwise
 import numpy as np
 
 from twind.robot.arrays import Bools, Floats, Ints
-from twind.robot.finding import Code, Finding
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.limits import JointLimits
 from twind.robot.splines import Knots
 from twind.safety.bounds import elevate, evaluate, exceeds, square, summit
 
 
 @dataclass(frozen=True, slots=True)
-class Thresholds:
+class GateThresholds:
     """The gate's numbers that do not depend on the joint (design 6.4). Settings may only tighten them."""
 
     latency_warn: float = 0.05  # s
@@ -38,7 +38,7 @@ class Thresholds:
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
+class WorstPoint:
     """The worst place of one joint by one rule. `score` orders spots of the same rule and joint."""
 
     finding: Finding
@@ -46,12 +46,12 @@ class Spot:
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
+class CurveSubject:
     """A curve to judge: only the commanded joints, `joints` (m,) says which they are."""
 
     knots: Knots
     joints: Ints
-    limits: Limits
+    limits: JointLimits
     before: Floats  # rad/s, (m,), velocity of the reference
     offset: int  # knot index - point index: 1 where the curve begins at the reference
 
@@ -62,7 +62,7 @@ Rows = tuple[Floats, ...]  # Bernstein coefficients of a stretch of segments, (s
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class BernsteinCurve:
     """A stretch of segments in Bernstein form. Lines have no acceleration and no jerk."""
 
     position: Rows
@@ -72,7 +72,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class Pieces:
+class BoundedPolynomials:
     """Polynomials towards the upper limit, (degree + 1, q), with their bounds (q,)."""
 
     position: Floats
@@ -85,7 +85,9 @@ class Pieces:
     strongest: Floats
 
 
-def pick(curve: Curve, sign: float, segment: Ints, joint: Ints, limits: Limits) -> Pieces:
+def pick(
+    curve: BernsteinCurve, sign: float, segment: Ints, joint: Ints, limits: JointLimits
+) -> BoundedPolynomials:
     """Some segments (q,) and joints (q,) of `curve`; of its mirror image if `sign` is -1."""
 
     def of(rows: Rows) -> Floats:
@@ -93,7 +95,7 @@ def pick(curve: Curve, sign: float, segment: Ints, joint: Ints, limits: Limits) 
         return np.stack(chosen) if chosen else np.empty((0, len(segment)))
 
     up = sign > 0.0
-    return Pieces(
+    return BoundedPolynomials(
         of(curve.position),
         of(curve.velocity),
         of(curve.acceleration),
@@ -105,7 +107,7 @@ def pick(curve: Curve, sign: float, segment: Ints, joint: Ints, limits: Limits) 
     )
 
 
-def smooth(knots: Knots, v: Floats, i: int, j: int) -> Curve:
+def smooth(knots: Knots, v: Floats, i: int, j: int) -> BernsteinCurve:
     """Segments i..j-1 of cubics or quintics. What is given at the knots stands untouched: ends are exact."""
     T = np.diff(knots.time[i : j + 1])[:, None]
     p0, p1, v0, v1 = knots.position[i:j], knots.position[i + 1 : j + 1], v[i:j], v[i + 1 : j + 1]
@@ -115,7 +117,7 @@ def smooth(knots: Knots, v: Floats, i: int, j: int) -> Curve:
         position = (p0, p0 + v0 * T / 3.0, p1 - v1 * T / 3.0, p1)
         velocity: Rows = (v0, middle, v1)
         acceleration: Rows = (2.0 * (middle - v0) / T, 2.0 * (v1 - middle) / T)
-        return Curve(position, velocity, acceleration, ((acceleration[1] - acceleration[0]) / T,))
+        return BernsteinCurve(position, velocity, acceleration, ((acceleration[1] - acceleration[0]) / T,))
     a0, a1 = knots.acceleration[i:j], knots.acceleration[i + 1 : j + 1]
     early, late = v0 + a0 * T / 4.0, v1 - a1 * T / 4.0
     middle = 5.0 * (h / T) - (v0 + early + late + v1)
@@ -123,18 +125,24 @@ def smooth(knots: Knots, v: Floats, i: int, j: int) -> Curve:
     velocity = (v0, early, middle, late, v1)
     acceleration = (a0, 4.0 * (middle - early) / T, 4.0 * (late - middle) / T, a1)
     jerk = tuple(3.0 * (b - a) / T for a, b in pairwise(acceleration))
-    return Curve((p0, p0 + v0 * T / 5.0, second, third, p1 - v1 * T / 5.0, p1), velocity, acceleration, jerk)
+    return BernsteinCurve(
+        (p0, p0 + v0 * T / 5.0, second, third, p1 - v1 * T / 5.0, p1), velocity, acceleration, jerk
+    )
 
 
-def judge(subject: Subject, i: int, j: int, limits: Limits, thresholds: Thresholds) -> list[Spot]:
+def judge(
+    subject: CurveSubject, i: int, j: int, limits: JointLimits, thresholds: GateThresholds
+) -> list[WorstPoint]:
     """Everything that segments i..j-1 do wrong, worst place per rule, direction and joint. Never raises."""
     knots = subject.knots
-    spots: list[Spot] = []
+    spots: list[WorstPoint] = []
     with np.errstate(all="ignore"):  # NaN and overflow are answers here: they refuse
         if knots.velocity is None:
             T, slope = _slopes(subject, i, j)
             spots += _corners(subject, i, T, slope, thresholds)
-            curve = Curve((knots.position[i:j], knots.position[i + 1 : j + 1]), (slope[1:-1],), (), ())
+            curve = BernsteinCurve(
+                (knots.position[i:j], knots.position[i + 1 : j + 1]), (slope[1:-1],), (), ()
+            )
         else:
             curve = smooth(knots, knots.velocity, i, j)
         for code, sign, hull, doubtful in _suspects(curve, limits, thresholds):
@@ -164,20 +172,22 @@ def _span(rows: Rows) -> tuple[Floats, Floats]:
     return reduce(np.minimum, rows), reduce(np.maximum, rows)
 
 
-def _suspects(curve: Curve, limits: Limits, th: Thresholds) -> Iterator[tuple[Code, float, Floats, Bools]]:
+def _suspects(
+    curve: BernsteinCurve, limits: JointLimits, th: GateThresholds
+) -> Iterator[tuple[ReasonCode, float, Floats, Bools]]:
     """Rules and directions not clear at once: how far each hull reaches, and which ones are doubtful."""
     low, high = _span(curve.position)
     back, forth = _span(curve.velocity)
     hulls = [
-        (Code.POS_LIMIT, 1.0, high, limits.upper),
-        (Code.POS_LIMIT, -1.0, -low, -limits.lower),
-        (Code.VEL_LIMIT, 1.0, forth, limits.velocity),
-        (Code.VEL_LIMIT, -1.0, -back, limits.velocity),
+        (ReasonCode.POS_LIMIT, 1.0, high, limits.upper),
+        (ReasonCode.POS_LIMIT, -1.0, -low, -limits.lower),
+        (ReasonCode.VEL_LIMIT, 1.0, forth, limits.velocity),
+        (ReasonCode.VEL_LIMIT, -1.0, -back, limits.velocity),
     ]
     jerk = np.full_like(limits.upper, th.jerk_warn)
     for code, rows, bound in (
-        (Code.ACC_LIMIT, curve.acceleration, limits.acceleration),
-        (Code.JERK_LIMIT, curve.jerk, jerk),
+        (ReasonCode.ACC_LIMIT, curve.acceleration, limits.acceleration),
+        (ReasonCode.JERK_LIMIT, curve.jerk, jerk),
     ):
         if rows:
             least, most = _span(rows)
@@ -194,18 +204,20 @@ def _suspects(curve: Curve, limits: Limits, th: Thresholds) -> Iterator[tuple[Co
         stop = (speed + th.brake_margin) ** 2 / twice + place
         clear = (stop <= hard) | (speed <= th.brake_floor)
         if not clear.all():
-            yield Code.BRAKE_DISTANCE, sign, stop, ~clear
+            yield ReasonCode.BRAKE_DISTANCE, sign, stop, ~clear
 
 
-def _alternatives(code: Code, curve: Pieces, th: Thresholds) -> list[tuple[Floats, Floats]]:
+def _alternatives(
+    code: ReasonCode, curve: BoundedPolynomials, th: GateThresholds
+) -> list[tuple[Floats, Floats]]:
     """The rule as polynomials and bounds, one of which must hold at every point."""
-    if code is Code.POS_LIMIT:
+    if code is ReasonCode.POS_LIMIT:
         return [(curve.position, curve.upper)]
-    if code is Code.VEL_LIMIT:
+    if code is ReasonCode.VEL_LIMIT:
         return [(curve.velocity, curve.fastest)]
-    if code is Code.ACC_LIMIT:
+    if code is ReasonCode.ACC_LIMIT:
         return [(curve.acceleration, curve.strongest)]
-    if code is Code.JERK_LIMIT:
+    if code is ReasonCode.JERK_LIMIT:
         return [(curve.jerk, np.full(curve.jerk.shape[1], th.jerk_warn))]
     # v <= sqrt(2 a (hard - p)) - margin, written without the root: p + (v + margin)² / 2a <= hard.
     room = square(curve.velocity + th.brake_margin) / (2.0 * curve.strongest)
@@ -214,7 +226,9 @@ def _alternatives(code: Code, curve: Pieces, th: Thresholds) -> list[tuple[Float
     return [(curve.velocity, np.full_like(curve.hard, th.brake_floor)), (reach, curve.hard)]
 
 
-def _reading(code: Code, curve: Pieces, columns: Ints, u: Floats, th: Thresholds) -> tuple[Floats, Floats]:
+def _reading(
+    code: ReasonCode, curve: BoundedPolynomials, columns: Ints, u: Floats, th: GateThresholds
+) -> tuple[Floats, Floats]:
     """The rule's value and bound at the points `u` (q, r) of some columns (q,)."""
 
     def at(rows: Floats) -> Floats:
@@ -223,13 +237,13 @@ def _reading(code: Code, curve: Pieces, columns: Ints, u: Floats, th: Thresholds
     def of(bound: Floats) -> Floats:
         return bound[columns, None] + 0.0 * u
 
-    if code is Code.POS_LIMIT:
+    if code is ReasonCode.POS_LIMIT:
         return at(curve.position), of(curve.upper)
-    if code is Code.VEL_LIMIT:
+    if code is ReasonCode.VEL_LIMIT:
         return at(curve.velocity), of(curve.fastest)
-    if code is Code.ACC_LIMIT:
+    if code is ReasonCode.ACC_LIMIT:
         return at(curve.acceleration), of(curve.strongest)
-    if code is Code.JERK_LIMIT:
+    if code is ReasonCode.JERK_LIMIT:
         return at(curve.jerk), np.full_like(u, th.jerk_warn)
     left = np.maximum(of(curve.hard) - at(curve.position), 0.0)
     stoppable = np.sqrt(2.0 * of(curve.strongest) * left) - th.brake_margin
@@ -237,8 +251,14 @@ def _reading(code: Code, curve: Pieces, columns: Ints, u: Floats, th: Thresholds
 
 
 def _worst(
-    subject: Subject, code: Code, sign: float, curve: Pieces, segment: Ints, joint: Ints, th: Thresholds
-) -> list[tuple[int, Spot]]:
+    subject: CurveSubject,
+    code: ReasonCode,
+    sign: float,
+    curve: BoundedPolynomials,
+    segment: Ints,
+    joint: Ints,
+    th: GateThresholds,
+) -> list[tuple[int, WorstPoint]]:
     """Decide the doubtful columns; of those that fail each joint (its column) and its worst place."""
     found = exceeds(_alternatives(code, curve, th))
     failing = np.flatnonzero(~np.isnan(found))
@@ -247,7 +267,7 @@ def _worst(
 
     def score(columns: Ints, u: Floats) -> Floats:
         value, bound = _reading(code, curve, failing[columns], u, th)
-        return value - bound if code is Code.POS_LIMIT else value / bound
+        return value - bound if code is ReasonCode.POS_LIMIT else value / bound
 
     column, u = summit(score, found[failing], joint[failing])
     value, bound = _reading(code, curve, failing[column], u[:, None], th)
@@ -257,7 +277,9 @@ def _worst(
     for row, c in enumerate(failing[column]):
         s = int(segment[c])
         t = float(time[s] + u[row] * (time[s + 1] - time[s]))
-        face = sign if code is Code.POS_LIMIT else 1.0  # a speed is reported by its size, a place by its side
+        face = (
+            sign if code is ReasonCode.POS_LIMIT else 1.0
+        )  # a speed is reported by its size, a place by its side
         numbers = face * float(value[row, 0]), face * float(bound[row, 0])
         knot = s + int(u[row] == 1.0)
         spot = _spot(subject, code, int(joint[c]), knot, t, numbers, height[row, 0])
@@ -266,15 +288,21 @@ def _worst(
 
 
 def _spot(
-    subject: Subject, code: Code, joint: int, knot: int, t: float, numbers: tuple[float, float], score: float
-) -> Spot:
+    subject: CurveSubject,
+    code: ReasonCode,
+    joint: int,
+    knot: int,
+    t: float,
+    numbers: tuple[float, float],
+    score: float,
+) -> WorstPoint:
     """A finding at a knot or after it, in the words of the path: joints of the robot, points of the path."""
     point = max(knot - subject.offset, 0)
     finding = Finding(code, int(subject.joints[joint]), point, t, value=numbers[0], bound=numbers[1])
-    return Spot(finding, float(np.inf if np.isnan(score) else score))
+    return WorstPoint(finding, float(np.inf if np.isnan(score) else score))
 
 
-def _slopes(subject: Subject, i: int, j: int) -> tuple[Floats, Floats]:
+def _slopes(subject: CurveSubject, i: int, j: int) -> tuple[Floats, Floats]:
     """Durations (s + 2, 1) and velocities (s + 2, m) of the lines i..j-1 with their neighbours.
 
     Before the first line stands the velocity of the reference, after the last one rest, each lasting 0 s.
@@ -291,18 +319,22 @@ def _slopes(subject: Subject, i: int, j: int) -> tuple[Floats, Floats]:
     return T, slope
 
 
-def _corners(subject: Subject, i: int, T: Floats, slope: Floats, th: Thresholds) -> list[Spot]:
+def _corners(subject: CurveSubject, i: int, T: Floats, slope: Floats, th: GateThresholds) -> list[WorstPoint]:
     """Lines have no acceleration but at their corners: there it is the change of segment velocity over half
     the sum of the two durations (design 6.4), from the reference's velocity and, at the end, to rest."""
     change = slope[1:] - slope[:-1]
     change /= 0.5 * (T[1:] + T[:-1])
     jerk = change[1:] - change[:-1]
     jerk /= T[1:-1]
-    spots = _steepest(subject, Code.ACC_LIMIT, i, change, subject.limits.acceleration)
-    return spots + _steepest(subject, Code.JERK_LIMIT, i, jerk, np.full(len(subject.joints), th.jerk_warn))
+    spots = _steepest(subject, ReasonCode.ACC_LIMIT, i, change, subject.limits.acceleration)
+    return spots + _steepest(
+        subject, ReasonCode.JERK_LIMIT, i, jerk, np.full(len(subject.joints), th.jerk_warn)
+    )
 
 
-def _steepest(subject: Subject, code: Code, i: int, change: Floats, bound: Floats) -> list[Spot]:
+def _steepest(
+    subject: CurveSubject, code: ReasonCode, i: int, change: Floats, bound: Floats
+) -> list[WorstPoint]:
     """The worst row of each joint whose size (rows from knot i on, m) is not within `bound` (m,)."""
     within = np.abs(change) <= bound
     if within.all():
@@ -317,7 +349,7 @@ def _steepest(subject: Subject, code: Code, i: int, change: Floats, bound: Float
     return spots
 
 
-def start(subject: Subject, thresholds: Thresholds) -> list[Spot]:
+def start(subject: CurveSubject, thresholds: GateThresholds) -> list[WorstPoint]:
     """A path that begins at t = 0 takes over the reference's velocity at once: is that step in bounds (S20)?
 
     The change counts over half of the first segment, as at the corner of two lines; where there is no segment
@@ -333,10 +365,10 @@ def start(subject: Subject, thresholds: Thresholds) -> list[Spot]:
             change = step / (0.5 * (knots.time[1] - knots.time[0]))
         else:
             change = np.where(step <= thresholds.end_velocity, 0.0, np.inf)
-        return _steepest(subject, Code.ACC_LIMIT, 0, change[None, :], limits.acceleration)
+        return _steepest(subject, ReasonCode.ACC_LIMIT, 0, change[None, :], limits.acceleration)
 
 
-def relaxed(subject: Subject) -> Limits | None:
+def relaxed(subject: CurveSubject) -> JointLimits | None:
     """For the segment that begins at a reference outside the limits: it may only come in, never go further
     out. None where the reference is inside, or the curve does not begin there."""
     position = subject.knots.position[0]
@@ -351,7 +383,7 @@ def relaxed(subject: Subject) -> Limits | None:
     )
 
 
-def resting(subject: Subject) -> Subject:
+def resting(subject: CurveSubject) -> CurveSubject:
     """The last point, held for a second."""
     time, position = subject.knots.time[-1:], np.repeat(subject.knots.position[-1:], 2, axis=0)
     still = Knots(np.append(time, time + 1.0), position, None, None)
@@ -359,9 +391,9 @@ def resting(subject: Subject) -> Subject:
     return replace(subject, knots=still, before=np.zeros_like(subject.before), offset=-last)
 
 
-def some(limits: Limits, joints: Ints) -> Limits:
+def some(limits: JointLimits, joints: Ints) -> JointLimits:
     """The limits of `joints` (indices) alone."""
-    return Limits(
+    return JointLimits(
         limits.lower[joints],
         limits.upper[joints],
         limits.hard_lower[joints],

@@ -15,7 +15,7 @@ AGREEING = 3  # readings in a row that agree with each other: that is where it i
 NOMINAL = 0.8  # of a period: what two readings lie apart at least, as a rule
 
 
-class Senses:
+class PlausibilityFilter:
     """Judges the positions (m,) of one bus, one exchange after the other."""
 
     def __init__(self, fastest: Floats, period: float) -> None:

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from twind.robot.arrays import Floats, Ints
-from twind.robot.finding import Code, Finding, Verdict
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.limits import JointLimits
 
 LONGEST = 0.1  # s a setpoint may stay valid (R04): what is slower than that is a trajectory
 
 
 @dataclass(frozen=True, slots=True)
-class Aim:
+class SetpointResult:
     """What the executor may follow, and the verdict. Arrays are (m,), in the caller's order."""
 
     verdict: Verdict
@@ -28,20 +28,20 @@ def judge(
     joints: Ints,
     position: Floats,
     velocity: Floats | None,
-    limits: Limits,
+    limits: JointLimits,
     *,
     valid_for: float,
     allow_clamp: bool,
-) -> Aim:
+) -> SetpointResult:
     """Refuse what is malformed or outside the limits; with `allow_clamp` bring it in and report it."""
     refusals = _form(joints, position, velocity, len(limits.lower), valid_for)
     if refusals:
-        return Aim(Verdict(tuple(refusals)), joints, position, velocity)
+        return SetpointResult(Verdict(tuple(refusals)), joints, position, velocity)
     low, high, fastest = limits.lower[joints], limits.upper[joints], limits.velocity[joints]
     inside, slow = np.clip(position, low, high), velocity
     found = [
         Finding(
-            Code.POS_LIMIT,
+            ReasonCode.POS_LIMIT,
             int(joints[at]),
             value=float(position[at]),
             bound=float(inside[at]),
@@ -53,7 +53,7 @@ def judge(
         slow = np.clip(velocity, -fastest, fastest)
         found += [
             Finding(
-                Code.VEL_LIMIT,
+                ReasonCode.VEL_LIMIT,
                 int(joints[at]),
                 value=float(velocity[at]),
                 bound=float(slow[at]),
@@ -62,8 +62,8 @@ def judge(
             for at in np.flatnonzero(slow != velocity)
         ]
     if found and not allow_clamp:
-        return Aim(Verdict(tuple(found)), joints, position, velocity)
-    return Aim(Verdict(changes=tuple(found)), joints, inside, slow)
+        return SetpointResult(Verdict(tuple(found)), joints, position, velocity)
+    return SetpointResult(Verdict(changes=tuple(found)), joints, inside, slow)
 
 
 def _form(
@@ -71,21 +71,23 @@ def _form(
 ) -> list[Finding]:
     findings = []
     if not len(joints):
-        findings.append(Finding(Code.NO_JOINTS, message="a setpoint of no joint"))
+        findings.append(Finding(ReasonCode.NO_JOINTS, message="a setpoint of no joint"))
     if len(np.unique(joints)) != len(joints):
-        findings.append(Finding(Code.DUP_JOINT, message="a joint is named twice"))
+        findings.append(Finding(ReasonCode.DUP_JOINT, message="a joint is named twice"))
     if not ((joints >= 0) & (joints < count)).all():
-        findings.append(Finding(Code.UNKNOWN_JOINT, bound=float(count - 1), message="no such joint"))
+        findings.append(Finding(ReasonCode.UNKNOWN_JOINT, bound=float(count - 1), message="no such joint"))
     rows = [position] if velocity is None else [position, velocity]
     if any(row.shape != joints.shape for row in rows):
         findings.append(
-            Finding(Code.BAD_SHAPE, bound=float(len(joints)), message="one number per joint is needed")
+            Finding(ReasonCode.BAD_SHAPE, bound=float(len(joints)), message="one number per joint is needed")
         )
     elif not all(np.isfinite(row).all() for row in rows):
-        findings.append(Finding(Code.NONFINITE, message="a setpoint must be finite"))
+        findings.append(Finding(ReasonCode.NONFINITE, message="a setpoint must be finite"))
     if not valid_for > 0.0:
-        findings.append(Finding(Code.CMD_EXPIRED, value=valid_for, bound=0.0, message="already expired"))
+        findings.append(
+            Finding(ReasonCode.CMD_EXPIRED, value=valid_for, bound=0.0, message="already expired")
+        )
     elif not valid_for <= LONGEST:
         reason = "valid too long (s): a dead client must not keep a robot moving"
-        findings.append(Finding(Code.TOO_DISTANT, value=valid_for, bound=LONGEST, message=reason))
+        findings.append(Finding(ReasonCode.TOO_DISTANT, value=valid_for, bound=LONGEST, message=reason))
     return findings

@@ -10,27 +10,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from twind.robot.arrays import Bools, Ints
-from twind.robot.finding import Code, Finding
-from twind.robot.turns import Turns
+from twind.robot.finding import Finding, ReasonCode
+from twind.robot.turns import TurnRange
 
 _BY_HAND = "move it into its travel by hand with torque off, or calibrate anew"
 _REBOOT = "switch its power off and on"
 
 
-def chosen(raw: Ints, turns: Turns) -> Ints:
+def chosen(raw: Ints, turns: TurnRange) -> Ints:
     """The whole turns (n,), in ticks, that bring counts as read into their bands; 0 of who has none."""
     whole = np.where(turns.known, turns.whole, 1)
     shift: Ints = np.where(turns.known, -((raw - turns.band) // whole) * whole, 0)
     return shift
 
 
-def inside(count: Ints, turns: Turns) -> Bools:
+def inside(count: Ints, turns: TurnRange) -> Bools:
     """Whose calibrated count (n,) lies in its travel, or as near as it may hang; all who have none."""
     within = (count >= turns.first - turns.slack) & (count <= turns.last + turns.slack)
     return within | ~turns.known
 
 
-def unfit(raw: Ints, shift: Ints, turns: Turns, energised: Bools) -> Sequence[Finding]:
+def unfit(raw: Ints, shift: Ints, turns: TurnRange, energised: Bools) -> Sequence[Finding]:
     """Who cannot be told, or not be commanded, on the turn (n,) chosen. `energised` (n,): with torque on."""
     count = raw + shift
     wide = turns.last - turns.first >= turns.whole
@@ -41,7 +41,7 @@ def unfit(raw: Ints, shift: Ints, turns: Turns, energised: Bools) -> Sequence[Fi
     beyond = np.where(turns.falls, shift != 0, (low < turns.least) | (high > turns.most))
     found = []
     for joint in np.flatnonzero(turns.known & (wide | another | ~inside(count, turns) | beyond)).tolist():
-        row = _Row(joint, int(raw[joint]), int(shift[joint]), turns)
+        row = _TurnRow(joint, int(raw[joint]), int(shift[joint]), turns)
         if wide[joint]:
             found.append(row.wide())
         elif not inside(count, turns)[joint]:
@@ -53,23 +53,23 @@ def unfit(raw: Ints, shift: Ints, turns: Turns, energised: Bools) -> Sequence[Fi
     return found
 
 
-def strayed(raw: Ints, shift: Ints, turns: Turns, told: Bools) -> Sequence[Finding]:
+def strayed(raw: Ints, shift: Ints, turns: TurnRange, told: Bools) -> Sequence[Finding]:
     """Who of `told` (n,) has left its travel since its turn was chosen."""
     outside = np.flatnonzero(told & ~inside(raw + shift, turns)).tolist()
-    return [_Row(joint, int(raw[joint]), int(shift[joint]), turns).strayed() for joint in outside]
+    return [_TurnRow(joint, int(raw[joint]), int(shift[joint]), turns).strayed() for joint in outside]
 
 
-def expected(raw: Ints, turns: Turns) -> Ints:
+def expected(raw: Ints, turns: TurnRange) -> Ints:
     """What readings (n,) become at torque-on: who knows one turn alone reads that one then."""
     whole = np.where(turns.falls, turns.whole, 1)
     anew: Ints = np.where(turns.falls, turns.begin + (raw - turns.begin) % whole, raw)
     return anew
 
 
-class _Row:
+class _TurnRow:
     """One joint, in words. Values and bounds are ticks."""
 
-    def __init__(self, joint: int, raw: int, shift: int, turns: Turns) -> None:
+    def __init__(self, joint: int, raw: int, shift: int, turns: TurnRange) -> None:
         self.joint, self.raw, self.shift, self.count = joint, raw, shift, raw + shift
         self.whole = int(turns.whole[joint])
         self.low, self.high = (
@@ -130,4 +130,6 @@ class _Row:
         return self._finding(first if out_low else last, self.least if out_low else self.most, text)
 
     def _finding(self, value: int, bound: int, text: str) -> Finding:
-        return Finding(Code.CALIB_MISMATCH, self.joint, value=float(value), bound=float(bound), message=text)
+        return Finding(
+            ReasonCode.CALIB_MISMATCH, self.joint, value=float(value), bound=float(bound), message=text
+        )

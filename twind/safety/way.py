@@ -15,7 +15,7 @@ import numpy as np
 from twind.robot.arrays import Bools, Floats, some
 from twind.robot.state import JointState
 from twind.robot.trajectory import Reference
-from twind.safety.health import Health
+from twind.safety.health import TimingMonitor
 
 VISIBLE = 0.005  # rad: a few counts of a servo, more than an encoder's noise
 STILL = 0.05  # rad/s, of reference and reading: counts as standing (as S22)
@@ -24,7 +24,7 @@ STREAM = ""  # the name of every setpoint
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class StartedCommand:
     """A command that the loop has begun with."""
 
     received: float  # when it was called, NaN unknown
@@ -33,18 +33,18 @@ class Taken:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Accepted:
+class _PendingCommand:
     """A command that the next goal follows; arrays (n,)."""
 
     id: str
-    taken: Taken
+    taken: StartedCommand
     judged: float
     joints: Bools  # that are commanded and were meant to stand
     begin: Floats  # rad, the reference before it
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
+class _MoveRequest:
     """A goal asked a joint for a visible move."""
 
     joint: int
@@ -53,38 +53,38 @@ class _Asked:
 
 
 @dataclass(slots=True, eq=False)
-class _Watch:
+class _MotionOnsetWatch:
     """Joints that stand and were written to, and which of them was asked to move."""
 
     joints: Bools
     begin: Floats  # rad, the reference
     place: Floats  # rad, where they were
     since: float  # s
-    asked: _Asked | None = None
+    asked: _MoveRequest | None = None
 
 
-class Way:
+class CommandLatencyTracer:
     """The command hops of one loop. One command at a time is followed to the end of its way."""
 
-    def __init__(self, health: Health) -> None:
+    def __init__(self, health: TimingMonitor) -> None:
         self._health = health
-        self._accepted: _Accepted | None = None
-        self._watch: _Watch | None = None
+        self._accepted: _PendingCommand | None = None
+        self._watch: _MotionOnsetWatch | None = None
 
-    def take(self, received: float | None, now: float, bound: float | None = None) -> Taken:
+    def take(self, received: float | None, now: float, bound: float | None = None) -> StartedCommand:
         """The loop begins with a command that was `received` then; None: nobody knows."""
         received = nan if received is None else received
         self._health.hop("received", now - received, now, bound)
-        return Taken(received, now, bound)
+        return StartedCommand(received, now, bound)
 
-    def judge(self, taken: Taken, now: float) -> None:
+    def judge(self, taken: StartedCommand, now: float) -> None:
         """It has its verdict."""
         self._health.hop("gated", now - taken.taken, now, taken.bound)
 
-    def accept(self, taken: Taken, id: str, joints: Bools, before: Reference, now: float) -> None:
+    def accept(self, taken: StartedCommand, id: str, joints: Bools, before: Reference, now: float) -> None:
         """The goals to come follow it: `joints` (n,) are commanded, `before` is what it begins from."""
         standing = joints & (np.abs(before.velocity) <= STILL)
-        self._accepted = _Accepted(id, taken, now, standing, before.position)
+        self._accepted = _PendingCommand(id, taken, now, standing, before.position)
 
     def end(self, id: str) -> None:
         """It ended or was replaced: if none of its goals has left yet, none will."""
@@ -100,7 +100,9 @@ class Way:
             self._health.hop("command", at - taken.received, at, taken.bound)
             if accepted.id != STREAM or self._watch is None:  # of a stream not every goal is a new one
                 still = accepted.joints & (np.abs(state.velocity) <= STILL) & state.heard
-                self._watch = _Watch(still, accepted.begin, state.position, at) if some(still) else None
+                self._watch = (
+                    _MotionOnsetWatch(still, accepted.begin, state.position, at) if some(still) else None
+                )
         if self._watch is not None:
             self._aim(self._watch, goal, at, state)
 
@@ -124,7 +126,7 @@ class Way:
         elif at - asked.at > PATIENCE:
             self._watch = None
 
-    def _aim(self, watch: _Watch, goal: Floats, at: float, state: JointState) -> None:
+    def _aim(self, watch: _MotionOnsetWatch, goal: Floats, at: float, state: JointState) -> None:
         """Whom this goal asks to move; nobody any longer, once it leads back or too much time has passed."""
         way = goal - watch.begin
         if watch.asked is not None:
@@ -134,14 +136,14 @@ class Way:
         far = np.where(watch.joints, np.abs(way), 0.0)
         joint = int(far.argmax())
         if far[joint] >= VISIBLE:
-            watch.asked = _Asked(joint, bool(way[joint] >= VISIBLE), at)
+            watch.asked = _MoveRequest(joint, bool(way[joint] >= VISIBLE), at)
             if _gone(state.position - watch.place, watch.asked):  # before it was asked: by something else
                 self._watch = None
         elif at - watch.since > PATIENCE:
             self._watch = None
 
 
-def _gone(way: Floats, asked: _Asked) -> bool:
+def _gone(way: Floats, asked: _MoveRequest) -> bool:
     """So far (n,), rad, is the visible move that was asked for."""
     one = float(way[asked.joint])
     return (one if asked.forward else -one) >= VISIBLE

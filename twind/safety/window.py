@@ -23,7 +23,7 @@ BOUNDS_MS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 1
 BOUNDS = tuple(bound / 1e3 for bound in BOUNDS_MS)  # s, of the buckets that are told
 
 
-class Window:
+class RollingStats:
     """The last 100 values, and the run as a histogram. What is not known yet is NaN."""
 
     def __init__(self, threshold: float = inf) -> None:
@@ -35,7 +35,7 @@ class Window:
         self.sum = 0.0  # of the run's known values
         self.buckets = [0] * (len(BOUNDS) + 1)  # values of the run at most as large as each bound; the rest
         self._least = nan
-        self._figures: _Figures | None = None
+        self._figures: _RollingFigures | None = None
         # Written one number at a time, which `array` does several times as fast; read through numpy.
         self._ring = array("d", [nan] * SIZE)  # NaN unknown
         self._values = np.frombuffer(self._ring)
@@ -97,22 +97,22 @@ class Window:
         """99 % of the run's known values are below, within 2 %."""
         return self._worked_out().p99
 
-    def _worked_out(self) -> "_Figures":
+    def _worked_out(self) -> "_RollingFigures":
         """All figures as of the last value: worked out once, however many are asked for."""
         if self._figures is None or self._figures.values != self.count:
             self._figures = self._work_out()
         return self._figures
 
-    def _work_out(self) -> "_Figures":
+    def _work_out(self) -> "_RollingFigures":
         seen = self._counts.cumsum()
         p50, p99 = self._quantile(seen, 0.5), self._quantile(seen, 0.99)
         known = self._values[self._values >= 0.0]  # never those that are unknown, or not there yet
         if not len(known):
-            return _Figures(self.count, nan, nan, nan, nan, p50, p99)
+            return _RollingFigures(self.count, nan, nan, nan, nan, p50, p99)
         mean = float(known.sum()) / len(known)
         off = known - mean
         std = sqrt(float(off @ off) / len(known))
-        return _Figures(self.count, mean, std, float(known.min()), float(known.max()), p50, p99)
+        return _RollingFigures(self.count, mean, std, float(known.min()), float(known.max()), p50, p99)
 
     def _quantile(self, seen: Ints, share: float) -> float:
         """`seen`: values of the run up to each bin."""
@@ -124,7 +124,7 @@ class Window:
         return max(self._least, min(self.worst, middle))
 
 
-class Recent:
+class RecentValues:
     """The values of the last half second, for who asks how large most of them were."""
 
     def __init__(self) -> None:
@@ -143,7 +143,7 @@ class Recent:
         return values[ceil(0.95 * len(values)) - 1] if values else nan
 
 
-class _Figures(NamedTuple):
+class _RollingFigures(NamedTuple):
     """Of a window that has had so many values."""
 
     values: int

@@ -7,16 +7,16 @@ good.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.robot.trajectory import Reference, Trajectory
 from twind.twin.binding import Binding
-from twind.twin.collision import Bodies, candidates
+from twind.twin.collision import CollisionModel, candidates
 from twind.twin.foresight import along_the_way
-from twind.twin.sweep import Sweep, Swept
+from twind.twin.sweep import CurveSweep, SweepResult
 
 
 @dataclass(frozen=True, slots=True)
-class Near:
+class NearBodies:
     """Two bodies that come near each other."""
 
     bodies: tuple[str, str]
@@ -27,12 +27,12 @@ class Near:
 
 
 @dataclass(frozen=True, slots=True)
-class Survey:
+class ClearanceSurvey:
     """What was found. `near` is nearer than warned of, the nearest first, each pair of bodies once."""
 
     judged: int  # pairs of geoms
     possible: int  # pairs that the model lets collide
-    near: tuple[Near, ...]
+    near: tuple[NearBodies, ...]
 
     @property
     def error(self) -> str | None:
@@ -62,17 +62,17 @@ class Survey:
         return said
 
 
-def survey(binding: Binding, motions: Mapping[str, Trajectory]) -> Survey:
+def survey(binding: Binding, motions: Mapping[str, Trajectory]) -> ClearanceSurvey:
     """Every pose of the robot file, and `motions` by name, from the rest pose. Raises BindingError."""
-    bodies = Bodies(binding)
-    found: dict[tuple[str, str], Near] = {}
+    bodies = CollisionModel(binding)
+    found: dict[tuple[str, str], NearBodies] = {}
     for name, pose in binding.robot.poses.items():
         rest = [pose[joint] for joint in binding.joint_map.names]
-        _keep(found, bodies, Sweep(bodies).standing(rest), f"pose {name}", moving=False)
+        _keep(found, bodies, CurveSweep(bodies).standing(rest), f"pose {name}", moving=False)
     for name, path in motions.items():
         reference = Reference(binding.rest, 0.0 * binding.rest, 0.0 * binding.rest)
         curve = along_the_way(path, reference, binding.limits, 1.0 / binding.robot.rate_hz)
-        steps = Sweep(bodies).running(curve)
+        steps = CurveSweep(bodies).running(curve)
         while True:
             try:
                 next(steps)
@@ -80,17 +80,22 @@ def survey(binding: Binding, motions: Mapping[str, Trajectory]) -> Survey:
                 _keep(found, bodies, stop.value, f"motion {name}", moving=True)
                 break
     near = sorted(found.values(), key=lambda each: each.clearance)
-    return Survey(len(bodies.pairs), len(candidates(binding.model)), tuple(near))
+    return ClearanceSurvey(len(bodies.pairs), len(candidates(binding.model)), tuple(near))
 
 
 def _keep(
-    found: dict[tuple[str, str], Near], bodies: Bodies, swept: Swept, where: str, *, moving: bool
+    found: dict[tuple[str, str], NearBodies],
+    bodies: CollisionModel,
+    swept: SweepResult,
+    where: str,
+    *,
+    moving: bool,
 ) -> None:
     """The nearest of each pair of bodies."""
     for close in (*swept.refused, *swept.warned):
         pair = bodies.pairs[close.pair]
         place = f"{where} at {close.at:.2f} s" if moving else where
-        own = pair.code is Code.SELF_COLLISION
+        own = pair.code is ReasonCode.SELF_COLLISION
         known = found.get(pair.bodies)
         if known is None or close.clearance < known.clearance:
-            found[pair.bodies] = Near(pair.bodies, close.clearance, place, pair.block, own)
+            found[pair.bodies] = NearBodies(pair.bodies, close.clearance, place, pair.block, own)

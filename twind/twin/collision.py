@@ -18,7 +18,7 @@ import numpy as np
 from twind.config.collision import Clearance
 from twind.config.robot_spec import GateSettings
 from twind.robot.arrays import Floats, Ints
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 from twind.twin.binding import BindingError
 from twind.twin.levers import levers
 from twind.twin.mirror import index
@@ -28,7 +28,7 @@ WORLD = 0  # the body of all that does not move
 _UNMEASURED = (int(mujoco.mjtGeom.mjGEOM_HFIELD), int(mujoco.mjtGeom.mjGEOM_SDF))
 
 
-class Ruled(Protocol):
+class CollisionSettings(Protocol):
     """What a robot file says of it."""
 
     @property
@@ -44,11 +44,11 @@ class Ruled(Protocol):
         """With which bodies are judged, and how near they may come."""
 
 
-class Bound(Protocol):
+class JointBinding(Protocol):
     """What is asked of a binding; who only draws has no whole one."""
 
     @property
-    def robot(self) -> Ruled:
+    def robot(self) -> CollisionSettings:
         """Its file."""
 
     @property
@@ -61,12 +61,12 @@ class Bound(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class GeomPair:
     """Two geoms whose distance is judged."""
 
     geoms: tuple[int, int]  # by number; the smaller first
     bodies: tuple[str, str]  # names, for people
-    code: Code  # what it is called when they come too close
+    code: ReasonCode  # what it is called when they come too close
     block: float  # m
 
     @property
@@ -75,10 +75,10 @@ class Pair:
         return " and ".join(self.bodies)
 
 
-class Bodies:
+class CollisionModel:
     """The robot's bodies. Poses are (n,) rad in joint order; distances (p,) m in the order of `pairs`."""
 
-    def __init__(self, binding: Bound, reach: float = REACH) -> None:
+    def __init__(self, binding: JointBinding, reach: float = REACH) -> None:
         """`reach`: m. Raises BindingError: a name that the model lacks, a pair that cannot be judged."""
         clearance = binding.robot.gate.collision
         self.model = model = copy.copy(binding.model)
@@ -150,7 +150,7 @@ class Bodies:
 # ------------------------------------------------------------------------------------------ which pairs
 
 
-def judged(model: mujoco.MjModel, robot: Ruled) -> tuple[Pair, ...]:
+def judged(model: mujoco.MjModel, robot: CollisionSettings) -> tuple[GeomPair, ...]:
     """The pairs that are judged. Raises BindingError where the robot file names what is not there."""
     clearance, where = robot.gate.collision, f"{robot.path}: collision"
     world = strangers(model, robot.base)
@@ -210,14 +210,16 @@ def _boxes(model: mujoco.MjModel, pair: tuple[int, int]) -> bool:
 
 def _pair(
     model: mujoco.MjModel, pair: tuple[int, int], world: frozenset[int], clearance: Clearance, where: str
-) -> Pair:
+) -> GeomPair:
     names = tuple(body_name(model, geom) for geom in pair)
     if any(int(model.geom_type[geom]) in _UNMEASURED for geom in pair):
         raise BindingError(f"{where}: [{', '.join(names)}]: a height field or SDF cannot be judged; allow it")
     if not world & set(pair):
-        return Pair(pair, (names[0], names[1]), Code.SELF_COLLISION, clearance.block)
+        return GeomPair(pair, (names[0], names[1]), ReasonCode.SELF_COLLISION, clearance.block)
     ground = any(g in world and model.geom_type[g] == mujoco.mjtGeom.mjGEOM_PLANE for g in pair)
-    return Pair(pair, (names[0], names[1]), Code.FLOOR if ground else Code.KEEP_OUT, clearance.world)
+    return GeomPair(
+        pair, (names[0], names[1]), ReasonCode.FLOOR if ground else ReasonCode.KEEP_OUT, clearance.world
+    )
 
 
 def body_name(model: mujoco.MjModel, geom: int) -> str:
@@ -229,7 +231,7 @@ def body_name(model: mujoco.MjModel, geom: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Wanted:
+class _GeomPairNames:
     """One pair of names as geoms: what either name stands for."""
 
     one: frozenset[int]
@@ -240,8 +242,8 @@ class _Wanted:
         return (a in self.one and b in self.other) or (b in self.one and a in self.other)
 
 
-def _named(model: mujoco.MjModel, pairs: Iterable[Sequence[str]], where: str) -> list[_Wanted]:
-    return [_Wanted(_geoms(model, one, where), _geoms(model, other, where)) for one, other in pairs]
+def _named(model: mujoco.MjModel, pairs: Iterable[Sequence[str]], where: str) -> list[_GeomPairNames]:
+    return [_GeomPairNames(_geoms(model, one, where), _geoms(model, other, where)) for one, other in pairs]
 
 
 def _geoms(model: mujoco.MjModel, name: str, where: str) -> frozenset[int]:

@@ -17,7 +17,7 @@ PREFIX = "shaft of "  # a joint's slot, in the model
 
 
 @dataclass(frozen=True)
-class Group:
+class MotorGroup:
     """Motors that turn as many joints of the model together; `rows`: their places among all motors."""
 
     law: Transmission
@@ -25,7 +25,7 @@ class Group:
     joints: tuple[str, ...]
 
 
-def strung(spec: mujoco.MjSpec, groups: Sequence[Group]) -> None:
+def strung(spec: mujoco.MjSpec, groups: Sequence[MotorGroup]) -> None:
     """A tendon for every motor of a group, over all its joints."""
     for group in groups:
         for joint in group.joints:
@@ -37,7 +37,7 @@ def strung(spec: mujoco.MjSpec, groups: Sequence[Group]) -> None:
 class Coupling:
     """One group in a compiled model. Arrays are (k,)."""
 
-    def __init__(self, model: mujoco.MjModel, group: Group) -> None:
+    def __init__(self, model: mujoco.MjModel, group: MotorGroup) -> None:
         self.rows = np.array(group.rows, np.intp)
         self.tendons = np.array([model.tendon(f"{PREFIX}{joint}").id for joint in group.joints], np.intp)
         self._law, self._model = group.law, model

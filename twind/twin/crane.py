@@ -28,7 +28,7 @@ def hang(spec: mujoco.MjSpec, base: str, step: float) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Stands:
+class BaseHold:
     """How a free body is to be held."""
 
     base: str  # the body with the free joint
@@ -36,10 +36,10 @@ class Stands:
     hold: str = BY_TORQUE  # of `HOLDS`: what makes the crane let go and take hold
 
 
-class Crane:
+class BaseSupport:
     """Of one body, which it sets on the floor."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, how: Stands) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, how: BaseHold) -> None:
         """The model has been through `hang`. Raises ValueError: no such way to hold it."""
         if how.hold not in HOLDS:
             raise ValueError(f"hold: {how.hold!r} is none of {', '.join(HOLDS)}")

@@ -13,22 +13,22 @@ import numpy as np
 
 from twind.motion.goals import led_in
 from twind.robot.arrays import Floats
-from twind.robot.finding import Code, Finding, Verdict
-from twind.robot.limits import Limits
+from twind.robot.finding import Finding, ReasonCode, Verdict
+from twind.robot.limits import JointLimits
 from twind.robot.splines import Spline, interpolate, passed
 from twind.robot.trajectory import Reference, Trajectory
 from twind.safety.retime import with_stop
-from twind.safety.rules import Thresholds
+from twind.safety.rules import GateThresholds
 from twind.twin.binding import Binding, BindingError
-from twind.twin.collision import Bodies
-from twind.twin.sweep import Close, Sweep, Swept
+from twind.twin.collision import CollisionModel
+from twind.twin.sweep import CloseGeoms, CurveSweep, SweepResult
 
 TOLD = 8  # pairs of bodies that one verdict names
 STEP = 0.02  # s between two samples of torque and balance
 SAMPLES = 3000  # of one path at most
 
 
-class Strength(Protocol):
+class DynamicsCheck(Protocol):
     """What judges torque and balance (S25, S26): `twin/dynamics.py`."""
 
     def judging(
@@ -37,12 +37,12 @@ class Strength(Protocol):
         """Samples of a path: time (k,), the others (k, n)."""
 
 
-class Foresight:
+class TrajectoryPrecheck:
     """One robot's paths, judged one at a time. Keeps models of its own."""
 
-    def __init__(self, binding: Binding, period: float, strength: Strength | None = None) -> None:
+    def __init__(self, binding: Binding, period: float, strength: DynamicsCheck | None = None) -> None:
         """`period`: s, of a tick. Raises BindingError where no two bodies could be judged."""
-        self.bodies = Bodies(binding)
+        self.bodies = CollisionModel(binding)
         self._limits, self._period, self._strength = binding.limits, period, strength
         if not self.bodies.pairs:
             file = binding.robot.path
@@ -55,11 +55,11 @@ class Foresight:
         if not np.isfinite(reference.position).all():
             joint = int(np.argmin(np.isfinite(reference.position)))
             reason = "where this joint stands is not known, so nobody knows what is in its way"
-            return Verdict((Finding(Code.SELF_COLLISION, joint=joint, message=reason),))
-        whole = with_stop(path, self._limits, Thresholds())[0] if append_stop else path
+            return Verdict((Finding(ReasonCode.SELF_COLLISION, joint=joint, message=reason),))
+        whole = with_stop(path, self._limits, GateThresholds())[0] if append_stop else path
         curve = along_the_way(whole, reference, self._limits, self._period)
         late = curve.duration - float(whole.time[-1])
-        found: Swept = yield from Sweep(self.bodies).running(curve)
+        found: SweepResult = yield from CurveSweep(self.bodies).running(curve)
         verdict = self._clearance(found, whole, late)
         if self._strength is None or found.unfinished:
             return verdict
@@ -70,15 +70,15 @@ class Foresight:
             (*verdict.warnings, *_on_the_path(more.warnings, whole, late)),
         )
 
-    def _clearance(self, found: Swept, path: Trajectory, late: float) -> Verdict:
+    def _clearance(self, found: SweepResult, path: Trajectory, late: float) -> Verdict:
         refused = [self._finding(close, path, late, near=False) for close in found.refused[:TOLD]]
         warned = [self._finding(close, path, late, near=True) for close in found.warned[:TOLD]]
         if found.unfinished and not refused:
             reason = f"not proved clear after {found.work} poses: a shorter way, or one further from itself"
-            refused = [Finding(Code.SELF_COLLISION, message=reason)]
+            refused = [Finding(ReasonCode.SELF_COLLISION, message=reason)]
         return Verdict(tuple(refused), tuple(warned))
 
-    def _finding(self, close: Close, path: Trajectory, late: float, *, near: bool) -> Finding:
+    def _finding(self, close: CloseGeoms, path: Trajectory, late: float, *, near: bool) -> Finding:
         """When it begins, and how near they come at worst. `near`: within the band that warns alone."""
         pair = self.bodies.pairs[close.pair]
         time, least = max(close.time - late, 0.0), max(close.at - late, 0.0)
@@ -88,7 +88,7 @@ class Foresight:
         return Finding(pair.code, None, passed(path, time), time, close.clearance, bound, reason)
 
 
-def along_the_way(path: Trajectory, reference: Reference, limits: Limits, period: float) -> Spline:
+def along_the_way(path: Trajectory, reference: Reference, limits: JointLimits, period: float) -> Spline:
     """The curve that the executor would follow from `reference`, lead-in included."""
     return interpolate(led_in(path, reference, limits, period), reference)
 

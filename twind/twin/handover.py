@@ -8,7 +8,7 @@ import pickle
 
 from twind.twin.binding import Binding
 from twind.twin.dynamics import Dynamics
-from twind.twin.foresight import Foresight
+from twind.twin.foresight import TrajectoryPrecheck
 from twind.twin.simulation import hush
 
 
@@ -28,8 +28,8 @@ def unpacked(data: bytes) -> Binding:
     return binding
 
 
-def foresight(data: bytes, period: float) -> Foresight:
+def foresight(data: bytes, period: float) -> TrajectoryPrecheck:
     """What judges the paths of the robot handed over; `period` in s. Raises ValueError, BindingError."""
     hush()
     binding = unpacked(data)
-    return Foresight(binding, period, Dynamics(binding))
+    return TrajectoryPrecheck(binding, period, Dynamics(binding))

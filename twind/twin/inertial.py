@@ -56,7 +56,7 @@ def feel(spec: mujoco.MjSpec, site: str) -> None:
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
 
 
-class Felt:
+class ImuModel:
     """What the sensors of one compiled model tell; it has been through `feel`."""
 
     def __init__(self, model: Any, data: Any, site: str) -> None:

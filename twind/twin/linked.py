@@ -18,7 +18,7 @@ HALVINGS = 10  # of what is between limits that fit and such that do not: 60 µr
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class JointBox:
     """Places of the joints of one transmission. Arrays are (k,), rad."""
 
     lower: Floats  # what the gate accepts
@@ -27,7 +27,7 @@ class Box:
     hard_upper: Floats
 
 
-class DoesNotFit(ValueError):
+class TransmissionRangeError(ValueError):
     """Limits that lead an actuator beyond what it may. `place`: which of the transmission."""
 
     def __init__(self, place: int, least: float, most: float) -> None:
@@ -41,7 +41,7 @@ def box(
     ranges: tuple[Floats, Floats],
     allowed: tuple[Floats, Floats],
     beyond: float,
-) -> Box:
+) -> JointBox:
     """The joints' `limits`, and what is kept beyond them: `beyond` rad, or less where actuators end before.
 
     All alike are lower and upper ends (k,), rad; `ranges` are the model's, `allowed` the actuators'. Raises
@@ -63,13 +63,13 @@ def box(
     elif outside(fits).any():
         place = int(np.argmax(outside(fits)))
         low, high = span(law, *widened(0.0))
-        raise DoesNotFit(place, float(low[place]), float(high[place]))
+        raise TransmissionRangeError(place, float(low[place]), float(high[place]))
     else:
         fails = 0.0
     for _ in range(HALVINGS if fits < beyond else 0):
         middle = 0.5 * (fits + fails)
         fits, fails = (middle, fails) if not outside(middle).any() else (fits, middle)
-    return Box(*widened(min(fits, 0.0)), *widened(fits))
+    return JointBox(*widened(min(fits, 0.0)), *widened(fits))
 
 
 def strength(law: Transmission, seats: Sequence[JointSpec]) -> Floats:

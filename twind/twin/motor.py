@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from twind.config.robot_spec import JointSpec
 from twind.robot.arrays import Bools, Floats
-from twind.twin.coupled import Coupling, Group
+from twind.twin.coupled import Coupling, MotorGroup
 
 STEP = 0.002  # s
 STALL, FREE = 4.1, 4.82  # N·m, rad/s at full voltage
@@ -33,8 +33,8 @@ GRIP, STEADY = 5000.0, 250.0  # N·m/rad, N·m·s/rad of that hand: a limb hangs
 Places = NDArray[np.intp]
 
 
-class Drive(Protocol):
-    """What the firmware tells its motors, as `twind_drivers.virtual.muscles.Drive` says; arrays (m,)."""
+class MotorDrive(Protocol):
+    """What the firmware tells its motors, as `twind_drivers.virtual.muscles.DriveState` says; arrays (m,)."""
 
     # ruff: noqa: D102
     @property
@@ -62,7 +62,7 @@ class Drive(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Motor:
+class ServoMotor:
     """One servo at one hinge of the model."""
 
     joint: str  # of the model
@@ -83,7 +83,7 @@ class Motor:
         *,
         friction: float = math.nan,
         stops: tuple[float, float] | None = None,
-    ) -> "Motor":
+    ) -> "ServoMotor":
         """The motor that a robot file describes. `zero`: ticks at joint angle 0."""
         kind = joint.type
         unit, limit = kind.effort_lsb_nm, kind.effort_limit_nm
@@ -100,13 +100,15 @@ class Motor:
         )
 
 
-class Loops:
+class MotorControlLoops:
     """The control loops of n motors. Torque and speed are those of what they drive; arrays (n,), as `motors`.
 
     That is a joint, or of motors that drive joints together (`groups`) a shaft of their own.
     """
 
-    def __init__(self, model: mujoco.MjModel, motors: Sequence[Motor], groups: Sequence[Group] = ()) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, motors: Sequence[ServoMotor], groups: Sequence[MotorGroup] = ()
+    ) -> None:
         """`model` has one actuator per motor, in their order, and is changed from here on."""
         joints = [model.joint(motor.joint) for motor in motors]
         self.q: Places = np.array([int(joint.qposadr[0]) for joint in joints], np.intp)
@@ -162,7 +164,7 @@ class Loops:
         """Which motors have torque."""
         return self._on
 
-    def drive(self, at: Places, drive: Drive) -> None:
+    def drive(self, at: Places, drive: MotorDrive) -> None:
         """Torque, mode, gains and caps of the motors `at`; the others keep what they have."""
         model, ratio, ticks = self._model, self._ratio[at], np.abs(self._ticks[at])
         mode, on = np.asarray(drive.mode), drive.on
@@ -331,7 +333,7 @@ class Loops:
         self._model.tendon_frictionloss[tendon[tendon >= 0]] = friction[tendon >= 0]
 
 
-def fence(model: mujoco.MjModel, joints: Sequence[Any], motors: Sequence[Motor]) -> None:
+def fence(model: mujoco.MjModel, joints: Sequence[Any], motors: Sequence[ServoMotor]) -> None:
     """Stops as hard as metal: the soft default gives by degrees where a small limb is pushed with 1 N·m."""
     for joint, motor in zip(joints, motors, strict=True):
         if motor.stops is not None:

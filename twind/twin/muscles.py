@@ -1,7 +1,7 @@
 """MuJoCo as the muscles of virtual servos: one body for all buses, torque in servo units, 500 steps a second.
 
 Runs in `twind-virtual` (and in tests); knows neither packets nor registers, only encoder ticks, gains as in
-the registers and raw currents. Keeps `twind_drivers.virtual.muscles.Muscles` without importing it: rooms here
+the registers and raw currents. Keeps `twind_drivers.virtual.muscles.ServoPhysics` without importing it: rooms here
 may not.
 """
 
@@ -16,32 +16,32 @@ from twind.config.robot_spec import RobotFile
 from twind.robot.arrays import Bools, Floats
 from twind.robot.state import Imu
 from twind.twin.base_pose import BASES, UPRIGHT, gravity, lay_down
-from twind.twin.coupled import PREFIX, Group, strung
-from twind.twin.crane import BY_TORQUE, Crane, Stands, hang
-from twind.twin.inertial import Felt, feel, require_site
-from twind.twin.motor import STEP, Drive, Loops, Motor, Places
+from twind.twin.coupled import PREFIX, MotorGroup, strung
+from twind.twin.crane import BY_TORQUE, BaseHold, BaseSupport, hang
+from twind.twin.inertial import ImuModel, feel, require_site
+from twind.twin.motor import STEP, MotorControlLoops, MotorDrive, Places, ServoMotor
 from twind.twin.pinning import pin
 
-__all__ = ["Diverged", "Motor", "MujocoMuscles", "Part", "body_of"]
+__all__ = ["BusPhysics", "MujocoPhysics", "PhysicsDiverged", "ServoMotor", "body_of"]
 SETTLE, STILL = 20.0, 1e-3  # s without torque before time begins, at most; rad/s that is rest
 
 
-class Diverged(RuntimeError):
+class PhysicsDiverged(RuntimeError):
     """The physics produced a number that is none; MuJoCo has reset its state, so nothing may go on."""
 
 
-class MujocoMuscles:
+class MujocoPhysics:
     """All motors of one body. Arrays are (n,), in the order of `motors`; see `part` for those of one bus."""
 
     def __init__(
         self,
         spec: mujoco.MjSpec,
-        motors: Sequence[Motor],
+        motors: Sequence[ServoMotor],
         *,
         pinned: bool,
-        stands: Stands | None = None,
+        stands: BaseHold | None = None,
         site: str | None = None,
-        groups: Sequence[Group] = (),
+        groups: Sequence[MotorGroup] = (),
         start: Mapping[str, float] | None = None,
         now: float = 0.0,
     ) -> None:
@@ -57,9 +57,9 @@ class MujocoMuscles:
         self.data = data = mujoco.MjData(model)
         for name, angle in (start or {}).items():
             data.qpos[model.joint(name).qposadr[0]] = angle
-        self._loops = Loops(model, motors, groups)
-        self.crane = None if stands is None else Crane(model, data, stands)
-        self._felt = None if site is None else Felt(model, data, site)
+        self._loops = MotorControlLoops(model, motors, groups)
+        self.crane = None if stands is None else BaseSupport(model, data, stands)
+        self._felt = None if site is None else ImuModel(model, data, site)
         self._everyone = np.arange(len(motors))
         self.stall = self._loops.stall
         self.position, self.velocity, self.current, self.pwm = (np.zeros(len(motors)) for _ in range(4))
@@ -79,15 +79,15 @@ class MujocoMuscles:
             if np.abs(self.data.qvel).max(initial=0.0) < STILL:
                 return
 
-    def part(self, places: Sequence[int]) -> "Part":
+    def part(self, places: Sequence[int]) -> "BusPhysics":
         """The motors of one bus, by their places in `motors`."""
-        return Part(self, self._loops, np.asarray(places, np.intp))
+        return BusPhysics(self, self._loops, np.asarray(places, np.intp))
 
-    def impedance(self, places: Sequence[int]) -> "ImpedancePart":
+    def impedance(self, places: Sequence[int]) -> "CanBusPhysics":
         """The CAN actuators of one bus, by their places in `motors`."""
-        return ImpedancePart(self, self._loops, np.asarray(places, np.intp))
+        return CanBusPhysics(self, self._loops, np.asarray(places, np.intp))
 
-    def drive(self, drive: Drive) -> None:
+    def drive(self, drive: MotorDrive) -> None:
         """Torque, mode, gains and caps; see `twind_drivers.virtual.muscles`."""
         self._loops.drive(self._everyone, drive)
 
@@ -128,7 +128,9 @@ class MujocoMuscles:
             data.qfrc_applied[self._loops.v] = 0.0
             mujoco.mj_step(self.model, data, steps)
         if np.count_nonzero(data.warning.number):
-            raise Diverged(f"virtual body at {self._time:.3f} s: {self._warnings[:1] or 'a MuJoCo warning'}")
+            raise PhysicsDiverged(
+                f"virtual body at {self._time:.3f} s: {self._warnings[:1] or 'a MuJoCo warning'}"
+            )
         self._read()
 
     def _read(self) -> None:
@@ -136,16 +138,16 @@ class MujocoMuscles:
         self.position[:], self.velocity[:], self.current[:], self.pwm[:] = readings
 
 
-class Part:
+class BusPhysics:
     """The motors of one bus. Keeps the protocol of `MujocoMuscles` for m of its n motors."""
 
-    def __init__(self, whole: MujocoMuscles, loops: Loops, at: Places) -> None:
+    def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         self._whole, self._loops, self._at = whole, loops, at
         self.stall = whole.stall[at]
         self.position, self.velocity = whole.position[at], whole.velocity[at]
         self.current, self.pwm = whole.current[at], whole.pwm[at]
 
-    def drive(self, drive: Drive) -> None:
+    def drive(self, drive: MotorDrive) -> None:
         """As `MujocoMuscles.drive`."""
         self._loops.drive(self._at, drive)
 
@@ -172,10 +174,10 @@ class Part:
             getattr(self, name)[:] = getattr(self._whole, name)[self._at]
 
 
-class ImpedancePart:
-    """The CAN actuators of one bus: keeps `twind_drivers.virtual.can.muscles.CanMuscles`. Arrays (m,), SI."""
+class CanBusPhysics:
+    """The CAN actuators of one bus: keeps `twind_drivers.virtual.can.muscles.CanMotorPhysics`. Arrays (m,), SI."""
 
-    def __init__(self, whole: MujocoMuscles, loops: Loops, at: Places) -> None:
+    def __init__(self, whole: MujocoPhysics, loops: MotorControlLoops, at: Places) -> None:
         self._whole, self._loops, self._at = whole, loops, at
         self.position, self.velocity, self.torque = loops.told(whole.data, at)
         self._gains = np.full((4, at.size), np.nan)  # on, kp, kd, limit as the physics has them
@@ -225,7 +227,7 @@ def body_of(
     base: str = UPRIGHT,
     hold: str = BY_TORQUE,
     now: float = 0.0,
-) -> MujocoMuscles:
+) -> MujocoPhysics:
     """The body of a robot file in its rest pose. `zeros`: ticks at joint angle 0, by joint.
 
     `friction` (N·m), `stops` (rad): of joints where they are not the model's.
@@ -234,7 +236,9 @@ def body_of(
     """
     rub, ends = friction or {}, stops or {}
     motors = [
-        Motor.of(joint, zeros[joint.name], friction=rub.get(joint.name, math.nan), stops=ends.get(joint.name))
+        ServoMotor.of(
+            joint, zeros[joint.name], friction=rub.get(joint.name, math.nan), stops=ends.get(joint.name)
+        )
         for joint in robot.joints
     ]
     start = {joint.model_joint: robot.poses["rest"][joint.name] for joint in robot.joints}
@@ -242,22 +246,22 @@ def body_of(
     lay_down(spec, base, start)
     pinned = robot.support != "free" or base != UPRIGHT
     rows = [row for row, name in enumerate(robot.names) if name in robot.legs or not robot.legs]
-    stands = None if pinned else Stands(robot.base, tuple(rows), hold)
+    stands = None if pinned else BaseHold(robot.base, tuple(rows), hold)
     site = None
     if robot.imu is not None:
         site = robot.imu.site
         require_site(spec, robot, site)
-    return MujocoMuscles(
+    return MujocoPhysics(
         spec, motors, pinned=pinned, stands=stands, site=site, groups=_groups(robot), start=start, now=now
     )
 
 
-def _groups(robot: RobotFile) -> list[Group]:
+def _groups(robot: RobotFile) -> list[MotorGroup]:
     places = {name: place for place, name in enumerate(robot.names)}
     groups = []
     for each in robot.transmissions:
         rows = tuple(places[name] for name in each.joints)
-        groups.append(Group(each.law, rows, tuple(robot.joints[row].model_joint for row in rows)))
+        groups.append(MotorGroup(each.law, rows, tuple(robot.joints[row].model_joint for row in rows)))
     return groups
 
 
@@ -274,11 +278,11 @@ def ranges_of(robot: RobotFile) -> Mapping[str, tuple[float, float]]:
 
 def _compile(
     spec: mujoco.MjSpec,
-    motors: Sequence[Motor],
-    groups: Sequence[Group],
+    motors: Sequence[ServoMotor],
+    groups: Sequence[MotorGroup],
     *,
     pinned: bool,
-    stands: Stands | None,
+    stands: BaseHold | None,
     site: str | None,
 ) -> mujoco.MjModel:
     """The model with our motors instead of its own; sensors and key poses would refer to what is gone."""

@@ -15,7 +15,7 @@ from twind.config.counts import angle_of, centre_of, rad_per_tick, tick_range, t
 from twind.config.robot_spec import JointSpec, RobotFile, TransmissionSpec
 from twind.robot.arrays import Floats
 from twind.robot.transmission import span
-from twind.twin.linked import DoesNotFit, box
+from twind.twin.linked import TransmissionRangeError, box
 
 BEYOND = 0.05  # rad, hard limits past the robot file's (design 6.4)
 ROUNDING = 0.499  # counts: a goal this close to a servo's own limit still rounds to inside it
@@ -26,7 +26,7 @@ class BindingError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class JointRange:
     """How far one joint may go: accepted, hard, and in counts. rad and ticks."""
 
     lower: float
@@ -37,7 +37,9 @@ class Reach:
     last: int
 
 
-def _direct(joint: JointSpec, zero: int, entry: JointCalibration | None, model_range: Floats | None) -> Reach:
+def _direct(
+    joint: JointSpec, zero: int, entry: JointCalibration | None, model_range: Floats | None
+) -> JointRange:
     """The tightest of robot file, measured travel, the servo's own limits and the model."""
     hard_lower, hard_upper = joint.lower - BEYOND, joint.upper + BEYOND
     if model_range is not None:
@@ -61,7 +63,7 @@ def _direct(joint: JointSpec, zero: int, entry: JointCalibration | None, model_r
     edge = ROUNDING * abs(rad_per_tick(joint))
     own, sent = (sorted(angle_of(joint, zero, u) for u in pair) for pair in ((least, most), (first, last)))
     hard_lower, hard_upper = max(hard_lower, own[0] - edge), min(hard_upper, own[1] + edge)
-    return Reach(
+    return JointRange(
         lower=max(joint.lower, hard_lower, sent[0] - edge),
         upper=min(joint.upper, hard_upper, sent[1] + edge),
         hard_lower=hard_lower,
@@ -73,7 +75,7 @@ def _direct(joint: JointSpec, zero: int, entry: JointCalibration | None, model_r
 
 def reaches(
     robot: RobotFile, known: Mapping[str, JointCalibration], model: Any, joints: list[int]
-) -> tuple[list[int], list[Reach]]:
+) -> tuple[list[int], list[JointRange]]:
     """The zero (ticks) of each joint, and how far it may go; `joints`: their numbers in the model."""
     entries = [known.get(joint.actuator) for joint in robot.joints]
     zeros = [
@@ -82,7 +84,7 @@ def reaches(
     ]
     ranges = [model.jnt_range[number] if model.jnt_limited[number] else None for number in joints]
     seats = {
-        joint.name: Seat(joint, zero, entry, own)
+        joint.name: JointActuator(joint, zero, entry, own)
         for joint, zero, entry, own in zip(robot.joints, zeros, entries, ranges, strict=True)
     }
     reach = {
@@ -95,7 +97,7 @@ def reaches(
     return zeros, [reach[name] for name in robot.names]
 
 
-class Seat(NamedTuple):
+class JointActuator(NamedTuple):
     """A joint and what is known of the actuator that it sits on."""
 
     joint: JointSpec
@@ -118,7 +120,7 @@ class Seat(NamedTuple):
         return ends[0] - edge, ends[1] + edge
 
 
-def _linked(spec: TransmissionSpec, seats: list[Seat]) -> list[Reach]:
+def _linked(spec: TransmissionSpec, seats: list[JointActuator]) -> list[JointRange]:
     """The whole box of limits of its joints must lie within the counts of its actuators."""
     specs, law = [seat.joint for seat in seats], spec.law
     ranges = [(-math.inf, math.inf) if seat.model_range is None else seat.model_range for seat in seats]
@@ -131,7 +133,7 @@ def _linked(spec: TransmissionSpec, seats: list[Seat]) -> list[Reach]:
             (np.array([seat.angles[0] for seat in seats]), np.array([seat.angles[1] for seat in seats])),
             BEYOND,
         )
-    except DoesNotFit as error:
+    except TransmissionRangeError as error:
         seat = seats[error.place]
         counts = sorted(
             ticks_of(seat.joint, seat.zero, angle) if math.isfinite(angle) else 0
@@ -149,7 +151,7 @@ def _linked(spec: TransmissionSpec, seats: list[Seat]) -> list[Reach]:
         ends = sorted(angle / rad_per_tick(seat.joint) for angle in (low[place], high[place]))
         least, most = seat.allowed
         reaches.append(
-            Reach(
+            JointRange(
                 lower=float(found.lower[place]),
                 upper=float(found.upper[place]),
                 hard_lower=float(found.hard_lower[place]),

@@ -15,7 +15,7 @@ import numpy as np
 from twind.robot.arrays import Bools, Floats, Ints
 from twind.robot.splines import Spline
 from twind.safety.bounds import halves
-from twind.twin.collision import Bodies
+from twind.twin.collision import CollisionModel
 
 BAND = 1e-4  # m above `block` in which a curve may be refused although it is clear
 SLACK = 5e-4  # m: a start that is too close already may be left by a way that comes closer by this much
@@ -26,7 +26,7 @@ MOST = 60_000  # poses and measurements of one curve: some 0.4 s; what needs mor
 
 
 @dataclass(frozen=True, slots=True)
-class Close:
+class CloseGeoms:
     """Two geoms too close, or nearly so."""
 
     pair: int  # place in `Bodies.pairs`
@@ -36,17 +36,17 @@ class Close:
 
 
 @dataclass(frozen=True, slots=True)
-class Swept:
+class SweepResult:
     """What became of a curve."""
 
-    refused: tuple[Close, ...]  # in order of time
-    warned: tuple[Close, ...]  # nearer than the band beyond `block` at a sample
+    refused: tuple[CloseGeoms, ...]  # in order of time
+    warned: tuple[CloseGeoms, ...]  # nearer than the band beyond `block` at a sample
     work: int  # poses and measurements
     unfinished: bool  # more than `MOST` was needed: not proved
 
 
 @dataclass(slots=True)
-class _Rows:
+class _UnprovedPieces:
     """Pairs whose way over a piece is not proved yet: piece (r,), pair (r,), distances at its ends, bound."""
 
     piece: Ints
@@ -55,13 +55,13 @@ class _Rows:
     last: Floats
     bound: Floats
 
-    def take(self, chosen: Bools) -> "_Rows":
+    def take(self, chosen: Bools) -> "_UnprovedPieces":
         first, last, bound = self.first[chosen], self.last[chosen], self.bound[chosen]
-        return _Rows(self.piece[chosen], self.pair[chosen], first, last, bound)
+        return _UnprovedPieces(self.piece[chosen], self.pair[chosen], first, last, bound)
 
 
 @dataclass(slots=True)
-class _Pieces:
+class _CurvePieces:
     """Stretches of the curve as Bernstein coefficients (degree + 1, i, n), over time[0]..time[1] (i,), s."""
 
     curve: Floats
@@ -73,20 +73,20 @@ class _Pieces:
         turned: Floats = np.abs(np.diff(self.curve, axis=0)).sum(axis=0)
         return turned
 
-    def take(self, chosen: Bools | Ints | slice) -> "_Pieces":
-        return _Pieces(self.curve[:, chosen], self.start[chosen], self.end[chosen])
+    def take(self, chosen: Bools | Ints | slice) -> "_CurvePieces":
+        return _CurvePieces(self.curve[:, chosen], self.start[chosen], self.end[chosen])
 
-    def split(self) -> "_Pieces":
+    def split(self) -> "_CurvePieces":
         """Each in two, in their order."""
         left, right = halves(self.curve)
         middle = 0.5 * (self.start + self.end)
         shape = (len(left), 2 * len(middle), left.shape[2])
         both = np.stack([left, right], axis=2).reshape(shape)
         starts, ends = np.stack([self.start, middle], 1), np.stack([middle, self.end], 1)
-        return _Pieces(both, starts.ravel(), ends.ravel())
+        return _CurvePieces(both, starts.ravel(), ends.ravel())
 
 
-def bernstein(curve: Spline) -> _Pieces:
+def bernstein(curve: Spline) -> _CurvePieces:
     """The segments of a spline."""
     powers, T = curve.coefficients, np.diff(curve.time)
     degree = powers.shape[1] - 1
@@ -97,7 +97,7 @@ def bernstein(curve: Spline) -> _Pieces:
             for k in range(degree + 1)
         ]
     )
-    return _Pieces(np.einsum("ki,sin->ksn", turn, scaled), curve.time[:-1], curve.time[1:])
+    return _CurvePieces(np.einsum("ki,sin->ksn", turn, scaled), curve.time[:-1], curve.time[1:])
 
 
 def _groups(share: Floats) -> Ints:
@@ -111,19 +111,19 @@ def _groups(share: Floats) -> Ints:
     return np.array([*ends, len(share) - 1], np.int64)
 
 
-class Sweep:
+class CurveSweep:
     """One curve on its way through the judgement."""
 
-    def __init__(self, bodies: Bodies) -> None:
+    def __init__(self, bodies: CollisionModel) -> None:
         self._bodies, self._work = bodies, 0
         self._bound = bodies.block.copy()
         self._leaving = np.zeros(len(bodies.pairs), np.bool_)  # too close at the start, and not yet out of it
-        self._bad: dict[int, Close] = {}
+        self._bad: dict[int, CloseGeoms] = {}
         self._least = np.full(len(bodies.pairs), np.inf)
         self._when = np.zeros(len(bodies.pairs))
         self._near_since = np.full(len(bodies.pairs), np.inf)
 
-    def running(self, curve: Spline) -> Generator[None, None, Swept]:
+    def running(self, curve: Spline) -> Generator[None, None, SweepResult]:
         """Judge `curve`, yielding after every `CHUNK` poses or so. Anything not finite is refused."""
         pieces = self._fine(bernstein(curve)) if len(curve.coefficients) else None
         if pieces is None or not np.isfinite(pieces.curve).all():
@@ -140,16 +140,16 @@ class Sweep:
             yield
         return self._result(unfinished=self._work > MOST)
 
-    def standing(self, position: Sequence[float]) -> Swept:
+    def standing(self, position: Sequence[float]) -> SweepResult:
         """One pose (n,): a pair closer than `block` is refused, even if it could be left from there."""
         self._note(self._measured(np.array(position, np.float64))[None], np.zeros(1))
         for pair in np.flatnonzero(~(self._least > self._bodies.block)):
-            self._bad[int(pair)] = Close(int(pair), 0.0, 0.0, 0.0)
+            self._bad[int(pair)] = CloseGeoms(int(pair), 0.0, 0.0, 0.0)
         return self._result(unfinished=False)
 
     # ------------------------------------------------------------------------------- pieces
 
-    def _fine(self, pieces: _Pieces) -> _Pieces | None:
+    def _fine(self, pieces: _CurvePieces) -> _CurvePieces | None:
         """Halved until no pair can cross the reach unseen; None where that takes too many."""
         bodies = self._bodies
         most = SHARE * 2.0 * (bodies.reach - bodies.block)
@@ -164,13 +164,13 @@ class Sweep:
             parts = pieces.take(wide).split()
             times = np.concatenate([pieces.start[~wide], parts.start])
             order = np.argsort(times, kind="stable")
-            pieces = _Pieces(
+            pieces = _CurvePieces(
                 np.concatenate([pieces.curve[:, ~wide], parts.curve], axis=1)[:, order],
                 times[order],
                 np.concatenate([pieces.end[~wide], parts.end])[order],
             )
 
-    def _chunk(self, pieces: _Pieces, row: Floats) -> Generator[None, None, Floats]:
+    def _chunk(self, pieces: _CurvePieces, row: Floats) -> Generator[None, None, Floats]:
         """Some pieces, the first of which begins at distances `row` (p,); the distances at their end.
 
         Looks only where enough motion has come together; what is not proved so is looked at piece by piece.
@@ -200,8 +200,8 @@ class Sweep:
         return end
 
     def _taken_apart(
-        self, pieces: _Pieces, starts: Ints, ends: Ints, rows: Floats, bound: Floats, unproved: Bools
-    ) -> _Rows:
+        self, pieces: _CurvePieces, starts: Ints, ends: Ints, rows: Floats, bound: Floats, unproved: Bools
+    ) -> _UnprovedPieces:
         """Pairs that a whole group does not prove, at every piece of the group."""
         bodies = self._bodies
         found: list[tuple[int, int, float, float, float]] = []
@@ -219,9 +219,9 @@ class Sweep:
                 first = last
         columns = list(zip(*found, strict=True))
         places = np.array(columns[0]), np.array(columns[1])
-        return _Rows(*places, np.array(columns[2]), np.array(columns[3]), np.array(columns[4]))
+        return _UnprovedPieces(*places, np.array(columns[2]), np.array(columns[3]), np.array(columns[4]))
 
-    def _close_in(self, pieces: _Pieces, rows: _Rows) -> Generator[None, None, None]:
+    def _close_in(self, pieces: _CurvePieces, rows: _UnprovedPieces) -> Generator[None, None, None]:
         """Halve what is not proved until it is, or is found too close."""
         bodies, levers, since = self._bodies, self._bodies.levers, 0
         while True:
@@ -246,7 +246,7 @@ class Sweep:
                 middle[place] = bodies.between(int(rows.pair[place]), FAR)
             self._work += len(middle)
             self._note_rows(rows.pair, middle, pieces.end[2 * piece])
-            rows = _Rows(
+            rows = _UnprovedPieces(
                 np.concatenate([2 * piece, 2 * piece + 1]),
                 np.tile(rows.pair, 2),
                 np.concatenate([rows.first, middle]),
@@ -308,9 +308,9 @@ class Sweep:
         """After the first refusal: what else is too close at the poses looked at anyway."""
         for k, pair in np.argwhere(~(rows[1:] > bound)):
             if int(pair) not in self._bad:
-                self._bad[int(pair)] = Close(int(pair), float(times[k]), 0.0, 0.0)
+                self._bad[int(pair)] = CloseGeoms(int(pair), float(times[k]), 0.0, 0.0)
 
-    def _found(self, pieces: _Pieces, rows: _Rows, place: int) -> None:
+    def _found(self, pieces: _CurvePieces, rows: _UnprovedPieces, place: int) -> None:
         """Too close somewhere on a piece: the first moment, to a thousandth of the piece."""
         pair, piece = int(rows.pair[place]), int(rows.piece[place])
         early, late = float(pieces.start[piece]), float(pieces.end[piece])
@@ -325,18 +325,18 @@ class Sweep:
             time = float(part.end[0])
         known = self._bad.get(pair)
         if known is None or time < known.time:
-            self._bad[pair] = Close(pair, time, 0.0, 0.0)
+            self._bad[pair] = CloseGeoms(pair, time, 0.0, 0.0)
 
-    def _result(self, *, unfinished: bool) -> Swept:
+    def _result(self, *, unfinished: bool) -> SweepResult:
         refused = [
-            Close(pair, close.time, float(self._least[pair]), float(self._when[pair]))
+            CloseGeoms(pair, close.time, float(self._least[pair]), float(self._when[pair]))
             for pair, close in self._bad.items()
         ]
         warned = [
-            Close(pair, float(since), float(self._least[pair]), float(self._when[pair]))
+            CloseGeoms(pair, float(since), float(self._least[pair]), float(self._when[pair]))
             for pair, since in enumerate(self._near_since)
             if since < np.inf and pair not in self._bad
         ]
         refused.sort(key=lambda close: close.time)
         warned.sort(key=lambda close: close.clearance)
-        return Swept(tuple(refused), tuple(warned), self._work, unfinished)
+        return SweepResult(tuple(refused), tuple(warned), self._work, unfinished)

@@ -17,13 +17,13 @@ from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.can.bus import VirtualCanBus
 from twind_drivers.virtual.can.controller import CanAdapter
-from twind_drivers.virtual.can.muscles import CanMuscles
+from twind_drivers.virtual.can.muscles import CanMotorPhysics
 from twind_drivers.virtual.can.spec import NodeSpec
-from twind_drivers.virtual.muscles import FirstOrder, Muscles
+from twind_drivers.virtual.muscles import FirstOrderPhysics, ServoPhysics
 from twind_drivers.virtual.sensor import VirtualSensor
-from twind_drivers.virtual.served import Served
+from twind_drivers.virtual.served import ServableBus
 from twind_drivers.virtual.servos import BAUDS, ServoSpec
-from twind_drivers.virtual.stream import Adapter
+from twind_drivers.virtual.stream import SerialAdapter
 
 FIRMWARE = 47
 MIDDLE, SPREAD = 2048, 400  # ticks: where such servos stand, and how far from there
@@ -35,16 +35,16 @@ USB = (
 )
 
 
-class SpecimenError(Exception):
+class VirtualRobotSpecError(Exception):
     """What is asked for is something that virtual servos cannot be."""
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class BusTiming:
     """How the buses run, whatever hangs on them."""
 
     wire_timing: bool = True
-    adapter: Adapter = field(default_factory=Adapter)
+    adapter: SerialAdapter = field(default_factory=SerialAdapter)
     seed: int = 0  # of all that is random
 
 
@@ -55,28 +55,28 @@ def servo(text: str, *, firmware: int = FIRMWARE) -> tuple[str, ServoSpec | Node
     """
     parts = text.split(":")
     if not 3 <= len(parts) <= 4 or not all(parts):
-        raise SpecimenError(f"--servo {text}: it is BUS:ID:MODEL or BUS:ID:MODEL:FIRMWARE")
+        raise VirtualRobotSpecError(f"--servo {text}: it is BUS:ID:MODEL or BUS:ID:MODEL:FIRMWARE")
     bus, id, model = parts[:3]
     if model in MODELS:
         return bus, _node(text, id, model, len(parts) == 4)
     version = parts[3] if len(parts) == 4 else str(firmware)
     if not (id.isascii() and id.isdigit() and int(id) <= LAST_ID):
-        raise SpecimenError(f"--servo {text}: id {id} is not one of 0..{LAST_ID}")
+        raise VirtualRobotSpecError(f"--servo {text}: id {id} is not one of 0..{LAST_ID}")
     if not (version.isascii() and version.isdigit() and int(version) <= 255):
-        raise SpecimenError(f"--servo {text}: firmware {version} is not one of 0..255")
+        raise VirtualRobotSpecError(f"--servo {text}: firmware {version} is not one of 0..255")
     try:
         table(number_of(model), int(version))
     except (KeyError, ValueError) as error:
-        raise SpecimenError(f"--servo {text}: {error.args[0]}") from None
+        raise VirtualRobotSpecError(f"--servo {text}: {error.args[0]}") from None
     return bus, ServoSpec(int(id), model, {}, int(version))
 
 
 def _node(text: str, id: str, model: str, versioned: bool) -> NodeSpec:
     most = MAX_ODRIVE if MODELS[model].family == "odrive" else MAX_ID
     if not (id.isascii() and id.isdigit() and int(id) <= most):
-        raise SpecimenError(f"--servo {text}: id {id} is not one of 0..{most}")
+        raise VirtualRobotSpecError(f"--servo {text}: id {id} is not one of 0..{most}")
     if versioned:
-        raise SpecimenError(f"--servo {text}: a CAN actuator has no firmware to choose: BUS:ID:MODEL")
+        raise VirtualRobotSpecError(f"--servo {text}: a CAN actuator has no firmware to choose: BUS:ID:MODEL")
     return named(int(id), model)
 
 
@@ -85,37 +85,43 @@ def settings(baud: int | None, return_delay_us: int | None) -> dict[str, int]:
     made = {}
     if baud is not None:
         if baud not in BAUDS:
-            raise SpecimenError(f"{baud} baud is no rate of these servos: {', '.join(map(str, BAUDS))}")
+            raise VirtualRobotSpecError(
+                f"{baud} baud is no rate of these servos: {', '.join(map(str, BAUDS))}"
+            )
         made["baud_rate"] = BAUDS.index(baud)
     if return_delay_us is not None:
         if return_delay_us % 2 or not 0 <= return_delay_us <= 508:
-            raise SpecimenError(f"return delay {return_delay_us} us: servos do even numbers from 0 to 508")
+            raise VirtualRobotSpecError(
+                f"return delay {return_delay_us} us: servos do even numbers from 0 to 508"
+            )
         made["return_delay_time"] = return_delay_us // 2
     return made
 
 
 def bench(
     servos: Sequence[tuple[str, ServoSpec | NodeSpec]],
-    line: Line,
+    line: BusTiming,
     *,
     baud: int | None = None,
     now: float = 0.0,
-) -> dict[str, Served]:
+) -> dict[str, ServableBus]:
     """Buses with these servos alone, joints without load. `baud` is what their registers say; None: factory.
 
     Raises SpecimenError for a model that cannot be simulated, and for servos and CAN actuators on one bus.
     """
-    buses: dict[str, Served] = {}
+    buses: dict[str, ServableBus] = {}
     for name, both in by_bus(servos).items():
         nodes = [spec for spec in both if isinstance(spec, NodeSpec)]
         specs = [spec for spec in both if isinstance(spec, ServoSpec)]
         if nodes and specs:
-            raise SpecimenError(f"bus {name}: {specs[0].model} and {nodes[0].model} cannot share a wire")
+            raise VirtualRobotSpecError(
+                f"bus {name}: {specs[0].model} and {nodes[0].model} cannot share a wire"
+            )
         if nodes:
             buses[name] = can_bus(name, nodes, scattered(len(nodes), line.seed, now), line, now=now)
             continue
         laid, start = laid_out(specs, line.seed)
-        muscles = FirstOrder(np.array(start), now=now)
+        muscles = FirstOrderPhysics(np.array(start), now=now)
         buses[name] = virtual_bus(name, laid, muscles, line, baud=baud or FACTORY_BAUD, now=now)
     return buses
 
@@ -135,8 +141,8 @@ def laid_out(specs: Sequence[ServoSpec], seed: int) -> tuple[list[ServoSpec], li
 def virtual_bus(
     name: str,
     specs: Sequence[ServoSpec],
-    muscles: Muscles,
-    line: Line,
+    muscles: ServoPhysics,
+    line: BusTiming,
     *,
     baud: int,
     now: float,
@@ -156,14 +162,14 @@ def virtual_bus(
             sensor=sensor,
         )
     except (KeyError, ValueError) as error:
-        raise SpecimenError(f"bus {name}: {error.args[0]}") from None
+        raise VirtualRobotSpecError(f"bus {name}: {error.args[0]}") from None
 
 
 def can_bus(
     name: str,
     nodes: Sequence[NodeSpec],
-    muscles: CanMuscles,
-    line: Line,
+    muscles: CanMotorPhysics,
+    line: BusTiming,
     *,
     bitrate: int = BITRATE,
     now: float = 0.0,
@@ -181,7 +187,7 @@ def can_bus(
             seed=line.seed,
         )
     except (KeyError, ValueError) as error:
-        raise SpecimenError(f"bus {name}: {error.args[0]}") from None
+        raise VirtualRobotSpecError(f"bus {name}: {error.args[0]}") from None
 
 
 Spec = TypeVar("Spec")

@@ -7,12 +7,12 @@ from twind.robot.arrays import Floats
 from twind.robot.attitude import Quaternion, matrix, product
 from twind.robot.state import Imu
 from twind.twin.inertial import mount_of, still
-from twind.twin.muscles import MujocoMuscles
-from twind_drivers.dynamixel.sensor import Field
-from twind_drivers.virtual.sensor import Cells, VirtualSensor
+from twind.twin.muscles import MujocoPhysics
+from twind_drivers.dynamixel.sensor import SensorField
+from twind_drivers.virtual.sensor import SensorRegisters, VirtualSensor
 
 
-def sensor_of(robot: RobotFile, bus: str, body: MujocoMuscles | None) -> VirtualSensor | None:
+def sensor_of(robot: RobotFile, bus: str, body: MujocoPhysics | None) -> VirtualSensor | None:
     """The IMU of that bus, at the `body`, or (None) at a base that stands still; None: there is none."""
     imu = robot.imu
     if imu is None or imu.bus != bus:
@@ -22,7 +22,10 @@ def sensor_of(robot: RobotFile, bus: str, body: MujocoMuscles | None) -> Virtual
     def tell() -> list[Floats]:
         return in_device(still(0.0) if body is None else body.imu(), spec, turned)
 
-    cells = [Cells(Field(each.address, each.kind, each.count), each.lsb, each.zero) for each in imu.registers]
+    cells = [
+        SensorRegisters(SensorField(each.address, each.kind, each.count), each.lsb, each.zero)
+        for each in imu.registers
+    ]
     return VirtualSensor(imu.id, cells, tell, return_delay=imu.return_delay_us * 1e-6)
 
 

@@ -20,18 +20,18 @@ from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
 from twind.loop import realtime
 from twind.twin.base_pose import BASES, UPRIGHT
-from twind.twin.crane import BY_TORQUE, HOLDS, Crane
-from twind.virtual.bench import FIRMWARE, Line, SpecimenError, bench, by_bus, servo, settings
-from twind.virtual.orders import OrderSocket
-from twind.virtual.pty_port import PtyPort
-from twind.virtual.serve import Server, ServoClock
+from twind.twin.crane import BY_TORQUE, HOLDS, BaseSupport
+from twind.virtual.bench import FIRMWARE, BusTiming, VirtualRobotSpecError, bench, by_bus, servo, settings
+from twind.virtual.orders import FaultCommandSocket
+from twind.virtual.pty_port import VirtualPtyPort
+from twind.virtual.serve import ServoClock, VirtualBusServer
 from twind.virtual.specimen import body_for, buses, save, specimen
 from twind.virtual.truth import Truth, load_truth, random_truth
 from twind_drivers.clock import MonotonicClock
 from twind_drivers.virtual.can.spec import NodeSpec
-from twind_drivers.virtual.served import Served
+from twind_drivers.virtual.served import ServableBus
 from twind_drivers.virtual.servos import ServoSpec
-from twind_drivers.virtual.stream import Adapter
+from twind_drivers.virtual.stream import SerialAdapter
 
 PRIORITY = 30  # SCHED_FIFO: below the daemon's loop, whose servos these are
 
@@ -91,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.link is not None:
             options.link.mkdir(parents=True, exist_ok=True)
         _serve(virtual, clock, options, crane)
-    except (ConfigError, SpecimenError, OSError) as error:
+    except (ConfigError, VirtualRobotSpecError, OSError) as error:
         print(f"twind-virtual: {error}", file=sys.stderr)
         return 2
     return 0
@@ -104,27 +104,29 @@ def _say(name: str, path: str) -> None:
 def _check(options: argparse.Namespace) -> None:
     """Raises SpecimenError: a number that no adapter or servo can have."""
     if not 0.0 <= options.latency_timer <= 255.0:
-        raise SpecimenError(f"--latency-timer {options.latency_timer}: it is 0..255 ms")
+        raise VirtualRobotSpecError(f"--latency-timer {options.latency_timer}: it is 0..255 ms")
     if not 0 <= options.firmware <= 255:
-        raise SpecimenError(f"--firmware {options.firmware}: it is 0..255")
+        raise VirtualRobotSpecError(f"--firmware {options.firmware}: it is 0..255")
     if options.bus and options.robot is None and options.servo:
-        raise SpecimenError("--bus needs --robot: servos alone have the buses that they name")
+        raise VirtualRobotSpecError("--bus needs --robot: servos alone have the buses that they name")
     if options.seed < 0:
-        raise SpecimenError(f"--seed {options.seed}: it is 0 or more")
+        raise VirtualRobotSpecError(f"--seed {options.seed}: it is 0 or more")
     if options.truth is not None and options.truth_seed is not None:
-        raise SpecimenError("--truth and --truth-seed: a truth is told or drawn, not both")
+        raise VirtualRobotSpecError("--truth and --truth-seed: a truth is told or drawn, not both")
     if (options.truth_seed or 0) < 0:
-        raise SpecimenError(f"--truth-seed {options.truth_seed}: it is 0 or more")
+        raise VirtualRobotSpecError(f"--truth-seed {options.truth_seed}: it is 0 or more")
     if options.servo and options.robot is None:
         for name in ("calibration", "truth", "truth_seed"):
             if getattr(options, name) is not None:
-                raise SpecimenError(f"--{name.replace('_', '-')} needs --robot: servos alone have no joints")
+                raise VirtualRobotSpecError(
+                    f"--{name.replace('_', '-')} needs --robot: servos alone have no joints"
+                )
 
 
-def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, Served], Crane | None]:
-    line = Line(
+def _buses(options: argparse.Namespace, now: float) -> tuple[dict[str, ServableBus], BaseSupport | None]:
+    line = BusTiming(
         wire_timing=not options.no_wire_timing,
-        adapter=Adapter(echo=options.echo, latency=options.latency_timer * 1e-3),
+        adapter=SerialAdapter(echo=options.echo, latency=options.latency_timer * 1e-3),
         seed=options.seed,
     )
     named = [servo(text, firmware=options.firmware) for text in options.servo]
@@ -160,20 +162,22 @@ def _truth(robot: RobotFile, options: argparse.Namespace) -> Truth | None:
     return None if options.truth is None else load_truth(options.truth, robot)
 
 
-def _served(virtual: dict[str, Served], options: argparse.Namespace) -> dict[str, Served]:
+def _served(virtual: dict[str, ServableBus], options: argparse.Namespace) -> dict[str, ServableBus]:
     """The buses that are asked for; all, where none is. Raises SpecimenError."""
     unknown = [name for name in options.bus if name not in virtual]
     if unknown:
-        raise SpecimenError(f"--bus {unknown[0]}: there are {', '.join(virtual)}")
+        raise VirtualRobotSpecError(f"--bus {unknown[0]}: there are {', '.join(virtual)}")
     if options.bus and options.muscles == "mujoco" and set(options.bus) != set(virtual):
-        raise SpecimenError("--bus: one body has one process; give --muscles first-order")
+        raise VirtualRobotSpecError("--bus: one body has one process; give --muscles first-order")
     return {name: bus for name, bus in virtual.items() if not options.bus or name in options.bus}
 
 
 def _servo(spec: ServoSpec | NodeSpec) -> ServoSpec:
     """What hangs beside a robot's own servos. Raises SpecimenError for a CAN actuator."""
     if isinstance(spec, NodeSpec):
-        raise SpecimenError(f"{spec.model} {spec.id}: CAN actuators beside a robot's are not simulated")
+        raise VirtualRobotSpecError(
+            f"{spec.model} {spec.id}: CAN actuators beside a robot's are not simulated"
+        )
     return spec
 
 
@@ -182,17 +186,17 @@ def _set(spec: ServoSpec, options: argparse.Namespace, baud: int | None) -> Serv
 
 
 def _serve(
-    virtual: dict[str, Served], clock: ServoClock, options: argparse.Namespace, crane: Crane | None
+    virtual: dict[str, ServableBus], clock: ServoClock, options: argparse.Namespace, crane: BaseSupport | None
 ) -> None:
     links = {name: options.link and options.link / name for name in virtual}
     with ExitStack() as undo:
         ports = {}
         for name, link in links.items():
-            ports[name] = PtyPort(name, link)
+            ports[name] = VirtualPtyPort(name, link)
             undo.callback(ports[name].close)
-        server = Server(virtual, ports, clock, _say, crane)
+        server = VirtualBusServer(virtual, ports, clock, _say, crane)
         if options.faults is not None:
-            server.orders = OrderSocket(options.faults, server.obey)
+            server.orders = FaultCommandSocket(options.faults, server.obey)
             undo.callback(server.orders.close)
         _until_told(server)
         for name, port in ports.items():
@@ -204,7 +208,7 @@ def _serve(
         server.run()
 
 
-def _until_told(server: Server) -> None:
+def _until_told(server: VirtualBusServer) -> None:
     """SIGTERM, SIGINT and, where standard input is a pipe, its end."""
 
     def end(number: int, frame: object) -> None:

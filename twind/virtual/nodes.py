@@ -11,10 +11,10 @@ import numpy as np
 from twind.config.actuator import TAKES_COMMANDS, CanType
 from twind.config.can_type import FEEDBACK
 from twind.config.robot_spec import JointSpec
-from twind_drivers.bus import Device
+from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.can.models import MODELS, number_of
 from twind_drivers.can.units import COUNT, counts
-from twind_drivers.virtual.can.muscles import FirstOrderCan
+from twind_drivers.virtual.can.muscles import FirstOrderCanPhysics
 from twind_drivers.virtual.can.spec import NodeSpec
 
 FIRMWARE = 1
@@ -52,7 +52,7 @@ def named(id: int, model: str) -> NodeSpec:
     )
 
 
-def device(spec: NodeSpec) -> Device:
+def device(spec: NodeSpec) -> IdentifiedDevice:
     """What identification finds of it, as far as a calibration records it."""
     span = int(counts(spec.position))
     settings = {
@@ -63,15 +63,15 @@ def device(spec: NodeSpec) -> Device:
         "max_position_limit": span,
     }
     unique = f"{spec.number:016x}" if spec.spoken() == "robstride" else None
-    return Device(spec.id, number_of(spec.model), spec.model, spec.firmware, settings, unique)
+    return IdentifiedDevice(spec.id, number_of(spec.model), spec.model, spec.firmware, settings, unique)
 
 
-def unloaded(places: Sequence[int], *, now: float = 0.0) -> FirstOrderCan:
+def unloaded(places: Sequence[int], *, now: float = 0.0) -> FirstOrderCanPhysics:
     """Shafts without load that stand at these counts."""
-    return FirstOrderCan(np.array(places, np.float64) * COUNT, now=now)
+    return FirstOrderCanPhysics(np.array(places, np.float64) * COUNT, now=now)
 
 
-def scattered(count: int, seed: int, now: float) -> FirstOrderCan:
+def scattered(count: int, seed: int, now: float) -> FirstOrderCanPhysics:
     """Shafts without load that somebody left within half a radian of their zeros, by the seed."""
     random = np.random.default_rng(seed)
-    return FirstOrderCan(random.uniform(-0.5, 0.5, count), now=now)
+    return FirstOrderCanPhysics(random.uniform(-0.5, 0.5, count), now=now)

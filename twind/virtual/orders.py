@@ -102,7 +102,7 @@ BODY_FAULTS: Mapping[str, Mapping[str, type | tuple[type, ...]]] = {
 }
 
 
-class OrderError(ValueError):
+class FaultCommandError(ValueError):
     """An order that cannot be carried out, and what would be right."""
 
 
@@ -111,20 +111,20 @@ def arguments(
 ) -> tuple[str, dict[str, Any]]:
     """Fault and its arguments, of those of one kind of bus. Raises OrderError."""
     if "fault" not in order:
-        raise OrderError('an order names a fault or a query, as {"fault": "drop", "count": 3}')
+        raise FaultCommandError('an order names a fault or a query, as {"fault": "drop", "count": 3}')
     name = order["fault"]
     if not isinstance(name, str) or name not in faults:
-        raise OrderError(f"no fault {name!r}; there are {', '.join(faults)}")
+        raise FaultCommandError(f"no fault {name!r}; there are {', '.join(faults)}")
     kinds = {key.rstrip("?"): kind for key, kind in faults[name].items()}
     given = {key: value for key, value in order.items() if key not in ("fault", "bus")}
     for key, value in given.items():
         if key not in kinds:
-            raise OrderError(f"{name} takes {', '.join(kinds) or 'no arguments'}, not {key!r}")
+            raise FaultCommandError(f"{name} takes {', '.join(kinds) or 'no arguments'}, not {key!r}")
         if not isinstance(value, kinds[key]) or (isinstance(value, bool) and kinds[key] is not bool):
-            raise OrderError(f"{name}: {key} is {value!r}, of the wrong type")
+            raise FaultCommandError(f"{name}: {key} is {value!r}, of the wrong type")
     missing = [key for key in faults[name] if key not in given and not key.endswith("?")]
     if missing:
-        raise OrderError(f"{name} needs {', '.join(missing)}")
+        raise FaultCommandError(f"{name} needs {', '.join(missing)}")
     return name, given
 
 
@@ -139,7 +139,7 @@ def _refuse_taken(path: Path) -> None:
     raise OSError(f"{path}: another twind-virtual takes orders there; end it, or name another socket")
 
 
-class OrderSocket:
+class FaultCommandSocket:
     """The socket and its clients. `answer` carries out one order; OrderError and KeyError become answers."""
 
     def __init__(self, path: Path, answer: Callable[[Order], Order]) -> None:
@@ -200,9 +200,11 @@ class OrderSocket:
             try:
                 order = json.loads(line)
             except ValueError:
-                raise OrderError(NO_JSON) from None
+                raise FaultCommandError(NO_JSON) from None
             if not isinstance(order, dict):
-                raise OrderError('an order is an object as {"fault": "drop", "bus": "main", "count": 3}')
+                raise FaultCommandError(
+                    'an order is an object as {"fault": "drop", "bus": "main", "count": 3}'
+                )
             return self._answer(order)
         except KeyError as error:
             return {"ok": False, "error": str(error.args[0])}

@@ -11,20 +11,20 @@ from twind.config.actuator import CanType, ServoType
 from twind.config.calibration_file import SWEEP_MARGIN
 from twind.config.counts import rad_per_tick, tick_range, turn_start
 from twind.config.robot_spec import JointSpec
-from twind.virtual.bench import SpecimenError
+from twind.virtual.bench import VirtualRobotSpecError
 from twind.virtual.truth import JointTruth
 from twind_drivers.can.units import COUNT
 from twind_drivers.dynamixel.tables import number_of, table
 from twind_drivers.virtual.hinge import Hinge
-from twind_drivers.virtual.muscles import FirstOrder
-from twind_drivers.virtual.servos import Servos, ServoSpec
+from twind_drivers.virtual.muscles import FirstOrderPhysics
+from twind_drivers.virtual.servos import ServoSpec, VirtualServos
 
 SCATTER = 400  # ticks either side of the middle of what the travel allows
 SEAM = 32  # ticks that the travel keeps from the seam of the encoder
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class EncoderFrame:
     """From the place of a bare encoder to what the position register shows, in counts."""
 
     direction: int = 1
@@ -52,7 +52,9 @@ def zero_of(robot: str, joint: JointSpec, truth: JointTruth) -> int:
     low, high = tick_range(joint, 0, *margined(joint))
     first, last = start + SEAM - low, start + turn - 1 - SEAM - high
     if first > last:
-        raise SpecimenError(f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}")
+        raise VirtualRobotSpecError(
+            f"{joint.name}: travel of {high - low} ticks does not fit one turn of {turn}"
+        )
     middle = (first + last) // 2
     first, last = max(first, middle - SCATTER), min(last, middle + SCATTER)
     return first + zlib.crc32(f"{robot}/{joint.name}".encode()) % (last - first + 1)
@@ -84,17 +86,19 @@ def servo_of(
     )
 
 
-def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> list[Frame]:
+def frames_of(bus: str, specs: Sequence[ServoSpec], start: Sequence[int]) -> list[EncoderFrame]:
     """How these servos show their encoders after a boot there. Raises SpecimenError."""
     asleep = [replace(spec, turns=0, backlash=0.0) for spec in specs]
     try:
-        servos = Servos(asleep, FirstOrder(np.array(start, np.float64)))
+        servos = VirtualServos(asleep, FirstOrderPhysics(np.array(start, np.float64)))
     except (KeyError, ValueError) as error:
-        raise SpecimenError(f"bus {bus}: {error.args[0]}") from None
-    return [Frame(int(way), int(shift)) for way, shift in zip(servos.direction, servos.shift, strict=True)]
+        raise VirtualRobotSpecError(f"bus {bus}: {error.args[0]}") from None
+    return [
+        EncoderFrame(int(way), int(shift)) for way, shift in zip(servos.direction, servos.shift, strict=True)
+    ]
 
 
-def fenced(spec: ServoSpec, joint: JointSpec, zero: int, frame: Frame) -> ServoSpec:
+def fenced(spec: ServoSpec, joint: JointSpec, zero: int, frame: EncoderFrame) -> ServoSpec:
     """With its own limits around the travel; as delivered where one turn of registers cannot hold that."""
     ends = tick_range(joint, zero, *margined(joint))
     low, high = sorted(frame.shown(end) for end in ends)

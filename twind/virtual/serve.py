@@ -12,13 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from twind.twin.crane import Crane
-from twind.virtual.orders import BODY_FAULTS, CAN_FAULTS, FAULTS, Order, OrderError, OrderSocket, arguments
-from twind.virtual.pty_port import PtyPort
+from twind.twin.crane import BaseSupport
+from twind.virtual.orders import (
+    BODY_FAULTS,
+    CAN_FAULTS,
+    FAULTS,
+    FaultCommandError,
+    FaultCommandSocket,
+    Order,
+    arguments,
+)
+from twind.virtual.pty_port import VirtualPtyPort
 from twind_drivers.clock import Clock
 from twind_drivers.virtual.bus import VirtualBus
 from twind_drivers.virtual.sensor import VirtualSensor
-from twind_drivers.virtual.served import Served
+from twind_drivers.virtual.served import ServableBus
 
 STEP = 0.002  # s between two looks at muscles and watchdogs, traffic or not
 STALL = 0.02  # s: a longer gap between two rounds did not happen to the servos
@@ -45,7 +53,7 @@ class ServoClock:
         return real - self._lost
 
 
-class Server:
+class VirtualBusServer:
     """Buses behind ports. `said` is told when a port is plugged in: bus name, path.
 
     `crane`: what holds the base of a body that stands freely.
@@ -53,11 +61,11 @@ class Server:
 
     def __init__(
         self,
-        buses: Mapping[str, Served],
-        ports: Mapping[str, PtyPort],
+        buses: Mapping[str, ServableBus],
+        ports: Mapping[str, VirtualPtyPort],
         clock: ServoClock,
         said: Callable[[str, str], None],
-        crane: Crane | None = None,
+        crane: BaseSupport | None = None,
     ) -> None:
         self._pairs = [(buses[name], port) for name, port in ports.items()]
         self._buses, self._ports, self._clock, self._said = buses, ports, clock, said
@@ -65,7 +73,7 @@ class Server:
         self._lost = clock.lost  # s, that the clock registers have counted
         self._input = -1  # descriptor whose end of file ends the server
         self.ended = False
-        self.orders: OrderSocket | None = None
+        self.orders: FaultCommandSocket | None = None
 
     def end_with(self, descriptor: int) -> None:
         """End when `descriptor` (a pipe) is at its end."""
@@ -130,7 +138,7 @@ class Server:
         if order.get("query") == "history":
             return self._history(order)
         if "query" in order:
-            raise OrderError(f"no query {order['query']!r}; there are state, history")
+            raise FaultCommandError(f"no query {order['query']!r}; there are state, history")
         if order.get("fault") == "hand" and "bus" not in order and len(self._pairs) > 1:
             return self._hands(order)
         if order.get("fault") in BODY_FAULTS:
@@ -155,7 +163,7 @@ class Server:
         known = {name: bus for bus, _ in self._pairs for name in bus.faults.hands.joints}
         strange = [name for name in pose if name not in known]
         if strange:
-            raise OrderError(f"hand: no joint {strange[0]!r}; there are {', '.join(sorted(known))}")
+            raise FaultCommandError(f"hand: no joint {strange[0]!r}; there are {', '.join(sorted(known))}")
         for bus, _ in self._pairs:
             own = {name: rad for name, rad in pose.items() if known[name] is bus}
             bus.advance(self._clock.now())
@@ -171,7 +179,9 @@ class Server:
         if name == "imu":
             self._sensor().err(**given)
         elif self._crane is None:
-            raise OrderError(f"{name}: no body stands here freely: `support: free`, upright, with MuJoCo")
+            raise FaultCommandError(
+                f"{name}: no body stands here freely: `support: free`, upright, with MuJoCo"
+            )
         else:
             getattr(self._crane, name)(**given)
         return {"ok": True}
@@ -180,14 +190,14 @@ class Server:
         """The inertial sensor of the robot. Raises OrderError: it has none."""
         found = [bus.sensor for bus, _ in self._pairs if isinstance(bus, VirtualBus) and bus.sensor]
         if not found:
-            raise OrderError("imu: this robot has none: `sensors` in its robot file")
+            raise FaultCommandError("imu: this robot has none: `sensors` in its robot file")
         return found[0]
 
-    def _chosen(self, name: Any) -> tuple[Served, PtyPort]:
+    def _chosen(self, name: Any) -> tuple[ServableBus, VirtualPtyPort]:
         if name is None and len(self._pairs) == 1:
             return self._pairs[0]
         if not isinstance(name, str) or name not in self._buses:
-            raise OrderError(f"no bus {name!r}; there are {', '.join(self._buses)}")
+            raise FaultCommandError(f"no bus {name!r}; there are {', '.join(self._buses)}")
         return self._buses[name], self._ports[name]
 
     def _state(self) -> Order:
@@ -203,9 +213,9 @@ class Server:
         bus, port = self._chosen(order.get("bus"))
         since = order.get("since", -1.0)
         if not isinstance(since, int | float) or isinstance(since, bool):
-            raise OrderError(f"history: since is {since!r}; it is a time in s")
+            raise FaultCommandError(f"history: since is {since!r}; it is a time in s")
         if bus.history is None:
-            raise OrderError(
+            raise FaultCommandError(
                 f'bus {port.name}: nothing is recorded; order {{"fault": "record", "count": 1000}}'
             )
         times, positions = bus.history.readings()

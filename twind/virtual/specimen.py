@@ -27,12 +27,12 @@ from twind.config.counts import slot_angles, ticks_of, turn_start
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.twin.base_pose import UPRIGHT
 from twind.twin.crane import BY_TORQUE
-from twind.twin.muscles import MujocoMuscles, body_of
+from twind.twin.muscles import MujocoPhysics, body_of
 from twind.version import __version__
 from twind.virtual.bench import (
     FIRMWARE,
-    Line,
-    SpecimenError,
+    BusTiming,
+    VirtualRobotSpecError,
     can_bus,
     laid_out,
     settings,
@@ -40,27 +40,27 @@ from twind.virtual.bench import (
 )
 from twind.virtual.inertial import sensor_of
 from twind.virtual.nodes import device, node, unloaded
-from twind.virtual.seats import Frame, fenced, frames_of, hinge_of, margined, servo_of, zero_of
+from twind.virtual.seats import EncoderFrame, fenced, frames_of, hinge_of, margined, servo_of, zero_of
 from twind.virtual.truth import Truth, mechanical_stops, refuse_impossible
-from twind_drivers.bus import Device
+from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel.tables import number_of, table
-from twind_drivers.virtual.can.muscles import CanMuscles, FirstOrderCan
+from twind_drivers.virtual.can.muscles import CanMotorPhysics, FirstOrderCanPhysics
 from twind_drivers.virtual.can.spec import NodeSpec
 from twind_drivers.virtual.hinge import Hinge
-from twind_drivers.virtual.muscles import FirstOrder, Muscles
-from twind_drivers.virtual.served import Served
+from twind_drivers.virtual.muscles import FirstOrderPhysics, ServoPhysics
+from twind_drivers.virtual.served import ServableBus
 from twind_drivers.virtual.servos import BAUDS, ServoSpec
 
 
 @dataclass(frozen=True)
-class Specimen:
+class VirtualRobotSpec:
     """A robot file and the truth about one robot built after it."""
 
     robot: RobotFile  # as described
     zeros: Mapping[str, int]  # of the bare encoder at joint angle 0, by joint
     servos: Mapping[str, tuple[ServoSpec, ...]]  # by serial bus, in joint order
     nodes: Mapping[str, tuple[NodeSpec, ...]] = field(default_factory=dict)  # by CAN bus, likewise
-    frames: Mapping[str, Frame] = field(default_factory=dict)  # by joint
+    frames: Mapping[str, EncoderFrame] = field(default_factory=dict)  # by joint
     truth: Truth = field(default_factory=Truth)
 
     @cached_property
@@ -92,7 +92,7 @@ def specimen(
     return_delay_us: int | None = None,
     firmware: int = FIRMWARE,
     truth: Truth | None = None,
-) -> Specimen:
+) -> VirtualRobotSpec:
     """Servos that a robot file describes. Raises SpecimenError: rate, delay, travel or truth that cannot be.
 
     `truth`: what is not as described; with it every shaft has mechanical stops. None: as described.
@@ -103,9 +103,9 @@ def specimen(
     wired = tuple(replace(joint, sign=_sign(joint, known)) for joint in robot.joints)
     zeros = {joint.name: zero_of(robot.name, joint, known.of(joint.name)) for joint in wired}
     hinges = {joint.name: hinge_of(joint, zeros[joint.name], ends) for joint in wired}
-    made = Specimen(robot, zeros, {}, truth=known)
+    made = VirtualRobotSpec(robot, zeros, {}, truth=known)
     ids = {joint.name: joint.id for joint in robot.joints}
-    frames = {name: Frame() for name in robot.names}
+    frames = {name: EncoderFrame() for name in robot.names}
     servos: dict[str, tuple[ServoSpec, ...]] = {}
     nodes: dict[str, tuple[NodeSpec, ...]] = {}
     for bus in robot.buses:
@@ -126,14 +126,14 @@ def specimen(
             fenced(spec, joint, zeros[joint.name], frame)
             for joint, frame, spec in zip(joints, found, bare, strict=True)
         )
-    return Specimen(robot, zeros, servos, nodes, frames, known)
+    return VirtualRobotSpec(robot, zeros, servos, nodes, frames, known)
 
 
 def _sign(joint: JointSpec, truth: Truth) -> int:
     return truth.of(joint.name).sign or joint.sign
 
 
-def calibration(made: Specimen) -> Calibration:
+def calibration(made: VirtualRobotSpec) -> Calibration:
     """The calibration file that fits: what a perfect sweep and zero of these servos would have found.
 
     It has the robot file's signs, right or wrong: only a proof tells. Where ids are exchanged it says of each
@@ -152,7 +152,7 @@ def calibration(made: Specimen) -> Calibration:
     return replace(found, sha256=text_hash(dump_calibration(found)))
 
 
-def _swept(made: Specimen, entry: JointCalibration, holder: str) -> JointCalibration:
+def _swept(made: VirtualRobotSpec, entry: JointCalibration, holder: str) -> JointCalibration:
     """The travel of the servo that sits at joint `holder`: from stop to stop where it has any."""
     joint = made.wired.joints[made.robot.names.index(holder)]
     ends = made.hinge(holder).stops
@@ -170,31 +170,31 @@ def _swept(made: Specimen, entry: JointCalibration, holder: str) -> JointCalibra
     )
 
 
-def save(made: Specimen, path: Path) -> None:
+def save(made: VirtualRobotSpec, path: Path) -> None:
     """Write that file. Raises ConfigError, OSError, SpecimenError (not a `.yaml`)."""
     if path.suffix != ".yaml":
-        raise SpecimenError(f"{path}: a calibration file is named NAME.yaml")
+        raise VirtualRobotSpecError(f"{path}: a calibration file is named NAME.yaml")
     save_calibration(calibration(made), path.parent, path.stem)
 
 
-def _device(servo: ServoSpec) -> Device:
+def _device(servo: ServoSpec) -> IdentifiedDevice:
     number = number_of(servo.model)
     registers = table(number, servo.firmware)
     keys = ("homing_offset", "drive_mode", "operating_mode", "min_position_limit", "max_position_limit")
     settings = {key: registers[key].rule.default or 0 for key in keys} | dict(servo.settings)
-    return Device(servo.id, number, registers.model, servo.firmware, settings)
+    return IdentifiedDevice(servo.id, number, registers.model, servo.firmware, settings)
 
 
 def buses(
-    made: Specimen,
+    made: VirtualRobotSpec,
     *,
     physics: bool = True,
-    body: MujocoMuscles | None = None,
+    body: MujocoPhysics | None = None,
     base: str = UPRIGHT,
     now: float = 0.0,
-    line: Line | None = None,
+    line: BusTiming | None = None,
     extra: Mapping[str, Sequence[ServoSpec]] | None = None,
-) -> dict[str, Served]:
+) -> dict[str, ServableBus]:
     """The buses of a specimen, in its rest pose with torque off. One body moves all of them.
 
     `body`: that one, else with `physics` one is made; `base`: how that is held, of `base_pose.BASES`.
@@ -208,13 +208,13 @@ def buses(
             "is a CAN bus: only a serial one takes servos beside its own" if strange[0] in made.nodes else ""
         )
         known = f"no bus {strange[0]!r}; {made.robot.name} has {', '.join(made.servos)}"
-        raise SpecimenError(f"{strange[0]} {why}" if why else known)
+        raise VirtualRobotSpecError(f"{strange[0]} {why}" if why else known)
     if physics and body is None:
         body = body_for(made, base=base, now=now)
     if extra and body is not None:
-        raise SpecimenError("servos beside those of a robot have no body: say --muscles first-order")
-    line = line or Line()
-    virtual: dict[str, Served] = {}
+        raise VirtualRobotSpecError("servos beside those of a robot have no body: say --muscles first-order")
+    line = line or BusTiming()
+    virtual: dict[str, ServableBus] = {}
     for spec in made.robot.buses:
         if spec.kind == CAN:
             moved = _can_muscles(made, spec, body, now)
@@ -234,8 +234,8 @@ def buses(
 
 
 def body_for(
-    made: Specimen, *, base: str = UPRIGHT, hold: str = BY_TORQUE, now: float = 0.0
-) -> MujocoMuscles:
+    made: VirtualRobotSpec, *, base: str = UPRIGHT, hold: str = BY_TORQUE, now: float = 0.0
+) -> MujocoPhysics:
     """All of it as it is wired, rubbing and ending where the truth says. `base`, `hold`: see `body_of`."""
     rubbing = {name: made.truth.of(name).friction_nm for name in made.robot.names}
     friction = {name: value for name, value in rubbing.items() if value is not None}
@@ -246,17 +246,19 @@ def body_for(
 
 
 def _muscles(
-    made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: float, beside: list[float]
-) -> Muscles:
+    made: VirtualRobotSpec, bus: BusSpec, body: MujocoPhysics | None, now: float, beside: list[float]
+) -> ServoPhysics:
     """Those of one bus; `beside`: ticks where servos stand that belong to no joint."""
     if body is not None:
         return body.part(_places(made, bus))
-    muscles = FirstOrder(np.array([*map(float, _start(made, bus)), *beside]), now=now)
+    muscles = FirstOrderPhysics(np.array([*map(float, _start(made, bus)), *beside]), now=now)
     fence(muscles, [spec.hinge for spec in made.servos[bus.name]] + [None] * len(beside))
     return muscles
 
 
-def _can_muscles(made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: float) -> CanMuscles:
+def _can_muscles(
+    made: VirtualRobotSpec, bus: BusSpec, body: MujocoPhysics | None, now: float
+) -> CanMotorPhysics:
     if body is not None:
         return body.impedance(_places(made, bus))
     shafts = unloaded(_start(made, bus), now=now)
@@ -264,19 +266,19 @@ def _can_muscles(made: Specimen, bus: BusSpec, body: MujocoMuscles | None, now: 
     return shafts
 
 
-def fence(muscles: FirstOrder | FirstOrderCan, hinges: Sequence[Hinge | None]) -> None:
+def fence(muscles: FirstOrderPhysics | FirstOrderCanPhysics, hinges: Sequence[Hinge | None]) -> None:
     """Joints without load end where their hinges do."""
     ends = [(-math.inf, math.inf) if hinge is None else hinge.ends() for hinge in hinges]
     lower, upper = np.array(ends, np.float64).reshape(-1, 2).T
     muscles.fence(lower, upper)
 
 
-def _places(made: Specimen, bus: BusSpec) -> list[int]:
+def _places(made: VirtualRobotSpec, bus: BusSpec) -> list[int]:
     """Of the joints of a bus, in joint order."""
     return [at for at, joint in enumerate(made.robot.joints) if joint.bus == bus.name]
 
 
-def _start(made: Specimen, bus: BusSpec) -> list[int]:
+def _start(made: VirtualRobotSpec, bus: BusSpec) -> list[int]:
     """Counts of the joints of a bus in the rest pose."""
     rest = slot_angles(made.robot, made.robot.poses["rest"])
     return [ticks_of(joint, made.zeros[joint.name], rest[joint.name]) for joint in made.joints(bus.name)]

@@ -17,13 +17,13 @@ from twind_calibration.calibrating import kept
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class CalibrationEntryStatus:
     """What the calibration file and its draft say of one joint, by its actuator's name."""
 
     robot: RobotFile
     path: Path  # where the file stands, or would
     calibration: Calibration | None  # None: there is no file
-    draft: drafts.Draft
+    draft: drafts.CalibrationDraft
     joint: str
 
     @property
@@ -77,13 +77,13 @@ class Entry:
                 kept.save(replace(known, joints=joints), self.path, folder)
 
 
-def entry_of(robot: RobotFile, path: Path | None, joint: str, usual: Path) -> Entry:
+def entry_of(robot: RobotFile, path: Path | None, joint: str, usual: Path) -> CalibrationEntryStatus:
     """What the file at `path` says of a joint, and its draft. `path` None: there is no file yet, `usual`
     is where it would stand. Raises Rejected: one of them is there and cannot be read.
     """
     place = usual if path is None else path
     calibration = None if path is None else _loaded(robot, path, joint)
-    return Entry(robot, place, calibration, drafts.load(place, robot), joint)
+    return CalibrationEntryStatus(robot, place, calibration, drafts.load(place, robot), joint)
 
 
 def _loaded(robot: RobotFile, path: Path, joint: str) -> Calibration:

@@ -5,24 +5,24 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from twind.ctl.verb import Rejected
-from twind_calibration.adoption.calibrated import Entry
-from twind_calibration.adoption.hand import Hand, Setter
-from twind_calibration.adoption.places import Chosen
-from twind_calibration.adoption.plan import Step, different, looked_at, plan
+from twind_calibration.adoption.calibrated import CalibrationEntryStatus
+from twind_calibration.adoption.hand import ServoConfigurator, WritableProber
+from twind_calibration.adoption.places import AdoptionCandidate
+from twind_calibration.adoption.plan import RegisterStep, different, looked_at, plan
 from twind_drivers.dynamixel.tables import table
 
 TORQUE = "torque_enable"
 
 
 @dataclass(frozen=True, slots=True)
-class Adoption:
+class AdoptionPlan:
     """What is to be done with one servo, before anything is. `hand` holds it."""
 
-    chosen: Chosen
+    chosen: AdoptionCandidate
     firmware: int
-    steps: tuple[Step, ...]
-    entry: Entry
-    hand: Hand
+    steps: tuple[RegisterStep, ...]
+    entry: CalibrationEntryStatus
+    hand: ServoConfigurator
 
     @property
     def nothing(self) -> bool:
@@ -74,7 +74,9 @@ class Adoption:
             raise Rejected(f"{joint.name}, {self.hand.place}: after all was written, {why}")
 
 
-def prepare(chosen: Chosen, at: Callable[[int], Setter], entry: Entry) -> Adoption:
+def prepare(
+    chosen: AdoptionCandidate, at: Callable[[int], WritableProber], entry: CalibrationEntryStatus
+) -> AdoptionPlan:
     """Read the servo and work out what must be written; nothing is. Raises Rejected, PortError.
 
     Refused too: a servo at its place whose joint is calibrated. It is that joint's own, as far as anybody can
@@ -83,7 +85,7 @@ def prepare(chosen: Chosen, at: Callable[[int], Setter], entry: Entry) -> Adopti
     model, firmware = chosen.found.model, chosen.found.firmware
     assert model is not None  # `choose` lets no other pass
     assert firmware is not None
-    hand = Hand(at, table(model, firmware), chosen.place)
+    hand = ServoConfigurator(at, table(model, firmware), chosen.place)
     if chosen.place != chosen.home and not hand.is_free(chosen.home):
         raise Rejected(
             f"{chosen.home}, the place of {chosen.joint.name}, is taken after all: its servo answers now and "
@@ -101,4 +103,4 @@ def prepare(chosen: Chosen, at: Callable[[int], Setter], entry: Entry) -> Adopti
             f"what each needs. If it is another servo than the calibrated one, its zero is another too: take "
             f"{name} out of {entry.path}, then adopt it"
         )
-    return Adoption(chosen, firmware, steps, entry, hand)
+    return AdoptionPlan(chosen, firmware, steps, entry, hand)

@@ -7,34 +7,36 @@ every write is judged by what is read afterwards, where the servo then stands.
 from collections.abc import Callable, Mapping, Sequence
 
 from twind.ctl.verb import Rejected
-from twind_calibration.adoption.places import RATES, Place
+from twind_calibration.adoption.places import RATES, ServoLocation
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.packet import Error
-from twind_drivers.dynamixel.prober import Heard, Prober
+from twind_drivers.dynamixel.packet import StatusErrorCode
+from twind_drivers.dynamixel.prober import Prober, ProbeWindow
 from twind_drivers.dynamixel.scan import PROBES, REMEDY
-from twind_drivers.dynamixel.tables import Field, Table
+from twind_drivers.dynamixel.tables import ControlTable, TableRegister
 
 TRIES = 3  # writes of one register
 PINGED = 3  # bytes of an answer to a ping: model number 2, firmware 1
 
 
-class Setter(Prober):
+class WritableProber(Prober):
     """A prober that can write too."""
 
-    def write(self, id: int, address: int, data: bytes) -> Heard:
+    def write(self, id: int, address: int, data: bytes) -> ProbeWindow:
         """`data` to `address` of one device; what came back."""
         return self._ask(packet.write(id, address, data), 0)
 
 
-class Hand:
+class ServoConfigurator:
     """One servo of a known model. Every method may raise PortError; Rejected: it did not do it."""
 
-    def __init__(self, at: Callable[[int], Setter], table: Table, place: Place) -> None:
+    def __init__(
+        self, at: Callable[[int], WritableProber], table: ControlTable, place: ServoLocation
+    ) -> None:
         """`at` sets the port to a rate."""
         self._at, self.table, self.place = at, table, place
         self._setter = at(place.baud)
 
-    def is_free(self, place: Place) -> bool:
+    def is_free(self, place: ServoLocation) -> bool:
         """Nobody answers there, sound or garbled, asked several times: one lost answer is no absence."""
         setter = self._at(place.baud)
         heard = [setter.ping(place.id) for _ in range(PROBES)]
@@ -61,14 +63,14 @@ class Hand:
         why = refused or f"it reads {self.read([name])[name]}"
         raise Rejected(f"{self.place}: {name} ({field.address}) = {value}: {why}")
 
-    def move(self, to: Place) -> None:
+    def move(self, to: ServoLocation) -> None:
         """Its id, then its rate. Interrupted, it stands at `place`, at the new id, or at `to`."""
         if to.id != self.place.id:
-            self._move("id", to.id, Place(to.id, self.place.baud))
+            self._move("id", to.id, ServoLocation(to.id, self.place.baud))
         if to.baud != self.place.baud:
             self._move("baud_rate", RATES.index(to.baud), to)
 
-    def _move(self, name: str, value: int, to: Place) -> None:
+    def _move(self, name: str, value: int, to: ServoLocation) -> None:
         field, before, refused = self.table[name], self.place, ""
         field.check(value)
         for _ in range(TRIES):
@@ -83,7 +85,7 @@ class Hand:
             "The same command once more looks for it at both places"
         )
 
-    def _stands(self, place: Place) -> bool:
+    def _stands(self, place: ServoLocation) -> bool:
         """Does a servo of this model answer there, alone? Then that is its place from now on."""
         setter = self._setter if place.baud == self._setter.baud else self._at(place.baud)
         for _ in range(PROBES):
@@ -99,7 +101,7 @@ class Hand:
         self._setter = self._at(self.place.baud)
         return False
 
-    def _block(self, fields: Sequence[Field]) -> Mapping[str, int]:
+    def _block(self, fields: Sequence[TableRegister]) -> Mapping[str, int]:
         """The values of registers of one memory, by the smallest block that holds them."""
         first, end = min(each.address for each in fields), max(each.end for each in fields)
         several = False
@@ -113,14 +115,17 @@ class Hand:
         raise Rejected(f"{self.place}: {why}")
 
 
-def _sound(heard: Heard, id: int, size: int) -> list[bytes]:
+def _sound(heard: ProbeWindow, id: int, size: int) -> list[bytes]:
     return [each.data for each in heard.statuses if each.id == id and len(each.data) == size]
 
 
-def _refusal(heard: Heard, id: int) -> str:
+def _refusal(heard: ProbeWindow, id: int) -> str:
     """Why the servo refused a write, in words; empty: it did not, or said nothing."""
     for each in heard.statuses:
         number = each.error & 0x7F
-        if each.id == id and number not in (Error.NONE, Error.CRC):  # CRC: the packet broke on its way
+        if each.id == id and number not in (
+            StatusErrorCode.NONE,
+            StatusErrorCode.CRC,
+        ):  # CRC: the packet broke on its way
             return packet.explain(each.error)
     return ""

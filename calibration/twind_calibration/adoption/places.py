@@ -13,7 +13,7 @@ from twind.config.actuator import CAN, ServoType
 from twind.config.robot_spec import BusSpec, JointSpec, RobotFile
 from twind.ctl.verb import Rejected
 from twind_drivers.dynamixel.prober import Prober
-from twind_drivers.dynamixel.scan import IDS, Found, Kind, Rate, scan
+from twind_drivers.dynamixel.scan import IDS, BaudRateScan, Kind, ScannedDevice, scan
 from twind_drivers.dynamixel.tables import number_of, table
 
 # Value of register 8 -> bit/s (e-manual, "Baud Rate"; the last two: P series).
@@ -21,11 +21,11 @@ RATES = (
     *(9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000),
     *(4_000_000, 4_500_000, 6_000_000, 10_500_000),
 )
-Heard = Mapping[str, Sequence[Rate]]  # by bus: what each rate that was looked at gave
+Heard = Mapping[str, Sequence[BaudRateScan]]  # by bus: what each rate that was looked at gave
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ServoLocation:
     """Where a servo answers."""
 
     id: int
@@ -36,21 +36,21 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Chosen:
+class AdoptionCandidate:
     """A servo on the wire, and the joint that it is meant for."""
 
     joint: JointSpec
     bus: BusSpec
-    place: Place
-    found: Found
+    place: ServoLocation
+    found: ScannedDevice
 
     @property
-    def home(self) -> Place:
+    def home(self) -> ServoLocation:
         """Where it will answer."""
-        return Place(self.joint.id, self.bus.baud)
+        return ServoLocation(self.joint.id, self.bus.baud)
 
 
-def delivered(joint: JointSpec) -> Place:
+def delivered(joint: JointSpec) -> ServoLocation:
     """Where a servo of this joint's model answers as it comes from the factory (`registers.rule`)."""
     registers = table(number_of(joint.type.device))
     id, rate = (registers[key].rule.default for key in ("id", "baud_rate"))
@@ -58,17 +58,22 @@ def delivered(joint: JointSpec) -> Place:
         raise Rejected(
             f"{registers.model}: where it answers as delivered is not known: give it its id by hand"
         )
-    return Place(id, RATES[rate])
+    return ServoLocation(id, RATES[rate])
 
 
-def ways(robot: RobotFile, joint: JointSpec) -> tuple[Place, ...]:
+def ways(robot: RobotFile, joint: JointSpec) -> tuple[ServoLocation, ...]:
     """Every place at which the new servo of `joint` may stand: as delivered, half-way, home.
 
     What is another joint's place is none, and so is id 1 at the bus's rate where a joint has id 1.
     """
     fresh, baud = delivered(joint), robot.bus(joint.bus).baud
     others = {each.id for each in robot.joints if each.bus == joint.bus and each.name != joint.name}
-    places = [fresh, Place(joint.id, fresh.baud), Place(fresh.id, baud), Place(joint.id, baud)]
+    places = [
+        fresh,
+        ServoLocation(joint.id, fresh.baud),
+        ServoLocation(fresh.id, baud),
+        ServoLocation(joint.id, baud),
+    ]
     return tuple(dict.fromkeys(each for each in places if each.baud != baud or each.id not in others))
 
 
@@ -80,7 +85,7 @@ def lookout(robot: RobotFile, bus: BusSpec) -> dict[int, range]:
     return {bus.baud: known} | {each.baud: IDS for each in fresh}
 
 
-def look(at: Callable[[int], Prober], robot: RobotFile, bus: BusSpec) -> list[Rate]:
+def look(at: Callable[[int], Prober], robot: RobotFile, bus: BusSpec) -> list[BaudRateScan]:
     """Who is on a bus, as far as adopting asks. Writes nothing. Raises PortError."""
     return [each for baud, ids in lookout(robot, bus).items() for each in scan(at, [baud], ids)]
 
@@ -115,7 +120,7 @@ def serial_buses(robot: RobotFile) -> tuple[BusSpec, ...]:
     return found
 
 
-def choose(robot: RobotFile, heard: Heard, name: str | None) -> Chosen | None:
+def choose(robot: RobotFile, heard: Heard, name: str | None) -> AdoptionCandidate | None:
     """The new servo and its joint; None: every joint of these buses has its servo.
 
     `heard` is that of `look`. `name`: the joint, else the one that is missing. Raises Rejected,
@@ -135,10 +140,10 @@ def choose(robot: RobotFile, heard: Heard, name: str | None) -> Chosen | None:
     else:
         [joint] = absent
     wire = robot.bus(joint.bus)
-    found = {Place(each.id, each.baud): each for line in heard[wire.name] for each in line.found}
+    found = {ServoLocation(each.id, each.baud): each for line in heard[wire.name] for each in line.found}
     place = _only(robot, joint, found)
     _require_fit(joint, place, found[place])
-    return Chosen(joint, wire, place, found[place])
+    return AdoptionCandidate(joint, wire, place, found[place])
 
 
 def missing(robot: RobotFile, heard: Heard) -> list[JointSpec]:
@@ -153,17 +158,20 @@ def missing(robot: RobotFile, heard: Heard) -> list[JointSpec]:
     ]
 
 
-def _require_quiet(bus: str, lines: Sequence[Rate]) -> None:
+def _require_quiet(bus: str, lines: Sequence[BaudRateScan]) -> None:
     for line in lines:
         for trouble in line.troubles:
             if trouble.kind is Kind.TALK:
                 raise Rejected(f"bus {bus}, {line.baud} baud: {trouble}; end it first")
 
 
-def _only(robot: RobotFile, joint: JointSpec, found: Mapping[Place, Found]) -> Place:
+def _only(robot: RobotFile, joint: JointSpec, found: Mapping[ServoLocation, ScannedDevice]) -> ServoLocation:
     """Where the one servo stands that may be meant."""
     bus, fresh = robot.bus(joint.bus), delivered(joint)
-    home, candidates = Place(joint.id, bus.baud), [each for each in ways(robot, joint) if each in found]
+    home, candidates = (
+        ServoLocation(joint.id, bus.baud),
+        [each for each in ways(robot, joint) if each in found],
+    )
     strangers = [each for each in found if each.baud != bus.baud and each not in candidates]
     if len(candidates) + len(strangers) > 1 and home in found:
         others = _listed([each for each in [*candidates, *strangers] if each != home])
@@ -200,23 +208,23 @@ def _silence(robot: RobotFile, joint: JointSpec) -> Iterator[str]:
     yield "`twindctl scan --port PORT`: set it back to factory settings."
 
 
-def _unfinished(robot: RobotFile, joint: JointSpec, strangers: Sequence[Place]) -> str:
+def _unfinished(robot: RobotFile, joint: JointSpec, strangers: Sequence[ServoLocation]) -> str:
     """Who was begun and not ended."""
     begun = [
         each.name
         for each in robot.joints
         if each.bus == joint.bus and isinstance(each.type, ServoType) and each.name != joint.name
         for place in strangers
-        if place == Place(each.id, delivered(each).baud)
+        if place == ServoLocation(each.id, delivered(each).baud)
     ]
     return "" if not begun else f"; one may be begun for {begun[0]}: `twindctl adopt {begun[0]}` ends that"
 
 
-def _listed(places: Sequence[Place]) -> str:
+def _listed(places: Sequence[ServoLocation]) -> str:
     return ", ".join(str(each) for each in sorted(places, key=lambda each: (each.baud, each.id)))
 
 
-def _require_fit(joint: JointSpec, place: Place, found: Found) -> None:
+def _require_fit(joint: JointSpec, place: ServoLocation, found: ScannedDevice) -> None:
     """Raises Rejected: what answers there is no servo that may be written to."""
     wanted = table(number_of(joint.type.device))
     if found.trouble:

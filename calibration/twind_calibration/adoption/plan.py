@@ -10,9 +10,9 @@ from twind.config.actuator import ServoType
 from twind.config.robot_spec import JointSpec
 from twind.config.servo_check import SECONDARY, unfit
 from twind.ctl.verb import Rejected
-from twind_drivers.bus import Device
+from twind_drivers.bus import IdentifiedDevice
 from twind_drivers.dynamixel.identity import SETTINGS
-from twind_drivers.dynamixel.tables import Table
+from twind_drivers.dynamixel.tables import ControlTable
 
 REPORTS = ("torque_enable", "hardware_error_status")  # never written here
 ANSWERS_ALL = 2  # status return level (68): pings, reads and writes are answered
@@ -21,7 +21,7 @@ FIRST = ("status_return_level", "operating_mode", "drive_mode")  # a change of m
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class RegisterStep:
     """One register that holds `now` and is to hold `then`."""
 
     register: str
@@ -33,12 +33,12 @@ class Step:
         return f"{self.register} ({self.address}): {self.now} -> {self.then}"
 
 
-def looked_at(table: Table) -> tuple[str, ...]:
+def looked_at(table: ControlTable) -> tuple[str, ...]:
     """The registers that are read of a servo, by name: those that the daemon identifies it by."""
     return tuple(key for key in SETTINGS if key in table)
 
 
-def wanted(joint: JointSpec, table: Table) -> dict[str, int]:
+def wanted(joint: JointSpec, table: ControlTable) -> dict[str, int]:
     """Register -> what it must hold. What neither joint nor daemon asks for: as delivered.
 
     A register whose delivered value no manual page tells, and that nobody asks for, is left out.
@@ -59,14 +59,16 @@ def wanted(joint: JointSpec, table: Table) -> dict[str, int]:
     return {key: value for key, value in found.items() if value is not None}
 
 
-def plan(joint: JointSpec, table: Table, firmware: int, now: Mapping[str, int]) -> tuple[Step, ...]:
+def plan(
+    joint: JointSpec, table: ControlTable, firmware: int, now: Mapping[str, int]
+) -> tuple[RegisterStep, ...]:
     """The registers that differ, in the order to write them; `now`: what they hold (`looked_at`).
 
     Raises Rejected before anything is written: a value that the servo does not take, and a servo that the
     daemon would still not accept afterwards, with the reasons.
     """
     target = wanted(joint, table)
-    after = Device(joint.id, table.number, table.model, firmware, {**now, **target})
+    after = IdentifiedDevice(joint.id, table.number, table.model, firmware, {**now, **target})
     if wrong := list(unfit(joint, after)):
         raise Rejected(f"{joint.name}: adopted, the daemon would refuse it all the same: {'; '.join(wrong)}")
     differing = [key for key, value in target.items() if now.get(key) != value]
@@ -76,12 +78,12 @@ def plan(joint: JointSpec, table: Table, firmware: int, now: Mapping[str, int]) 
         except ValueError as error:
             raise Rejected(f"{joint.name}: {error}; correct the robot file") from None
     order = sorted(differing, key=lambda key: FIRST.index(key) if key in FIRST else len(FIRST))
-    return tuple(Step(key, table[key].address, now[key], target[key]) for key in order if key in now)
+    return tuple(RegisterStep(key, table[key].address, now[key], target[key]) for key in order if key in now)
 
 
-def different(joint: JointSpec, table: Table, firmware: int, now: Mapping[str, int]) -> Iterator[str]:
+def different(joint: JointSpec, table: ControlTable, firmware: int, now: Mapping[str, int]) -> Iterator[str]:
     """What the registers of a servo at its place still hold otherwise, in words; nothing: it is adopted."""
-    yield from unfit(joint, Device(joint.id, table.number, table.model, firmware, now))
+    yield from unfit(joint, IdentifiedDevice(joint.id, table.number, table.model, firmware, now))
     for key, value in wanted(joint, table).items():
         if now.get(key) != value:
             yield f"{key} ({table[key].address}) is {now.get(key)}, not {value}"

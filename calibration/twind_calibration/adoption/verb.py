@@ -12,13 +12,13 @@ from twind.client import Client, ClientError, NoDaemon
 from twind.config.pages import CALIBRATION, page
 from twind.ctl.verb import DONE, Rejected, UsageError, show
 from twind_calibration.adoption.calibrated import entry_of
-from twind_calibration.adoption.carry import Adoption, prepare
-from twind_calibration.adoption.hand import Setter
+from twind_calibration.adoption.carry import AdoptionPlan, prepare
+from twind_calibration.adoption.hand import WritableProber
 from twind_calibration.adoption.places import choose, joint_of, look, lookout, serial_buses
 from twind_calibration.again import again
-from twind_calibration.described import Described, read
+from twind_calibration.described import RobotDescription, read
 from twind_calibration.instances import stop
-from twind_drivers.bus import PortError, PortTaken
+from twind_drivers.bus import PortError, PortInUse
 from twind_drivers.clock import Clock, MonotonicClock
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
@@ -29,7 +29,7 @@ CALIBRATE = (
     "`twindctl calibrate sweep {0}`, then `twindctl calibrate zero {0}` ({1}); mirror shows it already, "
     "marked uncalibrated"
 )
-At = Callable[[int], Setter]
+At = Callable[[int], WritableProber]
 
 
 def adopt(options: argparse.Namespace) -> int:
@@ -56,11 +56,11 @@ def _open_and_adopt(options: argparse.Namespace) -> int:
             return _adopt(options, described, opened)
     except PortError as error:  # held (by whom), not there, lost
         stopped = STOP.format(stop(str(described.sockets)))
-        hint = f". A daemon there? {stopped}, then try again" if isinstance(error, PortTaken) else ""
+        hint = f". A daemon there? {stopped}, then try again" if isinstance(error, PortInUse) else ""
         raise Rejected(f"{error}{hint}") from error
 
 
-def _adopt(options: argparse.Namespace, described: Described, opened: dict[str, At]) -> int:
+def _adopt(options: argparse.Namespace, described: RobotDescription, opened: dict[str, At]) -> int:
     robot, heard = described.robot, {}
     for bus, at in opened.items():
         rates = " and ".join(map(str, lookout(robot, robot.bus(bus))))
@@ -103,7 +103,7 @@ def _require_somebody(options: argparse.Namespace) -> None:
         raise UsageError("nobody to ask: standard input is no terminal; add --yes, or --dry-run")
 
 
-def _ask(options: argparse.Namespace, adoption: Adoption) -> None:
+def _ask(options: argparse.Namespace, adoption: AdoptionPlan) -> None:
     """Show what will be written; raises Rejected where nobody says yes."""
     for line in adoption.lines():
         _say(options, line)
@@ -126,12 +126,12 @@ def _opened(port: str, stack: ExitStack) -> At:
     return partial(_at, transport, MonotonicClock())
 
 
-def _at(transport: SerialTransport, clock: Clock, baud: int) -> Setter:
+def _at(transport: SerialTransport, clock: Clock, baud: int) -> WritableProber:
     transport.set_baud(baud)
-    return Setter(transport, clock, baud, timer=(transport.latency_ms or 0) * 1e-3)
+    return WritableProber(transport, clock, baud, timer=(transport.latency_ms or 0) * 1e-3)
 
 
-def _require_no_daemon(options: argparse.Namespace, described: Described, port: str) -> None:
+def _require_no_daemon(options: argparse.Namespace, described: RobotDescription, port: str) -> None:
     """Raises Rejected: a daemon has this port, takes it again as soon as it is free, or does not say.
 
     It owns its bus at its own rate, and would go on with the calibration of the servo that is gone.

@@ -14,7 +14,7 @@ CURRENT = "current"
 
 
 @dataclass(frozen=True, slots=True)
-class Archive:
+class CalibrationArchive:
     """Of one individual: `path`, and `NAME.0001.yaml` and up beside it."""
 
     path: Path

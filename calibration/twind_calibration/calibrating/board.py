@@ -4,15 +4,20 @@ import sys
 from collections.abc import Sequence
 from typing import TextIO
 
-from twind_calibration.calibrating.travels import Progress, Stage
+from twind_calibration.calibrating.travels import SweepProgress, SweepStage
 
 WIDTH = 24  # cells of a bar; the described range fills 20 of them
 FULL = 20
 PARTS = " ▏▎▍▌▋▊▉█"
-MARK = {Stage.STILL: "", Stage.MOVING: "moving", Stage.DONE: "done", Stage.WRONG: "DOES NOT FIT"}
+MARK = {
+    SweepStage.STILL: "",
+    SweepStage.MOVING: "moving",
+    SweepStage.DONE: "done",
+    SweepStage.WRONG: "DOES NOT FIT",
+}
 
 
-def line(progress: Progress, width: int) -> str:
+def line(progress: SweepProgress, width: int) -> str:
     """One actuator: bar, travel beside the described range, the ends that it rested at."""
     judged = progress.judged
     ends = "".join("●" if end else "○" for end in progress.ends)
@@ -32,7 +37,7 @@ def bar(share: float) -> str:
     return "".join(cells)
 
 
-class Board:
+class SweepDisplay:
     """Lines that are drawn over what they were before. `live` False: nothing is drawn."""
 
     def __init__(self, out: TextIO | None = None, *, live: bool, rows: int = 24, columns: int = 80) -> None:

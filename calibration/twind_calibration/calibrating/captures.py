@@ -13,7 +13,7 @@ THIRD = 3  # the first and the last third of the readings are compared: a slow m
 
 
 @dataclass(frozen=True, slots=True)
-class Capture:
+class JointCapture:
     """Readings of one joint. `mean` in ticks, on the turn of the first reading."""
 
     count: int
@@ -22,10 +22,10 @@ class Capture:
     wrong: str = ""  # why it does not count; "": it does
 
 
-def capture(readings: Sequence[int], ticks_per_turn: int, least: int = SAMPLES) -> Capture:
+def capture(readings: Sequence[int], ticks_per_turn: int, least: int = SAMPLES) -> JointCapture:
     """Mean and spread of the readings; refused: too few, spread over 3 ticks, or a movement under way."""
     if not readings:
-        return Capture(0, 0.0, 0.0, "it was not heard")
+        return JointCapture(0, 0.0, 0.0, "it was not heard")
     first = readings[0]
     way = [first + shortest(each - first, ticks_per_turn) for each in readings]  # 4095 and 0 are neighbours
     mean, sigma, most = fmean(way), pstdev(way), MOST_SIGMA * max(1.0, ticks_per_turn / TURN)
@@ -38,4 +38,4 @@ def capture(readings: Sequence[int], ticks_per_turn: int, least: int = SAMPLES) 
         wrong = f"it moved: {drift:+.1f} ticks from the first readings to the last, at most {most:g}"
     elif not sigma <= most:
         wrong = f"its readings spread by {sigma:.1f} ticks (standard deviation), at most {most:g}"
-    return Capture(len(way), mean, sigma, wrong)
+    return JointCapture(len(way), mean, sigma, wrong)

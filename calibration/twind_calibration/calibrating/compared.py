@@ -7,13 +7,13 @@ from typing import Any
 
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind_calibration.calibrating.devices import differences
-from twind_calibration.calibrating.slots import Slot
+from twind_calibration.calibrating.slots import CalibrationActuator
 
 KEPT = ("sign", "captures", "zero_sigma_ticks", "method", "proof")  # told by their values alone
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class CalibrationChange:
     """One thing of one actuator that is another one."""
 
     name: str
@@ -35,31 +35,37 @@ class Change:
         return f"{self.what}: {_said(self.before)} -> {_said(self.after)}{moved}"
 
 
-def changes(before: Calibration, after: Calibration, slots: tuple[Slot, ...]) -> list[Change]:
+def changes(
+    before: Calibration, after: Calibration, slots: tuple[CalibrationActuator, ...]
+) -> list[CalibrationChange]:
     """Everything that differs, in the robot's order."""
-    found: list[Change] = []
+    found: list[CalibrationChange] = []
     for slot in slots:
         old, new = before.by_name.get(slot.name), after.by_name.get(slot.name)
         if old is not None and new is not None:
             found.extend(_of(slot, old, new))
         elif old is not None or new is not None:
-            found.append(Change(slot.name, "joint", old and old.zero_ticks, new and new.zero_ticks))
+            found.append(
+                CalibrationChange(slot.name, "joint", old and old.zero_ticks, new and new.zero_ticks)
+            )
     return found
 
 
-def _of(slot: Slot, old: JointCalibration, new: JointCalibration) -> Iterator[Change]:
+def _of(
+    slot: CalibrationActuator, old: JointCalibration, new: JointCalibration
+) -> Iterator[CalibrationChange]:
     places = {"zero_ticks": (old.zero_ticks, new.zero_ticks)}
     for end, key in enumerate(("sweep_ticks lower", "sweep_ticks upper")):
         places[key] = old.sweep_ticks[end], new.sweep_ticks[end]
     for what, (was, now) in places.items():
         if was != now:
-            yield Change(slot.name, what, was, now, degrees((now - was) * slot.rad_per_tick))
+            yield CalibrationChange(slot.name, what, was, now, degrees((now - was) * slot.rad_per_tick))
     for what in KEPT:
         before, after = getattr(old, what), getattr(new, what)
         if before != after:
-            yield Change(slot.name, what, before, after)
+            yield CalibrationChange(slot.name, what, before, after)
     if device := differences(old.device, new.device):
-        yield Change(slot.name, "device", [], device)
+        yield CalibrationChange(slot.name, "device", [], device)
 
 
 def _said(value: Any) -> str:

@@ -11,8 +11,8 @@ from twind.config.device_record import DeviceRecord, recorded
 from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import Rejected
 from twind_calibration.calibrating.ground import scanned
-from twind_calibration.calibrating.slots import Slot
-from twind_drivers.bus import Device
+from twind_calibration.calibrating.slots import CalibrationActuator
+from twind_drivers.bus import IdentifiedDevice
 
 # Of a record: what people call it.
 NAMES = {
@@ -29,7 +29,7 @@ FENCE = ("min_ticks", "max_ticks")  # what `limits` puts right
 def records(
     client: Client,
     robot: RobotFile,
-    slots: Sequence[Slot],
+    slots: Sequence[CalibrationActuator],
     known: Mapping[str, DeviceRecord] = MappingProxyType({}),
 ) -> dict[str, DeviceRecord]:
     """By actuator, of those who answer. `known`: what was recorded of them; who had a tag is asked for it.
@@ -47,11 +47,11 @@ def records(
     return found
 
 
-def _record(slot: Slot, told: Mapping[str, Any], *, tagged: bool) -> DeviceRecord:
+def _record(slot: CalibrationActuator, told: Mapping[str, Any], *, tagged: bool) -> DeviceRecord:
     settings = {name: int(value) for name, value in (told.get("settings") or {}).items()}
     firmware = int(told.get("firmware") or 0)
     name, unique = told.get("model_name"), told.get("unique_id")
-    device = Device(slot.joint.id, int(told["model"]), name, firmware, settings, unique)
+    device = IdentifiedDevice(slot.joint.id, int(told["model"]), name, firmware, settings, unique)
     try:
         return recorded(device, tagged=tagged)
     except KeyError as error:

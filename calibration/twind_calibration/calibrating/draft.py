@@ -13,7 +13,7 @@ from twind.config.device_record import MAX_TICKS, DeviceRecord, device_entries, 
 from twind.config.located import ConfigError, parse, read_text
 from twind.config.robot_spec import RobotFile
 from twind.config.saving import draft_of
-from twind.config.section import Plain, Section
+from twind.config.section import ConfigSection, Plain
 from twind.ctl.verb import Rejected
 from twind_calibration.calibrating import kept
 from twind_calibration.calibrating.ground import TOOL, now
@@ -22,7 +22,7 @@ FORMAT = "twind-calibration-draft/1"
 
 
 @dataclass(frozen=True, slots=True)
-class Swept:
+class DraftTravel:
     """One actuator that was moved from end to end."""
 
     device: DeviceRecord  # as it was then
@@ -31,31 +31,31 @@ class Swept:
 
 
 @dataclass(frozen=True, slots=True)
-class Draft:
+class CalibrationDraft:
     """By actuator, in no order."""
 
-    swept: Mapping[str, Swept] = field(default_factory=dict)
+    swept: Mapping[str, DraftTravel] = field(default_factory=dict)
 
     @property
     def devices(self) -> dict[str, DeviceRecord]:
         """As each was when it was swept."""
         return {name: one.device for name, one in self.swept.items()}
 
-    def joined(self, name: str, one: Swept) -> "Draft":
+    def joined(self, name: str, one: DraftTravel) -> "CalibrationDraft":
         """With one more, or the same one anew."""
         return replace(self, swept={**self.swept, name: one})
 
-    def without(self, names: Iterable[str]) -> "Draft":
+    def without(self, names: Iterable[str]) -> "CalibrationDraft":
         """Nothing is known of those any more."""
         gone = set(names)
         return replace(self, swept={name: one for name, one in self.swept.items() if name not in gone})
 
-    def after(self, then: "Draft", whole: Iterable[str]) -> "Draft":
+    def after(self, then: "CalibrationDraft", whole: Iterable[str]) -> "CalibrationDraft":
         """Those became whole by what `then` says of them; what was swept since stays."""
         return self.without(name for name in whole if self.swept.get(name) == then.swept.get(name))
 
 
-def dump(draft: Draft, robot: RobotFile) -> str:
+def dump(draft: CalibrationDraft, robot: RobotFile) -> str:
     """The file's text."""
     head = {
         "format": FORMAT,
@@ -75,9 +75,9 @@ def dump(draft: Draft, robot: RobotFile) -> str:
     return written(head, joints)
 
 
-def read(text: str, file: str, robot: RobotFile) -> Draft:
+def read(text: str, file: str, robot: RobotFile) -> CalibrationDraft:
     """The draft that `text` holds. Raises ConfigError."""
-    top = Section(file, parse(text, file))
+    top = ConfigSection(file, parse(text, file))
     if top.text("format") != FORMAT:
         raise top.refuse("format", f"{top.text('format')!r} is not {FORMAT}")
     if top.text("robot") != robot.name:
@@ -88,16 +88,16 @@ def read(text: str, file: str, robot: RobotFile) -> Draft:
     top.text("tool")
     section = top.section("joints")
     section.close(also={joint.actuator for joint in robot.joints})
-    draft = Draft({name: _swept(section.section(name)) for name in section})
+    draft = CalibrationDraft({name: _swept(section.section(name)) for name in section})
     top.close()
     return draft
 
 
-def _swept(section: Section) -> Swept:
+def _swept(section: ConfigSection) -> DraftTravel:
     first, last = section.integers("sweep_ticks", 2)
     if not -MAX_TICKS <= first < last <= MAX_TICKS:
         raise section.refuse("sweep_ticks", f"{first} is not below {last}, or out of 32 bits")
-    swept = Swept(read_device(section.section("device")), (first, last), section.text("at"))
+    swept = DraftTravel(read_device(section.section("device")), (first, last), section.text("at"))
     section.close()
     return swept
 
@@ -107,7 +107,7 @@ def path_of(calibration: Path) -> Path:
     return draft_of(calibration.parent, calibration.stem)
 
 
-def load(calibration: Path, robot: RobotFile) -> Draft:
+def load(calibration: Path, robot: RobotFile) -> CalibrationDraft:
     """The draft beside a calibration file; an empty one where there is none.
 
     Raises Rejected: it is another user's, of another description, or broken. Moving it away begins a new one.
@@ -117,7 +117,7 @@ def load(calibration: Path, robot: RobotFile) -> Draft:
         return read(read_text(path), str(path), robot)
     except ConfigError as error:
         if error.absent:
-            return Draft()
+            return CalibrationDraft()
         if error.forbidden:
             raise Rejected(f"{error}; try with sudo") from None
         raise Rejected(f"{error}. What was swept must be swept again: remove {path}") from None
@@ -145,7 +145,9 @@ def _made(folder: Path) -> None:
         os.chown(folder, above.st_uid, above.st_gid)
 
 
-def change(calibration: Path, robot: RobotFile, act: Callable[[Draft], Draft]) -> Draft:
+def change(
+    calibration: Path, robot: RobotFile, act: Callable[[CalibrationDraft], CalibrationDraft]
+) -> CalibrationDraft:
     """Make the draft what `act` makes of it, as it is by now: others may sweep meanwhile. What it holds then.
 
     It has the rights of the calibration file, and is removed when nothing is left in it. Raises Rejected as

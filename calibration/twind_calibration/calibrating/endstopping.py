@@ -13,23 +13,23 @@ from twind.client import Client
 from twind.config.actuator import ServoType
 from twind.config.calibration_file import Calibration, JointCalibration, turn_band
 from twind.config.counts import angle_of
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, Rejected, UsageError, calibrating, operator
 from twind.motion.homing import MARGIN, USUAL_SHARE, USUAL_SPEED, USUAL_TIMES
 from twind_calibration.again import again
 from twind_calibration.calibrating.devices import differences, records
-from twind_calibration.calibrating.ground import Ground, ground
-from twind_calibration.calibrating.placing import Zero, misfits, whole
-from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.ground import CalibrationContext, ground
+from twind_calibration.calibrating.placing import ZeroOffset, misfits, whole
+from twind_calibration.calibrating.slots import CalibrationActuator, slots
 from twind_calibration.calibrating.unwrap import on_turn
 from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody, written
 
 
 @dataclass(frozen=True, slots=True)
-class Touch:
+class EndstopPlan:
     """What will be done, in the words of the robot file."""
 
-    slot: Slot
+    slot: CalibrationActuator
     side: str
     stop: float  # rad, as described
     share: float | None  # of the current limit; None: the daemon's own
@@ -83,7 +83,7 @@ def _endstop(options: argparse.Namespace, client: Client) -> int:
     return _write(options, place, calibration, fresh)
 
 
-def _touch(options: argparse.Namespace, place: Ground) -> Touch:
+def _touch(options: argparse.Namespace, place: CalibrationContext) -> EndstopPlan:
     """Raises Rejected: no such joint, no such stop; UsageError: nobody says which."""
     every = {slot.name: slot for slot in slots(place.robot)}
     [name] = place.chosen([options.joint], list(every))
@@ -107,10 +107,12 @@ def _touch(options: argparse.Namespace, place: Ground) -> Touch:
             f"type {joint.type.name} has no current_limit_a: nobody knows what {current:g} A is of it"
         )
     share = None if current is None else current / joint.type.current_limit_a
-    return Touch(slot, side, ends[side], share, speed, options.times)
+    return EndstopPlan(slot, side, ends[side], share, speed, options.times)
 
 
-def _require_ready(client: Client, place: Ground, touch: Touch, entry: JointCalibration) -> None:
+def _require_ready(
+    client: Client, place: CalibrationContext, touch: EndstopPlan, entry: JointCalibration
+) -> None:
     """Raises Rejected: another mode, a servo that is not as it was calibrated."""
     mode = client.call("GetStatus")["status"]["mode"]
     if mode != "live":
@@ -133,12 +135,12 @@ def _position(client: Client, name: str) -> float | None:
     return None
 
 
-def _found(options: argparse.Namespace, client: Client, touch: Touch) -> list[int]:
+def _found(options: argparse.Namespace, client: Client, touch: EndstopPlan) -> list[int]:
     """The captures. Raises Rejected: none, and why; ClientError."""
     how = {"current_share": touch.share, "speed": touch.speed, "times": touch.times}
     given = {key: value for key, value in how.items() if value is not None}
     last, phase, told = {}, "", -inf
-    with Progress(options, touch.slot.name) as progress:
+    with ProgressLine(options, touch.slot.name) as progress:
         for last in client.stream("FindStop", joint=touch.slot.joint.name, side=touch.side, **given):
             if options.json:
                 news = {"joint": touch.slot.name, "phase": last["phase"], "progress": last["progress"]}
@@ -154,7 +156,7 @@ def _found(options: argparse.Namespace, client: Client, touch: Touch) -> list[in
     return [int(count) for count in last["ticks"]]
 
 
-def measured(touch: Touch, entry: JointCalibration, counts: Sequence[int]) -> JointCalibration:
+def measured(touch: EndstopPlan, entry: JointCalibration, counts: Sequence[int]) -> JointCalibration:
     """The entry with the zero that follows, and the travel's end where the stop was met.
 
     `counts` may be whole turns off the file's. Raises Rejected: it does not fit the travel.
@@ -162,7 +164,7 @@ def measured(touch: Touch, entry: JointCalibration, counts: Sequence[int]) -> Jo
     slot, turn = touch.slot, touch.slot.joint.type.ticks_per_turn
     mean = fmean(counts)
     mean += on_turn(round(mean), turn_band(entry.sweep_ticks, turn)) - round(mean)
-    zero = Zero(round(mean - touch.stop / slot.rad_per_tick), pstdev(counts), len(counts), "endstop")
+    zero = ZeroOffset(round(mean - touch.stop / slot.rad_per_tick), pstdev(counts), len(counts), "endstop")
     low, high = entry.sweep_ticks
     downwards = (touch.side == "lower") == (slot.rad_per_tick > 0.0)
     sweep = (round(mean), high) if downwards else (low, round(mean))
@@ -176,7 +178,7 @@ def measured(touch: Touch, entry: JointCalibration, counts: Sequence[int]) -> Jo
 
 def _show(
     options: argparse.Namespace,
-    touch: Touch,
+    touch: EndstopPlan,
     before: JointCalibration,
     fresh: JointCalibration,
     counts: Sequence[int],
@@ -203,7 +205,7 @@ def _show(
 
 
 def _write(
-    options: argparse.Namespace, place: Ground, calibration: Calibration, fresh: JointCalibration
+    options: argparse.Namespace, place: CalibrationContext, calibration: Calibration, fresh: JointCalibration
 ) -> int:
     if not agreed(options, f"write this to {place.path}?"):
         raise Rejected("nothing was written")

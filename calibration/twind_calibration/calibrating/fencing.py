@@ -13,16 +13,16 @@ from dataclasses import dataclass, replace
 from twind.client import CallError, Client, ClientError
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.device_record import DeviceRecord
-from twind.config.saving import Folder
+from twind.config.saving import LockedFolder
 from twind.ctl.verb import DONE, Rejected, operator
 from twind_calibration.again import again
 from twind_calibration.calibrating import kept
 from twind_calibration.calibrating.devices import FENCE, differences, of_file, records
-from twind_calibration.calibrating.ground import Ground, ground
+from twind_calibration.calibrating.ground import CalibrationContext, ground
 from twind_calibration.calibrating.limp import limp, require_limp
 from twind_calibration.calibrating.options import named
 from twind_calibration.calibrating.placing import fence, misfits
-from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.slots import CalibrationActuator, slots
 from twind_calibration.calibrating.writing import (
     agreed,
     next_steps,
@@ -36,10 +36,10 @@ LEAST, MOST = "min_position_limit", "max_position_limit"
 
 
 @dataclass(frozen=True, slots=True)
-class Fence:
+class ServoLimitChange:
     """What one servo's limits are, and what they are to be."""
 
-    slot: Slot
+    slot: CalibrationActuator
     entry: JointCalibration
     held: tuple[int, int]  # by the servo
     wanted: tuple[int, int]
@@ -105,7 +105,9 @@ def _limits(options: argparse.Namespace, client: Client) -> int:
             return carry_out(options, client, place, calibration, fences, keep, folder)
 
 
-def _chosen(options: argparse.Namespace, place: Ground, calibration: Calibration) -> list[Slot]:
+def _chosen(
+    options: argparse.Namespace, place: CalibrationContext, calibration: Calibration
+) -> list[CalibrationActuator]:
     """Raises Rejected: one that was named is not calibrated."""
     every = slots(place.robot)
     names = place.chosen(options.joints, [slot.name for slot in every])
@@ -118,8 +120,8 @@ def _chosen(options: argparse.Namespace, place: Ground, calibration: Calibration
 
 
 def fences_of(
-    chosen: Sequence[Slot], calibration: Calibration, found: Mapping[str, DeviceRecord]
-) -> list[Fence]:
+    chosen: Sequence[CalibrationActuator], calibration: Calibration, found: Mapping[str, DeviceRecord]
+) -> list[ServoLimitChange]:
     """Those whose servo or record has other limits. Raises Rejected: one that they are not written to."""
     fences = []
     for slot in chosen:
@@ -128,14 +130,14 @@ def fences_of(
         if wanted is None:
             continue
         now = device or entry.device
-        each = Fence(slot, entry, (now.min_ticks, now.max_ticks), wanted)
+        each = ServoLimitChange(slot, entry, (now.min_ticks, now.max_ticks), wanted)
         if not each.held == each.recorded == each.wanted:
             _require_fit(each, device)
             fences.append(each)
     return fences
 
 
-def _require_fit(each: Fence, device: DeviceRecord | None) -> None:
+def _require_fit(each: ServoLimitChange, device: DeviceRecord | None) -> None:
     """Raises Rejected: the servo is not as its calibration has it, limits aside, or has no room for them."""
     entry, name = each.entry, each.slot.name
     changed = ["nobody answers there"] if device is None else differences(entry.device, device, but=FENCE)
@@ -151,11 +153,11 @@ def _require_fit(each: Fence, device: DeviceRecord | None) -> None:
 def carry_out(
     options: argparse.Namespace,
     client: Client,
-    place: Ground,
+    place: CalibrationContext,
     calibration: Calibration,
-    fences: Sequence[Fence],
+    fences: Sequence[ServoLimitChange],
     keep: Callable[[], None],
-    folder: Folder,
+    folder: LockedFolder,
 ) -> int:
     """Each servo whole, then the file; what was written is recorded whatever ends it."""
     entries: list[JointCalibration] = []
@@ -178,7 +180,7 @@ def carry_out(
     return DONE
 
 
-def _write(client: Client, each: Fence) -> tuple[int, int]:
+def _write(client: Client, each: ServoLimitChange) -> tuple[int, int]:
     """What differs; both limits, as they read back."""
     joint, held = each.slot.joint, dict(zip((LEAST, MOST), each.held, strict=True))
     for name, value in each.writes:
@@ -187,7 +189,7 @@ def _write(client: Client, each: Fence) -> tuple[int, int]:
     return held[LEAST], held[MOST]
 
 
-def _as_it_is(client: Client, place: Ground, each: Fence) -> list[JointCalibration]:
+def _as_it_is(client: Client, place: CalibrationContext, each: ServoLimitChange) -> list[JointCalibration]:
     """The entry with what the servo holds now; none where nobody tells."""
     client.close()  # an answer of the call that was broken off may be under way
     try:
@@ -199,11 +201,11 @@ def _as_it_is(client: Client, place: Ground, each: Fence) -> list[JointCalibrati
 
 def _cut_short(
     options: argparse.Namespace,
-    place: Ground,
+    place: CalibrationContext,
     calibration: Calibration,
-    fences: Sequence[Fence],
+    fences: Sequence[ServoLimitChange],
     entries: Sequence[JointCalibration],
-    folder: Folder,
+    folder: LockedFolder,
 ) -> str:
     """Record what is known; what is so now, and what goes on."""
     if entries:

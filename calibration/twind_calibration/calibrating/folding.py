@@ -11,9 +11,9 @@ from twind.config.actuator import ServoType
 from twind.config.calibration_file import JointCalibration, turn_band
 from twind.config.device_record import DeviceRecord
 from twind.config.servo_check import MAX_OFFSET
-from twind_calibration.calibrating.lerobot import Motor
-from twind_calibration.calibrating.placing import Zero, misfits, whole
-from twind_calibration.calibrating.slots import Slot
+from twind_calibration.calibrating.lerobot import LeRobotMotor
+from twind_calibration.calibrating.placing import ZeroOffset, misfits, whole
+from twind_calibration.calibrating.slots import CalibrationActuator
 from twind_calibration.calibrating.travel import judge
 from twind_calibration.calibrating.travels import told
 from twind_calibration.calibrating.unwrap import framed, on_turn
@@ -25,7 +25,7 @@ Convention = int | None  # count at joint angle 0, as the source counts; None: t
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class ForeignCalibration:
     """What somebody else says of one actuator, in counts under `homing_offset`."""
 
     travel: Ticks | None  # None: nobody measured it
@@ -36,39 +36,46 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Folded:
+class ImportResult:
     """The entry that follows, or what speaks against one."""
 
-    slot: Slot
+    slot: CalibrationActuator
     entry: JointCalibration | None
     wrong: tuple[str, ...] = ()
     note: str = ""  # what a person should know of it all the same
 
 
-def of_motor(motor: Motor, make: str | None) -> Source:
+def of_motor(motor: LeRobotMotor, make: str | None) -> ForeignCalibration:
     """Of a LeRobot file."""
-    return Source((motor.range_min, motor.range_max), motor.homing_offset, motor.drive_mode, make)
+    return ForeignCalibration((motor.range_min, motor.range_max), motor.homing_offset, motor.drive_mode, make)
 
 
-def of_registers(slot: Slot, device: DeviceRecord, sweep: Ticks | None) -> Source:
+def of_registers(slot: CalibrationActuator, device: DeviceRecord, sweep: Ticks | None) -> ForeignCalibration:
     """Of a servo's own registers: a sweep that was made of it as it is, else its position limits.
 
     Limits as delivered, one whole turn, are nobody's travel.
     """
     if sweep is not None:
-        return Source(sweep, device.homing_offset_ticks, swept=True)
+        return ForeignCalibration(sweep, device.homing_offset_ticks, swept=True)
     limits = (device.min_ticks, device.max_ticks)
     turn = slot.joint.type.ticks_per_turn
-    return Source(limits if 0 < limits[1] - limits[0] < turn - 1 else None, device.homing_offset_ticks)
+    return ForeignCalibration(
+        limits if 0 < limits[1] - limits[0] < turn - 1 else None, device.homing_offset_ticks
+    )
 
 
 def fold(
-    slot: Slot, source: Source, device: DeviceRecord, zero_at: Convention, *, wide: bool = False
-) -> Folded:
+    slot: CalibrationActuator,
+    source: ForeignCalibration,
+    device: DeviceRecord,
+    zero_at: Convention,
+    *,
+    wide: bool = False,
+) -> ImportResult:
     """The entry of an actuator whose servo is now as `device` says. `wide`: its travel may be too long."""
     refused = _refused(slot, source, device)
     if refused or source.travel is None:
-        return Folded(slot, None, (refused,))
+        return ImportResult(slot, None, (refused,))
     turn, now = slot.joint.type.ticks_per_turn, device.homing_offset_ticks
     moved = now - source.homing_offset
     low, high = source.travel[0] + moved, source.travel[1] + moved
@@ -81,12 +88,12 @@ def fold(
     wrong = [] if judged.good or (wide and judged.wide) else [told(judged)]
     wrong += misfits(slot, device, sweep, zero)
     if wrong:
-        return Folded(slot, None, tuple(wrong))
-    entry = whole(slot, device, sweep, Zero(zero, 0.0, 1, "sweep"))
-    return Folded(slot, replace(entry, method="import"))
+        return ImportResult(slot, None, tuple(wrong))
+    entry = whole(slot, device, sweep, ZeroOffset(zero, 0.0, 1, "sweep"))
+    return ImportResult(slot, replace(entry, method="import"))
 
 
-def _refused(slot: Slot, source: Source, device: DeviceRecord) -> str:
+def _refused(slot: CalibrationActuator, source: ForeignCalibration, device: DeviceRecord) -> str:
     """Why nothing of it can be taken; "": it can."""
     joint, now = slot.joint, device.homing_offset_ticks
     if not isinstance(joint.type, ServoType):
@@ -109,7 +116,7 @@ def _refused(slot: Slot, source: Source, device: DeviceRecord) -> str:
     return _moved(source, now)
 
 
-def _moved(source: Source, now: int) -> str:
+def _moved(source: ForeignCalibration, now: int) -> str:
     """Why a count under another homing offset cannot be folded in; "": it can."""
     was = source.homing_offset
     if was == now:

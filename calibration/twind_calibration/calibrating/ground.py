@@ -26,7 +26,7 @@ TOOL = f"twind {__version__}"
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
+class CalibrationContext:
     """The robot as its daemon describes it, and its calibration file, which need not be there yet."""
 
     robot: RobotFile
@@ -66,7 +66,7 @@ class Ground:
         return [name for name in known if name in names or not names]
 
 
-def ground(options: argparse.Namespace, client: Client) -> Ground:
+def ground(options: argparse.Namespace, client: Client) -> CalibrationContext:
     """Asked of the daemon. Raises Rejected (its robot file was changed since, or is another), ClientError."""
     told = client.call("GetRobot")["robot"]
     parameters = client.call("GetParameters")["parameters"]
@@ -76,12 +76,12 @@ def ground(options: argparse.Namespace, client: Client) -> Ground:
         path = Path(options.calibration).absolute()
         if path.suffix != ".yaml":
             raise UsageError(f"--calibration {options.calibration}: a calibration file is named NAME.yaml")
-        return Ground(robot, path, named=True, rate_hz=rate)
+        return CalibrationContext(robot, path, named=True, rate_hz=rate)
     if parameters.get("calibration"):
-        return Ground(robot, Path(parameters["calibration"]), named=True, rate_hz=rate)
+        return CalibrationContext(robot, Path(parameters["calibration"]), named=True, rate_hz=rate)
     individual = parameters.get("individual") or robot.name
     path = usual_calibration(Path(parameters["state_dir"]), individual)
-    return Ground(robot, path, named=False, rate_hz=rate)
+    return CalibrationContext(robot, path, named=False, rate_hz=rate)
 
 
 def _robot(told: dict[str, Any]) -> RobotFile:

@@ -17,10 +17,17 @@ from twind_calibration.again import again
 from twind_calibration.calibrating import draft as drafts
 from twind_calibration.calibrating import lerobot
 from twind_calibration.calibrating.devices import differences, of_file, records
-from twind_calibration.calibrating.folding import Convention, Folded, Source, fold, of_motor, of_registers
-from twind_calibration.calibrating.ground import Ground, ground
+from twind_calibration.calibrating.folding import (
+    Convention,
+    ForeignCalibration,
+    ImportResult,
+    fold,
+    of_motor,
+    of_registers,
+)
+from twind_calibration.calibrating.ground import CalibrationContext, ground
 from twind_calibration.calibrating.matching import matched, read_map
-from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.slots import CalibrationActuator, slots
 from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody, written
 
 
@@ -55,7 +62,9 @@ def _take(options: argparse.Namespace, client: Client) -> int:
     return _write(options, place, calibration, draft, folded)
 
 
-def _motors(options: argparse.Namespace, every: Sequence[Slot]) -> dict[str, lerobot.Motor] | None:
+def _motors(
+    options: argparse.Namespace, every: Sequence[CalibrationActuator]
+) -> dict[str, lerobot.LeRobotMotor] | None:
     """Of the file, by actuator; None: the servos themselves are asked."""
     if options.file is None:
         return None
@@ -69,7 +78,9 @@ def _motors(options: argparse.Namespace, every: Sequence[Slot]) -> dict[str, ler
     return matched(motors, every, names)
 
 
-def _zeros(options: argparse.Namespace, place: Ground, names: Sequence[str]) -> dict[str, Convention]:
+def _zeros(
+    options: argparse.Namespace, place: CalibrationContext, names: Sequence[str]
+) -> dict[str, Convention]:
     """Where each actuator's angle 0 was said to be."""
     said: dict[str, Convention] = dict(options.zero_at)
     place.chosen([name for name in said if name], names)
@@ -77,19 +88,19 @@ def _zeros(options: argparse.Namespace, place: Ground, names: Sequence[str]) -> 
 
 
 def _fold(
-    slot: Slot,
+    slot: CalibrationActuator,
     found: Mapping[str, DeviceRecord],
-    sources: Mapping[str, Source],
-    draft: drafts.Draft,
+    sources: Mapping[str, ForeignCalibration],
+    draft: drafts.CalibrationDraft,
     zeros: Mapping[str, Convention],
     *,
     wide: bool,
-) -> Folded:
+) -> ImportResult:
     device, swept = found.get(slot.name), draft.swept.get(slot.name)
     if device is None:
-        return Folded(slot, None, ("nobody answers there",))
+        return ImportResult(slot, None, ("nobody answers there",))
     if slot.name not in zeros:
-        return Folded(slot, None, (f"nobody says where its angle 0 is: --zero-at {slot.name}=TICKS",))
+        return ImportResult(slot, None, (f"nobody says where its angle 0 is: --zero-at {slot.name}=TICKS",))
     source, note = sources.get(slot.name), ""
     if source is None:
         changed = [] if swept is None else differences(swept.device, device)
@@ -98,7 +109,7 @@ def _fold(
     return replace(fold(slot, source, device, zeros[slot.name], wide=wide), note=note)
 
 
-def _limits(source: Source, changed: Sequence[str]) -> str:
+def _limits(source: ForeignCalibration, changed: Sequence[str]) -> str:
     """What a person is told of a travel that was not swept."""
     if source.swept:
         return ""
@@ -108,10 +119,10 @@ def _limits(source: Source, changed: Sequence[str]) -> str:
 
 def _write(
     options: argparse.Namespace,
-    place: Ground,
+    place: CalibrationContext,
     calibration: Calibration | None,
-    draft: drafts.Draft,
-    folded: Sequence[Folded],
+    draft: drafts.CalibrationDraft,
+    folded: Sequence[ImportResult],
 ) -> int:
     """Show, ask, write, say what comes next; the exit code."""
     width = max((len(each.slot.name) for each in folded), default=0)
@@ -130,7 +141,7 @@ def _write(
     return DONE if len(entries) == len(folded) else REFUSED
 
 
-def _line(folded: Folded, width: int) -> str:
+def _line(folded: ImportResult, width: int) -> str:
     one = folded.entry
     note = f"; {folded.note}" if folded.note else ""
     if one is None:
@@ -141,7 +152,7 @@ def _line(folded: Folded, width: int) -> str:
     return f"ok   {one.name:<{width}} zero at {one.zero_ticks:>6}, travel {low}..{high}{kept}{note}"
 
 
-def _told(folded: Folded) -> dict[str, Any]:
+def _told(folded: ImportResult) -> dict[str, Any]:
     one = folded.entry
     return {
         "joint": folded.slot.name,

@@ -12,12 +12,12 @@ from pathlib import Path
 from twind.config import saving
 from twind.config.calibration_file import HISTORY, Calibration, dump_calibration
 from twind.config.located import ConfigError
-from twind.config.saving import Folder, Rights
+from twind.config.saving import FileOwnership, LockedFolder
 from twind.ctl.verb import Rejected
 
 
 @contextlib.contextmanager
-def alone(path: Path) -> Iterator[Folder]:
+def alone(path: Path) -> Iterator[LockedFolder]:
     """The folder of the file at `path`, held: what it says now it says until this is left.
 
     No person is asked meanwhile: others wait. Raises Rejected: no folder, or somebody else has it.
@@ -28,7 +28,7 @@ def alone(path: Path) -> Iterator[Folder]:
         yield folder
 
 
-def save(calibration: Calibration, path: Path, held: Folder | None = None) -> None:
+def save(calibration: Calibration, path: Path, held: LockedFolder | None = None) -> None:
     """Make the file at `path` hold it. A first file, written by root, is given to whom its folder belongs.
 
     `held`: its folder, of whom made the calibration of what the file holds. Raises Rejected that names the
@@ -55,7 +55,7 @@ def refusing(path: Path) -> Iterator[None]:
         raise Rejected(f"{path} cannot be written: {error}") from None
 
 
-def rights(path: Path) -> Rights | None:
+def rights(path: Path) -> FileOwnership | None:
     """As they were; only root gives a file away, so that the daemon's user can read it still."""
     try:
         before: os.stat_result | None = path.stat()
@@ -64,5 +64,5 @@ def rights(path: Path) -> Rights | None:
     whose = before or path.parent.stat()
     owner, group = (whose.st_uid, whose.st_gid) if os.geteuid() == 0 else (-1, -1)
     if before is None:
-        return Rights(owner=owner, group=group) if os.geteuid() == 0 else None
-    return Rights(stat.S_IMODE(before.st_mode), owner, group)
+        return FileOwnership(owner=owner, group=group) if os.geteuid() == 0 else None
+    return FileOwnership(stat.S_IMODE(before.st_mode), owner, group)

@@ -26,7 +26,7 @@ LISTS = "motor_names"  # of the older format: lists whose order is the only key
 
 
 @dataclass(frozen=True, slots=True)
-class Motor:
+class LeRobotMotor:
     """One motor, in counts of its servo."""
 
     name: str
@@ -37,7 +37,7 @@ class Motor:
     range_max: int
 
 
-def read(data: bytes, file: str) -> dict[str, Motor]:
+def read(data: bytes, file: str) -> dict[str, LeRobotMotor]:
     """Name -> motor. Raises Rejected: no JSON, another shape, a field too many or too few."""
     try:
         told = loads(data)
@@ -53,7 +53,7 @@ def read(data: bytes, file: str) -> dict[str, Motor]:
     return {name: _motor(name, each, file) for name, each in told.items()}
 
 
-def _motor(name: str, told: Any, file: str) -> Motor:
+def _motor(name: str, told: Any, file: str) -> LeRobotMotor:
     if not isinstance(told, Mapping):
         raise Rejected(f"{file}: {name}: {_kind(told)} where an object must be: {SHAPE}")
     unknown = [key for key in told if key not in FIELDS]
@@ -65,7 +65,7 @@ def _motor(name: str, told: Any, file: str) -> Motor:
     if missing:
         raise Rejected(f"{file}: {name}.{missing[0]} is missing")
     values = {key: _whole(f"{name}.{key}", told[key], file) for key in FIELDS}
-    motor = Motor(name, **values)
+    motor = LeRobotMotor(name, **values)
     if not motor.range_min < motor.range_max:
         raise Rejected(
             f"{file}: {name}: range_min {motor.range_min} is not below range_max {motor.range_max}: was it "

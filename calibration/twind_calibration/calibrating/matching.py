@@ -4,23 +4,25 @@ from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
 from twind.config.located import parse
-from twind.config.section import Section
+from twind.config.section import ConfigSection
 from twind.ctl.verb import Rejected
-from twind_calibration.calibrating.lerobot import Motor
-from twind_calibration.calibrating.slots import Slot
+from twind_calibration.calibrating.lerobot import LeRobotMotor
+from twind_calibration.calibrating.slots import CalibrationActuator
 
 Names = Mapping[str, str | None]  # motor -> actuator; None: to be left out
 
 
 def read_map(text: str, file: str) -> Names:
     """`MOTOR: ACTUATOR` a line; `MOTOR: null` leaves it out. Raises ConfigError."""
-    section = Section(file, parse(text, file))
+    section = ConfigSection(file, parse(text, file))
     return {name: None if section.plain(name) is None else section.text(name) for name in section}
 
 
-def matched(motors: Mapping[str, Motor], slots: Sequence[Slot], names: Names | None) -> dict[str, Motor]:
+def matched(
+    motors: Mapping[str, LeRobotMotor], slots: Sequence[CalibrationActuator], names: Names | None
+) -> dict[str, LeRobotMotor]:
     """Actuator -> its motor. Raises Rejected: a motor that is nobody's, or two of one actuator."""
-    found: dict[str, Motor] = {}
+    found: dict[str, LeRobotMotor] = {}
     for motor in motors.values():
         slot = _by_id(motor, slots) if names is None else _named(motor, slots, names)
         if slot is None:
@@ -36,7 +38,7 @@ def matched(motors: Mapping[str, Motor], slots: Sequence[Slot], names: Names | N
     return found
 
 
-def _by_id(motor: Motor, slots: Sequence[Slot]) -> Slot:
+def _by_id(motor: LeRobotMotor, slots: Sequence[CalibrationActuator]) -> CalibrationActuator:
     same = [slot for slot in slots if slot.joint.id == motor.id]
     if not same:
         raise Rejected(
@@ -48,7 +50,9 @@ def _by_id(motor: Motor, slots: Sequence[Slot]) -> Slot:
     return same[0]
 
 
-def _named(motor: Motor, slots: Sequence[Slot], names: Names) -> Slot | None:
+def _named(
+    motor: LeRobotMotor, slots: Sequence[CalibrationActuator], names: Names
+) -> CalibrationActuator | None:
     if motor.name not in names:
         raise Rejected(f"the map does not name {motor.name}: `{motor.name}: null` leaves it out")
     wanted = names[motor.name]

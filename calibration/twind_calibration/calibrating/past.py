@@ -14,19 +14,19 @@ from twind.ctl.verb import DONE, Rejected, observer, show
 from twind.twin.binding import BindingError, bind
 from twind_calibration.again import again
 from twind_calibration.calibrating import kept
-from twind_calibration.calibrating.archive import CURRENT, Archive
-from twind_calibration.calibrating.compared import Change, changes
+from twind_calibration.calibrating.archive import CURRENT, CalibrationArchive
+from twind_calibration.calibrating.compared import CalibrationChange, changes
 from twind_calibration.calibrating.devices import FENCE
-from twind_calibration.calibrating.ground import Ground, ground
+from twind_calibration.calibrating.ground import CalibrationContext, ground
 from twind_calibration.calibrating.placing import spread
-from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.slots import CalibrationActuator, slots
 from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody
 from twind_calibration.described import read
 
 HEADS = ("joint", "bus", "id", "zero", "±", "sign", "travel", "deg", "seam", "offset", "method", "proved")
 
 
-def _place(options: argparse.Namespace) -> Ground:
+def _place(options: argparse.Namespace) -> CalibrationContext:
     """Whose files: as a daemon that runs says, unless they are named; else as the settings do."""
     named = options.robot or options.config or options.port
     if not named:
@@ -38,11 +38,11 @@ def _place(options: argparse.Namespace) -> Ground:
     described = read(options)
     if described.calibration is None:
         raise Rejected(f"{described.robot.name} has no calibration file yet; --calibration FILE names one")
-    return Ground(described.robot, described.calibration.absolute(), named=True)
+    return CalibrationContext(described.robot, described.calibration.absolute(), named=True)
 
 
-def _archive(place: Ground) -> Archive:
-    return Archive(place.path, place.robot)
+def _archive(place: CalibrationContext) -> CalibrationArchive:
+    return CalibrationArchive(place.path, place.robot)
 
 
 # ------------------------------------------------------------------------------------------- show
@@ -57,7 +57,9 @@ def _show(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _page(one: Calibration, file: str, earlier: Sequence[int], every: Sequence[Slot]) -> list[str]:
+def _page(
+    one: Calibration, file: str, earlier: Sequence[int], every: Sequence[CalibrationActuator]
+) -> list[str]:
     rows: list[Sequence[str]] = [HEADS]
     rows += [_row(slot, one.by_name[slot.name]) for slot in every if slot.name in one.by_name]
     left = [slot.name for slot in every if slot.name not in one.by_name]
@@ -67,7 +69,7 @@ def _page(one: Calibration, file: str, earlier: Sequence[int], every: Sequence[S
     return [*lines, f"earlier files: {numbers}"]
 
 
-def _row(slot: Slot, one: JointCalibration) -> Sequence[str]:
+def _row(slot: CalibrationActuator, one: JointCalibration) -> Sequence[str]:
     low, high = one.sweep_ticks
     return (
         *(one.name, one.bus, str(one.id), str(one.zero_ticks), _spread(one)),
@@ -106,14 +108,14 @@ def _diff(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _latest(archive: Archive) -> str:
+def _latest(archive: CalibrationArchive) -> str:
     numbers = archive.numbers()
     if not numbers:
         raise Rejected(f"{archive.path} has no earlier file to compare with")
     return str(numbers[-1])
 
 
-def _lines(found: Sequence[Change]) -> list[str]:
+def _lines(found: Sequence[CalibrationChange]) -> list[str]:
     lines = []
     for name, own in groupby(found, key=lambda each: each.name):
         lines += [f"{name}:", *(f"  {each}" for each in own)]
@@ -156,7 +158,7 @@ def _rollback(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _bytes(place: Ground) -> bytes:
+def _bytes(place: CalibrationContext) -> bytes:
     """What is in force, whatever it is; empty where nobody can read it."""
     try:
         return place.path.read_bytes()
@@ -164,7 +166,7 @@ def _bytes(place: Ground) -> bytes:
         return b""
 
 
-def _fenced_since(archive: Archive, earlier: Calibration) -> list[str]:
+def _fenced_since(archive: CalibrationArchive, earlier: Calibration) -> list[str]:
     """Whose position limits the file that is in force records otherwise; `limits` puts that right."""
     try:
         now = archive.read(CURRENT).by_name
@@ -178,7 +180,7 @@ def _fenced_since(archive: Archive, earlier: Calibration) -> list[str]:
     ]
 
 
-def _against_now(archive: Archive, earlier: Calibration, place: Ground) -> list[str]:
+def _against_now(archive: CalibrationArchive, earlier: Calibration, place: CalibrationContext) -> list[str]:
     """What it changes; a file that cannot be read is no reason against."""
     try:
         return _lines(changes(archive.read(CURRENT), earlier, slots(place.robot)))

@@ -6,7 +6,7 @@ from typing import Literal
 from twind.config.calibration_file import JointCalibration, seam_margin, turn_band
 from twind.config.counts import tick_range
 from twind.config.device_record import DeviceRecord
-from twind_calibration.calibrating.slots import Slot
+from twind_calibration.calibrating.slots import CalibrationActuator
 from twind_calibration.calibrating.unwrap import framed, on_turn
 
 TOLERANCE = 0.15  # rad: the described limits may lie so far outside the swept travel, a pose as well
@@ -15,7 +15,7 @@ Ticks = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Zero:
+class ZeroOffset:
     """Where joint angle 0 is, in the frame of the travel."""
 
     ticks: int
@@ -24,19 +24,21 @@ class Zero:
     method: Literal["jig", "sweep", "endstop"]
 
 
-def travel_of(slot: Slot, device: DeviceRecord, seen: Ticks) -> Ticks:
+def travel_of(slot: CalibrationActuator, device: DeviceRecord, seen: Ticks) -> Ticks:
     """Lowest and highest count as they were seen -> in the frame of the calibration file."""
     return framed(*seen, slot.start + device.homing_offset_ticks, slot.joint.type.ticks_per_turn)
 
 
-def by_pose(slot: Slot, sweep: Ticks, mean: float, sigma: float, captures: int, angle: float) -> Zero:
+def by_pose(
+    slot: CalibrationActuator, sweep: Ticks, mean: float, sigma: float, captures: int, angle: float
+) -> ZeroOffset:
     """Of a joint that stands at `angle` (rad) and reads `mean`, on whatever turn."""
     band = turn_band(sweep, slot.joint.type.ticks_per_turn)
     turn = on_turn(round(mean), band) - round(mean)
-    return Zero(round(mean + turn - angle / slot.rad_per_tick), sigma, captures, "jig")
+    return ZeroOffset(round(mean + turn - angle / slot.rad_per_tick), sigma, captures, "jig")
 
 
-def by_ends(slot: Slot, sweep: Ticks, lower: float | None, upper: float | None) -> Zero:
+def by_ends(slot: CalibrationActuator, sweep: Ticks, lower: float | None, upper: float | None) -> ZeroOffset:
     """Of a joint whose travel ends at these angles (rad); None: where that end is, nobody knows.
 
     Two ends give the mean of two zeros, and half their difference for its spread; of one nobody knows it.
@@ -47,7 +49,7 @@ def by_ends(slot: Slot, sweep: Ticks, lower: float | None, upper: float | None) 
     zeros = [ticks - angle / slot.rad_per_tick for ticks, angle in pairs if angle is not None]
     if not zeros:
         raise ValueError("no end of the travel is known")
-    return Zero(round(sum(zeros) / len(zeros)), abs(zeros[0] - zeros[-1]) / 2.0, len(zeros), "sweep")
+    return ZeroOffset(round(sum(zeros) / len(zeros)), abs(zeros[0] - zeros[-1]) / 2.0, len(zeros), "sweep")
 
 
 def spread(entry: JointCalibration) -> float | None:
@@ -56,7 +58,7 @@ def spread(entry: JointCalibration) -> float | None:
 
 
 def misfits(
-    slot: Slot, device: DeviceRecord, sweep: Ticks, zero: int, stands: int | None = None
+    slot: CalibrationActuator, device: DeviceRecord, sweep: Ticks, zero: int, stands: int | None = None
 ) -> list[str]:
     """What speaks against a zero, with the likely cause; [] for nothing. `stands`: where it is, ticks."""
     spare = slot.ticks(TOLERANCE)
@@ -75,7 +77,7 @@ def misfits(
     return found
 
 
-def _why(slot: Slot, sweep: Ticks, zero: int, spare: int) -> str:
+def _why(slot: CalibrationActuator, sweep: Ticks, zero: int, spare: int) -> str:
     """The other sign mirrors the limits about the zero."""
     first, last = tick_range(slot.joint, zero, -slot.upper, -slot.lower)
     if max(sweep[0] - first, last - sweep[1]) <= spare:
@@ -83,7 +85,7 @@ def _why(slot: Slot, sweep: Ticks, zero: int, spare: int) -> str:
     return "was it in another pose, or not swept to both ends?"
 
 
-def _seam(slot: Slot, device: DeviceRecord, first: int, last: int) -> list[str]:
+def _seam(slot: CalibrationActuator, device: DeviceRecord, first: int, last: int) -> list[str]:
     """A servo in position mode knows one turn: it goes the long way round (e-manual, operating mode 3)."""
     joint, turn = slot.joint, slot.joint.type.ticks_per_turn
     if not joint.type.fenced(joint.mode):
@@ -104,7 +106,9 @@ def _seam(slot: Slot, device: DeviceRecord, first: int, last: int) -> list[str]:
     return []
 
 
-def whole(slot: Slot, device: DeviceRecord, sweep: Ticks, zero: Zero) -> JointCalibration:
+def whole(
+    slot: CalibrationActuator, device: DeviceRecord, sweep: Ticks, zero: ZeroOffset
+) -> JointCalibration:
     """The entry of the calibration file; nothing is proved of it."""
     joint = slot.joint
     return JointCalibration(
@@ -123,7 +127,7 @@ def whole(slot: Slot, device: DeviceRecord, sweep: Ticks, zero: Zero) -> JointCa
     )
 
 
-def fence(slot: Slot, zero: int) -> Ticks | None:
+def fence(slot: CalibrationActuator, zero: int) -> Ticks | None:
     """What its Min and Max Position Limit should be: the joint's limits rounded inwards.
 
     None: its mode knows no such limits. Limits that leave the servo's counts are told by `misfits`.

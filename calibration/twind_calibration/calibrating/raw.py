@@ -7,21 +7,21 @@ from typing import Any
 
 from twind.client import Client
 from twind.ctl.verb import Rejected
-from twind_calibration.calibrating.unwrap import Sample
+from twind_calibration.calibrating.unwrap import EncoderSample
 
 LEAST_HZ = 50.0  # readings a second: fewer, and a quick movement goes over the half-turn unseen
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class RawReading:
     """One exchange. `samples`: of everybody who was heard so far, the same again where nobody is heard."""
 
     time: float  # s, of the daemon's clock
-    samples: Mapping[str, Sample]
+    samples: Mapping[str, EncoderSample]
 
 
 @contextlib.contextmanager
-def readings(client: Client, rate_hz: float) -> Iterator[Iterator[Reading]]:
+def readings(client: Client, rate_hz: float) -> Iterator[Iterator[RawReading]]:
     """As fast as the loop reads, `rate_hz`. Its end hangs the client up. Raises Rejected, ClientError."""
     if not rate_hz >= LEAST_HZ:
         raise Rejected(
@@ -34,12 +34,12 @@ def readings(client: Client, rate_hz: float) -> Iterator[Iterator[Reading]]:
         news.close()
 
 
-def _reading(news: Mapping[str, Any]) -> Reading:
+def _reading(news: Mapping[str, Any]) -> RawReading:
     raw, time = news["raw"], float(news["time"])
     rows = zip(raw["names"], raw["ticks"], raw["age_ms"], strict=True)
     samples = {
-        name: Sample(time - age * 1e-3, int(ticks))
+        name: EncoderSample(time - age * 1e-3, int(ticks))
         for name, ticks, age in rows
         if ticks is not None and age is not None
     }
-    return Reading(time, samples)
+    return RawReading(time, samples)

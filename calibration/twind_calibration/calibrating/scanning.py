@@ -4,14 +4,14 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.table import lined_up
 from twind.ctl.verb import DONE, REFUSED, show
 from twind_calibration.again import again
 from twind_calibration.doctor import report, runner, table
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.examined import CheckContext
 from twind_calibration.doctor.gather import examine
-from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.host import HostInspector
 from twind_calibration.doctor.robot_checks import ACTUATORS, BUSES, SERVOS
 from twind_calibration.doctor.survey import CanSurvey, SerialSurvey
 from twind_calibration.doctor.told import told
@@ -35,9 +35,9 @@ BESIDE = (
 def scan(options: argparse.Namespace) -> int:
     """Exit code 0: nothing is wrong with anybody. Raises UsageError."""
     known, checks = table.complaints(), [each for each in table.checks() if each.what in LOOKS]
-    examined = examine(options, Host(), MonotonicClock())
+    examined = examine(options, HostInspector(), MonotonicClock())
     try:
-        with Progress(options, "scan") as progress:
+        with ProgressLine(options, "scan") as progress:
             outcome = runner.run(examined, progress.each(checks, lambda check: check.what), known)
         beside = examined.daemon is not None
         here = again(options, examined.sockets or None)
@@ -54,7 +54,7 @@ def scan(options: argparse.Namespace) -> int:
     return REFUSED if wrong or not devices else DONE
 
 
-def _devices(examined: Examined) -> Iterator[dict[str, Any]]:
+def _devices(examined: CheckContext) -> Iterator[dict[str, Any]]:
     """Everybody who answers, bus by bus, with the registers that were read."""
     for survey in examined.surveys.values():
         if isinstance(survey, SerialSurvey):

@@ -7,7 +7,7 @@ from twind.config.robot_spec import JointSpec, RobotFile
 
 
 @dataclass(frozen=True, slots=True)
-class Slot:
+class CalibrationActuator:
     """One actuator. Angles (rad) are after its sign and ratio: of its joint, if none is between."""
 
     name: str  # of the actuator: the joint's, unless a transmission is between them
@@ -35,6 +35,6 @@ class Slot:
         return round(abs(radians / self.rad_per_tick))
 
 
-def slots(robot: RobotFile) -> tuple[Slot, ...]:
+def slots(robot: RobotFile) -> tuple[CalibrationActuator, ...]:
     """Every actuator, in joint order."""
-    return tuple(Slot(joint.actuator, joint, *joint.span) for joint in robot.joints)
+    return tuple(CalibrationActuator(joint.actuator, joint, *joint.span) for joint in robot.joints)

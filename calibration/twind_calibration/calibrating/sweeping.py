@@ -13,16 +13,16 @@ from twind.config.device_record import DeviceRecord
 from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
 from twind_calibration.again import again
 from twind_calibration.calibrating import draft as drafts
-from twind_calibration.calibrating.board import Board, line
+from twind_calibration.calibrating.board import SweepDisplay, line
 from twind_calibration.calibrating.devices import of_file, records
-from twind_calibration.calibrating.draft import Swept
-from twind_calibration.calibrating.ground import Ground, ground, now
+from twind_calibration.calibrating.draft import DraftTravel
+from twind_calibration.calibrating.ground import CalibrationContext, ground, now
 from twind_calibration.calibrating.limp import limp, require_limp
 from twind_calibration.calibrating.options import named
 from twind_calibration.calibrating.placing import travel_of
-from twind_calibration.calibrating.raw import Reading, readings
-from twind_calibration.calibrating.slots import Slot, slots
-from twind_calibration.calibrating.travels import News, Stage, Travels, told
+from twind_calibration.calibrating.raw import RawReading, readings
+from twind_calibration.calibrating.slots import CalibrationActuator, slots
+from twind_calibration.calibrating.travels import SweepEvent, SweepStage, SweepTracker, told
 from twind_drivers.clock import Clock, MonotonicClock
 
 REDRAW = 0.1  # s
@@ -51,7 +51,7 @@ def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
         for name in place.chosen(options.joints, names)
         if options.joints or options.again or name not in known
     ]
-    session = Session(options, place, every, asked, clock)
+    session = SweepSession(options, place, every, asked, clock)
     if not asked:
         session.close()
         return DONE
@@ -77,25 +77,25 @@ def _sweep(options: argparse.Namespace, client: Client, clock: Clock) -> int:
     return session.close()
 
 
-class Session:
+class SweepSession:
     """One sweep: what is known of everybody, what was told, and what is in the draft."""
 
     def __init__(
         self,
         options: argparse.Namespace,
-        place: Ground,
-        every: tuple[Slot, ...],
+        place: CalibrationContext,
+        every: tuple[CalibrationActuator, ...],
         asked: list[str],
         clock: Clock,
     ) -> None:
-        self.draft = drafts.Draft()
+        self.draft = drafts.CalibrationDraft()
         self.records: Mapping[str, DeviceRecord] = {}
         self._options, self._place, self._clock = options, place, clock
         self._slots = {slot.name: slot for slot in every}
         self._asked = asked
-        self._travels = Travels(every, asked, wide=options.wide)
+        self._travels = SweepTracker(every, asked, wide=options.wide)
         columns, rows = shutil.get_terminal_size()
-        self._board = Board(live=sys.stdout.isatty() and not options.json, rows=rows, columns=columns)
+        self._board = SweepDisplay(live=sys.stdout.isatty() and not options.json, rows=rows, columns=columns)
         self._begun, self._drawn, self._told = clock.now(), 0.0, dict.fromkeys(asked, 0.0)
 
     def begin(self) -> None:
@@ -110,7 +110,7 @@ class Session:
         ends = "; ENTER ends it with what is done" if sys.stdin.isatty() else ""
         self._say(f"move {count} {HEAD}{ends}")
 
-    def take(self, reading: Reading) -> bool:
+    def take(self, reading: RawReading) -> bool:
         """One reading; whether the sweep is over."""
         for news in self._travels.take(reading.samples):
             self._news(news)
@@ -175,7 +175,7 @@ class Session:
 
     def _why(self, name: str) -> str:
         progress = self._travels.progress(name)
-        if progress.stage is Stage.STILL:
+        if progress.stage is SweepStage.STILL:
             return "it was not moved"
         return told(progress.judged) if progress.judged.wrong else "it did not rest at both ends"
 
@@ -185,7 +185,7 @@ class Session:
         swept = travel_of(self._slots[name], record, travel)
         before = self.draft.swept.get(name)
         if before is None or (before.sweep_ticks, before.device) != (swept, record):
-            fresh = Swept(record, swept, now())
+            fresh = DraftTravel(record, swept, now())
             path, robot = self._place.path, self._place.robot
             self.draft = drafts.change(path, robot, lambda known: known.joined(name, fresh))
 
@@ -195,7 +195,7 @@ class Session:
             path, robot = self._place.path, self._place.robot
             self.draft = drafts.change(path, robot, lambda known: known.without(names))
 
-    def _news(self, news: News) -> None:
+    def _news(self, news: SweepEvent) -> None:
         if news.what == "done":
             self.save(at_once=False)
         elif news.what == "wrong":  # it was done, and went further since
@@ -222,7 +222,7 @@ class Session:
         if time - self._told[name] < TELL:
             return
         progress = self._travels.progress(name)
-        if progress.stage is Stage.MOVING:
+        if progress.stage is SweepStage.MOVING:
             self._told[name] = time
             print(json.dumps({"joint": name, "event": "moving", **_plain(progress)}), flush=True)
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twind.config.device_check import PLAUSIBLE_SWEEP
-from twind_calibration.calibrating.slots import Slot
+from twind_calibration.calibrating.slots import CalibrationActuator
 
 LIKE = 0.10  # share by which a travel may differ from another joint's and still be taken for it
 GUESSES = (0.25, 1 / 3, 0.5, 2.0, 3.0, 4.0)  # what a ratio is often wrong by
@@ -12,7 +12,7 @@ NAMED = 3  # joints that are named as the one it may be
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class TravelVerdict:
     """A travel beside the described one."""
 
     radians: float  # at the joint
@@ -27,7 +27,7 @@ class Judged:
         return not self.wrong
 
 
-def judge(slot: Slot, span: int, others: Sequence[Slot] = ()) -> Judged:
+def judge(slot: CalibrationActuator, span: int, others: Sequence[CalibrationActuator] = ()) -> TravelVerdict:
     """Of `span` ticks; `others` are the joints that it may be taken for."""
     radians = span * abs(slot.rad_per_tick)
     share = radians / slot.range
@@ -38,16 +38,18 @@ def judge(slot: Slot, span: int, others: Sequence[Slot] = ()) -> Judged:
             "tell which turn it is on"
         )
         slips = ("a horn or coupling that slips", "a joint without stops: give it some within one turn")
-        return Judged(radians, share, wrong, (*slips, *_causes(slot, radians, share, others)))
+        return TravelVerdict(radians, share, wrong, (*slips, *_causes(slot, radians, share, others)))
     if not low <= share <= high:
         bound = f"less than {100 * low:.0f}" if not share >= low else f"more than {100 * high:.0f}"
         wrong = f"{100 * share:.0f} % of the described {slot.range:.2f} rad, {bound} %"
         causes = _causes(slot, radians, share, others)
-        return Judged(radians, share, wrong, causes, wide=share > high)
-    return Judged(radians, share)
+        return TravelVerdict(radians, share, wrong, causes, wide=share > high)
+    return TravelVerdict(radians, share)
 
 
-def _causes(slot: Slot, radians: float, share: float, others: Sequence[Slot]) -> tuple[str, ...]:
+def _causes(
+    slot: CalibrationActuator, radians: float, share: float, others: Sequence[CalibrationActuator]
+) -> tuple[str, ...]:
     found = []
     if share < PLAUSIBLE_SWEEP[0]:
         found.append("it was not moved to both its ends")
@@ -62,14 +64,14 @@ def _causes(slot: Slot, radians: float, share: float, others: Sequence[Slot]) ->
     return tuple(found)
 
 
-def _like(slot: Slot, radians: float, other: Slot) -> bool:
+def _like(slot: CalibrationActuator, radians: float, other: CalibrationActuator) -> bool:
     """The travel is what the other one should have."""
     there = radians * slot.joint.ratio / other.joint.ratio
     return abs(there / other.range - 1.0) <= LIKE
 
 
 @dataclass(frozen=True, slots=True)
-class Strayed:
+class UnexpectedMotion:
     """Somebody moved though others were asked for, and one who was asked for did not."""
 
     asked: tuple[str, ...]
@@ -85,7 +87,7 @@ class Strayed:
 UNMOVED, MOVED = 0.05, 0.30  # shares of the described range
 
 
-def strayed(shares: dict[str, float], asked: Sequence[str]) -> Strayed | None:
+def strayed(shares: dict[str, float], asked: Sequence[str]) -> UnexpectedMotion | None:
     """Who moved instead of whom, by the share of its range that each actuator went; None: nobody did.
 
     A limp robot's joints follow each other by their weight: who went far while the one asked for stood still
@@ -93,4 +95,4 @@ def strayed(shares: dict[str, float], asked: Sequence[str]) -> Strayed | None:
     """
     still = tuple(name for name in asked if shares.get(name, 0.0) < UNMOVED)
     moved = tuple(name for name, share in shares.items() if name not in asked and share >= MOVED)
-    return Strayed(still, moved) if still and moved else None
+    return UnexpectedMotion(still, moved) if still and moved else None

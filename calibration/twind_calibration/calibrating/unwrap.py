@@ -34,14 +34,14 @@ def lost(step: int, gap: float, speed: float, ticks_per_turn: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class EncoderSample:
     """One reading of one actuator."""
 
     time: float  # s, when it was heard
     ticks: int  # as on the wire
 
 
-class Track:
+class UnwrappedEncoder:
     """One actuator: where it is, how far it went either way, and whether it rested there.
 
     Counts are those of the first reading, going on over the seam: `framed` names them as the file does.
@@ -51,11 +51,11 @@ class Track:
         self.turn = ticks_per_turn
         self.heard = False
         self.place = self.low = self.high = 0
-        self._last, self._speed = Sample(0.0, 0), 0.0
+        self._last, self._speed = EncoderSample(0.0, 0), 0.0
         self._anchor, self._since = 0, 0.0
         self._rests: tuple[int | None, int | None] = (None, None)
 
-    def take(self, sample: Sample) -> str:
+    def take(self, sample: EncoderSample) -> str:
         """One more reading; why the way begins anew from here, or "". An old or the same one is left out."""
         if not self.heard:
             self._begin(sample)
@@ -93,7 +93,7 @@ class Track:
     def _still(self) -> float:
         return max(2.0, STILL * self.turn)
 
-    def _begin(self, sample: Sample) -> None:
+    def _begin(self, sample: EncoderSample) -> None:
         self.heard = True
         self.place = self.low = self.high = sample.ticks
         self._last, self._speed = sample, 0.0

@@ -13,12 +13,12 @@ from twind.config.calibration_file import (
     read_calibration,
 )
 from twind.config.located import ConfigError
-from twind.config.saving import Folder
+from twind.config.saving import LockedFolder
 from twind.ctl.verb import Rejected, UsageError
 from twind.twin.binding import BindingError, bind
 from twind_calibration.again import again
 from twind_calibration.calibrating import kept
-from twind_calibration.calibrating.ground import TOOL, Ground, now
+from twind_calibration.calibrating.ground import TOOL, CalibrationContext, now
 from twind_calibration.calibrating.slots import slots
 from twind_calibration.instances import restart
 
@@ -42,7 +42,10 @@ def agreed(options: argparse.Namespace, question: str) -> bool:
 
 
 def merged(
-    place: Ground, before: Calibration | None, entries: Sequence[JointCalibration], method: str = "jig"
+    place: CalibrationContext,
+    before: Calibration | None,
+    entries: Sequence[JointCalibration],
+    method: str = "jig",
 ) -> Calibration:
     """The file with these entries in place of the earlier ones, in the robot's order."""
     fresh = {each.name: each for each in entries}
@@ -59,11 +62,11 @@ def merged(
 
 
 def written(
-    place: Ground,
+    place: CalibrationContext,
     before: Calibration | None,
     entries: Sequence[JointCalibration],
     method: str = "jig",
-    held: Folder | None = None,
+    held: LockedFolder | None = None,
 ) -> Calibration:
     """Put these entries, made when the file was `before`, into what it is by now; what it holds then.
 
@@ -85,7 +88,9 @@ def written(
     return after
 
 
-def unchanged(place: Ground, before: Calibration | None, names: Sequence[str]) -> Calibration | None:
+def unchanged(
+    place: CalibrationContext, before: Calibration | None, names: Sequence[str]
+) -> Calibration | None:
     """What the file says by now; the same of `names` as `before`. Raises Rejected: another thing."""
     now = place.calibration()
     then, there = ({} if each is None else each.by_name for each in (before, now))
@@ -98,7 +103,7 @@ def unchanged(place: Ground, before: Calibration | None, names: Sequence[str]) -
     return now
 
 
-def next_steps(options: argparse.Namespace, place: Ground, after: Calibration) -> None:
+def next_steps(options: argparse.Namespace, place: CalibrationContext, after: Calibration) -> None:
     """Say what is still to be done, and the command that brings the file into force."""
     names = [slot.name for slot in slots(place.robot)]
     left = [name for name in names if name not in after.by_name]

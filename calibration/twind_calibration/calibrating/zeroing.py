@@ -15,13 +15,13 @@ from twind.config.robot_spec import RobotFile
 from twind.ctl.verb import DONE, REFUSED, Rejected, observer, operator
 from twind_calibration.again import again
 from twind_calibration.calibrating import draft as drafts
-from twind_calibration.calibrating.captures import Capture, capture
+from twind_calibration.calibrating.captures import JointCapture, capture
 from twind_calibration.calibrating.devices import differences, records
-from twind_calibration.calibrating.ground import Ground, ground
+from twind_calibration.calibrating.ground import CalibrationContext, ground
 from twind_calibration.calibrating.limp import limp, require_limp
 from twind_calibration.calibrating.placing import (
     TOLERANCE,
-    Zero,
+    ZeroOffset,
     by_ends,
     by_pose,
     misfits,
@@ -29,7 +29,7 @@ from twind_calibration.calibrating.placing import (
     whole,
 )
 from twind_calibration.calibrating.raw import readings
-from twind_calibration.calibrating.slots import Slot, slots
+from twind_calibration.calibrating.slots import CalibrationActuator, slots
 from twind_calibration.calibrating.unwrap import on_turn
 from twind_calibration.calibrating.writing import agreed, next_steps, require_somebody, written
 from twind_drivers.clock import MonotonicClock
@@ -38,7 +38,7 @@ SPARE = 5  # times as many readings as are asked for may pass until everybody wa
 
 
 @dataclass(frozen=True, slots=True)
-class Swept:
+class RecordedTravel:
     """What is known of an actuator's travel, from the draft or from the calibration file."""
 
     device: DeviceRecord
@@ -46,10 +46,10 @@ class Swept:
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class ZeroResult:
     """One actuator: its new entry, or what speaks against one."""
 
-    slot: Slot
+    slot: CalibrationActuator
     entry: JointCalibration | None
     wrong: tuple[str, ...]
     angle: float | None  # rad that it stood at; None: by the ends of its travel
@@ -111,7 +111,7 @@ def _zero(options: argparse.Namespace, client: Client) -> int:
     if angles is not None:
         _ask(options, angles, len(chosen))  # a lease does not last as long as a person may take
     found = records(client, place.robot, chosen, {name: each.device for name, each in swept.items()})
-    held: Mapping[str, Capture] = {}
+    held: Mapping[str, JointCapture] = {}
     with limp(client, clock, take=options.take) as keep:
         if angles is not None:
             with observer(options) as watching:
@@ -125,20 +125,20 @@ def _zero(options: argparse.Namespace, client: Client) -> int:
     return _write(options, place, calibration, draft, placed)
 
 
-def travels_of(draft: drafts.Draft, calibration: Calibration | None) -> dict[str, Swept]:
+def travels_of(draft: drafts.CalibrationDraft, calibration: Calibration | None) -> dict[str, RecordedTravel]:
     """By actuator; the draft is newer than the file."""
     known = () if calibration is None else calibration.joints
-    found = {each.name: Swept(each.device, each.sweep_ticks) for each in known}
-    return found | {name: Swept(each.device, each.sweep_ticks) for name, each in draft.swept.items()}
+    found = {each.name: RecordedTravel(each.device, each.sweep_ticks) for each in known}
+    return found | {name: RecordedTravel(each.device, each.sweep_ticks) for name, each in draft.swept.items()}
 
 
 def _chosen(
     options: argparse.Namespace,
-    place: Ground,
-    every: Sequence[Slot],
-    draft: drafts.Draft,
-    swept: Mapping[str, Swept],
-) -> list[Slot]:
+    place: CalibrationContext,
+    every: Sequence[CalibrationActuator],
+    draft: drafts.CalibrationDraft,
+    swept: Mapping[str, RecordedTravel],
+) -> list[CalibrationActuator]:
     """Raises Rejected: nobody was swept, or one who was named was not."""
     names = place.chosen(options.joints, [slot.name for slot in every])
     unswept = [name for name in names if name not in swept]
@@ -157,7 +157,9 @@ def _chosen(
     return [slot for slot in every if slot.name in names and slot.name in pending]
 
 
-def _angles(options: argparse.Namespace, place: Ground, chosen: Sequence[Slot]) -> dict[str, float]:
+def _angles(
+    options: argparse.Namespace, place: CalibrationContext, chosen: Sequence[CalibrationActuator]
+) -> dict[str, float]:
     """Rad of each actuator that is read. Raises Rejected: no such pose, no such joint, outside its limits."""
     poses = place.robot.poses
     if options.pose is not None and options.pose not in poses:
@@ -178,7 +180,7 @@ def _angles(options: argparse.Namespace, place: Ground, chosen: Sequence[Slot]) 
     return angles
 
 
-def _turned(robot: RobotFile, slot: Slot) -> Sequence[str]:
+def _turned(robot: RobotFile, slot: CalibrationActuator) -> Sequence[str]:
     """The joints that an actuator turns."""
     for each in robot.transmissions:
         if slot.joint.name in each.joints:
@@ -200,8 +202,8 @@ def _ask(options: argparse.Namespace, angles: Mapping[str, float], count: int) -
 
 
 def captured(
-    client: Client, rate: float, chosen: Sequence[Slot], count: int, keep: Callable[[], None]
-) -> dict[str, Capture]:
+    client: Client, rate: float, chosen: Sequence[CalibrationActuator], count: int, keep: Callable[[], None]
+) -> dict[str, JointCapture]:
     """So many readings of each, as they were heard. `keep` keeps them limp; called at every reading."""
     heard: dict[str, list[int]] = {slot.name: [] for slot in chosen}
     stamps = dict.fromkeys(heard, float("-inf"))
@@ -218,15 +220,19 @@ def captured(
 
 
 def place_slot(
-    slot: Slot, known: Swept, device: DeviceRecord | None, read: Capture | None, angle: float | None
-) -> Placed:
+    slot: CalibrationActuator,
+    known: RecordedTravel,
+    device: DeviceRecord | None,
+    read: JointCapture | None,
+    angle: float | None,
+) -> ZeroResult:
     """Its entry, or what speaks against one. `angle`: rad that it was read at; None: by its travel's ends."""
     if device is None:
-        return Placed(slot, None, ("nobody answers there",), angle)
+        return ZeroResult(slot, None, ("nobody answers there",), angle)
     changed = differences(known.device, device)
     if changed:
         wrong = f"it is not as it was when it was swept: {', '.join(changed)}: sweep it again"
-        return Placed(slot, None, (wrong,), angle)
+        return ZeroResult(slot, None, (wrong,), angle)
     stands = None
     if angle is None:
         at = by_ends(slot, known.sweep, *_ends(slot))
@@ -234,22 +240,22 @@ def place_slot(
     else:
         if read is None or read.wrong:
             why = "it was not read" if read is None else f"{read.wrong}: hold it still"
-            return Placed(slot, None, (why,), angle)
+            return ZeroResult(slot, None, (why,), angle)
         at = by_pose(slot, known.sweep, read.mean, read.sigma, read.count, angle)
         stands = on_turn(round(read.mean), turn_band(known.sweep, slot.joint.type.ticks_per_turn))
         wrong = ""
     speaks = [*([wrong] if wrong else []), *misfits(slot, device, known.sweep, at.ticks, stands)]
     entry = None if speaks else whole(slot, device, known.sweep, at)
-    return Placed(slot, entry, tuple(speaks), angle)
+    return ZeroResult(slot, entry, tuple(speaks), angle)
 
 
-def _ends(slot: Slot) -> tuple[float | None, float | None]:
+def _ends(slot: CalibrationActuator) -> tuple[float | None, float | None]:
     """Angles (rad) of the ends of the travel: stops that are described, else the limits."""
     stops = slot.joint.stops
     return (stops.lower, stops.upper) if stops.described else (slot.lower, slot.upper)
 
 
-def _apart(slot: Slot, at: Zero) -> str:
+def _apart(slot: CalibrationActuator, at: ZeroOffset) -> str:
     """Two ends that tell zeros too far apart."""
     apart = 2.0 * at.sigma * abs(slot.rad_per_tick)
     if apart <= 2.0 * TOLERANCE:
@@ -260,7 +266,7 @@ def _apart(slot: Slot, at: Zero) -> str:
     )
 
 
-def _coarse(placed: Sequence[Placed]) -> str:
+def _coarse(placed: Sequence[ZeroResult]) -> str:
     """How good zeros by the ends of the travel are."""
     good = [each for each in placed if each.entry is not None]
     known = [each.spread * abs(each.slot.rad_per_tick) for each in good if each.spread is not None]
@@ -272,10 +278,10 @@ def _coarse(placed: Sequence[Placed]) -> str:
 
 def _write(
     options: argparse.Namespace,
-    place: Ground,
+    place: CalibrationContext,
     calibration: Calibration | None,
-    draft: drafts.Draft,
-    placed: Sequence[Placed],
+    draft: drafts.CalibrationDraft,
+    placed: Sequence[ZeroResult],
 ) -> int:
     """Show, ask, write, say what comes next; the exit code."""
     width = max(len(each.slot.name) for each in placed)

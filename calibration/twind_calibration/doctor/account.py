@@ -7,11 +7,11 @@ import stat
 from dataclasses import dataclass
 from pathlib import Path
 
-from twind_calibration.doctor.complaint import CannotLook
+from twind_calibration.doctor.complaint import CheckUnavailable
 
 
 @dataclass(frozen=True)
-class Account:
+class UserAccount:
     """A user with the groups that its process has."""
 
     uid: int
@@ -36,37 +36,37 @@ class Account:
     def _bits(self, path: Path, want: int) -> bool:
         found = path.stat()
         if "system.posix_acl_access" in _attributes(path) and found.st_uid != self.uid:
-            raise CannotLook(f"{path} has an access control list: `getfacl {path}`")
+            raise CheckUnavailable(f"{path} has an access control list: `getfacl {path}`")
         shift = 6 if found.st_uid == self.uid else 3 if found.st_gid in self.gids else 0
         return (stat.S_IMODE(found.st_mode) >> shift) & want == want
 
 
-def own() -> Account:
+def own() -> UserAccount:
     """Who runs the doctor."""
-    return Account(os.geteuid(), frozenset({os.getegid(), *os.getgroups()}))
+    return UserAccount(os.geteuid(), frozenset({os.getegid(), *os.getgroups()}))
 
 
-def of_process(proc: Path, pid: int) -> Account:
+def of_process(proc: Path, pid: int) -> UserAccount:
     """Who a process is, with the groups it has now. Raises CannotLook."""
     try:
         lines = (proc / str(pid) / "status").read_text().splitlines()
     except OSError as error:
-        raise CannotLook(f"process {pid}: {error.strerror}") from error
+        raise CheckUnavailable(f"process {pid}: {error.strerror}") from error
     words = {line.partition(":")[0]: line.partition(":")[2].split() for line in lines}
-    return Account(int(words["Uid"][1]), frozenset(map(int, (words["Gid"][1], *words.get("Groups", ())))))
+    return UserAccount(int(words["Uid"][1]), frozenset(map(int, (words["Gid"][1], *words.get("Groups", ())))))
 
 
-def of_service(user: str, groups: str) -> Account:
+def of_service(user: str, groups: str) -> UserAccount:
     """Who a service with User= and SupplementaryGroups= will be. Raises CannotLook: there is no such user."""
     try:
         entry = pwd.getpwnam(user or "root")
     except KeyError:
-        raise CannotLook(f"there is no user {user!r}") from None
+        raise CheckUnavailable(f"there is no user {user!r}") from None
     gids = set(os.getgrouplist(entry.pw_name, entry.pw_gid))
     for name in groups.split():
         if (gid := group_id(name)) is not None:
             gids.add(gid)
-    return Account(entry.pw_uid, frozenset(gids))
+    return UserAccount(entry.pw_uid, frozenset(gids))
 
 
 def enrolled(uid: int, gid: int) -> bool:

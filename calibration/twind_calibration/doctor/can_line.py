@@ -8,21 +8,27 @@ from functools import cached_property
 from twind.client import NoDaemon
 from twind.config.actuator import CanType
 from twind.config.robot_spec import BusSpec, RobotFile
-from twind_calibration.doctor.complaint import CannotLook
-from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.complaint import CheckUnavailable
+from twind_calibration.doctor.host import HostInspector
 from twind_drivers.bus import PortError
-from twind_drivers.can.actuator import Actuator
-from twind_drivers.can.channel import Channel
+from twind_drivers.can.actuator import CanActuator
+from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.ports import open_channel, parse
 from twind_drivers.can.reader import CanReader
 from twind_drivers.clock import Clock
 
 
-class CanLine:
+class CanBusInspector:
     """One CAN bus at its bit rate. `channel`, `reader` may raise CannotLook."""
 
     def __init__(
-        self, port: str, spec: BusSpec, robot: RobotFile, host: Host, clock: Clock, why: NoDaemon | None
+        self,
+        port: str,
+        spec: BusSpec,
+        robot: RobotFile,
+        host: HostInspector,
+        clock: Clock,
+        why: NoDaemon | None,
     ) -> None:
         """Opens nothing yet: the channel is opened when first used, and stays open until `close`.
 
@@ -30,23 +36,23 @@ class CanLine:
         """
         self.port, self.spec, self.robot, self.host, self.clock = port, spec, robot, host, clock
         self._why = why
-        self._open: Channel | None = None
+        self._open: CanChannel | None = None
 
     @cached_property
-    def channel(self) -> Channel:
+    def channel(self) -> CanChannel:
         """The open channel. Raises CannotLook: a daemon may drive it, held, not there or permitted, down."""
         self._require_alone()
         try:
             self._open = open_channel(self.port, self.spec.baud)
         except PortError as error:
-            raise CannotLook(str(error)) from error
+            raise CheckUnavailable(str(error)) from error
         return self._open
 
     @cached_property
     def reader(self) -> CanReader:
         """Asks the actuators that the robot file names; it cannot command."""
         actuators = [
-            Actuator(
+            CanActuator(
                 id=joint.id,
                 feedback_id=joint.id if joint.feedback_id is None else joint.feedback_id,
                 model=joint.type.device,
@@ -64,16 +70,18 @@ class CanLine:
         parts = parse(self.port)
         if parts.interface == "slcan":  # a serial port: who has it, has it open
             for other in self.host.holders(parts.channel):
-                raise CannotLook(f"{parts.channel} is held by pid {other.pid} ({other.command})")
+                raise CheckUnavailable(f"{parts.channel} is held by pid {other.pid} ({other.command})")
             return
         shut = f"{self.port} was not opened"
         if self._why is not None and not self._why.absent:
-            raise CannotLook(f"{shut}, a daemon may drive it: {self._why}")
+            raise CheckUnavailable(f"{shut}, a daemon may drive it: {self._why}")
         for other in self.host.daemons():
             how = "ask that one with `--socket DIR`, or stop it"
-            raise CannotLook(f"{shut}, pid {other.pid} ({other.command}) may drive it: {how}")
+            raise CheckUnavailable(f"{shut}, pid {other.pid} ({other.command}) may drive it: {how}")
         if parts.interface == "socketcan" and self.host.hears(parts.channel):
-            raise CannotLook(f"{shut}, a program listens there (/proc/net/can): end it, then look again")
+            raise CheckUnavailable(
+                f"{shut}, a program listens there (/proc/net/can): end it, then look again"
+            )
 
     def close(self) -> None:
         """Let go of the channel, if it was opened."""

@@ -7,11 +7,11 @@ import numpy as np
 
 from twind.config.actuator import CanType
 from twind.config.robot_spec import JointSpec
-from twind_calibration.doctor.can_line import CanLine
-from twind_calibration.doctor.complaint import CannotLook
-from twind_calibration.doctor.survey import PARAMETERS, CanSurvey, Node, asked
-from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, Read
-from twind_drivers.can.channel import Line
+from twind_calibration.doctor.can_line import CanBusInspector
+from twind_calibration.doctor.complaint import CheckUnavailable
+from twind_calibration.doctor.survey import PARAMETERS, CanSurvey, SurveyedCanActuator, asked
+from twind_drivers.bus import Bools, DeviceRefused, NoReply, PortError, ReadRequest
+from twind_drivers.can.channel import CanErrorState
 from twind_drivers.can.orders import STATE
 from twind_drivers.can.reader import CanReader
 from twind_drivers.perform import perform
@@ -27,20 +27,20 @@ FAULTS = (
     *("lost its master", "a code that nobody knows"),
 )
 CONDITIONS = {
-    Line.PASSIVE: "the controller is error passive: many frames are broken",
-    Line.OFF: "the controller has left the bus, or nobody acknowledges its frames",
+    CanErrorState.PASSIVE: "the controller is error passive: many frames are broken",
+    CanErrorState.OFF: "the controller has left the bus, or nobody acknowledges its frames",
 }
 
 
-def survey_can_line(line: CanLine) -> CanSurvey:
+def survey_can_line(line: CanBusInspector) -> CanSurvey:
     """Everything of one bus. Raises CannotLook."""
     try:
         return _survey(line)
     except PortError as error:
-        raise CannotLook(str(error)) from error
+        raise CheckUnavailable(str(error)) from error
 
 
-def _survey(line: CanLine) -> CanSurvey:
+def _survey(line: CanBusInspector) -> CanSurvey:
     reader, clock = line.reader, line.clock
     clock.sleep_until(clock.now() + LISTEN)
     unasked = reader.fleet.hear(line.channel.receive(clock.now()))
@@ -57,13 +57,13 @@ def _survey(line: CanLine) -> CanSurvey:
     )
 
 
-def _node(line: CanLine, joint: JointSpec, *, twice: bool) -> Node:
+def _node(line: CanBusInspector, joint: JointSpec, *, twice: bool) -> SurveyedCanActuator:
     torque, fault = _state(line, joint.id)
     faults = tuple(name for bit, name in enumerate(FAULTS) if fault >> bit & 1)
-    return Node(joint.bus, joint, _values(line, joint), torque, faults, twice)
+    return SurveyedCanActuator(joint.bus, joint, _values(line, joint), torque, faults, twice)
 
 
-def _state(line: CanLine, id: int) -> tuple[int, int]:
+def _state(line: CanBusInspector, id: int) -> tuple[int, int]:
     """Torque, -1: not told; fault bits."""
     for _ in range(TRIES):
         if id in (told := _ask(line)):
@@ -72,7 +72,7 @@ def _state(line: CanLine, id: int) -> tuple[int, int]:
     return -1, 0
 
 
-def _rounds(line: CanLine) -> tuple[set[int], set[int], int]:
+def _rounds(line: CanBusInspector) -> tuple[set[int], set[int], int]:
     """All asked again and again: who answered, late or not; who answered more often than asked in most of the
     rounds (never who tells unasked); how many frames came of nobody.
 
@@ -97,16 +97,16 @@ def _ids(reader: CanReader, rows: Bools) -> set[int]:
     return {id for id, chosen in zip(reader.ids, rows.tolist(), strict=True) if chosen}
 
 
-def _ask(line: CanLine) -> Mapping[int, bytes]:
+def _ask(line: CanBusInspector) -> Mapping[int, bytes]:
     """What everybody says of torque and faults, by id."""
     reader, clock = line.reader, line.clock
-    reader.begin(Read(reader.ids, STATE, 3), clock.now())
+    reader.begin(ReadRequest(reader.ids, STATE, 3), clock.now())
     while not reader.feed(clock.now()) and clock.now() < reader.deadline:
         clock.wait([reader.channel], reader.deadline)
     return reader.answer(clock.now()).data
 
 
-def _values(line: CanLine, joint: JointSpec) -> Mapping[str, int]:
+def _values(line: CanBusInspector, joint: JointSpec) -> Mapping[str, int]:
     """Registers by name, floats in thousandths; one that is not answered is left out."""
     assert isinstance(joint.type, CanType)
     found = {}

@@ -39,7 +39,7 @@ class Devices(str):
 
 
 @dataclass(frozen=True, slots=True)
-class Complaint:
+class Check:
     """One row of the table: true of every machine, so placeholders stand in capitals (PORT, FILE, USER)."""
 
     code: str  # PORT_MISSING; what `--only` takes
@@ -68,7 +68,7 @@ class Fix:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class DoctorFinding:
     """A complaint met here. `measured` and `expected` are texts with units."""
 
     code: str  # of the complaint
@@ -80,9 +80,9 @@ class Found:
     advice: str = ""  # what to do where it is no command, or beside it; "" : the row's remedy says it
 
 
-class CannotLook(Exception):
+class CheckUnavailable(Exception):
     """This could not be looked at, and why (no right to, no such file here). No finding: said at the end."""
 
 
-class NothingThere(Exception):
+class CheckNotApplicable(Exception):
     """This machine or robot has no such thing (no CAN bus): not looked at, and not worth a word."""

@@ -6,14 +6,14 @@ from functools import cached_property
 from typing import Any
 
 from twind.client import CallError, Client, ClientError
-from twind_calibration.doctor.complaint import CannotLook
+from twind_calibration.doctor.complaint import CheckUnavailable
 
 PATIENCE = 2.0  # s for one answer: a daemon in trouble must not hang who looks for it
 PEER = struct.Struct("3i")  # struct ucred: pid, uid, gid (unix(7))
 Answer = dict[str, Any]
 
 
-class Daemon:
+class DaemonInspector:
     """One daemon by one connection. Every property may raise CannotLook: it went away, or serves it not."""
 
     def __init__(self, client: Client) -> None:
@@ -49,13 +49,13 @@ class Daemon:
     def latency(self) -> dict[str, Answer]:
         """`Latency` of the interface by hop: request, reply, state, twin, …"""
         if self._silent:
-            raise CannotLook(self._silent)
+            raise CheckUnavailable(self._silent)
         try:
             for news in self.client.stream("Monitor", topics=["latency"], rate=10.0):
                 return {str(hop["hop"]): hop for hop in news.get("latency") or ()}
         except ClientError as error:
-            raise CannotLook(f"the daemon does not answer Monitor: {error}") from error
-        raise CannotLook("the daemon ended Monitor without an answer")
+            raise CheckUnavailable(f"the daemon does not answer Monitor: {error}") from error
+        raise CheckUnavailable("the daemon ended Monitor without an answer")
 
     @property
     def live(self) -> bool:
@@ -70,7 +70,7 @@ class Daemon:
                 asking.settimeout(PATIENCE)
                 asking.connect(self.path)
             except OSError as error:
-                raise CannotLook(f"{self.path}: {error.strerror or error}") from error
+                raise CheckUnavailable(f"{self.path}: {error.strerror or error}") from error
             found = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, PEER.size)
         return int(PEER.unpack(found)[0])
 
@@ -81,14 +81,14 @@ class Daemon:
     def ask(self, method: str, **parameters: Any) -> Answer:
         """Call a reading method. Raises CannotLook with what the daemon said."""
         if self._silent:
-            raise CannotLook(self._silent)
+            raise CheckUnavailable(self._silent)
         try:
             return self.client.call(method, **parameters)
         except CallError as error:
-            raise CannotLook(f"{method}: {error}") from error
+            raise CheckUnavailable(f"{method}: {error}") from error
         except ClientError as error:
             self._silent = f"the daemon does not answer {method}: {error}"
-            raise CannotLook(self._silent) from error
+            raise CheckUnavailable(self._silent) from error
 
     @cached_property
     def _both(self) -> Answer:

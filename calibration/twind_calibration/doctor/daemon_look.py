@@ -11,22 +11,22 @@ from typing import Any, TypeVar
 
 from twind.client import CallError, Client, ClientError
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
-from twind_calibration.doctor.complaint import CannotLook
-from twind_calibration.doctor.daemon import Daemon
+from twind_calibration.doctor.complaint import CheckUnavailable
+from twind_calibration.doctor.daemon import DaemonInspector
 from twind_calibration.doctor.survey import (
     EEPROM,
     MAPPED,
     RAM,
     CanSurvey,
-    Inertial,
-    Node,
     SerialSurvey,
-    Servo,
+    SurveyedCanActuator,
+    SurveyedImu,
+    SurveyedServo,
     asked,
     thing_of,
 )
 from twind_drivers.dynamixel.identity import known as table_of
-from twind_drivers.dynamixel.tables import Table
+from twind_drivers.dynamixel.tables import ControlTable
 
 SILENT = 1000.0  # ms, of an IMU: one that is silent is asked at least once a second
 PATIENCE = 65.0  # s for one answer: a scan of a slow bus
@@ -37,17 +37,17 @@ Told = Mapping[str, Any]
 T = TypeVar("T")
 
 
-def operator(daemon: Daemon) -> Client:
+def operator(daemon: DaemonInspector) -> Client:
     """A connection that may read registers. Raises CannotLook: this user is no operator."""
     client = Client(Path(daemon.path).parent, timeout=PATIENCE)
     try:
         client.connect()
     except ClientError as error:
-        raise CannotLook(f"registers are read by operators alone: {error}") from error
+        raise CheckUnavailable(f"registers are read by operators alone: {error}") from error
     return client
 
 
-def survey_serial(daemon: Daemon, spec: BusSpec, robot: RobotFile) -> SerialSurvey:
+def survey_serial(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -> SerialSurvey:
     """One serial bus. Raises CannotLook: it is not open, or the daemon does not answer."""
     port, servos, missing = _bus(daemon, spec, robot, _servo)
     imu = robot.imu if robot.imu is not None and robot.imu.bus == spec.name else None
@@ -55,26 +55,29 @@ def survey_serial(daemon: Daemon, spec: BusSpec, robot: RobotFile) -> SerialSurv
     return SerialSurvey(spec, port, found, missing, imu=None if imu is None else _inertial(daemon, imu))
 
 
-def _inertial(daemon: Daemon, imu: ImuSpec) -> Inertial:
+def _inertial(daemon: DaemonInspector, imu: ImuSpec) -> SurveyedImu:
     """What the daemon heard of it last. Raises CannotLook."""
     with operator(daemon) as client:
         try:
             told = client.call("Monitor", topics=["state"]).get("imu")
         except ClientError as error:
-            raise CannotLook(f"the daemon does not answer Monitor: {error}") from error
+            raise CheckUnavailable(f"the daemon does not answer Monitor: {error}") from error
     if told is None or told["age_ms"] > SILENT:
-        return Inertial(thing_of(imu), False)
-    return Inertial(thing_of(imu), True, math.hypot(*told["acceleration"]))
+        return SurveyedImu(thing_of(imu), False)
+    return SurveyedImu(thing_of(imu), True, math.hypot(*told["acceleration"]))
 
 
-def survey_can(daemon: Daemon, spec: BusSpec, robot: RobotFile) -> CanSurvey:
+def survey_can(daemon: DaemonInspector, spec: BusSpec, robot: RobotFile) -> CanSurvey:
     """One CAN bus. Raises CannotLook as above."""
     port, nodes, missing = _bus(daemon, spec, robot, _node)
     return CanSurvey(spec, port, nodes, tuple(filter(asked, missing)))
 
 
 def _bus(
-    daemon: Daemon, spec: BusSpec, robot: RobotFile, look: Callable[[Client, JointSpec, Told, Told], T]
+    daemon: DaemonInspector,
+    spec: BusSpec,
+    robot: RobotFile,
+    look: Callable[[Client, JointSpec, Told, Told], T],
 ) -> tuple[str, tuple[T, ...], tuple[JointSpec, ...]]:
     """Its port, who of its joints answers, and who does not."""
     port = _open(daemon, spec)
@@ -90,11 +93,11 @@ def _bus(
     return port, found, tuple(joint for joint in joints if joint.id not in present)
 
 
-def _open(daemon: Daemon, spec: BusSpec) -> str:
+def _open(daemon: DaemonInspector, spec: BusSpec) -> str:
     for bus in daemon.status["buses"]:
         if bus["name"] == spec.name:
             return str(bus["port"])
-    raise CannotLook(f"the daemon has no bus {spec.name}: it runs with another robot file")
+    raise CheckUnavailable(f"the daemon has no bus {spec.name}: it runs with another robot file")
 
 
 def _scan(client: Client, bus: str) -> dict[int, Told]:
@@ -104,12 +107,12 @@ def _scan(client: Client, bus: str) -> dict[int, Told]:
     except CallError as error:
         if error.name == "BusFailed" and error.parameters.get("silent"):
             return {}
-        raise CannotLook(f"bus {bus}: {error}") from error
+        raise CheckUnavailable(f"bus {bus}: {error}") from error
     except ClientError as error:
-        raise CannotLook(f"the daemon does not answer Scan: {error}") from error
+        raise CheckUnavailable(f"the daemon does not answer Scan: {error}") from error
 
 
-def _servo(client: Client, joint: JointSpec, found: Told, told: Told) -> Servo:
+def _servo(client: Client, joint: JointSpec, found: Told, told: Told) -> SurveyedServo:
     number, firmware = int(found["model"]), int(found.get("firmware") or 0)
     table = table_of(number, firmware)
     values = {name: int(value) for name, value in (found.get("settings") or {}).items()}
@@ -117,7 +120,7 @@ def _servo(client: Client, joint: JointSpec, found: Told, told: Told) -> Servo:
         table is not None and values
     ):  # who has no settings answers pings alone: nothing more can be read of it
         values |= _present(told) | _values(client, joint, table, values)
-    return Servo(joint.bus, joint.id, joint, number, found.get("model_name"), firmware, values)
+    return SurveyedServo(joint.bus, joint.id, joint, number, found.get("model_name"), firmware, values)
 
 
 def _present(told: Told) -> dict[str, int]:
@@ -129,7 +132,9 @@ def _present(told: Told) -> dict[str, int]:
     return {name: round(value * counts) for name, (value, counts) in found.items() if value is not None}
 
 
-def _values(client: Client, joint: JointSpec, table: Table, known: Mapping[str, int]) -> dict[str, int]:
+def _values(
+    client: Client, joint: JointSpec, table: ControlTable, known: Mapping[str, int]
+) -> dict[str, int]:
     """The registers that the scan does not tell; of the map its first entry alone."""
     found: dict[str, int] = {}
     for name in (*EEPROM, *RAM, *joint.registers, f"{MAPPED}1"):
@@ -147,17 +152,17 @@ def _register(client: Client, joint: JointSpec, name: str) -> int | None:
     except CallError as error:
         if error.name in ("BusFailed", "NotFound"):
             return None
-        raise CannotLook(f"ReadRegister: {error}") from error
+        raise CheckUnavailable(f"ReadRegister: {error}") from error
     except ClientError as error:
-        raise CannotLook(f"the daemon does not answer ReadRegister: {error}") from error
+        raise CheckUnavailable(f"the daemon does not answer ReadRegister: {error}") from error
     return int(answer["register"]["value"])
 
 
-def _node(_: Client, joint: JointSpec, found: Told, told: Told) -> Node:
+def _node(_: Client, joint: JointSpec, found: Told, told: Told) -> SurveyedCanActuator:
     """All of it comes with scan and status: a CAN bus has little time for registers beside its cycle."""
     settings = {name: int(value) for name, value in (found.get("settings") or {}).items()}
     values = {TOLD.get(name, name): value for name, value in settings.items()}
     if told.get("voltage") is not None:
         values["bus_voltage"] = round(1e3 * told["voltage"])
     faults = tuple(name.replace("_", " ") for name in told.get("faults") or () if name != "alert")
-    return Node(joint.bus, joint, values, TORQUE[told.get("torque")], faults)
+    return SurveyedCanActuator(joint.bus, joint, values, TORQUE[told.get("torque")], faults)

@@ -10,48 +10,48 @@ from twind.config.calibration_file import Calibration
 from twind.config.located import ConfigError
 from twind.config.robot_file import RobotFile
 from twind.config.robot_spec import BusSpec
-from twind.config.settings import Settings
-from twind_calibration.doctor.can_line import CanLine
-from twind_calibration.doctor.complaint import CannotLook, NothingThere
-from twind_calibration.doctor.daemon import Daemon
-from twind_calibration.doctor.host import Host
-from twind_calibration.doctor.line import Line
+from twind.config.settings import DaemonSettings
+from twind_calibration.doctor.can_line import CanBusInspector
+from twind_calibration.doctor.complaint import CheckNotApplicable, CheckUnavailable
+from twind_calibration.doctor.daemon import DaemonInspector
+from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor.line import SerialBusInspector
 
 
 @dataclass
-class Examined:
+class CheckContext:
     """One machine, its files, its daemon or the free ports of its buses."""
 
-    host: Host
+    host: HostInspector
     unit: str  # twind.service, twind@NAME.service: the service of these settings
     sockets: str = ""  # the folder where a daemon was looked for; "": the usual ones
     no_daemon: NoDaemon | None = None  # why none can be reached; None: one answers
     asleep: str = ""  # the stopped service that a connection would start; it is not connected to
     other_ports: bool = False  # a daemon answers, and has other ports than this call names
-    daemon: Daemon | None = None  # None: none can be reached
-    settings: Settings | None = None
+    daemon: DaemonInspector | None = None  # None: none can be reached
+    settings: DaemonSettings | None = None
     robot: RobotFile | None = None  # the daemon's, if one runs and its file can be read
     calibration: Calibration | None = None
     wrong_files: tuple[ConfigError, ...] = ()  # what settings, robot, calibration, model say of themselves
     ports: Mapping[str, str | None] = field(
         default_factory=dict
     )  # by bus, as the daemon has or would have them
-    lines: Mapping[str, Line] = field(
+    lines: Mapping[str, SerialBusInspector] = field(
         default_factory=dict
     )  # by bus: serial ports that nobody holds; no daemon
-    can_lines: Mapping[str, CanLine] = field(default_factory=dict)  # by bus: CAN channels; no daemon
+    can_lines: Mapping[str, CanBusInspector] = field(default_factory=dict)  # by bus: CAN channels; no daemon
     surveys: dict[str, Any] = field(default_factory=dict)  # what was looked up once, for every check
 
     def need_robot(self) -> RobotFile:
         """The robot. Raises CannotLook where its file is refused."""
         if self.robot is None:
-            raise CannotLook("the robot file cannot be read")
+            raise CheckUnavailable("the robot file cannot be read")
         return self.robot
 
-    def need_daemon(self) -> Daemon:
+    def need_daemon(self) -> DaemonInspector:
         """The daemon. Raises NothingThere where none can be reached."""
         if self.daemon is None:
-            raise NothingThere("no daemon runs")
+            raise CheckNotApplicable("no daemon runs")
         return self.daemon
 
     @property
@@ -66,7 +66,7 @@ class Examined:
         daemon = None
         if self.daemon is not None:
             daemon = {"socket": self.daemon.path}
-            with suppress(CannotLook):
+            with suppress(CheckUnavailable):
                 daemon |= {key: self.daemon.status[key] for key in ("version", "robot", "mode", "state")}
         name = None if self.robot is None else self.robot.name
         joints = () if self.robot is None else self.robot.joints

@@ -9,50 +9,50 @@ from twind.config.edited import fingerprint
 from twind.config.pages import CALIBRATION, page
 from twind.config.robot_file import RobotFile
 from twind.twin.binding import BindingError, bind
-from twind_calibration.doctor.complaint import CannotLook, Found, NothingThere
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.complaint import CheckNotApplicable, CheckUnavailable, DoctorFinding
+from twind_calibration.doctor.examined import CheckContext
 
 SHOWN = 4  # names in one finding
 
 
-def refused(x: Examined) -> Iterator[Found]:
+def refused(x: CheckContext) -> Iterator[DoctorFinding]:
     """FILE_REFUSED, CALIBRATION_UNFIT: what the daemon would say of each file, with file, line and column."""
     for error in x.wrong_files:
         code = "CALIBRATION_UNFIT" if _of_calibration(x, error.file) else "FILE_REFUSED"
         place = f"{error.file}:{error.line}:{error.column}" if error.line else error.file
         says = f"{error.path}: {error.message}" if error.path else error.message
-        yield Found(code, place, says, advice=_how_to_mend(code))
+        yield DoctorFinding(code, place, says, advice=_how_to_mend(code))
 
 
-def model(x: Examined) -> Iterator[Found]:
+def model(x: CheckContext) -> Iterator[DoctorFinding]:
     """MODEL_UNFIT, MODEL_NO_LIMITS: does the model fit the robot file, and has each of its joints a range?"""
     robot = x.need_robot()
     try:
         bound = bind(robot, x.calibration)
     except BindingError as error:
-        yield Found("MODEL_UNFIT", str(robot.path), str(error).removeprefix(f"{robot.path}: "))
+        yield DoctorFinding("MODEL_UNFIT", str(robot.path), str(error).removeprefix(f"{robot.path}: "))
         return
     free = _without_range(robot, bound.model)
     if free:
         said = f"{len(free)} of {len(robot.joints)} driven joints have no range: {_some(free)}"
-        yield Found(
+        yield DoctorFinding(
             "MODEL_NO_LIMITS", str(robot.mjcf_path), said, "a range at each", advice=_ranges(robot, free)
         )
 
 
-def calibration(x: Examined) -> Iterator[Found]:
+def calibration(x: CheckContext) -> Iterator[DoctorFinding]:
     """CALIBRATION_MISSING: no calibration of this robot where it is looked for."""
     robot = x.need_robot()
     if x.settings is None:
-        raise CannotLook("the settings cannot be read")
+        raise CheckUnavailable("the settings cannot be read")
     if x.sim:
-        raise NothingThere("mode sim needs no calibration")
+        raise CheckNotApplicable("mode sim needs no calibration")
     if x.daemon is not None:
         there = x.daemon.robot.get("calibration") is not None
     else:
         there = x.calibration is not None or any(_of_calibration(x, each.file) for each in x.wrong_files)
     if not there:
-        yield Found(
+        yield DoctorFinding(
             "CALIBRATION_MISSING",
             robot.name,
             "no calibration file",
@@ -61,24 +61,28 @@ def calibration(x: Examined) -> Iterator[Found]:
         )
 
 
-def edited(x: Examined) -> Iterator[Found]:
+def edited(x: CheckContext) -> Iterator[DoctorFinding]:
     """FILES_EDITED: robot file and calibration as the daemon read them, against what stands there now."""
     daemon, told = x.need_daemon(), x.need_daemon().robot
     path = Path(str(told["robot"]["path"]))
     if not path.is_absolute():
-        raise CannotLook(f"the daemon read {path}, relative to the folder it was started in")
+        raise CheckUnavailable(f"the daemon read {path}, relative to the folder it was started in")
     reload = "twindctl reload"
     if _text_hash(path) not in (told["robot"]["text_sha256"], None):
-        yield Found("FILES_EDITED", str(path), "changed since the daemon read it", command=reload)
+        yield DoctorFinding("FILES_EDITED", str(path), "changed since the daemon read it", command=reload)
     known: Any = told.get("calibration")
     if known is not None and x.calibration is not None and x.calibration.sha256 != known["sha256"]:
-        yield Found("FILES_EDITED", f"calibration of {x.need_robot().name}", "changed", command=reload)
+        yield DoctorFinding(
+            "FILES_EDITED", f"calibration of {x.need_robot().name}", "changed", command=reload
+        )
     if known is None and x.calibration is not None and daemon.status["mode"] != "sim":
         name = f"calibration of {x.need_robot().name}"
-        yield Found("FILES_EDITED", name, "written since the daemon started, which has none", command=reload)
+        yield DoctorFinding(
+            "FILES_EDITED", name, "written since the daemon started, which has none", command=reload
+        )
 
 
-def _of_calibration(x: Examined, file: str) -> bool:
+def _of_calibration(x: CheckContext, file: str) -> bool:
     """Is this file the calibration that would be read?"""
     if x.settings is None or x.robot is None:
         return False

@@ -9,25 +9,25 @@ from pathlib import Path
 from twind.client import Client, NoDaemon
 from twind.config.actuator import CAN
 from twind.config.calibration_file import Calibration, load_calibration
-from twind.config.files import UsageError as Unfit
+from twind.config.files import CommandLineError as Unfit
 from twind.config.files import bus_ports, refuse_wrong
 from twind.config.located import ConfigError
 from twind.config.robot_file import RobotFile, load_robot
 from twind.config.section import file_error
-from twind.config.settings import Settings, load_settings
+from twind.config.settings import DaemonSettings, load_settings
 from twind.ctl.verb import UsageError
-from twind_calibration.doctor.can_line import CanLine
-from twind_calibration.doctor.complaint import CannotLook
-from twind_calibration.doctor.daemon import PATIENCE, Daemon
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.host import Host
-from twind_calibration.doctor.line import Line
+from twind_calibration.doctor.can_line import CanBusInspector
+from twind_calibration.doctor.complaint import CheckUnavailable
+from twind_calibration.doctor.daemon import PATIENCE, DaemonInspector
+from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.host import HostInspector
+from twind_calibration.doctor.line import SerialBusInspector
 from twind_calibration.doctor.systemd import asleep, would_start
 from twind_calibration.instances import SERVICE, settings_of, sockets_of
 from twind_drivers.clock import Clock
 
 
-def examine(options: argparse.Namespace, host: Host, clock: Clock) -> Examined:
+def examine(options: argparse.Namespace, host: HostInspector, clock: Clock) -> CheckContext:
     """One look at files and daemon. Raises UsageError for options that make no sense as written."""
     wrong: list[ConfigError] = []
     own = _settings(options, host, None, wrong)
@@ -43,7 +43,7 @@ def examine(options: argparse.Namespace, host: Host, clock: Clock) -> Examined:
         wrong.clear()  # what this user's own file is like is no matter of that daemon
         settings = _settings(options, host, source, wrong)
     robot = _robot(settings, daemon, wrong)
-    result = Examined(
+    result = CheckContext(
         host=host,
         unit=unit_of(settings, host),
         sockets=place or "",
@@ -59,19 +59,19 @@ def examine(options: argparse.Namespace, host: Host, clock: Clock) -> Examined:
     result.wrong_files = tuple({str(error): error for error in wrong}.values())
     if robot is not None and daemon is None:
         result.lines = {
-            name: Line(port, robot.bus(name).baud, host, clock)
+            name: SerialBusInspector(port, robot.bus(name).baud, host, clock)
             for name, port in result.ports.items()
             if port is not None and robot.bus(name).kind != CAN
         }
         result.can_lines = {
-            name: CanLine(port, robot.bus(name), robot, host, clock, no_daemon)
+            name: CanBusInspector(port, robot.bus(name), robot, host, clock, no_daemon)
             for name, port in result.ports.items()
             if port is not None and robot.bus(name).kind == CAN
         }
     return result
 
 
-def unit_of(settings: Settings | None, host: Host) -> str:
+def unit_of(settings: DaemonSettings | None, host: HostInspector) -> str:
     """The service of these settings: twind@NAME.service for /etc/twind/NAME.yaml, else twind.service."""
     source = Path(settings.source) if settings is not None else Path("defaults")
     name = source.stem if source.parent == host.etc / "twind" else SERVICE
@@ -79,8 +79,8 @@ def unit_of(settings: Settings | None, host: Host) -> str:
 
 
 def _settings(
-    options: argparse.Namespace, host: Host, source: Path | None, wrong: list[ConfigError]
-) -> Settings | None:
+    options: argparse.Namespace, host: HostInspector, source: Path | None, wrong: list[ConfigError]
+) -> DaemonSettings | None:
     """Of --config, of the file that the daemon read, of this user, or of the service: the first there is."""
     service = host.etc / "twind" / f"{SERVICE}.yaml"
     file = Path(options.config) if options.config else source or settings_of(options.socket, service.parent)
@@ -101,7 +101,7 @@ def _settings(
         return None
 
 
-def _place(options: argparse.Namespace, settings: Settings | None, host: Host) -> str | None:
+def _place(options: argparse.Namespace, settings: DaemonSettings | None, host: HostInspector) -> str | None:
     """The folder of the sockets, if one was named: here, or in the settings that were."""
     if options.socket is None and options.config and settings is not None:
         return sockets_of(options.config, str(settings.socket_dir), host.etc / "twind")
@@ -109,7 +109,7 @@ def _place(options: argparse.Namespace, settings: Settings | None, host: Host) -
     return place
 
 
-def _daemon(place: str | None, host: Host) -> tuple[Daemon | None, NoDaemon | None, str]:
+def _daemon(place: str | None, host: HostInspector) -> tuple[DaemonInspector | None, NoDaemon | None, str]:
     """The daemon of these sockets, or why none can be reached, and the stopped service that a connection
     would start ("": none). Starts none."""
     refused: NoDaemon | None = None
@@ -123,24 +123,24 @@ def _daemon(place: str | None, host: Host) -> tuple[Daemon | None, NoDaemon | No
             if refused is None or refused.absent:  # one that may be there says more
                 refused = error
             continue
-        return Daemon(client), None, ""
+        return DaemonInspector(client), None, ""
     return None, refused, ""
 
 
-def _source(daemon: Daemon) -> Path | None:
+def _source(daemon: DaemonInspector) -> Path | None:
     """The settings file that a daemon read; None: it read none, or nobody can say."""
     try:
         source = str(daemon.parameters.get("source") or "defaults")
-    except CannotLook:
+    except CheckUnavailable:
         return None
     return Path(source) if source.startswith("/") else None
 
 
-def _same_ports(options: argparse.Namespace, daemon: Daemon) -> bool:
+def _same_ports(options: argparse.Namespace, daemon: DaemonInspector) -> bool:
     """Are the ports of the command line among the daemon's? Without any: yes."""
     try:
         its = {real_port(bus["port"]) for bus in daemon.status["buses"]}
-    except CannotLook:
+    except CheckUnavailable:
         return True
     return {real_port(port.partition("=")[2] or port) for port in options.port} <= its
 
@@ -153,11 +153,15 @@ def real_port(port: str) -> str:
     return f"{scheme}:{os.path.realpath('/' + path)}"
 
 
-def _robot(settings: Settings | None, daemon: Daemon | None, wrong: list[ConfigError]) -> RobotFile | None:
+def _robot(
+    settings: DaemonSettings | None, daemon: DaemonInspector | None, wrong: list[ConfigError]
+) -> RobotFile | None:
     """The file of the daemon's robot as it is now, else that of the settings."""
     name = None if settings is None else settings.robot
     if daemon is not None:
-        with suppress(CannotLook, KeyError):  # a daemon in trouble, or a newer one: the settings say it too
+        with suppress(
+            CheckUnavailable, KeyError
+        ):  # a daemon in trouble, or a newer one: the settings say it too
             name = str(daemon.robot["robot"]["path"])
     if name is None:
         return None
@@ -169,7 +173,7 @@ def _robot(settings: Settings | None, daemon: Daemon | None, wrong: list[ConfigE
 
 
 def _calibration(
-    settings: Settings | None, robot: RobotFile | None, wrong: list[ConfigError]
+    settings: DaemonSettings | None, robot: RobotFile | None, wrong: list[ConfigError]
 ) -> Calibration | None:
     if settings is None or robot is None:
         return None
@@ -183,14 +187,14 @@ def _calibration(
 
 def _ports(
     options: argparse.Namespace,
-    settings: Settings | None,
+    settings: DaemonSettings | None,
     robot: RobotFile | None,
-    daemon: Daemon | None,
+    daemon: DaemonInspector | None,
     wrong: list[ConfigError],
 ) -> Mapping[str, str | None]:
     """By bus: the daemon's, else those that it would take. Raises UsageError: the command line is wrong."""
     if daemon is not None:
-        with suppress(CannotLook):
+        with suppress(CheckUnavailable):
             return {bus["name"]: bus["port"] or None for bus in daemon.status["buses"]}
     if settings is None or robot is None:
         return {}

@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from twind_calibration.doctor.complaint import CannotLook
+from twind_calibration.doctor.complaint import CheckUnavailable
 from twind_drivers.can.owner import owners
 from twind_drivers.dynamixel.holder import command
 
 PATIENCE = 5.0  # s for a program
 
 
-class Holder(NamedTuple):
+class PortHolder(NamedTuple):
     """A process that has a port."""
 
     pid: int
@@ -25,7 +25,7 @@ class Holder(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Host:
+class HostInspector:
     """One machine as one user sees it."""
 
     proc: Path = Path("/proc")
@@ -35,7 +35,7 @@ class Host:
     environ: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
     uid: int = field(default_factory=os.geteuid)
 
-    def holders(self, path: str) -> list[Holder]:
+    def holders(self, path: str) -> list[PortHolder]:
         """Other processes that have the device open or locked, as far as this user may see them.
 
         A child that holds what its parent holds is left out: it has it by inheritance.
@@ -51,14 +51,14 @@ class Host:
                     found.add(int(entry.name))
         return self._others(found)
 
-    def owners(self, interface: str) -> list[Holder]:
+    def owners(self, interface: str) -> list[PortHolder]:
         """Other processes that own a CAN interface as twind does, as far as this user may see them."""
         return self._others(set(owners(interface, self.proc)))
 
-    def daemons(self) -> list[Holder]:
+    def daemons(self) -> list[PortHolder]:
         """Processes that are a twind, of any user; fewer where /proc hides them (proc(5), hidepid)."""
         lines = {pid: " ".join(self.words(pid)) for pid in self.processes() if pid != os.getpid()}
-        return [Holder(pid, line) for pid, line in lines.items() if is_daemon(line)]
+        return [PortHolder(pid, line) for pid, line in lines.items() if is_daemon(line)]
 
     def words(self, pid: int) -> list[str]:
         """The whole command line of a process; nothing where it is hidden or gone."""
@@ -95,9 +95,9 @@ class Host:
         heard = {words[7] for words in lines if len(words) == 8 and int(words[3], 16) & 0x10000}
         return not heard.isdisjoint((path, os.path.realpath(path)))
 
-    def _others(self, found: set[int]) -> list[Holder]:
+    def _others(self, found: set[int]) -> list[PortHolder]:
         found.discard(os.getpid())
-        return [Holder(pid, command(pid)) for pid in sorted(found) if self._parent(pid) not in found]
+        return [PortHolder(pid, command(pid)) for pid in sorted(found) if self._parent(pid) not in found]
 
     def _lockers(self, path: str) -> Iterator[int]:
         """Pids that flocked the node, anybody's: `1: FLOCK ADVISORY WRITE PID MAJOR:MINOR:INODE 0 EOF`."""
@@ -166,14 +166,14 @@ class Host:
                 words, capture_output=True, text=True, timeout=PATIENCE, check=False, stdin=subprocess.DEVNULL
             )
         except FileNotFoundError:
-            raise CannotLook(f"{words[0]} is not installed") from None
+            raise CheckUnavailable(f"{words[0]} is not installed") from None
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise CannotLook(f"`{' '.join(words[:3])}`: {error}") from error
+            raise CheckUnavailable(f"`{' '.join(words[:3])}`: {error}") from error
         if done.returncode not in fine:
             said = (
                 done.stderr.strip() or done.stdout.strip() or f"exit code {done.returncode}"
             ).splitlines()[0]
-            raise CannotLook(f"`{' '.join(words[:3])}`: {said}")
+            raise CheckUnavailable(f"`{' '.join(words[:3])}`: {said}")
         return done.stdout, done.returncode
 
 

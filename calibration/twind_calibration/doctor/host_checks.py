@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterator
 
 from twind_calibration.doctor import can_links, files, latency, machine, ports, service, storage
-from twind_calibration.doctor.complaint import Found
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.complaint import DoctorFinding
+from twind_calibration.doctor.examined import CheckContext
 
-Look = Callable[[Examined], Iterator[Found]]
+Look = Callable[[CheckContext], Iterator[DoctorFinding]]
 
 # what it is in a word, the codes it can find, the function
 CHECKS: tuple[tuple[str, tuple[str, ...], Look], ...] = (

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 from twind.config.actuator import CAN, ServoType
-from twind_calibration.doctor.asker import Asker
-from twind_calibration.doctor.complaint import CannotLook, Found, NothingThere
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.line import Line
+from twind_calibration.doctor.asker import BusProbe
+from twind_calibration.doctor.complaint import CheckNotApplicable, CheckUnavailable, DoctorFinding
+from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.line import SerialBusInspector
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.prober import LONGEST_DELAY
@@ -22,13 +22,13 @@ SLOWEST = 0.03  # s: longer than any timer that adapters have as delivered
 ANSWER = 14  # bytes of the status to a ping
 
 
-def floors(x: Examined) -> Iterator[Found]:
+def floors(x: CheckContext) -> Iterator[DoctorFinding]:
     """LATENCY_FLOOR: by round trips of pings on a free port, by the daemon's own figures where one runs."""
     if x.daemon is not None:
         yield from _by_daemon(x)
         return
     if not x.lines:
-        raise NothingThere("no serial port")
+        raise CheckNotApplicable("no serial port")
     silent: list[str] = []
     for name, line in x.lines.items():
         delays = _delays(line, [joint.id for joint in x.need_robot().joints if joint.bus == name])
@@ -41,14 +41,14 @@ def floors(x: Examined) -> Iterator[Found]:
             timer, what = x.bus(name).latency_timer_ms, f"the quicker of {len(delays)} pings"
             yield from judge(line.port, quick, wire + LONGEST_DELAY, timer, what)
     if silent:
-        raise CannotLook("; ".join(silent))
+        raise CheckUnavailable("; ".join(silent))
 
 
-def _delays(line: Line, ids: list[int]) -> list[float]:
+def _delays(line: SerialBusInspector, ids: list[int]) -> list[float]:
     """Seconds beyond the wire's own time of each ping to the first device that answers. Raises CannotLook."""
     delays: list[float] = []
     try:
-        asker = Asker(line.transport, line.clock, line.baud, timer=SLOWEST)
+        asker = BusProbe(line.transport, line.clock, line.baud, timer=SLOWEST)
         for id in ids[:4]:
             for _ in range(PINGS):
                 heard = asker.ping(id)
@@ -58,11 +58,11 @@ def _delays(line: Line, ids: list[int]) -> list[float]:
             if delays:
                 break
     except PortError as error:
-        raise CannotLook(str(error)) from error
+        raise CheckUnavailable(str(error)) from error
     return delays
 
 
-def _by_daemon(x: Examined) -> Iterator[Found]:
+def _by_daemon(x: CheckContext) -> Iterator[DoctorFinding]:
     """Two of its hops: request to first byte, and first to last byte; their mean over the last 100 readings.
 
     The timer runs by itself, so a reading at a fixed rate now waits for all of it, now for none: a mean that
@@ -72,19 +72,19 @@ def _by_daemon(x: Examined) -> Iterator[Found]:
     daemon = x.need_daemon()
     serial = [bus for bus in x.need_robot().buses if bus.kind != CAN]
     if not serial:
-        raise NothingThere("no serial port")
+        raise CheckNotApplicable("no serial port")
     if x.sim:
-        raise NothingThere("mode sim opens no port")
+        raise CheckNotApplicable("mode sim opens no port")
     hops = daemon.latency
     mean = [hops[name]["mean_ms"] for name in ("request", "reply") if name in hops]
     if len(mean) < 2 or None in mean:
-        raise CannotLook(f"the daemon hears nobody; {LATER}")
+        raise CheckUnavailable(f"the daemon hears nobody; {LATER}")
     for bus in daemon.status["buses"]:
         if bus["errors"] > LOST * bus["exchanges"]:
             lost = f"{bus['errors']} of {bus['exchanges']} readings of bus {bus['name']} were not whole"
-            raise CannotLook(f"{lost}, and a long latency timer looks like that too; {LATER}")
+            raise CheckUnavailable(f"{lost}, and a long latency timer looks like that too; {LATER}")
     if daemon.status["loop"]["on_time"] < PUNCTUAL:
-        raise CannotLook(f"the loop itself is late; {LATER}")
+        raise CheckUnavailable(f"the loop itself is late; {LATER}")
     slowest = max(serial, key=lambda bus: _cycle(x, bus.name))
     yield from judge(
         " ".join(str(x.ports.get(bus.name)) for bus in serial),
@@ -95,7 +95,7 @@ def _by_daemon(x: Examined) -> Iterator[Found]:
     )
 
 
-def _cycle(x: Examined, bus: str) -> float:
+def _cycle(x: CheckContext, bus: str) -> float:
     """Seconds that one plain reading of a bus takes on its wire, goals and return delays included."""
     kinds = [joint.type for joint in x.need_robot().joints if joint.bus == bus]
     count = len(kinds)
@@ -104,9 +104,9 @@ def _cycle(x: Examined, bus: str) -> float:
     return data * 10 / x.bus(bus).baud + sum(delays) * 1e-6
 
 
-def judge(port: str, took: float, wire: float, timer_ms: float, what: str) -> Iterator[Found]:
+def judge(port: str, took: float, wire: float, timer_ms: float, what: str) -> Iterator[DoctorFinding]:
     """LATENCY_FLOOR of times in s. `timer_ms`: the adapter's, by the robot file; who wrote 16 knows of it."""
     bound = wire + max(FLOOR, timer_ms * 1e-3 + MARGIN)
     if took > bound:
         said = f"{what} took {took * 1e3:.1f} ms, the wire needs {wire * 1e3:.1f} ms"
-        yield Found("LATENCY_FLOOR", port, said, f"at most {bound * 1e3:.1f} ms")
+        yield DoctorFinding("LATENCY_FLOOR", port, said, f"at most {bound * 1e3:.1f} ms")

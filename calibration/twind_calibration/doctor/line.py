@@ -2,18 +2,18 @@
 
 from functools import cached_property
 
-from twind_calibration.doctor.complaint import CannotLook
-from twind_calibration.doctor.host import Host
+from twind_calibration.doctor.complaint import CheckUnavailable
+from twind_calibration.doctor.host import HostInspector
 from twind_drivers.bus import PortError
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel.prober import Prober
 from twind_drivers.dynamixel.serial_port import SerialTransport
 
 
-class Line:
+class SerialBusInspector:
     """One serial port at the rate of its bus. `transport`, `prober` may raise CannotLook."""
 
-    def __init__(self, port: str, baud: int, host: Host, clock: Clock) -> None:
+    def __init__(self, port: str, baud: int, host: HostInspector, clock: Clock) -> None:
         """Opens nothing yet: the port is opened when first used, and stays open until `close`."""
         self.port, self.baud, self.host, self.clock = port, baud, host, clock
         self._open: SerialTransport | None = None
@@ -22,11 +22,11 @@ class Line:
     def transport(self) -> SerialTransport:
         """The open port. Raises CannotLook: held (by whom), not there, not permitted."""
         for other in self.host.holders(self.port):  # also those that took no lock: their bytes would be ours
-            raise CannotLook(f"{self.port} is held by pid {other.pid} ({other.command})")
+            raise CheckUnavailable(f"{self.port} is held by pid {other.pid} ({other.command})")
         try:
             self._open = SerialTransport(self.port, self.baud)
         except PortError as error:
-            raise CannotLook(str(error)) from error
+            raise CheckUnavailable(str(error)) from error
         return self._open
 
     @cached_property

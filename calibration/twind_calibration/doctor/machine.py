@@ -9,9 +9,9 @@ from pathlib import Path
 
 from twind.loop.realtime import LIMIT, PRIORITY
 from twind_calibration.doctor import systemd
-from twind_calibration.doctor.complaint import CannotLook, Fix, Found, NothingThere
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.host import Host, is_daemon
+from twind_calibration.doctor.complaint import CheckNotApplicable, CheckUnavailable, DoctorFinding, Fix
+from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.host import HostInspector, is_daemon
 from twind_drivers.dynamixel.holder import command
 
 CORES = 2
@@ -27,33 +27,33 @@ LEAD = 300.0  # s that a file may be ahead of the clock
 KERNEL = 2  # pid of kthreadd, the parent of the kernel's own threads
 
 
-def realtime(x: Examined) -> Iterator[Found]:
+def realtime(x: CheckContext) -> Iterator[DoctorFinding]:
     """NO_REALTIME, MEMORY_UNLOCKED: what the daemon got; without one, what it would be allowed."""
     if x.daemon is not None:
         got, denied = (x.daemon.status["loop"].get(key) for key in ("realtime", "realtime_denied"))
         if got is None or denied is None:
-            raise CannotLook("the daemon does not report what it was denied: its version differs")
+            raise CheckUnavailable("the daemon does not report what it was denied: its version differs")
         for key, code, wanted in (
             ("scheduler", "NO_REALTIME", "fifo"),
             ("memory", "MEMORY_UNLOCKED", "locked"),
         ):
             if key in denied:
-                yield Found(code, "the running daemon", f"{key}: {got[key]}", wanted)
+                yield DoctorFinding(code, "the running daemon", f"{key}: {got[key]}", wanted)
         return
     nice, locked, whose = _allowed(x)
     if nice is not None and nice < PRIORITY:
         said = f"{whose} allows priority {nice}"
-        yield Found("NO_REALTIME", "a daemon started now", said, f"{LIMIT}, as the service has")
+        yield DoctorFinding("NO_REALTIME", "a daemon started now", said, f"{LIMIT}, as the service has")
     if locked is not None and locked < LOCKED:
         said = f"{whose} allows {locked >> 10} KiB to be locked"
-        yield Found("MEMORY_UNLOCKED", "a daemon started now", said, "unlimited")
+        yield DoctorFinding("MEMORY_UNLOCKED", "a daemon started now", said, "unlimited")
 
 
-def processors(x: Examined) -> Iterator[Found]:
+def processors(x: CheckContext) -> Iterator[DoctorFinding]:
     """CPU_FEW, CPU_GOVERNOR."""
     cores = len(os.sched_getaffinity(0))
     if cores < CORES:
-        yield Found("CPU_FEW", "processors", f"{cores} may be used", f"{CORES} or more")
+        yield DoctorFinding("CPU_FEW", "processors", f"{cores} may be used", f"{CORES} or more")
     files = sorted((x.host.sys / "devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"))
     thrifty = [file for file in files if x.host.text(file) in THRIFTY]
     # intel_pstate's powersave is no slow clock but the default that follows the load.
@@ -61,12 +61,12 @@ def processors(x: Examined) -> Iterator[Found]:
         said = f"{x.host.text(thrifty[0])} on {len(thrifty)} of {len(files)} processors"
         glob = "/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"
         fix = Fix("set them to performance until the next boot", lambda: _perform(thrifty))
-        yield Found(
+        yield DoctorFinding(
             "CPU_GOVERNOR", "processors", said, "performance", f"echo performance | sudo tee {glob}", fix
         )
 
 
-def rivals(x: Examined) -> Iterator[Found]:
+def rivals(x: CheckContext) -> Iterator[DoctorFinding]:
     """RT_RIVAL: others with FIFO or RR at the loop's priority or above, the kernel's own threads left out."""
     ours = {systemd.daemon_pid(x)} if x.daemon is not None else set()
     for pid in x.host.processes():
@@ -81,7 +81,7 @@ def rivals(x: Examined) -> Iterator[Found]:
         if policy in (os.SCHED_FIFO, os.SCHED_RR) and priority >= PRIORITY:
             what = f"pid {pid} ({command(pid)})"
             kind = "FIFO" if policy == os.SCHED_FIFO else "RR"
-            yield Found(
+            yield DoctorFinding(
                 "RT_RIVAL",
                 what,
                 f"{kind} priority {priority}",
@@ -90,17 +90,17 @@ def rivals(x: Examined) -> Iterator[Found]:
             )
 
 
-def clock(x: Examined) -> Iterator[Found]:
+def clock(x: CheckContext) -> Iterator[DoctorFinding]:
     """CLOCK_WRONG, CLOCK_UNSYNCED: the wall clock. The loop lives by the monotonic one."""
     now = datetime.now(UTC).timestamp()
     newest, name = max([_stamp(path) for path in _dated(x)], default=(0.0, ""))
     if newest > now + LEAD:
         ahead = (newest - now) / 3600
-        yield Found(
+        yield DoctorFinding(
             "CLOCK_WRONG", "the clock", f"{name} was written {ahead:.1f} h from now", "no file of the future"
         )
     if not synchronised():
-        yield Found(
+        yield DoctorFinding(
             "CLOCK_UNSYNCED",
             "the clock",
             "the kernel says it is not",
@@ -113,15 +113,15 @@ def synchronised() -> bool:
     answer = ctypes.create_string_buffer(512)  # struct timex is 208 bytes; modes 0 only asks
     state = ctypes.CDLL(None, use_errno=True).adjtimex(answer)
     if state < 0:
-        raise CannotLook(f"adjtimex: {os.strerror(ctypes.get_errno())}")
+        raise CheckUnavailable(f"adjtimex: {os.strerror(ctypes.get_errno())}")
     return bool(state != ERROR)
 
 
-def _allowed(x: Examined) -> tuple[int | None, int | None, str]:
+def _allowed(x: CheckContext) -> tuple[int | None, int | None, str]:
     """Priority and locked bytes that a daemon may have (None: any), and who says so."""
     try:
         seen = systemd.service(x)
-    except NothingThere:
+    except CheckNotApplicable:
         caps = _capabilities(x.host)
         nice, locked = (
             resource.getrlimit(resource.RLIMIT_RTPRIO)[1],
@@ -136,14 +136,14 @@ def _limit(text: str | None) -> int | None:
     return None if text in (None, "", "infinity") else int(str(text))
 
 
-def _capabilities(host: Host) -> int:
+def _capabilities(host: HostInspector) -> int:
     for line in (host.text(host.proc / "self/status") or "").splitlines():
         if line.startswith("CapEff:"):
             return int(line.split()[1], 16)
     return 0
 
 
-def _dated(x: Examined) -> Iterator[Path]:
+def _dated(x: CheckContext) -> Iterator[Path]:
     """Files whose dates the clock must be past: the robot's own, and what was written for it."""
     if x.robot is not None:
         yield from (x.robot.path, x.robot.mjcf_path)

@@ -10,12 +10,12 @@ import numpy as np
 
 from twind.client import Client
 from twind.ctl.verb import Rejected, write_register
-from twind_calibration.doctor.asker import PATIENCE, Asker
+from twind_calibration.doctor.asker import PATIENCE, BusProbe
 from twind_calibration.doctor.complaint import Fix
-from twind_calibration.doctor.daemon import Daemon
-from twind_calibration.doctor.examined import Examined
-from twind_calibration.doctor.line import Line
-from twind_calibration.doctor.survey import Servo
+from twind_calibration.doctor.daemon import DaemonInspector
+from twind_calibration.doctor.examined import CheckContext
+from twind_calibration.doctor.line import SerialBusInspector
+from twind_calibration.doctor.survey import SurveyedServo
 from twind_drivers.bus import BusError, PortError
 from twind_drivers.clock import Clock
 from twind_drivers.dynamixel.prober import LONGEST_DELAY
@@ -25,12 +25,12 @@ from twind_drivers.dynamixel.writer import DynamixelWriter
 from twind_drivers.perform import perform
 
 
-def command(servo: Servo, register: str, value: int) -> str:
+def command(servo: SurveyedServo, register: str, value: int) -> str:
     """What a person types for it; the daemon must be in live, with torque off."""
     return f"twindctl register write {servo.bus} {servo.id} {register} {value}"
 
 
-def register(examined: Examined, servo: Servo, name: str, value: int) -> Fix | None:
+def register(examined: CheckContext, servo: SurveyedServo, name: str, value: int) -> Fix | None:
     """Writes `value`; None: not now (torque on or not known, somebody armed, the daemon may not write), or
     never: the robot file demands another."""
     if servo.values.get("torque_enable") != 0 or name not in servo.values:
@@ -48,13 +48,13 @@ def register(examined: Examined, servo: Servo, name: str, value: int) -> Fix | N
     return Fix(text, lambda: _alone(line, servo, name, value), servo.thing)
 
 
-def _by_daemon(daemon: Daemon, servo: Servo, name: str, value: int) -> None:
+def _by_daemon(daemon: DaemonInspector, servo: SurveyedServo, name: str, value: int) -> None:
     """Raises ClientError with the daemon's reason; it refuses while anybody has torque."""
     with Client(Path(daemon.path).parent) as client:
         write_register(client, bus=servo.bus, id=servo.id, name=name, value=value)
 
 
-def _alone(line: Line, servo: Servo, name: str, value: int) -> None:
+def _alone(line: SerialBusInspector, servo: SurveyedServo, name: str, value: int) -> None:
     """Raises CannotLook: somebody has the port by now; PortError; Rejected: another servo is there, torque is
     on by now, it does not answer, it refused, it reads otherwise."""
     line.close()  # so that opening it looks anew at who has it
@@ -69,9 +69,9 @@ def _alone(line: Line, servo: Servo, name: str, value: int) -> None:
         line.close()
 
 
-def _require_same(line: Line, servo: Servo) -> None:
+def _require_same(line: SerialBusInspector, servo: SurveyedServo) -> None:
     """Raises Rejected where another than the one that was looked at answers: minutes may have gone by."""
-    asker = Asker(line.transport, line.clock, line.baud, timer=(line.transport.latency_ms or 0) * 1e-3)
+    asker = BusProbe(line.transport, line.clock, line.baud, timer=(line.transport.latency_ms or 0) * 1e-3)
     heard = asker.ping(servo.id)
     if heard.data is None:  # one lost packet is not a missing servo
         heard = asker.ping(servo.id)
@@ -85,7 +85,14 @@ def _require_same(line: Line, servo: Servo) -> None:
         )
 
 
-def _write(transport: SerialTransport, line: Line, servo: Servo, name: str, value: int, clock: Clock) -> None:
+def _write(
+    transport: SerialTransport,
+    line: SerialBusInspector,
+    servo: SurveyedServo,
+    name: str,
+    value: int,
+    clock: Clock,
+) -> None:
     assert servo.model is not None
     timer = (transport.latency_ms or 0) * 1e-3
     reader = DynamixelReader(

@@ -6,31 +6,33 @@ from dataclasses import replace
 import numpy as np
 
 from twind.config.robot_spec import BusSpec, ImuSpec, JointSpec, RobotFile
-from twind_calibration.doctor.asker import Asker
-from twind_calibration.doctor.complaint import CannotLook
-from twind_calibration.doctor.line import Line
+from twind_calibration.doctor.asker import BusProbe
+from twind_calibration.doctor.complaint import CheckUnavailable
+from twind_calibration.doctor.line import SerialBusInspector
 from twind_calibration.doctor.survey import (
     EEPROM,
     MAPPED,
     RAM,
-    Inertial,
     SerialSurvey,
-    Servo,
+    SurveyedImu,
+    SurveyedServo,
     thing_of,
 )
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.identity import known as table_of
 from twind_drivers.dynamixel.prober import Prober
-from twind_drivers.dynamixel.scan import BAUDS, IDS, Found, scan, scan_rate
+from twind_drivers.dynamixel.scan import BAUDS, IDS, ScannedDevice, scan, scan_rate
 from twind_drivers.dynamixel.sensor import decoded
-from twind_drivers.dynamixel.tables import Field, Table
+from twind_drivers.dynamixel.tables import ControlTable, TableRegister
 
 PINGS = 12  # of each servo, for the line's quality and each one's delay
 TRIES = 3  # of a read that nobody answers
 ENTRIES = 28  # indirect addresses of the first row (e-manual, X series)
 
 
-def survey_port(line: Line, spec: BusSpec, robot: RobotFile, ids: Sequence[int] = IDS) -> SerialSurvey:
+def survey_port(
+    line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int] = IDS
+) -> SerialSurvey:
     """Everything of one bus. Other rates are looked at where somebody is missing. Raises CannotLook.
 
     `ids`: those that are asked for; all of them takes about a second at each rate.
@@ -38,13 +40,13 @@ def survey_port(line: Line, spec: BusSpec, robot: RobotFile, ids: Sequence[int] 
     try:
         return _survey(line, spec, robot, ids)
     except PortError as error:
-        raise CannotLook(str(error)) from error
+        raise CheckUnavailable(str(error)) from error
 
 
-def _survey(line: Line, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> SerialSurvey:
+def _survey(line: SerialBusInspector, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> SerialSurvey:
     rate = scan_rate(line.prober, ids)
     joints = {joint.id: joint for joint in robot.joints if joint.bus == spec.name}
-    asker = Asker(line.transport, line.clock, spec.baud, timer=_timer(line))
+    asker = BusProbe(line.transport, line.clock, spec.baud, timer=_timer(line))
     answered = {each.id: each for each in rate.found}
     for id in joints.keys() - answered.keys():  # a roll call lost on a busy machine is no missing servo
         answer = _again(asker, spec.baud, id)
@@ -54,7 +56,7 @@ def _survey(line: Line, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> 
     if imu is not None:
         answered.pop(imu.id, None)  # it is no servo
     servos = tuple(_servo(asker, spec.name, answered[id], joints.get(id)) for id in sorted(answered))
-    quality = _Quality()
+    quality = _LinkQuality()
     delays = _pinged(asker, [servo.id for servo in servos if not servo.trouble], quality)
     servos = tuple(replace(servo, delay=delays.get(servo.id)) for servo in servos)
     missing = tuple(joint for id, joint in joints.items() if id not in answered)
@@ -74,34 +76,34 @@ def _survey(line: Line, spec: BusSpec, robot: RobotFile, ids: Sequence[int]) -> 
     )
 
 
-def _inertial(asker: Asker, imu: ImuSpec) -> Inertial:
+def _inertial(asker: BusProbe, imu: ImuSpec) -> SurveyedImu:
     """What it feels now."""
     first, size = imu.span
     data, force = _read(asker, imu.id, first, size), imu.acceleration
     if data is None:
-        return Inertial(thing_of(imu), False)
+        return SurveyedImu(thing_of(imu), False)
     raw = decoded(data, force.address - first, force.kind, 3)
-    return Inertial(thing_of(imu), True, float(np.linalg.norm((raw - force.zero) * force.lsb)))
+    return SurveyedImu(thing_of(imu), True, float(np.linalg.norm((raw - force.zero) * force.lsb)))
 
 
-class _Quality:
+class _LinkQuality:
     """What became of the pings to those who are there."""
 
     def __init__(self) -> None:
         self.asked = self.garbled = self.lost = 0
 
 
-def _again(asker: Asker, baud: int, id: int) -> Found | None:
+def _again(asker: BusProbe, baud: int, id: int) -> ScannedDevice | None:
     for _ in range(TRIES):
         data = asker.ping(id).data
         if data is not None:
             number, firmware = int.from_bytes(data[:2], "little"), data[2]
             table = table_of(number, firmware)
-            return Found(baud, id, number, table.model if table else None, firmware, None, None)
+            return ScannedDevice(baud, id, number, table.model if table else None, firmware, None, None)
     return None
 
 
-def _servo(asker: Asker, bus: str, answer: Found, joint: JointSpec | None) -> Servo:
+def _servo(asker: BusProbe, bus: str, answer: ScannedDevice, joint: JointSpec | None) -> SurveyedServo:
     """One that answered; of two with one id no register is asked."""
     values: dict[str, int] = {}
     if not answer.trouble and answer.model is not None and answer.firmware is not None:
@@ -109,10 +111,10 @@ def _servo(asker: Asker, bus: str, answer: Found, joint: JointSpec | None) -> Se
         demanded = () if joint is None else tuple(joint.registers)
         values = {} if table is None else _values(asker, answer.id, table, demanded)
     name, firmware = answer.model_name, answer.firmware
-    return Servo(bus, answer.id, joint, answer.model, name, firmware, values, answer.trouble)
+    return SurveyedServo(bus, answer.id, joint, answer.model, name, firmware, values, answer.trouble)
 
 
-def _pinged(asker: Asker, ids: Sequence[int], quality: _Quality) -> Mapping[int, float]:
+def _pinged(asker: BusProbe, ids: Sequence[int], quality: _LinkQuality) -> Mapping[int, float]:
     """The quickest answer (s) of each; in rounds, so that a moment of a busy machine is no servo's fault."""
     quickest: dict[int, float] = {}
     for _ in range(PINGS):
@@ -126,7 +128,7 @@ def _pinged(asker: Asker, ids: Sequence[int], quality: _Quality) -> Mapping[int,
     return quickest
 
 
-def _values(asker: Asker, id: int, table: Table, demanded: Sequence[str]) -> dict[str, int]:
+def _values(asker: BusProbe, id: int, table: ControlTable, demanded: Sequence[str]) -> dict[str, int]:
     """The registers that checks compare, by one read of each memory; what it does not tell is left out."""
     fields = [table[name] for name in (*EEPROM, *RAM, *demanded) if name in table]
     found: dict[str, int] = {}
@@ -135,7 +137,7 @@ def _values(asker: Asker, id: int, table: Table, demanded: Sequence[str]) -> dic
     return found | _maps(asker, id, table)
 
 
-def _block(asker: Asker, id: int, fields: Sequence[Field]) -> dict[str, int]:
+def _block(asker: BusProbe, id: int, fields: Sequence[TableRegister]) -> dict[str, int]:
     if not fields:
         return {}
     first, end = min(each.address for each in fields), max(each.end for each in fields)
@@ -145,7 +147,7 @@ def _block(asker: Asker, id: int, fields: Sequence[Field]) -> dict[str, int]:
     return {each.key: each.decode(data[each.address - first :]) for each in fields}
 
 
-def _maps(asker: Asker, id: int, table: Table) -> dict[str, int]:
+def _maps(asker: BusProbe, id: int, table: ControlTable) -> dict[str, int]:
     """The first row of indirect addresses, two bytes each (e-manual, "Indirect Address")."""
     if f"{MAPPED}1" not in table or "indirect_data_1" not in table:
         return {}
@@ -158,7 +160,7 @@ def _maps(asker: Asker, id: int, table: Table) -> dict[str, int]:
     return {f"{MAPPED}{place + 1}": word for place, word in enumerate(words)}
 
 
-def _read(asker: Asker, id: int, address: int, size: int) -> bytes | None:
+def _read(asker: BusProbe, id: int, address: int, size: int) -> bytes | None:
     """None: it answers pings alone (status return level 0), or with an error."""
     for _ in range(TRIES):
         heard = asker.read(id, address, size)
@@ -167,7 +169,7 @@ def _read(asker: Asker, id: int, address: int, size: int) -> bytes | None:
     return None
 
 
-def _elsewhere(line: Line, spec: BusSpec, ids: Sequence[int]) -> tuple[Found, ...]:
+def _elsewhere(line: SerialBusInspector, spec: BusSpec, ids: Sequence[int]) -> tuple[ScannedDevice, ...]:
     """Who answers at the other rates; the port is at its own again afterwards."""
     timer = _timer(line)
 
@@ -182,5 +184,5 @@ def _elsewhere(line: Line, spec: BusSpec, ids: Sequence[int]) -> tuple[Found, ..
     return tuple(each for rate in rates for each in rate.found)
 
 
-def _timer(line: Line) -> float:
+def _timer(line: SerialBusInspector) -> float:
     return (line.transport.latency_ms or 0) * 1e-3

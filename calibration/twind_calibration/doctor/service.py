@@ -10,9 +10,9 @@ from twind.protocol.places import SYSTEM
 from twind.sockets import GROUPS, NAMES
 from twind.version import __version__
 from twind_calibration.doctor import account, systemd
-from twind_calibration.doctor.complaint import CannotLook, Fix, Found, NothingThere
+from twind_calibration.doctor.complaint import CheckNotApplicable, CheckUnavailable, DoctorFinding, Fix
 from twind_calibration.doctor.daemon import PATIENCE
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.examined import CheckContext
 from twind_calibration.instances import stop
 
 MISSED = 0.01  # of all ticks; a loop that was stopped once by a debugger stays below it
@@ -29,35 +29,35 @@ NOBODY = "nobody listens on it"
 ANSWER = f"an answer within {PATIENCE:g} s"
 
 
-def unit(x: Examined) -> Iterator[Found]:
+def unit(x: CheckContext) -> Iterator[DoctorFinding]:
     """UNIT_FAILED, UNIT_RESTARTED: the service as its manager sees it, with its last words."""
     yield from judge_unit(x.unit, systemd.service(x), lambda: systemd.last_words(x.host, x.unit))
 
 
-def judge_unit(name: str, seen: Mapping[str, str], last_words: Callable[[], str]) -> Iterator[Found]:
+def judge_unit(name: str, seen: Mapping[str, str], last_words: Callable[[], str]) -> Iterator[DoctorFinding]:
     """What `systemctl show` says of a service; its `last_words` are asked for only if it failed."""
     result = seen.get("Result", "")
     again = f"sudo systemctl reset-failed {name}\nsudo systemctl start {name}"
     if seen.get("ActiveState") == "failed":
         reason = "start limit reached, given up" if result == "start-limit-hit" else result
         said = f"failed ({reason}, status {seen.get('ExecMainStatus')})"
-        yield Found("UNIT_FAILED", name, said, "active", again, advice=_mend(last_words()))
+        yield DoctorFinding("UNIT_FAILED", name, said, "active", again, advice=_mend(last_words()))
     elif seen.get("ActiveState") == "activating" and seen.get("SubState") == "auto-restart":
         said, more = f"starts again and again ({result})", f"journalctl -u {name} -n 50"
-        yield Found("UNIT_FAILED", name, said, "active", more, advice=_mend(last_words()))
+        yield DoctorFinding("UNIT_FAILED", name, said, "active", more, advice=_mend(last_words()))
     elif int(seen.get("NRestarts") or 0) >= RESTARTS:
         times = "once" if seen["NRestarts"] == "1" else f"{seen['NRestarts']} times"
         said = f"restarted {times} since it was started"
-        yield Found("UNIT_RESTARTED", name, said, "never", f"journalctl -u {name}")
+        yield DoctorFinding("UNIT_RESTARTED", name, said, "never", f"journalctl -u {name}")
 
 
-def reach(x: Examined) -> Iterator[Found]:
+def reach(x: CheckContext) -> Iterator[DoctorFinding]:
     """DAEMON_DENIED, NO_DAEMON, DAEMON_SILENT: why nobody answers."""
     if x.daemon is not None:
         try:
             x.daemon.status  # noqa: B018  asked for whether it answers at all
-        except CannotLook as error:
-            yield Found("DAEMON_SILENT", x.daemon.path, str(error), ANSWER)
+        except CheckUnavailable as error:
+            yield DoctorFinding("DAEMON_SILENT", x.daemon.path, str(error), ANSWER)
         return
     path = Path(x.sockets or os.path.dirname(socket_path())) / "control.sock"
     start = _start(x)
@@ -65,36 +65,40 @@ def reach(x: Examined) -> Iterator[Found]:
         found = path.stat()
     except PermissionError:
         if x.host.listens(str(path)) is False:
-            yield Found("NO_DAEMON", str(path), NOBODY, command=start)
+            yield DoctorFinding("NO_DAEMON", str(path), NOBODY, command=start)
             return
-        yield Found("DAEMON_DENIED", str(path.parent), "this user may not enter the folder of the sockets")
+        yield DoctorFinding(
+            "DAEMON_DENIED", str(path.parent), "this user may not enter the folder of the sockets"
+        )
         return
     except OSError:
-        yield Found("NO_DAEMON", str(path), "there is no such socket", command=start)
+        yield DoctorFinding("NO_DAEMON", str(path), "there is no such socket", command=start)
         return
     if not os.access(path, os.W_OK, effective_ids=True):
         if x.host.listens(str(path)) is False:
-            yield Found("NO_DAEMON", str(path), NOBODY, command=start)
+            yield DoctorFinding("NO_DAEMON", str(path), NOBODY, command=start)
         else:
             yield _denied(path, found, start)
     elif x.asleep:
-        yield Found("NO_DAEMON", str(path), systemd.would_start(x.asleep), command=start)
+        yield DoctorFinding("NO_DAEMON", str(path), systemd.would_start(x.asleep), command=start)
     elif x.other_ports:
-        yield Found("NO_DAEMON", str(path), "a daemon answers, but it has other ports; it was not asked")
+        yield DoctorFinding(
+            "NO_DAEMON", str(path), "a daemon answers, but it has other ports; it was not asked"
+        )
     elif x.no_daemon is not None and x.no_daemon.full:
-        yield Found("DAEMON_SILENT", str(path), "its queue of connections is full", ANSWER)
+        yield DoctorFinding("DAEMON_SILENT", str(path), "its queue of connections is full", ANSWER)
     else:
-        yield Found("NO_DAEMON", str(path), NOBODY, command=start)
+        yield DoctorFinding("NO_DAEMON", str(path), NOBODY, command=start)
 
 
-def sockets(x: Examined) -> Iterator[Found]:
+def sockets(x: CheckContext) -> Iterator[DoctorFinding]:
     """SOCKET_GROUP, SOCKET_OPEN: who may use each socket of the daemon, and who may replace it."""
     folder = Path(x.need_daemon().path).parent
     seen = folder.stat()
     sticky = seen.st_mode & stat.S_ISVTX
     if seen.st_mode & stat.S_IWOTH and not sticky:
         mode = f"mode {stat.S_IMODE(seen.st_mode):04o}"
-        yield Found(
+        yield DoctorFinding(
             "SOCKET_OPEN", str(folder), mode, "0755", f"sudo chmod go-w {folder}", _mode(folder, 0o755, seen)
         )
     for name in NAMES:
@@ -105,54 +109,56 @@ def sockets(x: Examined) -> Iterator[Found]:
             continue
         if found.st_mode & stat.S_IWOTH:
             mode = f"mode {stat.S_IMODE(found.st_mode):04o}"
-            yield Found(
+            yield DoctorFinding(
                 "SOCKET_OPEN", str(path), mode, "0660", f"sudo chmod 0660 {path}", _mode(path, 0o660, found)
             )
         yield from _group(path, found, GROUPS[name])
 
 
-def versions(x: Examined) -> Iterator[Found]:
+def versions(x: CheckContext) -> Iterator[DoctorFinding]:
     """VERSION_DIFFERS: daemon against this twindctl."""
     running = x.need_daemon().status["version"]
     if running != __version__:
         restart = f"twindctl disarm\nsudo systemctl restart {x.unit}"
-        yield Found(
+        yield DoctorFinding(
             "VERSION_DIFFERS", "the daemon", f"version {running}", f"{__version__}, as twindctl", restart
         )
 
 
-def front(x: Examined) -> Iterator[Found]:
+def front(x: CheckContext) -> Iterator[DoctorFinding]:
     """FRONT_RESTARTED: a front that is younger than its loop is not the first one."""
     pid, figures = systemd.daemon_pid(x), x.need_daemon().status["loop"]
     loop = (figures["ticks"] + figures["missed"]) / figures["rate_hz"]  # the front is started with the first
     fronts = x.host.children(pid, "twind.front")
     if not fronts:
-        raise CannotLook(f"the children of process {pid} are hidden")
+        raise CheckUnavailable(f"the children of process {pid} are hidden")
     youngest = min(age for _, age in fronts)
     if loop - youngest > YOUNGER:
         said = f"runs for {youngest:.0f} s, the loop for {loop:.0f} s: it was started anew"
-        yield Found("FRONT_RESTARTED", f"front, pid {fronts[0][0]}", said, command=f"journalctl -u {x.unit}")
+        yield DoctorFinding(
+            "FRONT_RESTARTED", f"front, pid {fronts[0][0]}", said, command=f"journalctl -u {x.unit}"
+        )
 
 
-def ticks(x: Examined) -> Iterator[Found]:
+def ticks(x: CheckContext) -> Iterator[DoctorFinding]:
     """TICKS_MISSED: of all ticks, more than a hundredth was skipped."""
     loop = x.need_daemon().status["loop"]
     all_of_them = loop["ticks"] + loop["missed"]
     if all_of_them < ENOUGH:
-        raise CannotLook(f"the daemon has run for {loop['ticks']} ticks only")
+        raise CheckUnavailable(f"the daemon has run for {loop['ticks']} ticks only")
     share = loop["missed"] / all_of_them
     if share > MISSED:
         worst = loop.get("late_max_us") or 0.0
         said = f"{loop['missed']} of {all_of_them} ticks missed ({share:.1%}), "
         said += f"one {worst / 1e3:.1f} ms late"
-        yield Found("TICKS_MISSED", f"loop at {loop['rate_hz']:g} Hz", said, f"at most {MISSED:.0%}")
+        yield DoctorFinding("TICKS_MISSED", f"loop at {loop['rate_hz']:g} Hz", said, f"at most {MISSED:.0%}")
 
 
-def _start(x: Examined) -> str:
+def _start(x: CheckContext) -> str:
     """The command that starts the daemon: as its service where that is installed, else by hand."""
     try:
         systemd.service(x)
-    except (NothingThere, CannotLook):
+    except (CheckNotApplicable, CheckUnavailable):
         return "twind"
     return f"sudo systemctl start {x.unit.removesuffix('.service')}"
 
@@ -162,25 +168,25 @@ def _mend(last_words: str) -> str:
     return f"mend what its last lines say:{quoted}\nthen:"
 
 
-def _denied(path: Path, found: os.stat_result, start: str) -> Found:
+def _denied(path: Path, found: os.stat_result, start: str) -> DoctorFinding:
     """Whether the group or only the log-in is missing. Nobody is told to join the group root."""
     if found.st_gid == 0 or not found.st_mode & stat.S_IWGRP:
         owner = account.user_name(found.st_uid)
         said = f"it is {owner}'s alone: a twind that {owner} started by hand, not as the service"
         advice = f"ask it as {owner}; or end it, then start it as its service, else as yourself:"
-        return Found("DAEMON_DENIED", str(path), said, command=start, advice=advice)
+        return DoctorFinding("DAEMON_DENIED", str(path), said, command=start, advice=advice)
     group, user = account.group_name(found.st_gid), account.user_name(os.geteuid())
     said = f"user {user} is not in group {group}, which the socket belongs to"
     if account.enrolled(os.geteuid(), found.st_gid):
         said = f"user {user} is in group {group}, but this session began before it was"
-        return Found(
+        return DoctorFinding(
             "DAEMON_DENIED",
             str(path),
             said,
             command=f"newgrp {group}",
             advice="log out and in again; for this shell:",
         )
-    return Found(
+    return DoctorFinding(
         "DAEMON_DENIED",
         str(path),
         said,
@@ -189,7 +195,7 @@ def _denied(path: Path, found: os.stat_result, start: str) -> Found:
     )
 
 
-def _group(path: Path, found: os.stat_result, wanted: str) -> Iterator[Found]:
+def _group(path: Path, found: os.stat_result, wanted: str) -> Iterator[DoctorFinding]:
     """SOCKET_GROUP of a daemon that could have given its socket to the group: root, or a member."""
     gid = account.group_id(wanted)
     has = account.group_name(found.st_gid)
@@ -206,7 +212,9 @@ def _group(path: Path, found: os.stat_result, wanted: str) -> Iterator[Found]:
         if gid is None or os.geteuid() not in (0, found.st_uid)
         else Fix(f"give it to group {wanted}", lambda: os.chown(path, -1, gid))
     )
-    yield Found("SOCKET_GROUP", str(path), f"group {has}", wanted, f"{make}sudo chgrp {wanted} {path}", fix)
+    yield DoctorFinding(
+        "SOCKET_GROUP", str(path), f"group {has}", wanted, f"{make}sudo chgrp {wanted} {path}", fix
+    )
 
 
 def _mode(path: Path, mode: int, found: os.stat_result) -> Fix | None:
@@ -215,7 +223,7 @@ def _mode(path: Path, mode: int, found: os.stat_result) -> Fix | None:
     return Fix(f"mode {mode:04o}", lambda: path.chmod(mode))
 
 
-def faults(x: Examined) -> Iterator[Found]:
+def faults(x: CheckContext) -> Iterator[DoctorFinding]:
     """DAEMON_FAULT: what the daemon itself says is wrong, each message once: why it does not arm."""
     daemon = x.need_daemon()
     told: dict[tuple[str, str], list[str]] = {}
@@ -226,4 +234,4 @@ def faults(x: Examined) -> Iterator[Found]:
         whose = f", {len(joints)} joints" if len(joints) > MANY else ""
         thing = f"{code}{whose}: {', '.join(joints)}" if joints else code
         advice = TWINS.format(stop(daemon.path)) if code in SHARED else ""
-        yield Found("DAEMON_FAULT", thing, message, advice=advice)
+        yield DoctorFinding("DAEMON_FAULT", thing, message, advice=advice)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
 
-from twind_calibration.doctor.complaint import CannotLook, Found
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.complaint import CheckUnavailable, DoctorFinding
+from twind_calibration.doctor.examined import CheckContext
 from twind_calibration.doctor.ports import runner
 
 SPARE = 200 << 20  # bytes: half an hour of recording, and a journal
@@ -18,26 +18,28 @@ SYSTEMD = 252
 LOGS = Path("/var/log")
 
 
-def writable(x: Examined) -> Iterator[Found]:
+def writable(x: CheckContext) -> Iterator[DoctorFinding]:
     """STATE_UNWRITABLE: the state folder, by the daemon's user."""
     if x.settings is None:
-        raise CannotLook("the settings cannot be read")
+        raise CheckUnavailable("the settings cannot be read")
     folder = x.settings.state_dir
     there = next(each for each in (folder, *folder.parents) if each.exists())
     who, whose = runner(x)
     try:
         may = who.may(there, os.W_OK | os.X_OK)
     except OSError as error:
-        raise CannotLook(f"{there}: {error.strerror}") from error
+        raise CheckUnavailable(f"{there}: {error.strerror}") from error
     if who.uid == 0 and os.statvfs(there).f_flag & os.ST_RDONLY:
-        yield Found("STATE_UNWRITABLE", str(folder), "its disk is mounted read-only", "read and write")
+        yield DoctorFinding(
+            "STATE_UNWRITABLE", str(folder), "its disk is mounted read-only", "read and write"
+        )
     elif not may:
         what = "may not write there" if there == folder else f"may not make it below {there}"
         command = f"sudo mkdir -p {folder}\nsudo chown {who.name}: {folder}"
-        yield Found("STATE_UNWRITABLE", str(folder), f"{whose} {who.name} {what}", command=command)
+        yield DoctorFinding("STATE_UNWRITABLE", str(folder), f"{whose} {who.name} {what}", command=command)
 
 
-def disks(x: Examined) -> Iterator[Found]:
+def disks(x: CheckContext) -> Iterator[DoctorFinding]:
     """DISK_FULL: the disks of state and logs."""
     seen: set[int] = set()
     folders = [LOGS] if x.settings is None else [x.settings.state_dir, LOGS]
@@ -51,26 +53,26 @@ def disks(x: Examined) -> Iterator[Found]:
         least = min(SPARE, int(size * SHARE)) if size else 0
         if size and free < max(least, 1):
             said = f"{free >> 20} MiB free of {size >> 20}"
-            yield Found("DISK_FULL", str(there), said, f"{least >> 20} MiB or more", f"df -h {there}")
+            yield DoctorFinding("DISK_FULL", str(there), said, f"{least >> 20} MiB or more", f"df -h {there}")
         elif disk.f_files and disk.f_favail < min(FILES, disk.f_files // 50):
-            yield Found(
+            yield DoctorFinding(
                 "DISK_FULL", str(there), f"room for {disk.f_favail} more files", f"{FILES}", f"df -i {there}"
             )
 
 
-def software(x: Examined) -> Iterator[Found]:
+def software(x: CheckContext) -> Iterator[DoctorFinding]:
     """SOFTWARE_OLD: Python, the libraries that twind names, systemd where it is the init system."""
     if sys.version_info < PYTHON:
         had = ".".join(map(str, sys.version_info[:3]))
-        yield Found("SOFTWARE_OLD", "Python", had, ".".join(map(str, PYTHON)))
+        yield DoctorFinding("SOFTWARE_OLD", "Python", had, ".".join(map(str, PYTHON)))
     yield from outdated(metadata.requires("twind") or [])
     if Path("/run/systemd/system").is_dir():
         version = int(x.host.program("systemctl", "--version").split()[1])
         if version < SYSTEMD:
-            yield Found("SOFTWARE_OLD", "systemd", str(version), f"{SYSTEMD} or newer")
+            yield DoctorFinding("SOFTWARE_OLD", "systemd", str(version), f"{SYSTEMD} or newer")
 
 
-def outdated(requirements: list[str]) -> Iterator[Found]:
+def outdated(requirements: list[str]) -> Iterator[DoctorFinding]:
     """Of `name>=1.2` each that is installed older; extras and what is not installed are left out."""
     for text in requirements:
         name, _, least = text.partition(";")[0].partition(">=")
@@ -80,10 +82,10 @@ def outdated(requirements: list[str]) -> Iterator[Found]:
         try:
             has = metadata.version(name.strip())
         except metadata.PackageNotFoundError:
-            yield Found("SOFTWARE_OLD", name.strip(), "not installed", f"{least} or newer")
+            yield DoctorFinding("SOFTWARE_OLD", name.strip(), "not installed", f"{least} or newer")
             continue
         if _numbers(has) < _numbers(least):
-            yield Found("SOFTWARE_OLD", name.strip(), has, f"{least} or newer")
+            yield DoctorFinding("SOFTWARE_OLD", name.strip(), has, f"{least} or newer")
 
 
 def _numbers(version: str) -> tuple[int, ...]:

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from twind_calibration.doctor import host_checks, host_rows, robot_checks, robot_rows
-from twind_calibration.doctor.complaint import Complaint, Found, Severity
-from twind_calibration.doctor.examined import Examined
+from twind_calibration.doctor.complaint import Check, DoctorFinding, Severity
+from twind_calibration.doctor.examined import CheckContext
 
-CHECK_BROKEN = Complaint(
+CHECK_BROKEN = Check(
     "CHECK_BROKEN",
     "a check of the doctor failed",
     "its subject was not examined",
@@ -25,10 +25,10 @@ class CheckProbe:
 
     what: str
     codes: tuple[str, ...]
-    look: Callable[[Examined], Iterator[Found]]
+    look: Callable[[CheckContext], Iterator[DoctorFinding]]
 
 
-def complaints() -> dict[str, Complaint]:
+def complaints() -> dict[str, Check]:
     """Every row by its code, in order."""
     rows = (*host_rows.ROWS, *robot_rows.ROWS, CHECK_BROKEN)
     return {row.code: row for row in rows}

@@ -4,9 +4,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from twind_calibration.again import Again
+from twind_calibration.again import CommandHint
 from twind_calibration.doctor.bench import MANY
-from twind_calibration.doctor.complaint import Complaint, Found
+from twind_calibration.doctor.complaint import Check, DoctorFinding
 
 OTHERS = ("PORT_HELD",)  # codes whose commands ask another daemon than this call's
 FIX = "twindctl doctor --fix"
@@ -16,13 +16,13 @@ FIRST = "a running daemon does it (mode live, nobody armed): "
 
 
 def told(
-    found: Sequence[Found],
-    rows: Mapping[str, Complaint],
-    again: Again,
+    found: Sequence[DoctorFinding],
+    rows: Mapping[str, Check],
+    again: CommandHint,
     only: Sequence[str] = (),
     *,
     daemon: bool,
-) -> tuple[list[Found], str]:
+) -> tuple[list[DoctorFinding], str]:
     """The findings with commands for this call, and the command that does what `--fix` can do ("": nothing).
 
     `only`: the codes that were asked for; none: all. `daemon`: one was asked. Without, what only a daemon can
@@ -33,7 +33,7 @@ def told(
     return ready, fix if any(each.fix is not None for each in found) else ""
 
 
-def _ready(each: Found, row: Complaint, again: Again, fix: str, *, daemon: bool) -> Found:
+def _ready(each: DoctorFinding, row: Check, again: CommandHint, fix: str, *, daemon: bool) -> DoctorFinding:
     if each.code in OTHERS:
         return each
     command, advice = _shortest(each.command), each.advice
@@ -44,7 +44,7 @@ def _ready(each: Found, row: Complaint, again: Again, fix: str, *, daemon: bool)
     return replace(each, command=again.command(command), advice=again.prose(advice or _own(row, each)))
 
 
-def _own(row: Complaint, each: Found) -> str:
+def _own(row: Check, each: DoctorFinding) -> str:
     """The row's remedy where the finding has no command; else the command says it."""
     return "" if each.command else row.remedy
 

@@ -9,27 +9,36 @@ import numpy as np
 
 from twind.config.calibration_file import JointCalibration
 from twind.robot.arrays import Floats
-from twind_calibration.proving.judge import ASKED, CLOSE, GROSS, Foreseen, Wrong, foresee, refined, slack
+from twind_calibration.proving.judge import (
+    ASKED,
+    CLOSE,
+    GROSS,
+    LoadPrediction,
+    WrongSignLoads,
+    foresee,
+    refined,
+    slack,
+)
 from twind_calibration.proving.mirror import STEP, Mirror, mirror, offsets
-from twind_calibration.wiggling.body import Body
+from twind_calibration.wiggling.body import PosedModel
 
 STRAIN = 0.5  # of what a joint can give: to hold more than that for long heats it
 FEW: Floats = CLOSE[[0, len(CLOSE) // 2, -1]]  # enough to plan by
 
 
-class Expected:
+class ExpectedLoads:
     """Loads of one joint (place in joint order) at poses (k, n), rad, as the servos tell them."""
 
-    def __init__(self, body: Body, poses: Floats, joint: int) -> None:
+    def __init__(self, body: PosedModel, poses: Floats, joint: int) -> None:
         self._body, self._poses, self._joint = body, poses, joint
 
     def right(self, zeros: Floats = ASKED) -> Floats:
         """(d, k) N·m, rows for errors of the joint's zero between those of `zeros`."""
         return self._family(zeros, self._body.torque)
 
-    def wrong(self, sums: Mirror, zeros: Floats = CLOSE, step: float = STEP) -> Wrong:
+    def wrong(self, sums: Mirror, zeros: Floats = CLOSE, step: float = STEP) -> WrongSignLoads:
         """Likewise, its sign wrong; `sums` and `step` (rad) as in `mirror`."""
-        return Wrong(self._reversed(zeros), self._reversed(offsets(sums, step)))
+        return WrongSignLoads(self._reversed(zeros), self._reversed(offsets(sums, step)))
 
     def exchanged(self, other: int, zeros: Floats = CLOSE) -> Floats:
         """Likewise, its servo and that of joint `other` in each other's place."""
@@ -72,23 +81,23 @@ def swept(pose: Floats, joint: int, places: Floats) -> Floats:
 
 
 def look_ahead(
-    body: Body,
+    body: PosedModel,
     pose: Floats,
     joint: int,
     places: Floats,
     friction: float,
     entry: JointCalibration | None = None,
-) -> Foreseen:
+) -> LoadPrediction:
     """Before anything moves: what will the joint show, taken to these places (rad) from this pose?
 
     `entry`: its calibration; None: as if it had been swept from end to end.
     """
-    spec, expected = body.robot.joints[joint], Expected(body, swept(pose, joint, places), joint)
+    spec, expected = body.robot.joints[joint], ExpectedLoads(body, swept(pose, joint, places), joint)
     room = slack(friction, spec.ratio * spec.type.effort_lsb_nm)
     return foresee(expected.right(FEW), expected.wrong(mirror(spec, entry), FEW, GROSS), room)
 
 
-def strained(body: Body, pose: Floats) -> dict[int, str]:
+def strained(body: PosedModel, pose: Floats) -> dict[int, str]:
     """Joints that hold much of what they can in this pose, and the words for it: they want to be propped."""
     found = {}
     for place, (spec, load) in enumerate(zip(body.robot.joints, body.torque(pose), strict=True)):

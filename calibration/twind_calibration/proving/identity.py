@@ -12,7 +12,7 @@ from twind.robot.arrays import Bools, Floats
 from twind_calibration.proving.judge import apart, misfits
 
 
-class Place(Enum):
+class JointMatch(Enum):
     """What the loads say of one other joint whose servo might be here."""
 
     HERE = "here"  # excluded: with that servo another load would have been measured
@@ -20,34 +20,34 @@ class Place(Enum):
     UNTOLD = "untold"  # both would have measured the same
 
 
-def by_own(measured: Floats, right: Floats, exchanged: Floats, slack: float) -> Place:
+def by_own(measured: Floats, right: Floats, exchanged: Floats, slack: float) -> JointMatch:
     """By the joint's own load (k,); families (d, k)."""
     if not np.isfinite(measured.sum()) or apart(right, exchanged) <= 2.0 * slack:
-        return Place.UNTOLD
+        return JointMatch.UNTOLD
     return _place(measured, right, exchanged, slack)
 
 
-def by_others(measured: Floats, right: Floats, exchanged: Floats, slack: Floats, others: Bools) -> Place:
+def by_others(measured: Floats, right: Floats, exchanged: Floats, slack: Floats, others: Bools) -> JointMatch:
     """By how the load of the joints `others` (n,) changed; loads (k, n), slack (n,).
 
     Whose load does not change says nothing: it may be propped, or stick.
     """
-    found = Place.UNTOLD
+    found = JointMatch.UNTOLD
     for joint in np.flatnonzero(others):
         one, two, three = (_changes(loads[:, joint]) for loads in (measured, right, exchanged))
         speaks = np.sqrt(np.mean(one**2)) > slack[joint]  # False for NaN
         if not speaks or apart(two[None], three[None]) <= 2.0 * slack[joint]:
             continue
         told = _place(one, two[None], three[None], float(slack[joint]))
-        if told is Place.THERE:
+        if told is JointMatch.THERE:
             return told
-        found = told if told is Place.HERE else found
+        found = told if told is JointMatch.HERE else found
     return found
 
 
-def _place(measured: Floats, right: Floats, exchanged: Floats, slack: float) -> Place:
+def _place(measured: Floats, right: Floats, exchanged: Floats, slack: float) -> JointMatch:
     here, there = (bool((misfits(measured, each) <= slack).any()) for each in (right, exchanged))
-    return Place.UNTOLD if here == there else Place.HERE if here else Place.THERE
+    return JointMatch.UNTOLD if here == there else JointMatch.HERE if here else JointMatch.THERE
 
 
 def _changes(loads: Floats) -> Floats:

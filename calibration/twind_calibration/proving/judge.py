@@ -30,7 +30,7 @@ STRETCH = (1.0 - UNSURE, 1.0 + UNSURE)
 LEFT = 0.5  # of friction that the mean of both directions may still hold
 
 
-class Proof(StrEnum):
+class SignProof(StrEnum):
     """What is known of a joint's sign."""
 
     PROVED = "proved"
@@ -40,7 +40,7 @@ class Proof(StrEnum):
     CONFIRMED = "confirmed"  # nothing speaks against it, and a person saw it go the right way
 
 
-class Against(StrEnum):
+class ProofContradiction(StrEnum):
     """What contradicts."""
 
     NOTHING = ""
@@ -55,7 +55,7 @@ class Against(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Wrong:
+class WrongSignLoads:
     """What a wrong sign would measure, N·m; a row (k,) for each zero, each within 5 degrees."""
 
     near: Floats  # (d, k), its zero as it is told
@@ -68,7 +68,7 @@ class Wrong:
 
 
 @dataclass(frozen=True, slots=True)
-class Foreseen:
+class LoadPrediction:
     """What the model says before anything moves. N·m, rms over the places."""
 
     span: float  # between the largest and the smallest load
@@ -88,12 +88,12 @@ class Foreseen:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class LoadVerdict:
     """What the load of one joint says. N·m, rms; rad."""
 
-    proof: Proof
-    against: Against
-    foreseen: Foreseen
+    proof: SignProof
+    against: ProofContradiction
+    foreseen: LoadPrediction
     slope_ratio: float  # measured over described; NaN: no load to compare with
     misfit: float  # to the best that a right sign allows
     misfit_reversed: float
@@ -115,10 +115,10 @@ def refined(family: Floats) -> Floats:
     return np.asarray((1.0 - share) * family[first] + share * family[first + 1])
 
 
-def foresee(right: Floats, wrong: Wrong, slack: float) -> Foreseen:
+def foresee(right: Floats, wrong: WrongSignLoads, slack: float) -> LoadPrediction:
     """`right`: (d, k), the middle row without a zero error."""
     described, every = right[len(right) // 2], wrong.all
-    return Foreseen(
+    return LoadPrediction(
         span=float(np.ptp(described)),
         flip=float(np.sqrt(((every - described) ** 2).mean(axis=1)).min()),
         apart=apart(right, every),
@@ -158,7 +158,9 @@ def _stretched(product: Floats, square: Floats) -> Floats:
     return found
 
 
-def judge(up: Floats, down: Floats, right: Floats, wrong: Wrong, friction: float, lsb: float) -> Judged:
+def judge(
+    up: Floats, down: Floats, right: Floats, wrong: WrongSignLoads, friction: float, lsb: float
+) -> LoadVerdict:
     """Loads (k,) come to from below and from above; `right` (d, k) over ZEROS.
 
     `friction` (N·m): the least that is reckoned with; more is, where the directions lie farther apart.
@@ -168,13 +170,15 @@ def judge(up: Floats, down: Floats, right: Floats, wrong: Wrong, friction: float
     foreseen = foresee(right[NEAR], wrong, room)
     if not np.isfinite(measured.sum() + right.sum() + wrong.all.sum()):
         nan = float("nan")
-        return Judged(Proof.UNOBSERVABLE, Against.NOTHING, foreseen, nan, nan, nan, nan, nan, nan)
+        return LoadVerdict(
+            SignProof.UNOBSERVABLE, ProofContradiction.NOTHING, foreseen, nan, nan, nan, nan, nan, nan
+        )
     all_right = misfits(measured, right)
     proof, against = _verdict(measured, right, all_right, wrong, foreseen)
     offset, unsure = _offset(all_right, room)
     middle = right[len(right) // 2]
     square = float(middle @ middle)
-    return Judged(
+    return LoadVerdict(
         proof=proof,
         against=against,
         foreseen=foreseen,
@@ -188,26 +192,26 @@ def judge(up: Floats, down: Floats, right: Floats, wrong: Wrong, friction: float
 
 
 def _verdict(
-    measured: Floats, right: Floats, wide: Floats, wrong: Wrong, foreseen: Foreseen
-) -> tuple[Proof, Against]:
+    measured: Floats, right: Floats, wide: Floats, wrong: WrongSignLoads, foreseen: LoadPrediction
+) -> tuple[SignProof, ProofContradiction]:
     """`wide`: misfits of a right sign over ZEROS. A sign is doubted after a zero that would do as well."""
     room = foreseen.slack
     near, mirrored = fits(measured, wrong.near, room), fits(measured, wrong.mirrored, room)
     if (wide[NEAR] <= room).any():
         if near or mirrored:
-            return Proof.UNOBSERVABLE, Against.NOTHING
+            return SignProof.UNOBSERVABLE, ProofContradiction.NOTHING
         if foreseen.observable:
-            return Proof.PROVED, Against.NOTHING
-        return Proof.PLAUSIBLE if foreseen.visible else Proof.UNOBSERVABLE, Against.NOTHING
+            return SignProof.PROVED, ProofContradiction.NOTHING
+        return SignProof.PLAUSIBLE if foreseen.visible else SignProof.UNOBSERVABLE, ProofContradiction.NOTHING
     if near:
-        return Proof.CONTRADICTED, Against.SIGN
+        return SignProof.CONTRADICTED, ProofContradiction.SIGN
     if (wide <= room).any():
-        return Proof.CONTRADICTED, Against.ZERO
+        return SignProof.CONTRADICTED, ProofContradiction.ZERO
     if mirrored:
-        return Proof.CONTRADICTED, Against.SIGN
+        return SignProof.CONTRADICTED, ProofContradiction.SIGN
     if fits(measured, -right[NEAR], room):
-        return Proof.CONTRADICTED, Against.CURRENT
-    return Proof.CONTRADICTED, Against.NEITHER
+        return SignProof.CONTRADICTED, ProofContradiction.CURRENT
+    return SignProof.CONTRADICTED, ProofContradiction.NEITHER
 
 
 def _offset(misfits: Floats, room: float) -> tuple[float, float]:

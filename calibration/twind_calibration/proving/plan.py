@@ -19,9 +19,9 @@ from twind.robot.arrays import Floats
 from twind.twin.binding import BindingError
 from twind_calibration.again import again
 from twind_calibration.proving.expected import look_ahead, strained
-from twind_calibration.proving.judge import Foreseen
+from twind_calibration.proving.judge import LoadPrediction
 from twind_calibration.proving.sweep import sweeps
-from twind_calibration.wiggling.body import Body
+from twind_calibration.wiggling.body import PosedModel
 
 BASES = ("upright", "back", "left")
 BEND = 1.0  # rad, a neighbour is bent so far at most
@@ -29,13 +29,13 @@ CLEAR = 0.05  # rad that it keeps from its limits
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class ProofPlan:
     """How one joint is best shown. `bend` None: as the robot rests."""
 
     joint: int
     base: str
     bend: tuple[int, float] | None  # a joint, rad
-    foreseen: Foreseen
+    foreseen: LoadPrediction
     strains: bool  # it holds much of what it can
 
     @property
@@ -44,28 +44,28 @@ class Way:
         return self.foreseen.observable and not self.strains
 
 
-def best(body: Body, joint: int, size: float, friction: float) -> Way | None:
+def best(body: PosedModel, joint: int, size: float, friction: float) -> ProofPlan | None:
     """The simplest way that proves a joint, else the one that shows most; None: it cannot move.
 
     At rest before bent, itself before others, without straining it before the other. Changes how the body is
     held.
     """
     rest = np.array([body.robot.poses["rest"][name] for name in body.robot.names])
-    found: list[Way] = []
+    found: list[ProofPlan] = []
     for bends in ([None], _middle(body.robot, joint), list(_bends(body.robot, joint))):
         for base in BASES:
             body.lie(base)
             for bend in bends:
                 seen = _seen(body, rest, joint, bend, size, friction)
-                found += [] if seen is None else [Way(joint, base, bend, *seen)]
+                found += [] if seen is None else [ProofPlan(joint, base, bend, *seen)]
         if any(way.good for way in found):
             break
     return max(found, key=lambda way: (way.good, way.foreseen.apart), default=None)
 
 
 def _seen(
-    body: Body, rest: Floats, joint: int, bend: tuple[int, float] | None, size: float, friction: float
-) -> tuple[Foreseen, bool] | None:
+    body: PosedModel, rest: Floats, joint: int, bend: tuple[int, float] | None, size: float, friction: float
+) -> tuple[LoadPrediction, bool] | None:
     """What it shows, and whether it strains the joint."""
     pose, spec = rest.copy(), body.robot.joints[joint]
     if bend is not None:
@@ -96,7 +96,7 @@ def told_plan(options: argparse.Namespace) -> int:
     """Print it. Exit code 0. Raises Rejected, ClientError (no --robot, and no daemon)."""
     robot = _robot(options)
     try:
-        body = Body(robot)
+        body = PosedModel(robot)
     except BindingError as error:
         raise Rejected(str(error)) from None
     for name in options.joints:
@@ -123,7 +123,7 @@ def _robot(options: argparse.Namespace) -> RobotFile:
         raise Rejected(str(error)) from None
 
 
-def _row(robot: RobotFile, place: int, way: Way | None) -> dict[str, Any]:
+def _row(robot: RobotFile, place: int, way: ProofPlan | None) -> dict[str, Any]:
     bend = None if way is None or way.bend is None else f"{robot.names[way.bend[0]]}={way.bend[1]:g}"
     return {
         "joint": robot.names[place],
@@ -136,7 +136,7 @@ def _row(robot: RobotFile, place: int, way: Way | None) -> dict[str, Any]:
     }
 
 
-def _strain(body: Body, base: str, bend: str | None) -> list[str]:
+def _strain(body: PosedModel, base: str, bend: str | None) -> list[str]:
     """What is to be propped while it is held so."""
     angles = dict(body.robot.poses["rest"])
     if bend is not None:
@@ -147,7 +147,7 @@ def _strain(body: Body, base: str, bend: str | None) -> list[str]:
     return [f"    prop it: {'; '.join(said)}"] if said else []
 
 
-def _lines(body: Body, rows: list[dict[str, Any]]) -> list[str]:
+def _lines(body: PosedModel, rows: list[dict[str, Any]]) -> list[str]:
     """One command for all joints that share base and bend, and who remains."""
     said, groups = [], dict[tuple[str, str | None], list[dict[str, Any]]]()
     for row in rows:

@@ -7,7 +7,7 @@ from typing import Any
 
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.section import Plain
-from twind_calibration.proving.told import Verdict
+from twind_calibration.proving.told import ProofVerdict
 
 
 def measured(calibration: Calibration | None) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def unlike(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
 
 
 def recorded(
-    calibration: Calibration, verdicts: Mapping[str, Verdict], at: str
+    calibration: Calibration, verdicts: Mapping[str, ProofVerdict], at: str
 ) -> tuple[Calibration, list[str], list[str]]:
     """With the proofs of `verdicts`, by entry: the calibration, whose proof is new, whose was taken away.
 
@@ -40,7 +40,7 @@ def recorded(
     return replace(calibration, joints=tuple(joints)), new, gone
 
 
-def _with(entry: JointCalibration, verdict: Verdict | None, at: str) -> JointCalibration:
+def _with(entry: JointCalibration, verdict: ProofVerdict | None, at: str) -> JointCalibration:
     if verdict is None or verdict.proof is None:
         return entry
     if not verdict.good:

@@ -12,7 +12,7 @@ import numpy as np
 
 from twind.robot.arrays import Floats
 from twind_calibration.wiggling.motion import tour
-from twind_calibration.wiggling.trace import PLACE, Stay, Stays
+from twind_calibration.wiggling.trace import PLACE, HoldMean, HoldMeans
 
 PLACES = 4
 OVER = 0.03  # rad beyond the outermost place: more than friction and backlash take
@@ -22,7 +22,7 @@ LEAST = 0.05  # rad between first and last place: nearer together they show noth
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
+class ProofSweep:
     """The way of one joint, rad."""
 
     home: float
@@ -49,7 +49,7 @@ class Sweep:
         return tour(joint, list(zip(visits[1:], np.maximum(ways, QUICKEST).tolist(), strict=True)))
 
 
-def sweeps(home: float, lower: float, upper: float, size: float) -> list[Sweep]:
+def sweeps(home: float, lower: float, upper: float, size: float) -> list[ProofSweep]:
     """Around home by `size` (rad) either way; else all above it, else all below. None fits: empty.
 
     They keep inside the limits, and so may be shorter.
@@ -59,26 +59,26 @@ def sweeps(home: float, lower: float, upper: float, size: float) -> list[Sweep]:
     for first, last in ((home - size, home + size), (home, home + 2.0 * size), (home - 2.0 * size, home)):
         first, last = max(first, low), min(last, high)
         if last - first >= LEAST:
-            found.append(Sweep(home, np.linspace(first, last, PLACES)))
+            found.append(ProofSweep(home, np.linspace(first, last, PLACES)))
     return found
 
 
 @dataclass(frozen=True, slots=True)
-class Swept:
+class MeasuredLoads:
     """What was measured. `poses` (k, n) rad and `effort` (k, n) N·m are means of both directions."""
 
     poses: Floats
     effort: Floats
     up: Floats  # (k, n) N·m
     down: Floats
-    ends: Stays  # at home, farthest away, home again: for the encoder
+    ends: HoldMeans  # at home, farthest away, home again: for the encoder
 
 
-def swept(sweep: Sweep, stays: Sequence[Stay]) -> Swept:
+def swept(sweep: ProofSweep, stays: Sequence[HoldMean]) -> MeasuredLoads:
     """Of the stays at `sweep.visits`."""
     count = len(sweep.places)
     up, down = stays[2 : 2 + count], stays[3 + count : 3 + 2 * count][::-1]
     rose, fell = np.array([stay.effort for stay in up]), np.array([stay.effort for stay in down])
     poses = np.array([(a.position + b.position) / 2.0 for a, b in zip(up, down, strict=True)])
     far = int(np.abs(np.array(sweep.visits) - sweep.home).argmax())
-    return Swept(poses, (rose + fell) / 2.0, rose, fell, Stays(stays[0], stays[far], stays[-1]))
+    return MeasuredLoads(poses, (rose + fell) / 2.0, rose, fell, HoldMeans(stays[0], stays[far], stays[-1]))

@@ -6,21 +6,21 @@ from math import isfinite
 from typing import Any
 
 from twind.config.section import Plain
-from twind_calibration.proving.judge import Against, Judged, Proof
-from twind_calibration.proving.weighed import MOST_NAMED, Weighed
-from twind_calibration.wiggling.judge import Answer, Motion, came_back
-from twind_calibration.wiggling.motion import Gone
+from twind_calibration.proving.judge import LoadVerdict, ProofContradiction, SignProof
+from twind_calibration.proving.weighed import MOST_NAMED, LoadComparison
+from twind_calibration.wiggling.judge import EncoderObservation, EncoderResponse, came_back
+from twind_calibration.wiggling.motion import MoveResult
 from twind_calibration.wiggling.told import CAUSES
 
 SAYS = {
-    Against.MOTION: "it does not move as it is told to, or not alone",
-    Against.SIGN: "THE LOAD FITS THE OTHER SIGN. Before the sign is touched: is it the right servo?",
-    Against.ZERO: "its zero is grossly off: measure it in a pose (`twindctl calibrate zero --pose NAME`)",
-    Against.CURRENT: "its torque is told the wrong way round: drive mode (10), bit 0",
-    Against.OTHERS: "others' loads change as if its sign were wrong, or theirs: is it the right servo?",
-    Against.PLACE: "another joint was moved",
-    Against.NEITHER: "the load fits neither sign: joint, gear ratio, mass or another joint's zero is wrong",
-    Against.EYE: "who watched saw something else",
+    ProofContradiction.MOTION: "it does not move as it is told to, or not alone",
+    ProofContradiction.SIGN: "THE LOAD FITS THE OTHER SIGN. Before the sign is touched: is it the right servo?",
+    ProofContradiction.ZERO: "its zero is grossly off: measure it in a pose (`twindctl calibrate zero --pose NAME`)",
+    ProofContradiction.CURRENT: "its torque is told the wrong way round: drive mode (10), bit 0",
+    ProofContradiction.OTHERS: "others' loads change as if its sign were wrong, or theirs: is it the right servo?",
+    ProofContradiction.PLACE: "another joint was moved",
+    ProofContradiction.NEITHER: "the load fits neither sign: joint, gear ratio, mass or another joint's zero is wrong",
+    ProofContradiction.EYE: "who watched saw something else",
 }
 BLIND = (
     "unobservable is no pass: `twindctl calibrate prove --plan` says which base pose and angles show more, "
@@ -29,16 +29,16 @@ BLIND = (
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ProofVerdict:
     """Everything about one joint. `weighed` None: it was not measured; `confirmed` None: nobody could say."""
 
     joint: str
     bus: str
     id: int
     base: str
-    gone: Gone
-    seen: Answer | None = None
-    weighed: Weighed | None = None
+    gone: MoveResult
+    seen: EncoderObservation | None = None
+    weighed: LoadComparison | None = None
     looks: str = ""
     confirmed: bool | None = None
     names: Sequence[str] = ()  # of all joints, by place
@@ -46,52 +46,55 @@ class Verdict:
     @property
     def measured(self) -> bool:
         """It went its whole way and was heard."""
-        heard = self.seen is not None and self.seen.motion not in (Motion.UNHEARD, Motion.ENDED)
+        heard = self.seen is not None and self.seen.motion not in (
+            EncoderResponse.UNHEARD,
+            EncoderResponse.ENDED,
+        )
         return self.gone.moved and not self.gone.ended and heard
 
     @property
-    def against(self) -> Against:
+    def against(self) -> ProofContradiction:
         """What contradicts."""
         if not self.measured or self.seen is None:
-            return Against.NOTHING
-        if self.seen.motion is not Motion.FOLLOWS or self.seen.others or not came_back(self.seen):
-            return Against.MOTION
-        if self.weighed is not None and self.weighed.judged.against is not Against.NOTHING:
+            return ProofContradiction.NOTHING
+        if self.seen.motion is not EncoderResponse.FOLLOWS or self.seen.others or not came_back(self.seen):
+            return ProofContradiction.MOTION
+        if self.weighed is not None and self.weighed.judged.against is not ProofContradiction.NOTHING:
             return self.weighed.judged.against
-        return Against.EYE if self.confirmed is False else Against.NOTHING
+        return ProofContradiction.EYE if self.confirmed is False else ProofContradiction.NOTHING
 
     @property
-    def proof(self) -> Proof | None:
+    def proof(self) -> SignProof | None:
         """What is known now; None: nothing was measured."""
         if not self.measured:
             return None
-        if self.against is not Against.NOTHING:
-            return Proof.CONTRADICTED
-        found = Proof.UNOBSERVABLE if self.weighed is None else self.weighed.judged.proof
-        return Proof.CONFIRMED if self.confirmed and found is not Proof.PROVED else found
+        if self.against is not ProofContradiction.NOTHING:
+            return SignProof.CONTRADICTED
+        found = SignProof.UNOBSERVABLE if self.weighed is None else self.weighed.judged.proof
+        return SignProof.CONFIRMED if self.confirmed and found is not SignProof.PROVED else found
 
     @property
     def good(self) -> bool:
         """It was measured, and nothing speaks against it. Not: it is proved."""
-        return self.proof not in (None, Proof.CONTRADICTED)
+        return self.proof not in (None, SignProof.CONTRADICTED)
 
     @property
     def open(self) -> bool:
         """Gravity proves nothing here, and nothing contradicts: an eye may."""
-        return self.proof in (Proof.UNOBSERVABLE, Proof.PLAUSIBLE)
+        return self.proof in (SignProof.UNOBSERVABLE, SignProof.PLAUSIBLE)
 
     @property
     def by_eye(self) -> bool:
         """What is known comes from the person who watched."""
-        return self.proof is Proof.CONFIRMED
+        return self.proof is SignProof.CONFIRMED
 
     def record(self, at: str) -> Plain:
         """What the calibration file keeps of it; None: this proves nothing."""
-        if self.proof not in (Proof.PROVED, Proof.CONFIRMED):
+        if self.proof not in (SignProof.PROVED, SignProof.CONFIRMED):
             return None
         judged = None if self.weighed is None else self.weighed.judged
         return {
-            "sign": "gravity" if self.proof is Proof.PROVED else "operator",
+            "sign": "gravity" if self.proof is SignProof.PROVED else "operator",
             "base_pose": self.base,
             "slope_ratio": None if judged is None else _known(judged.slope_ratio),
             "offset_residual_rad": None if judged is None else _known(judged.offset),
@@ -119,7 +122,7 @@ class Verdict:
             **({} if weighed is None else self._numbers(weighed)),
         }
 
-    def _numbers(self, weighed: Weighed) -> dict[str, Any]:
+    def _numbers(self, weighed: LoadComparison) -> dict[str, Any]:
         judged = weighed.judged
         return {
             "span_nm": _known(judged.foreseen.span),
@@ -151,9 +154,9 @@ class Verdict:
             )
         if self.against in SAYS:
             said.append(SAYS[self.against])
-        if self.against is Against.MOTION:
+        if self.against is ProofContradiction.MOTION:
             said += self._motion()
-        if self.weighed is not None and self.proof is Proof.CONTRADICTED:
+        if self.weighed is not None and self.proof is SignProof.CONTRADICTED:
             like, bent = self._named(self.weighed.like), self._named(self.weighed.bent)
             said += [f"it measures what the servo of {each} should: are the two exchanged?" for each in like]
             said += [f"it measures what a wrong sign of {each} would make of it" for each in bent]
@@ -173,7 +176,7 @@ class Verdict:
             )
         judged = self.weighed.judged
         ahead = judged.foreseen
-        if self.proof is Proof.UNOBSERVABLE:
+        if self.proof is SignProof.UNOBSERVABLE:
             return f"here a wrong sign is {ahead.flip:.2f} N·m off, little beside friction; {_zero(judged)}"
         slope = f"slope {judged.slope_ratio:+.2f}, " if isfinite(judged.slope_ratio) else ""
         off = f"off by {judged.misfit:.2f} N·m, with the other sign {judged.misfit_reversed:.2f}"
@@ -194,7 +197,7 @@ class Verdict:
         return [self.names[place] for place in places]
 
 
-def _zero(judged: Judged) -> str:
+def _zero(judged: LoadVerdict) -> str:
     if not isfinite(judged.offset):
         return "its zero cannot be told here"
     return f"zero off by {judged.offset:+.2f} ± {judged.offset_unsure:.2f} rad"

@@ -12,13 +12,13 @@ import numpy as np
 from twind.client import Client
 from twind.config.calibration_file import Calibration, JointCalibration
 from twind.config.robot_spec import JointSpec
-from twind.config.saving import Folder
-from twind.ctl.progress import Progress
+from twind.config.saving import LockedFolder
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operator
 from twind.twin.base_pose import BASES
 from twind.twin.binding import BindingError
 from twind_calibration.again import again
-from twind_calibration.calibrating.ground import Ground, ground, now
+from twind_calibration.calibrating.ground import CalibrationContext, ground, now
 from twind_calibration.calibrating.kept import alone, save
 from twind_calibration.calibrating.prove import LEAST, MOST
 from twind_calibration.calibrating.writing import agreed, require_somebody
@@ -27,14 +27,14 @@ from twind_calibration.proving.expected import look_ahead, strained
 from twind_calibration.proving.plan import told_plan
 from twind_calibration.proving.pose import posed, wanted_pose
 from twind_calibration.proving.records import in_force, measured, recorded, unlike
-from twind_calibration.proving.sweep import Sweep, sweeps, swept
-from twind_calibration.proving.told import BLIND, Verdict
+from twind_calibration.proving.sweep import ProofSweep, sweeps, swept
+from twind_calibration.proving.told import BLIND, ProofVerdict
 from twind_calibration.proving.weighed import weigh
-from twind_calibration.wiggling.body import Body
-from twind_calibration.wiggling.judge import Answer, Motion, answer
-from twind_calibration.wiggling.motion import Gone, allowed, go, goal_of
+from twind_calibration.wiggling.body import PosedModel
+from twind_calibration.wiggling.judge import EncoderObservation, EncoderResponse, answer
+from twind_calibration.wiggling.motion import MoveResult, allowed, go, goal_of
 from twind_calibration.wiggling.ready import AROUND, pose, require_amounts, require_armed, seen, tell
-from twind_calibration.wiggling.trace import Stay
+from twind_calibration.wiggling.trace import HoldMean
 from twind_calibration.wiggling.trace import recorded as watched
 from twind_drivers.clock import Clock, MonotonicClock
 
@@ -55,10 +55,10 @@ def prove(options: argparse.Namespace) -> int:
 
 def _prove(options: argparse.Namespace) -> int:
     with operator(options) as client:
-        session = Session(options, client, MonotonicClock())
+        session = ProofSession(options, client, MonotonicClock())
         require_somebody(options)
         session.require_ready()
-        verdicts: list[Verdict] = []
+        verdicts: list[ProofVerdict] = []
         try:
             with posed(client, session.goals, take=options.take):
                 for name in session.chosen:
@@ -79,12 +79,12 @@ def _prove(options: argparse.Namespace) -> int:
     return DONE if not left and all(each.good for each in verdicts) else REFUSED
 
 
-class Session:
+class ProofSession:
     """What is known of robot and daemon while joints are proved."""
 
     def __init__(self, options: argparse.Namespace, client: Client, clock: Clock) -> None:
         self._options, self._client, self._clock = options, client, clock
-        self._ground: Ground = ground(options, client)
+        self._ground: CalibrationContext = ground(options, client)
         self.names = list(self._ground.robot.names)
         self.chosen = self._ground.chosen(options.joints, self.names)
         self.goals = wanted_pose(self._ground.robot, options.pose, options.bends)
@@ -117,7 +117,7 @@ class Session:
         status = self._client.call("GetStatus")["status"]
         return bool(status["armed"]) and not status["faults"]
 
-    def one(self, name: str) -> Verdict:
+    def one(self, name: str) -> ProofVerdict:
         """Sweep one joint, say what it showed."""
         verdict = self._one(name)
         if self._options.json:
@@ -126,7 +126,7 @@ class Session:
             print(again(self._options).prose("\n".join(verdict.lines())), flush=True)
         return verdict
 
-    def keep(self, verdicts: Sequence[Verdict]) -> None:
+    def keep(self, verdicts: Sequence[ProofVerdict]) -> None:
         """Write what was proved into the calibration file.
 
         Raises Rejected: it cannot be read or written, or holds another zero by now than what was proved.
@@ -147,7 +147,7 @@ class Session:
                 f"what it said before, and is not kept. {self._anew()}"
             )
 
-    def _write(self, folder: Folder, after: Calibration, new: list[str], gone: list[str]) -> None:
+    def _write(self, folder: LockedFolder, after: Calibration, new: list[str], gone: list[str]) -> None:
         if not new and not gone:
             return
         save(after, self._ground.path, folder)
@@ -171,7 +171,7 @@ class Session:
     def _anew(self) -> str:
         return f"Restart the daemon (`{restart(self._options.socket)}`), then once more"
 
-    def _one(self, name: str) -> Verdict:
+    def _one(self, name: str) -> ProofVerdict:
         place = self.names.index(name)
         joint = self._ground.robot.joints[place]
         who: dict[str, Any] = {
@@ -179,21 +179,25 @@ class Session:
         }  # fmt: skip
         way, refused = self._way(joint)
         if way is None:
-            return Verdict(gone=Gone(nan, refused=refused), **who)
+            return ProofVerdict(gone=MoveResult(nan, refused=refused), **who)
         entry = self._entries.get(joint.actuator)
         who["looks"] = self._looks(place, way, entry)
         gone, stays = self._sweep(place, way)
         if stays is None:
-            motion = Motion.ENDED if gone.ended else Motion.UNHEARD
-            return Verdict(gone=gone, seen=Answer(motion, way.farthest, nan, nan, nan), **who)
+            motion = EncoderResponse.ENDED if gone.ended else EncoderResponse.UNHEARD
+            return ProofVerdict(
+                gone=gone, seen=EncoderObservation(motion, way.farthest, nan, nan, nan), **who
+            )
         shown, friction = swept(way, stays), float(self._options.friction)
         weighed = None if joint.transmission else weigh(self._body, place, shown, friction, entry)
-        verdict = Verdict(gone=gone, seen=answer(shown.ends, place, way.farthest), weighed=weighed, **who)
+        verdict = ProofVerdict(
+            gone=gone, seen=answer(shown.ends, place, way.farthest), weighed=weighed, **who
+        )
         if not verdict.open:
             return verdict
         return replace(verdict, confirmed=seen(self._options, name, verdict.looks))
 
-    def _way(self, joint: JointSpec) -> tuple[Sweep | None, tuple[str, ...]]:
+    def _way(self, joint: JointSpec) -> tuple[ProofSweep | None, tuple[str, ...]]:
         """The first way that the gate lets it go, else why not."""
         home = goal_of(self._client, joint.name)
         if home is None:
@@ -204,13 +208,13 @@ class Session:
         at, refused = allowed(self._client, [way.path(joint.name) for way in ways])
         return (None if at is None else ways[at]), refused
 
-    def _sweep(self, place: int, way: Sweep) -> tuple[Gone, list[Stay] | None]:
+    def _sweep(self, place: int, way: ProofSweep) -> tuple[MoveResult, list[HoldMean] | None]:
         """How it went, and its stays; None: they were not all heard."""
         name = self.names[place]
         with (
             observer(self._options) as watching,
             watched(watching, self.names) as trace,
-            Progress(self._options, name) as progress,
+            ProgressLine(self._options, name) as progress,
         ):
             self._rest()
             gone = go(
@@ -223,7 +227,7 @@ class Session:
     def _rest(self) -> None:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
-    def _looks(self, place: int, way: Sweep, entry: JointCalibration | None) -> str:
+    def _looks(self, place: int, way: ProofSweep, entry: JointCalibration | None) -> str:
         """What is to be seen, and what a wrong sign would show, said before it moves.
 
         The words are of a robot that stands.
@@ -240,10 +244,10 @@ class Session:
         return looks
 
 
-def _body(ground: Ground, mjcf: str, base: str) -> Body:
+def _body(ground: CalibrationContext, mjcf: str, base: str) -> PosedModel:
     """The daemon's own model. Raises Rejected: the one on the disk is another by now."""
     try:
-        body = Body(ground.robot, base)
+        body = PosedModel(ground.robot, base)
     except BindingError as error:
         raise Rejected(str(error)) from None
     if mjcf != body.mjcf:

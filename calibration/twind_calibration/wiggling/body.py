@@ -10,21 +10,21 @@ from twind.robot.arrays import Bools, Floats
 from twind.robot.state import JointState
 from twind.twin.base_pose import UPRIGHT, gravity
 from twind.twin.binding import bind
-from twind.twin.mirror import Mirror
+from twind.twin.mirror import TwinMirror
 
 NEAR = 0.05  # m: what is moved less far from the axis than that is seen to turn, not to travel
 WAYS = (("forward", "backward"), ("to its left", "to its right"), ("up", "down"))
 SEEN = ("from the front", "from its left", "from above")
 
 
-class Body:
+class PosedModel:
     """The twin's model of a robot, put into one pose after the other."""
 
     def __init__(self, robot: RobotFile, base: str = UPRIGHT) -> None:
         """`base`: how it is held (`base_pose.BASES`). Raises BindingError, KeyError (no such base pose)."""
         binding = bind(robot, None)
         self.robot, self.free, self.mjcf = robot, binding.floating, binding.mjcf
-        self._mirror, self._dof = Mirror(binding), binding.dof
+        self._mirror, self._dof = TwinMirror(binding), binding.dof
         model = self._mirror.model
         self._joints = [int(model.dof_jntid[dof]) for dof in binding.dof]
         self.lie(base)

@@ -12,7 +12,7 @@ from enum import StrEnum
 import numpy as np
 
 from twind.robot.arrays import Floats
-from twind_calibration.wiggling.trace import Stays
+from twind_calibration.wiggling.trace import HoldMeans
 
 FOLLOWS = (0.7, 1.3)  # of what the twin does: stiction and a soft gain take some of it
 STILL = 0.2  # less than that is no motion
@@ -22,7 +22,7 @@ UNSURE = 0.4  # of a load: published torques per ampere of one servo (XM430-W350
 MOST_OFF = 0.3  # of the move: so far from home it has not come back
 
 
-class Motion(StrEnum):
+class EncoderResponse(StrEnum):
     """How the encoder of the moved joint answered."""
 
     FOLLOWS = "follows"
@@ -35,7 +35,7 @@ class Motion(StrEnum):
     SIMULATED = "simulated"  # nothing of a robot was moved
 
 
-class Load(StrEnum):
+class TorqueResponse(StrEnum):
     """How the measured torque fits that of the model."""
 
     AGREES = "agrees"
@@ -46,10 +46,10 @@ class Load(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class EncoderObservation:
     """What the encoders saw. Angles in rad, from the stay before to the far end."""
 
-    motion: Motion
+    motion: EncoderResponse
     asked: float
     expected: float  # by the twin
     moved: float
@@ -59,19 +59,19 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Weighed:
+class TorqueObservation:
     """What the load says. N·m, of the joint, mean of both stays."""
 
-    load: Load
+    load: TorqueResponse
     measured: float
     model: float
     reversed: float  # what would be measured with the sign wrong
     like: tuple[int, ...] = ()  # joints at which a servo that measures this might sit instead
 
 
-def answer(stays: Stays | None, joint: int, asked: float) -> Answer:
+def answer(stays: HoldMeans | None, joint: int, asked: float) -> EncoderObservation:
     """Of a joint that was sent `asked` (rad) away and back; None: the trace has no such move."""
-    nothing = Answer(Motion.UNHEARD, asked, asked, float("nan"), float("nan"))
+    nothing = EncoderObservation(EncoderResponse.UNHEARD, asked, asked, float("nan"), float("nan"))
     if stays is None:
         return nothing
     moved = stays.out.position - stays.before.position
@@ -86,7 +86,7 @@ def answer(stays: Stays | None, joint: int, asked: float) -> Answer:
     with_it = np.abs(moved - np.nan_to_num(twin)) > least  # False for NaN
     with_it[joint] = False
     others = np.flatnonzero(with_it)
-    return Answer(
+    return EncoderObservation(
         motion=_motion(float(moved[joint]) / expected),
         asked=asked,
         expected=expected,
@@ -97,40 +97,40 @@ def answer(stays: Stays | None, joint: int, asked: float) -> Answer:
     )
 
 
-def _motion(share: float) -> Motion:
+def _motion(share: float) -> EncoderResponse:
     if share < -STILL:
-        return Motion.BACKWARDS
+        return EncoderResponse.BACKWARDS
     if share < STILL:
-        return Motion.STILL
+        return EncoderResponse.STILL
     if share < FOLLOWS[0]:
-        return Motion.SHORT
-    return Motion.FOLLOWS if share <= FOLLOWS[1] else Motion.FAR
+        return EncoderResponse.SHORT
+    return EncoderResponse.FOLLOWS if share <= FOLLOWS[1] else EncoderResponse.FAR
 
 
-def came_back(seen: Answer) -> bool:
+def came_back(seen: EncoderObservation) -> bool:
     """It stands where it stood."""
     return abs(seen.off) <= max(MOST_OFF * abs(seen.asked), COUNTS)
 
 
-def weigh(measured: float, model: float, reversed: float, friction: float) -> Weighed:
+def weigh(measured: float, model: float, reversed: float, friction: float) -> TorqueObservation:
     """The load against both signs; `friction` (N·m) is what a servo's own may add or take.
 
     Either may also be off by what is not known of a servo's torque. Where the two signs differ by less than
     twice that, the sign cannot be told. NaN: unknown.
     """
 
-    def said(load: Load) -> Weighed:
-        return Weighed(load, measured, model, reversed)
+    def said(load: TorqueResponse) -> TorqueObservation:
+        return TorqueObservation(load, measured, model, reversed)
 
     if not np.isfinite(measured + model + reversed):
-        return said(Load.UNKNOWN)
+        return said(TorqueResponse.UNKNOWN)
     slack = max(friction, UNSURE * max(abs(model), abs(reversed)))
     fits, fits_reversed = abs(measured - model) <= slack, abs(measured - reversed) <= slack
     if not abs(model - reversed) > 2.0 * slack:
-        return said(Load.UNOBSERVABLE if fits or fits_reversed else Load.NEITHER)
+        return said(TorqueResponse.UNOBSERVABLE if fits or fits_reversed else TorqueResponse.NEITHER)
     if fits:
-        return said(Load.AGREES)
-    return said(Load.REVERSED if fits_reversed else Load.NEITHER)
+        return said(TorqueResponse.AGREES)
+    return said(TorqueResponse.REVERSED if fits_reversed else TorqueResponse.NEITHER)
 
 
 def alike(measured: float, model: float, elsewhere: Sequence[float], friction: float) -> tuple[int, ...]:

@@ -18,7 +18,7 @@ ONE_SIDED = frozenset({"POS_LIMIT", "BRAKE_DISTANCE", "SELF_COLLISION", "KEEP_OU
 
 
 @dataclass(frozen=True, slots=True)
-class Gone:
+class MoveResult:
     """How it went. `refused`: why nothing moved; `ended`: what ended the move before its time."""
 
     way: float  # rad, away from home
@@ -47,11 +47,11 @@ def tour(joint: str, legs: Sequence[tuple[float, float]]) -> dict[str, Any]:
     return {"joint_names": [joint], "points": points[:-1]}
 
 
-def direction(client: Client, joint: str, home: float, size: float) -> Gone:
+def direction(client: Client, joint: str, home: float, size: float) -> MoveResult:
     """Which way the gate lets it go, by `size` (rad): up, else down, else why not. Nothing moves."""
     ways = (size, -size)
     at, refused = allowed(client, [path(joint, home, way) for way in ways])
-    return Gone(size if at is None else ways[at], refused)
+    return MoveResult(size if at is None else ways[at], refused)
 
 
 def allowed(client: Client, ways: Sequence[dict[str, Any]]) -> tuple[int | None, tuple[str, ...]]:
@@ -77,7 +77,7 @@ def go(
     take: bool,
     along: dict[str, Any] | None = None,
     tell: Callable[[str, float], None] = lambda _phase, _share: None,
-) -> Gone:
+) -> MoveResult:
     """There and home, or along another path that ends there and goes no farther than `way`.
 
     What the daemon ended on the way is brought home as soon as the gate lets it. Whoever says stop or takes
@@ -89,15 +89,15 @@ def go(
             for last in client.stream("SubmitTrajectory", trajectory=along or path(joint, home, way)):
                 tell(last["phase"], last["progress"])
         except Refused as refusal:
-            return Gone(way, refused=tuple(finding_text(each) for each in refusal.findings))
+            return MoveResult(way, refused=tuple(finding_text(each) for each in refusal.findings))
         if last["phase"] == "succeeded":
-            return Gone(way)
+            return MoveResult(way)
         findings = last.get("findings") or ()
         ended = tuple(finding_text(each) for each in findings) or (str(last["phase"]),)
         taken = any(str(each["code"]).startswith("LEASE_") for each in findings)
         if last["phase"] != "aborted" or taken:  # somebody said stop, or moves it otherwise: theirs now
-            return Gone(way, ended=ended, left=_away(client, joint, home))
-        return Gone(way, ended=ended, left=back(client, clock, joint, home, way))
+            return MoveResult(way, ended=ended, left=_away(client, joint, home))
+        return MoveResult(way, ended=ended, left=back(client, clock, joint, home, way))
 
 
 def goal_of(client: Client, joint: str) -> float | None:

@@ -5,16 +5,22 @@ from dataclasses import dataclass
 from math import degrees, isfinite
 from typing import Any
 
-from twind_calibration.wiggling.judge import Answer, Load, Motion, Weighed, came_back
-from twind_calibration.wiggling.motion import Gone
+from twind_calibration.wiggling.judge import (
+    EncoderObservation,
+    EncoderResponse,
+    TorqueObservation,
+    TorqueResponse,
+    came_back,
+)
+from twind_calibration.wiggling.motion import MoveResult
 
 # Why a joint answers as it does.
 CAUSES = {
-    Motion.SHORT: "less than the twin does: load, low position gain, a cap on its current, or it is held",
-    Motion.STILL: "it did not move: something holds it, its torque is off, or its motor is dead",
-    Motion.BACKWARDS: "its encoder goes against its goal: look at its drive mode (10), then at its encoder",
-    Motion.FAR: "further than the twin does: something else moves it, or its encoder slips",
-    Motion.UNHEARD: "its readings are missing: look at `twindctl monitor`",
+    EncoderResponse.SHORT: "less than the twin does: load, low position gain, a cap on its current, or it is held",
+    EncoderResponse.STILL: "it did not move: something holds it, its torque is off, or its motor is dead",
+    EncoderResponse.BACKWARDS: "its encoder goes against its goal: look at its drive mode (10), then at its encoder",
+    EncoderResponse.FAR: "further than the twin does: something else moves it, or its encoder slips",
+    EncoderResponse.UNHEARD: "its readings are missing: look at `twindctl monitor`",
 }
 BLIND = (
     "an encoder cannot tell sign, gear ratio and which joint it sits at: goal and reading share them. They "
@@ -24,15 +30,15 @@ NOT_COMPARED = "only the simulation is moved, and it is what would be compared w
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class WiggleVerdict:
     """Everything about one joint. `seen` None: it was not moved; `confirmed` None: nobody could say."""
 
     joint: str
     bus: str
     id: int
-    gone: Gone
-    seen: Answer | None = None
-    weighed: Weighed | None = None
+    gone: MoveResult
+    seen: EncoderObservation | None = None
+    weighed: TorqueObservation | None = None
     looks: str = ""  # what a person should have seen
     confirmed: bool | None = None
     names: Sequence[str] = ()  # of all joints, by place
@@ -42,21 +48,26 @@ class Verdict:
         """Nothing speaks against this joint. Not: everything speaks for it."""
         if not self.gone.moved or self.gone.ended or self.seen is None or self.confirmed is False:
             return False
-        if self.seen.motion is Motion.SIMULATED:
+        if self.seen.motion is EncoderResponse.SIMULATED:
             return True
-        load = Load.UNKNOWN if self.weighed is None else self.weighed.load
+        load = TorqueResponse.UNKNOWN if self.weighed is None else self.weighed.load
         alien = self.weighed is not None and bool(self.weighed.like)
-        by_load = load not in (Load.REVERSED, Load.NEITHER) and not alien
+        by_load = load not in (TorqueResponse.REVERSED, TorqueResponse.NEITHER) and not alien
         return (
-            self.seen.motion is Motion.FOLLOWS and not self.seen.others and came_back(self.seen) and by_load
+            self.seen.motion is EncoderResponse.FOLLOWS
+            and not self.seen.others
+            and came_back(self.seen)
+            and by_load
         )
 
     @property
     def open(self) -> bool:
         """Nothing speaks against it, and nothing has shown sign and place: neither its load nor a person."""
-        if not self.good or self.seen is None or self.seen.motion is Motion.SIMULATED:
+        if not self.good or self.seen is None or self.seen.motion is EncoderResponse.SIMULATED:
             return False
-        return self.confirmed is None and (self.weighed is None or self.weighed.load is not Load.AGREES)
+        return self.confirmed is None and (
+            self.weighed is None or self.weighed.load is not TorqueResponse.AGREES
+        )
 
     def told(self) -> dict[str, Any]:
         """One line of JSON; what is not known is null."""
@@ -76,7 +87,7 @@ class Verdict:
             "moved_rad": None if seen is None else _known(seen.moved),
             "off_rad": None if seen is None else _known(seen.off),
             "others": [] if seen is None else dict(zip(self._named(seen.others), seen.ways, strict=True)),
-            "load": Load.UNKNOWN.value if weighed is None else weighed.load.value,
+            "load": TorqueResponse.UNKNOWN.value if weighed is None else weighed.load.value,
             "measured_nm": None if weighed is None else _known(weighed.measured),
             "model_nm": None if weighed is None else _known(weighed.model),
             "reversed_nm": None if weighed is None else _known(weighed.reversed),
@@ -97,7 +108,7 @@ class Verdict:
             said.append(
                 f"     it holds {_deg(self.gone.left)} from where it was: `twindctl move` brings it back"
             )
-        if self.seen is None or self.seen.motion in (Motion.SIMULATED, Motion.ENDED):
+        if self.seen is None or self.seen.motion in (EncoderResponse.SIMULATED, EncoderResponse.ENDED):
             return said
         if self.seen.motion in CAUSES:
             said.append(f"     {CAUSES[self.seen.motion]}")
@@ -106,32 +117,32 @@ class Verdict:
             f"     {name} went {_deg(way)} with it: a second id (12), a linkage, a cable"
             for name, way in ways
         ]
-        if self.seen.motion is not Motion.UNHEARD and not came_back(self.seen):
+        if self.seen.motion is not EncoderResponse.UNHEARD and not came_back(self.seen):
             said.append(f"     it stands {_deg(self.seen.off)} from where it stood")
         return [*said, *self._load(), self._eye()]
 
     def _motion(self) -> str:
         if self.seen is None:
             return "moved, and nothing was recorded of it"
-        if self.seen.motion is Motion.SIMULATED:
+        if self.seen.motion is EncoderResponse.SIMULATED:
             return f"the gate takes {_deg(self.gone.way)} and back"
-        if self.seen.motion is Motion.ENDED:
+        if self.seen.motion is EncoderResponse.ENDED:
             return "not judged"
-        if self.seen.motion is Motion.UNHEARD:
+        if self.seen.motion is EncoderResponse.UNHEARD:
             return "not heard while it moved"
         went = f"went {_deg(self.seen.moved)} of {_deg(self.seen.asked)}"
         return f"{self.seen.motion.value}: {went}, its twin {_deg(self.seen.expected)}"
 
     def _load(self) -> list[str]:
         w = self.weighed
-        if w is None or w.load is Load.UNKNOWN:
+        if w is None or w.load is TorqueResponse.UNKNOWN:
             return ["     by load: not known (no torque is measured, or the ground carries some of it)"]
         felt = f"measured {w.measured:+.2f} N·m, model {w.model:+.2f}, with the other sign {w.reversed:+.2f}"
         says = {
-            Load.AGREES: f"     by load: sign and joint agree: {felt}",
-            Load.REVERSED: f"     by load: THE SIGN LOOKS WRONG, or another joint's servo answers: {felt}",
-            Load.NEITHER: f"     by load: it fits neither sign: zero, joint or model is wrong: {felt}",
-            Load.UNOBSERVABLE: f"     by load: the sign cannot be told in this pose: {felt}",
+            TorqueResponse.AGREES: f"     by load: sign and joint agree: {felt}",
+            TorqueResponse.REVERSED: f"     by load: THE SIGN LOOKS WRONG, or another joint's servo answers: {felt}",
+            TorqueResponse.NEITHER: f"     by load: it fits neither sign: zero, joint or model is wrong: {felt}",
+            TorqueResponse.UNOBSERVABLE: f"     by load: the sign cannot be told in this pose: {felt}",
         }
         like = f"     it measures what {' or '.join(self._named(w.like))} should: are their servos exchanged?"
         return [says[w.load], *([like] if w.like else [])]

@@ -17,7 +17,7 @@ PLACE = 1e-3  # rad: closer to a goal than that counts as being told to be there
 
 
 @dataclass(frozen=True, slots=True)
-class Stay:
+class HoldMean:
     """Means over a time in which one goal was held. Arrays (n,), NaN where nothing was heard."""
 
     position: Floats  # rad
@@ -26,15 +26,15 @@ class Stay:
 
 
 @dataclass(frozen=True, slots=True)
-class Stays:
+class HoldMeans:
     """Before the move, at its far end, and home again."""
 
-    before: Stay
-    out: Stay
-    home: Stay
+    before: HoldMean
+    out: HoldMean
+    home: HoldMean
 
 
-class Trace:
+class StateTrace:
     """States in the order of their coming."""
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -49,12 +49,12 @@ class Trace:
                 for name in self.names]  # fmt: skip
         self.rows.append(tuple(np.array(told, np.float64).T))
 
-    def stays(self, joint: int, home: float, out: float) -> Stays | None:
+    def stays(self, joint: int, home: float, out: float) -> HoldMeans | None:
         """The stays of a joint that went from `home` to `out` (rad) and back; None: it was not told to."""
         found = self.visits(joint, (home, out, home))
-        return None if found is None else Stays(*found)
+        return None if found is None else HoldMeans(*found)
 
-    def visits(self, joint: int, places: Sequence[float]) -> list[Stay] | None:
+    def visits(self, joint: int, places: Sequence[float]) -> list[HoldMean] | None:
         """The stays of a joint at each of these places (rad), in this order; None: it was not told to."""
         goals = np.array([row[3][joint] for row in self.rows])
         found, first = [], 0
@@ -70,9 +70,9 @@ class Trace:
             first = last
         return found
 
-    def _mean(self, first: int, last: int) -> Stay:
+    def _mean(self, first: int, last: int) -> HoldMean:
         kept = self.rows[first + int(SETTLING * (last - first)) : last]
-        return Stay(*(_mean(np.array([row[k] for row in kept])) for k in range(3)))
+        return HoldMean(*(_mean(np.array([row[k] for row in kept])) for k in range(3)))
 
 
 def _mean(values: Floats) -> Floats:
@@ -85,9 +85,9 @@ def _mean(values: Floats) -> Floats:
 
 
 @contextmanager
-def recorded(client: Client, names: Sequence[str]) -> Iterator[Trace]:
+def recorded(client: Client, names: Sequence[str]) -> Iterator[StateTrace]:
     """States while the body runs, on a connection of their own. Raises ClientError: none can be had."""
-    trace, ended, began = Trace(names), threading.Event(), threading.Event()
+    trace, ended, began = StateTrace(names), threading.Event(), threading.Event()
     client.connect()
 
     def listen() -> None:

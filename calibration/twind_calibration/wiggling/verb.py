@@ -18,12 +18,19 @@ from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, observer, operat
 from twind.twin.binding import BindingError
 from twind_calibration.again import again
 from twind_calibration.wiggle import LEAST, MOST
-from twind_calibration.wiggling.body import Body
-from twind_calibration.wiggling.judge import Answer, Motion, Weighed, alike, answer, weigh
-from twind_calibration.wiggling.motion import Gone, direction, go, goal_of
+from twind_calibration.wiggling.body import PosedModel
+from twind_calibration.wiggling.judge import (
+    EncoderObservation,
+    EncoderResponse,
+    TorqueObservation,
+    alike,
+    answer,
+    weigh,
+)
+from twind_calibration.wiggling.motion import MoveResult, direction, go, goal_of
 from twind_calibration.wiggling.ready import AROUND, pose, require_amounts, require_armed, seen, tell
-from twind_calibration.wiggling.told import BLIND, NOT_COMPARED, Verdict
-from twind_calibration.wiggling.trace import Stays, recorded
+from twind_calibration.wiggling.told import BLIND, NOT_COMPARED, WiggleVerdict
+from twind_calibration.wiggling.trace import HoldMeans, recorded
 from twind_drivers.clock import Clock, MonotonicClock
 
 
@@ -40,7 +47,7 @@ def wiggle(options: argparse.Namespace) -> int:
 
 def _wiggle(options: argparse.Namespace) -> int:
     with operator(options) as client:
-        session = Session(options, client, MonotonicClock())
+        session = WiggleSession(options, client, MonotonicClock())
         session.require_ready()
         try:
             good = [session.one(name) for name in session.chosen]
@@ -51,7 +58,7 @@ def _wiggle(options: argparse.Namespace) -> int:
     return DONE if all(good) else REFUSED
 
 
-class Session:
+class WiggleSession:
     """What is known of robot and daemon while joints are wiggled."""
 
     def __init__(self, options: argparse.Namespace, client: Client, clock: Clock) -> None:
@@ -90,30 +97,32 @@ class Session:
         if self._options.arm:
             tell(self._options, "the robot stays armed: `twindctl disarm` lowers it and takes its torque off")
 
-    def _one(self, name: str) -> Verdict:
+    def _one(self, name: str) -> WiggleVerdict:
         place = self.names.index(name)
         joint = self._robot["joints"][place]
         who = {"joint": name, "bus": joint["bus"], "id": joint["id"], "names": self.names}
         home = goal_of(self._client, name)
         if home is None:
-            return Verdict(gone=Gone(nan, refused=("nobody knows where it is: it was never heard",)), **who)
+            return WiggleVerdict(
+                gone=MoveResult(nan, refused=("nobody knows where it is: it was never heard",)), **who
+            )
         gone = direction(self._client, name, home, radians(self._options.degrees))
         if not gone.moved:
-            return Verdict(gone=gone, **who)
+            return WiggleVerdict(gone=gone, **who)
         looks = self._looks(place, gone.way)
         if self.mode != "live":
             gone = self._go(name, home, gone.way)
-            return Verdict(gone=gone, seen=_unseen(Motion.SIMULATED, gone), looks=looks, **who)
+            return WiggleVerdict(gone=gone, seen=_unseen(EncoderResponse.SIMULATED, gone), looks=looks, **who)
         with observer(self._options) as watching, recorded(watching, self.names) as trace:
             self._rest()
             gone = self._go(name, home, gone.way)
             self._rest()
         if not gone.moved or gone.ended:
-            return Verdict(gone=gone, seen=_unseen(Motion.ENDED, gone), looks=looks, **who)
+            return WiggleVerdict(gone=gone, seen=_unseen(EncoderResponse.ENDED, gone), looks=looks, **who)
         stays = trace.stays(place, home, home + gone.way)
         answered = answer(stays, place, gone.way)
         weighed = self._weighed(stays, place)
-        return Verdict(
+        return WiggleVerdict(
             gone=gone,
             seen=answered,
             weighed=weighed,
@@ -122,13 +131,13 @@ class Session:
             **who,
         )
 
-    def _go(self, name: str, home: float, way: float) -> Gone:
+    def _go(self, name: str, home: float, way: float) -> MoveResult:
         return go(self._client, self._clock, name, home, way, take=self._options.take)
 
     def _rest(self) -> None:
         self._clock.sleep_until(self._clock.now() + AROUND)
 
-    def _weighed(self, stays: Stays | None, place: int) -> Weighed | None:
+    def _weighed(self, stays: HoldMeans | None, place: int) -> TorqueObservation | None:
         """The mean of the stays on both ends: friction has another sign on the way there and home."""
         body, friction = self._body, float(self._options.friction)
         if body is None or stays is None or body.stands_on(place):
@@ -148,7 +157,7 @@ class Session:
         others = body.twins(place) if isfinite(measured) else []
         there = [mean([body.elsewhere(pose, place, other) for pose in poses]) for other in others]
         like = tuple(others[each] for each in alike(measured, model, there, friction))
-        return Weighed(found.load, measured, model, flipped, like)
+        return TorqueObservation(found.load, measured, model, flipped, like)
 
     def _looks(self, place: int, way: float) -> str:
         """What is to be seen, said before it moves."""
@@ -169,19 +178,19 @@ class Session:
         return list(dict.fromkeys(joints)) if joints else self.names
 
 
-def _body(told: Mapping[str, Any]) -> tuple[Body | None, str]:
+def _body(told: Mapping[str, Any]) -> tuple[PosedModel | None, str]:
     """The model of the daemon's robot, by the file that the daemon read; else why there is none."""
     with suppress(KeyError, TypeError):
         try:
             robot = read_robot(Path(told["path"]))
             if robot.text_sha256 != told["text_sha256"]:
                 return None, f"{robot.path} was changed since the daemon read it"
-            return Body(robot), ""
+            return PosedModel(robot), ""
         except (ConfigError, BindingError) as error:
             return None, str(error)
     return None, "the daemon does not say which robot file it read"
 
 
-def _unseen(motion: Motion, gone: Gone) -> Answer | None:
+def _unseen(motion: EncoderResponse, gone: MoveResult) -> EncoderObservation | None:
     """Of a move that nothing was measured of; None: there was none."""
-    return Answer(motion, gone.way, nan, nan, nan) if gone.moved else None
+    return EncoderObservation(motion, gone.way, nan, nan, nan) if gone.moved else None

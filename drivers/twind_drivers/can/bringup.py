@@ -8,9 +8,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Burst, DeviceRefused, Floats, Ints, NoReply, Read, Script, Write
-from twind_drivers.can.commands import Commands
-from twind_drivers.can.family import Parameter
+from twind_drivers.bus import (
+    Bools,
+    BurstWriteRequest,
+    DeviceRefused,
+    Floats,
+    Ints,
+    NoReply,
+    ReadRequest,
+    Script,
+    WriteRequest,
+)
+from twind_drivers.can.commands import CanCommandEncoder
+from twind_drivers.can.family import FamilyRegister
 from twind_drivers.can.orders import STATE, decode, encode
 
 WATCHDOG = 0.1  # s without a command, after which an actuator lets go by itself ...
@@ -25,7 +35,7 @@ UNWATCHED = (
 
 
 def prepare(
-    own: Commands, ticks: Ints, required: Bools, limits: Floats, among: Bools | None = None
+    own: CanCommandEncoder, ticks: Ints, required: Bools, limits: Floats, among: Bools | None = None
 ) -> Script[None]:
     """Modes looked at; held where it is and faults cleared in one send; limits, watchdogs, gains.
 
@@ -53,7 +63,9 @@ def prepare(
         raise silent.with_traceback(None)
 
 
-def _prepared(own: Commands, ticks: Ints, required: Bools, limits: Floats, there: Bools) -> Script[None]:
+def _prepared(
+    own: CanCommandEncoder, ticks: Ints, required: Bools, limits: Floats, there: Bools
+) -> Script[None]:
     """All of that, of those `there` (m,) alone."""
     yield from _require_modes(own, there)
     own.soft &= ~there
@@ -64,18 +76,18 @@ def _prepared(own: Commands, ticks: Ints, required: Bools, limits: Floats, there
     watched = yield from _watch(own, required, there)
     own.cyclic.watched = np.where(there, watched, own.cyclic.watched)
     if any(len(family.gains(own.kp[rows], own.kd[rows])) for family, rows in own.fleet.families):
-        yield Burst((own.gains(there),))
+        yield BurstWriteRequest((own.gains(there),))
     own.hold(ticks)
 
 
-def damp(own: Commands, ticks: Ints) -> Script[tuple[int, ...]]:
+def damp(own: CanCommandEncoder, ticks: Ints) -> Script[tuple[int, ...]]:
     """No stiffness, more damping, from the next command on; ids of those that did not acknowledge it."""
     everybody = np.ones(len(ticks), np.bool_)
     own.soft, own.line.goals = everybody.copy(), None
     soft = own.order(ticks, everybody)
     missing = set(own.reader.ids)
     for _ in range(TRIES):
-        reply = yield Burst((own.gains(everybody), soft))
+        reply = yield BurstWriteRequest((own.gains(everybody), soft))
         missing -= {id for id in reply.data if own.fleet.replies[own.fleet.row(id)]}
         if not missing:
             break
@@ -85,7 +97,7 @@ def damp(own: Commands, ticks: Ints) -> Script[tuple[int, ...]]:
 # --------------------------------------------------------------------------------------------- steps
 
 
-def _require_modes(own: Commands, there: Bools) -> Script[None]:
+def _require_modes(own: CanCommandEncoder, there: Bools) -> Script[None]:
     for family, rows in own.fleet.families:
         for name in MODES:
             if name not in family.identity:
@@ -102,15 +114,15 @@ def _require_modes(own: Commands, there: Bools) -> Script[None]:
                     raise DeviceRefused(own.reader.name, id, name, reason)
 
 
-def _clear_faults(own: Commands, ticks: Ints, there: Bools) -> Script[None]:
+def _clear_faults(own: CanCommandEncoder, ticks: Ints, there: Bools) -> Script[None]:
     state = own.reader.registers
     faulty = there & (state.fault > 0)
-    yield Burst((own.order(ticks, there, soft=False), *own.clear_faults(faulty)))
+    yield BurstWriteRequest((own.order(ticks, there, soft=False), *own.clear_faults(faulty)))
     told, waited = np.zeros(len(there), np.bool_), 0.0
     for _ in range(TRIES):
         if not (state.fault[faulty] > 0).any():
             return
-        reply = yield Read(tuple(own.by_id(faulty)), STATE, 3)
+        reply = yield ReadRequest(tuple(own.by_id(faulty)), STATE, 3)
         told, waited = told | own.rows(reply.data), waited + reply.waited
     left = faulty & (state.fault > 0)
     if (left & ~told).any():
@@ -122,7 +134,7 @@ def _clear_faults(own: Commands, ticks: Ints, there: Bools) -> Script[None]:
     raise DeviceRefused(own.reader.name, own.reader.ids[row], "fault", reason)
 
 
-def _watch(own: Commands, required: Bools, there: Bools) -> Script[Bools]:
+def _watch(own: CanCommandEncoder, required: Bools, there: Bools) -> Script[Bools]:
     """Watchdogs of those `there` (m,) armed and read back; who (m,) has one now. Raises NoReply, and
     DeviceRefused where one is required."""
     watched = np.zeros(len(required), np.bool_)
@@ -146,7 +158,7 @@ def _watch(own: Commands, required: Bools, there: Bools) -> Script[Bools]:
     return watched
 
 
-def _require_rate(own: Commands, id: int) -> None:
+def _require_rate(own: CanCommandEncoder, id: int) -> None:
     rate = own.reader.rate_hz
     if rate * WATCHDOG < BEATS:
         reason = (
@@ -156,13 +168,13 @@ def _require_rate(own: Commands, id: int) -> None:
         raise DeviceRefused(own.reader.name, id, "watchdog", reason)
 
 
-def _warn(own: Commands, text: str) -> None:
+def _warn(own: CanCommandEncoder, text: str) -> None:
     channel = own.reader.channel
     if text not in channel.warning:
         channel.warning = "; ".join(part for part in (channel.warning, text) if part)
 
 
-def _limit(own: Commands, limits: Floats) -> Script[None]:
+def _limit(own: CanCommandEncoder, limits: Floats) -> Script[None]:
     for family, rows in own.fleet.families:
         parameter = family.parameters.get(LIMIT)
         if parameter is None or not parameter.writable:
@@ -179,14 +191,16 @@ def _limit(own: Commands, limits: Floats) -> Script[None]:
 # --------------------------------------------------------------------------------------------- registers
 
 
-def collect(own: Commands, ids: Sequence[int], parameter: Parameter) -> Script[dict[int, bytes]]:
+def collect(
+    own: CanCommandEncoder, ids: Sequence[int], parameter: FamilyRegister
+) -> Script[dict[int, bytes]]:
     """One register of several of a family, some at once. Raises NoReply naming the silent."""
     found: dict[int, bytes] = {}
     waited, count = 0.0, own.reader.at_once
     for _ in range(TRIES):
         missing = [id for id in ids if id not in found]
         for first in range(0, len(missing), count):
-            reply = yield Read(tuple(missing[first : first + count]), parameter.address, 4)
+            reply = yield ReadRequest(tuple(missing[first : first + count]), parameter.address, 4)
             found.update(reply.data)
             waited += reply.waited
     silent = [id for id in ids if id not in found]
@@ -195,7 +209,7 @@ def collect(own: Commands, ids: Sequence[int], parameter: Parameter) -> Script[d
     return found
 
 
-def written(own: Commands, data: Mapping[int, bytes], parameter: Parameter) -> Script[None]:
+def written(own: CanCommandEncoder, data: Mapping[int, bytes], parameter: FamilyRegister) -> Script[None]:
     """One register of several of a family, read back; what was lost is written again.
 
     Raises DeviceRefused for the first that reads otherwise, NoReply.
@@ -205,7 +219,7 @@ def written(own: Commands, data: Mapping[int, bytes], parameter: Parameter) -> S
     for _ in range(TRIES):
         wanted = list(left)
         for first in range(0, len(wanted), count):
-            yield Write({id: left[id] for id in wanted[first : first + count]}, parameter.address)
+            yield WriteRequest({id: left[id] for id in wanted[first : first + count]}, parameter.address)
         found = yield from collect(own, wanted, parameter)
         left = {id: each for id, each in left.items() if found[id] != each}
         if not left:

@@ -24,7 +24,7 @@ def frame_bits(size: int = 8, *, extended: bool = False, stuffed: bool = True) -
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class CanCycleBudget:
     """One bus's cycle at one rate. `lines` is the arithmetic, for people."""
 
     frames: float  # of a whole cycle
@@ -49,7 +49,7 @@ def registers_at_once(bitrate: int, rate_hz: float) -> int:
     return max(1, int(min(SLICE, SHARE / rate_hz) * bitrate / (2 * frame_bits(extended=True))))
 
 
-def budget(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> Budget:
+def budget(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> CanCycleBudget:
     """The cycle of so many actuators of each family: commands, replies, upkeep, and what is sent unasked.
 
     Raises ValueError for no actuators, no bitrate or no rate.
@@ -73,7 +73,7 @@ def budget(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> Budget:
     lines.append(f"upkeep: {asked} registers, asked and answered, at most {_us(upkeep, bitrate)}")
     frames, total = frames + 2 * asked, total + upkeep
     lines.append(f"together {total:.0f} bits at {bitrate} bit/s = {_us(total, bitrate)}")
-    return Budget(frames, total, total / bitrate, _reachable(counts, bitrate), tuple(lines))
+    return CanCycleBudget(frames, total, total / bitrate, _reachable(counts, bitrate), tuple(lines))
 
 
 def _upkeep(counts: Mapping[str, int], bitrate: int, rate_hz: float) -> float:

@@ -8,21 +8,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Floats, Ints, WireClamp, Write
-from twind_drivers.can.family import Special
+from twind_drivers.bus import Bools, Floats, Ints, WireClamp, WriteRequest
+from twind_drivers.can.family import ValuelessCommand
 from twind_drivers.can.fleet import joined
 from twind_drivers.can.frame import Frames
-from twind_drivers.can.line import Goals
+from twind_drivers.can.line import PendingCanGoals
 from twind_drivers.can.orders import ADDRESS, COMMAND, GAINS, whole_command
 from twind_drivers.can.reader import CanReader
 from twind_drivers.can.units import COUNT, counts
-from twind_drivers.can.wire_check import WireCheck
+from twind_drivers.can.wire_check import CanWireCheck
 
 FIRMER = 2.0  # times its damping, and no stiffness: a soft actuator; never more than its field holds
 KEPT, CYCLES = 0.5, 10  # s and cycles, the longer: how long a hold is repeated while no goals come
 
 
-class Commands:
+class CanCommandEncoder:
     """Of m actuators: `lower`, `upper` (m,) in counts; `kp`, `kd` (m,) in N·m/rad and N·m·s/rad."""
 
     def __init__(self, reader: CanReader, lower: Ints, upper: Ints, kp: Floats, kd: Floats) -> None:
@@ -40,7 +40,7 @@ class Commands:
         self._given: Ints | None = None  # the goals given last ...
         self._given_in = -1  # ... in which cycle, and those of the cycle before
         self._before: Ints | None = None
-        everybody = [[self.fleet.special(row, Special.DISABLE) for row in range(m)]] * 2
+        everybody = [[self.fleet.special(row, ValuelessCommand.DISABLE) for row in range(m)]] * 2
         self._off = joined([frame for each in everybody for frame in each])
         self.check.judge(self._off)
         self._knock()
@@ -54,7 +54,7 @@ class Commands:
         self.line.goals = self.aim = self._given = self._before = None
         self._knock()
 
-    def _bounds(self, lower: Ints, upper: Ints) -> tuple[Ints, Ints, WireCheck]:
+    def _bounds(self, lower: Ints, upper: Ints) -> tuple[Ints, Ints, CanWireCheck]:
         least, most = (np.array(each, np.int64) for each in (lower, upper))
         for each in (least, most):
             if each.shape != (len(self.fleet),):
@@ -63,7 +63,7 @@ class Commands:
             row = int(np.argmin(least <= most))
             where = f"{self.reader.name}: id {self.reader.ids[row]}"
             raise ValueError(f"{where}: bounds {least[row]}..{most[row]}")
-        return least, most, WireCheck(self.fleet, least, most)
+        return least, most, CanWireCheck(self.fleet, least, most)
 
     def _require_gains(self) -> None:
         ranges = self.fleet.ranges
@@ -106,7 +106,7 @@ class Commands:
         rows = ~self.cyclic.barred
         frames = self.encode(ticks, speed, rows if self.cyclic.barred.any() else None)
         self._given, self._given_in = ticks.copy(), self.cyclic.cycle
-        self.line.goals = Goals(frames, rows, ticks.copy())
+        self.line.goals = PendingCanGoals(frames, rows, ticks.copy())
 
     def _require(self, ticks: Ints) -> None:
         if ticks.shape != self.lower.shape:
@@ -150,32 +150,36 @@ class Commands:
         until = self.line.sent + max(KEPT, CYCLES / self.reader.rate_hz)
         still = np.zeros(len(ticks))
         frames = self.encode(ticks, still, rows, soft=soft)
-        self.line.goals = Goals(frames, rows, ticks.copy(), until=until, kept=True)
+        self.line.goals = PendingCanGoals(frames, rows, ticks.copy(), until=until, kept=True)
 
-    def order(self, ticks: Ints, rows: Bools, *, soft: bool = False) -> Write:
+    def order(self, ticks: Ints, rows: Bools, *, soft: bool = False) -> WriteRequest:
         """The same command as an order to `rows` (m,). Raises WireClamp."""
         self._require(ticks)
         values = self._values(ticks, soft=soft)
-        return Write({self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, COMMAND)
+        return WriteRequest(
+            {self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, COMMAND
+        )
 
-    def special(self, what: Special, rows: Bools) -> Write:
+    def special(self, what: ValuelessCommand, rows: Bools) -> WriteRequest:
         """An order without a value to `rows` (m,)."""
-        return Write({self.reader.ids[row]: b"" for row in _places(rows)}, ADDRESS[what])
+        return WriteRequest({self.reader.ids[row]: b"" for row in _places(rows)}, ADDRESS[what])
 
-    def clear_faults(self, rows: Bools) -> tuple[Write, ...]:
+    def clear_faults(self, rows: Bools) -> tuple[WriteRequest, ...]:
         """Faults of `rows` (m,) forgotten, where there is such an order; the others stay, and are told."""
         able = rows.copy()
         for row in _places(rows):
             try:
-                self.fleet.special(row, Special.CLEAR)
+                self.fleet.special(row, ValuelessCommand.CLEAR)
             except ValueError:
                 able[row] = False
-        return (self.special(Special.CLEAR, able),) if able.any() else ()
+        return (self.special(ValuelessCommand.CLEAR, able),) if able.any() else ()
 
-    def gains(self, rows: Bools) -> Write:
+    def gains(self, rows: Bools) -> WriteRequest:
         """Gains to all of `rows` (m,) whose commands do not carry them."""
         values = self._values(np.clip(0, self.lower, self.upper))[2:4]
-        return Write({self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, GAINS)
+        return WriteRequest(
+            {self.reader.ids[row]: whole_command(values[:, row]) for row in _places(rows)}, GAINS
+        )
 
     def here(self) -> Ints:
         """Where (m,) each said that it is, as a goal: the nearest place that one may have."""

@@ -18,17 +18,17 @@ from twind_drivers.can.family import (
     OVERLOAD,
     UNKNOWN,
     VOLTAGE,
-    Answered,
-    Feedback,
-    Parameter,
-    Ranges,
-    Special,
+    ActuatorFeedback,
+    FamilyRegister,
+    FieldRanges,
+    RegisterReply,
+    ValuelessCommand,
 )
 from twind_drivers.can.frame import BYTES, NOTHING, STANDARD_MASK, Frames, frames
-from twind_drivers.can.mit import BITS, Scale, commands, special, unpack
+from twind_drivers.can.mit import BITS, FieldScale, commands, special, unpack
 from twind_drivers.can.roster import NONE, checked_ids, row_of, to_one
 
-SPECIAL = {Special.ENABLE: 0xFC, Special.DISABLE: 0xFD, Special.ZERO: 0xFE}
+SPECIAL = {ValuelessCommand.ENABLE: 0xFC, ValuelessCommand.DISABLE: 0xFD, ValuelessCommand.ZERO: 0xFE}
 SHORT = 6  # bytes of a reply without temperature and error
 HOTTEST = 215  # of the temperature byte, °C; above it counts from -40, so that cold is not taken for heat
 
@@ -46,16 +46,16 @@ _FAULT = np.array([_FAULTS.get(code, UNKNOWN) for code in range(256)], np.int64)
 _CELSIUS = np.array([float(octet if octet <= HOTTEST else octet - 256) for octet in range(256)])
 
 
-class CubeMars:
+class CubeMarsCodec:
     """k AK actuators of one bus, as `Family` says."""
 
     name = "cubemars"
-    parameters: Mapping[str, Parameter] = {}
+    parameters: Mapping[str, FamilyRegister] = {}
     identity: Sequence[str] = ()
-    watchdog: Parameter | None = None
+    watchdog: FamilyRegister | None = None
     answers = 0
 
-    def __init__(self, port: str, ids: Sequence[int], ranges: Ranges) -> None:
+    def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges) -> None:
         """Raises ValueError for ids outside 1..FF or twice the same."""
         self.port = port
         self.ids = checked_ids(port, self.name, ids, 1, 0xFF)
@@ -65,7 +65,7 @@ class CubeMars:
         self.claims = frozenset({*self.ids, *([0] if self.ids else [])})
         self._hears = np.full(STANDARD_MASK + 2, NONE, np.int64)
         self._hears[list(self.ids)] = range(len(self.ids))
-        self._scale = Scale(port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
+        self._scale = FieldScale(port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
         self._blank = frames(self.ids)
         self._blank["size"] = BYTES
 
@@ -84,21 +84,21 @@ class CubeMars:
         """Nothing: every command carries them."""
         return NOTHING
 
-    def special(self, row: int, what: Special) -> Frames:
+    def special(self, row: int, what: ValuelessCommand) -> Frames:
         """FC, FD or FE behind seven FF. Raises ValueError for REBOOT and CLEAR: no source has them."""
         if what not in SPECIAL:
             raise ValueError(f"{self.port}: id {self.ids[row]}: a CubeMars AK has no {what.name.lower()}")
         return to_one(self.ids[row], b"\xff" * 7 + bytes([SPECIAL[what]]))
 
-    def read(self, row: int, parameter: Parameter) -> Frames:
+    def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Raises ValueError: no registers."""
         raise ValueError(f"{self.port}: id {self.ids[row]}: a CubeMars AK in MIT mode has no registers")
 
-    def write(self, row: int, parameter: Parameter, data: bytes) -> Frames:
+    def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
         """Raises ValueError: no registers."""
         raise ValueError(f"{self.port}: id {self.ids[row]}: a CubeMars AK in MIT mode has no registers")
 
-    def feedback(self, frames: Frames) -> tuple[Feedback, Bools]:
+    def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Of frames of 6 or 8 bytes on id 0 or on the drive's own id, whose D0 is that id.
 
         Firmwares differ in the id. On its own one a reply has the id of a command: no echo of ours may come
@@ -114,9 +114,9 @@ class CubeMars:
         heat = np.where(whole, _CELSIUS.take(data[:, 6]), np.nan)
         fault = np.where(whole, _FAULT.take(data[:, 7]), -1)
         unsaid, unknown = np.full(len(rows), -1, np.int64), np.full(len(rows), np.nan)
-        return Feedback(rows, position, velocity, effort, unsaid, fault, heat, unknown), told
+        return ActuatorFeedback(rows, position, velocity, effort, unsaid, fault, heat, unknown), told
 
-    def answered(self, frames: Frames) -> tuple[list[Answered], Bools]:
+    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """None: no registers."""
         return [], np.zeros(len(frames), np.bool_)
 

@@ -12,12 +12,12 @@ old as that, and nothing in the frames tells.
 
 import numpy as np
 
-from twind_drivers.attendance import Attendance
-from twind_drivers.bus import Bools, Floats, Ints, Sample
+from twind_drivers.attendance import DevicePresence
+from twind_drivers.bus import Bools, BusSample, Floats, Ints
 from twind_drivers.can.family import SILENCE
-from twind_drivers.can.fleet import Fleet, Heard, joined
+from twind_drivers.can.fleet import ActuatorGroup, GroupFeedback, joined
 from twind_drivers.can.frame import NOTHING, Frames
-from twind_drivers.can.line import DEAD, Exchange, Line
+from twind_drivers.can.line import DEAD, CanTransaction, CanTransactor
 from twind_drivers.can.units import COUNT, EFFORT
 
 SURE = 3  # requests in a row, each answered as it should be, after which a suspect is believed
@@ -25,7 +25,7 @@ ALERT = np.uint8(0x80)  # of a sample's error byte: the actuator has a fault
 KNOCK = 1.0  # s of silence before whoever answers commands alone is knocked at: its own watchdog has run out
 
 
-class Cyclic:
+class CanCyclicRead:
     """The reading of m actuators.
 
     `energised` (m,): whose torque is ours. `watched` (m,): who has a watchdog that was read back armed. One
@@ -34,10 +34,10 @@ class Cyclic:
     torque (CubeMars), and was away so long that he may have begun anew without it.
     """
 
-    def __init__(self, fleet: Fleet, line: Line) -> None:
+    def __init__(self, fleet: ActuatorGroup, line: CanTransactor) -> None:
         m = len(fleet)
         self.fleet, self._line = fleet, line
-        self.attendance = Attendance(m)
+        self.attendance = DevicePresence(m)
         self.energised, self.watched, self.barred, self.limp = (np.zeros(m, np.bool_) for _ in range(4))
         self._mute: Bools = fleet.replies & (fleet.answers == 0)
         self.place: Floats = np.full(m, np.nan)  # rad, where each said that it is, last
@@ -51,12 +51,12 @@ class Cyclic:
         self._sure = False  # nobody is suspected or parked
         self._everyone: Bools = np.ones(m, np.bool_)
         self._everyone.setflags(write=False)
-        self._everybody = Exchange(*fleet.question())
-        self.nothing = Exchange(NOTHING, np.zeros(m, np.int64))
+        self._everybody = CanTransaction(*fleet.question())
+        self.nothing = CanTransaction(NOTHING, np.zeros(m, np.int64))
 
     # --------------------------------------------------------------------------- out
 
-    def next(self, commanded: Bools, now: float) -> Exchange:
+    def next(self, commanded: Bools, now: float) -> CanTransaction:
         """What goes beside the commands of `commanded` (m,)."""
         self._first, self.cycle = min(self._first, now), self.cycle + 1
         silent = ~(commanded & self.fleet.replies)
@@ -64,21 +64,23 @@ class Cyclic:
             return self.nothing
         return self.question(silent, now)
 
-    def question(self, silent: Bools, now: float) -> Exchange:
+    def question(self, silent: Bools, now: float) -> CanTransaction:
         """Asks at least the actuators `silent` (m,) where they are."""
         if not silent.any():
             return self.nothing
-        asked = self._everybody if silent.all() else Exchange(*self.fleet.question(silent))
+        asked = self._everybody if silent.all() else CanTransaction(*self.fleet.question(silent))
         frames, rows = self.knock
         knocked = rows & silent & ~self.energised
         if not knocked.any() or not now - self._first >= KNOCK:
             return asked
         own = frames if knocked.all() else frames[knocked[self.fleet.commands_to(frames)]]
-        return Exchange(joined([asked.frames, own]), asked.expect + np.where(self.fleet.replies, knocked, 0))
+        return CanTransaction(
+            joined([asked.frames, own]), asked.expect + np.where(self.fleet.replies, knocked, 0)
+        )
 
     # --------------------------------------------------------------------------- in
 
-    def sample(self, now: float) -> Sample:
+    def sample(self, now: float) -> BusSample:
         """What the answers to the last request say, once the line has ended it. Zero where not heard."""
         line, heard = self._line, self._line.heard
         if line.exact and self._sure and not np.isnan(heard.velocity + heard.position).any():
@@ -90,7 +92,7 @@ class Cyclic:
         efforts = believed & (heard.effort == heard.effort)  # NaN: not told
         known = bool(efforts.any())
         faulty = heard.fault.any()
-        return Sample(
+        return BusSample(
             sent=line.sent,
             received=line.received,
             position=_raw(heard.position, believed, COUNT),
@@ -105,7 +107,7 @@ class Cyclic:
             line=int(line.condition(now)),
         )
 
-    def _whole(self, heard: Heard, now: float) -> None:
+    def _whole(self, heard: GroupFeedback, now: float) -> None:
         """The healthy reading: one answer of each, and nobody was suspected or parked before."""
         self.attendance.whole()
         if self.energised.any():
@@ -113,7 +115,7 @@ class Cyclic:
         self.place, self._heard_at[:] = heard.position, now
         self._line.spoke.fill(False)
 
-    def _look(self, heard: Heard, now: float) -> tuple[Bools, Bools]:
+    def _look(self, heard: GroupFeedback, now: float) -> tuple[Bools, Bools]:
         """Who (m,) is believed, and whom the reading was waited for."""
         expect = self._line.expect
         answered = (expect > 0) & (heard.count >= expect)
@@ -128,7 +130,7 @@ class Cyclic:
         self._sure = bool(self.proven.all()) and not self.attendance.parked
         return believed, asked
 
-    def _prove(self, heard: Heard, expect: Ints, there: Bools) -> None:
+    def _prove(self, heard: GroupFeedback, expect: Ints, there: Bools) -> None:
         """Whose answer (m,) is to this request? Of who has missed one, only after `SURE` clean ones."""
         exact = there & ((heard.count == expect) | ~self.fleet.replies)
         missed = (expect > 0) & ~there
@@ -160,7 +162,7 @@ class Cyclic:
         self._line.spoke.fill(False)
         return asked
 
-    def note(self, heard: Heard, now: float) -> Bools:
+    def note(self, heard: GroupFeedback, now: float) -> Bools:
         """What a rare transaction brought beside its answer; who (m,) of those that are believed told it."""
         told: Bools = (heard.count > 0) & self.proven
         placed = told & ~np.isnan(heard.position)

@@ -19,21 +19,26 @@ from twind_drivers.can.family import (
     SILENCE,
     UNKNOWN,
     VOLTAGE,
-    Answered,
-    Feedback,
-    Kind,
-    Parameter,
-    Ranges,
-    Special,
+    ActuatorFeedback,
+    FamilyRegister,
+    FieldRanges,
+    RegisterReply,
+    RegisterType,
+    ValuelessCommand,
 )
 from twind_drivers.can.frame import BYTES, NOTHING, STANDARD_MASK, Frames, Octets, frames
-from twind_drivers.can.mit import BITS, Scale, commands, special, unpack
+from twind_drivers.can.mit import BITS, FieldScale, commands, special, unpack
 from twind_drivers.can.roster import NONE, Table, by_name, checked_ids, four, row_of, to_one
 
 ASK = 0x7FF  # requests of registers
 READ, WRITE, STORE, REFRESH = 0x33, 0x55, 0xAA, 0xCC
 LAST_REGISTER = 81
-SPECIAL = {Special.ENABLE: 0xFC, Special.DISABLE: 0xFD, Special.ZERO: 0xFE, Special.CLEAR: 0xFB}
+SPECIAL = {
+    ValuelessCommand.ENABLE: 0xFC,
+    ValuelessCommand.DISABLE: 0xFD,
+    ValuelessCommand.ZERO: 0xFE,
+    ValuelessCommand.CLEAR: 0xFB,
+}
 OTHER_MODES = (0x100, 0x200, 0x300)  # position-velocity, velocity, position-force: id on top
 MIT_MODE = 1  # of register 10
 
@@ -58,32 +63,32 @@ _HIGH = np.arange(256) <= 0xF
 _ORDER = np.isin(np.arange(256), (READ, WRITE, STORE, REFRESH))
 _REGISTER = np.arange(256) <= LAST_REGISTER
 
-TIMEOUT = Parameter("timeout", 9, Kind.U32, writable=True, kept=True, unit=50e-6)
+TIMEOUT = FamilyRegister("timeout", 9, RegisterType.U32, writable=True, kept=True, unit=50e-6)
 # Ids, serial number, CAN rate and ranges are changed by the vendor's tool: this driver only reads them.
 PARAMETERS = by_name(
-    Parameter("under_voltage", 0, Kind.F32, writable=True, kept=True),
-    Parameter("over_temperature", 2, Kind.F32, writable=True, kept=True),
-    Parameter("over_current", 3, Kind.F32, writable=True, kept=True),
-    Parameter("acceleration", 4, Kind.F32, writable=True, kept=True),
-    Parameter("deceleration", 5, Kind.F32, writable=True, kept=True),
-    Parameter("max_speed", 6, Kind.F32, writable=True, kept=True),
-    Parameter("master_id", 7, Kind.U32, kept=True),
-    Parameter("esc_id", 8, Kind.U32, kept=True),
+    FamilyRegister("under_voltage", 0, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("over_temperature", 2, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("over_current", 3, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("acceleration", 4, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("deceleration", 5, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("max_speed", 6, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("master_id", 7, RegisterType.U32, kept=True),
+    FamilyRegister("esc_id", 8, RegisterType.U32, kept=True),
     TIMEOUT,
-    Parameter("mode", 10, Kind.U32, writable=True, kept=True),
-    Parameter("hardware_version", 13, Kind.U32, kept=True),
-    Parameter("firmware", 14, Kind.U32, kept=True),
-    Parameter("serial_number", 15, Kind.U32, kept=True),
-    Parameter("position_range", 21, Kind.F32, kept=True),
-    Parameter("velocity_range", 22, Kind.F32, kept=True),
-    Parameter("torque_range", 23, Kind.F32, kept=True),
-    Parameter("current_bandwidth", 24, Kind.F32, writable=True, kept=True),
-    Parameter("speed_kp", 25, Kind.F32, writable=True, kept=True),
-    Parameter("speed_ki", 26, Kind.F32, writable=True, kept=True),
-    Parameter("position_kp", 27, Kind.F32, writable=True, kept=True),
-    Parameter("position_ki", 28, Kind.F32, writable=True, kept=True),
-    Parameter("over_voltage", 29, Kind.F32, writable=True, kept=True),
-    Parameter("can_rate", 35, Kind.U32, kept=True),
+    FamilyRegister("mode", 10, RegisterType.U32, writable=True, kept=True),
+    FamilyRegister("hardware_version", 13, RegisterType.U32, kept=True),
+    FamilyRegister("firmware", 14, RegisterType.U32, kept=True),
+    FamilyRegister("serial_number", 15, RegisterType.U32, kept=True),
+    FamilyRegister("position_range", 21, RegisterType.F32, kept=True),
+    FamilyRegister("velocity_range", 22, RegisterType.F32, kept=True),
+    FamilyRegister("torque_range", 23, RegisterType.F32, kept=True),
+    FamilyRegister("current_bandwidth", 24, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("speed_kp", 25, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("speed_ki", 26, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("position_kp", 27, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("position_ki", 28, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("over_voltage", 29, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("can_rate", 35, RegisterType.U32, kept=True),
 )
 IDENTITY = (
     *("position_range", "velocity_range", "torque_range", "mode", "timeout", "master_id", "esc_id"),
@@ -92,16 +97,16 @@ IDENTITY = (
 )
 
 
-class Damiao:
+class DamiaoCodec:
     """k Damiao actuators of one bus, as `Family` says."""
 
     name = "damiao"
-    parameters: Mapping[str, Parameter] = PARAMETERS
+    parameters: Mapping[str, FamilyRegister] = PARAMETERS
     identity: Sequence[str] = IDENTITY
-    watchdog: Parameter | None = TIMEOUT
+    watchdog: FamilyRegister | None = TIMEOUT
     answers = 1
 
-    def __init__(self, port: str, ids: Sequence[int], ranges: Ranges, masters: Sequence[int]) -> None:
+    def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges, masters: Sequence[int]) -> None:
         """`masters` (k,): the id that each speaks on. Raises ValueError for ids that cannot be told apart."""
         self.port = port
         self.ids = checked_ids(port, self.name, ids, 1, 0xFF)
@@ -140,8 +145,8 @@ class Damiao:
             rows[place] = row
         return places, rows
 
-    def _take(self, ranges: Ranges) -> None:
-        self._scale = Scale(self.port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
+    def _take(self, ranges: FieldRanges) -> None:
+        self._scale = FieldScale(self.port, self.ids, ranges, BITS, BITS[:2] + BITS[4:])
         self.ranges = ranges
 
     def question(self) -> Frames:
@@ -159,21 +164,21 @@ class Damiao:
         """Nothing: every command carries them."""
         return NOTHING
 
-    def special(self, row: int, what: Special) -> Frames:
+    def special(self, row: int, what: ValuelessCommand) -> Frames:
         """FC, FD, FE or FB behind seven FF. Raises ValueError for REBOOT: it has none."""
         if what not in SPECIAL:
             raise ValueError(f"{self.port}: id {self.ids[row]}: a Damiao actuator has no {what.name.lower()}")
         return to_one(self.ids[row], b"\xff" * 7 + bytes([SPECIAL[what]]))
 
-    def read(self, row: int, parameter: Parameter) -> Frames:
+    def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Asks for one register (33)."""
         return to_one(ASK, self._header(row, READ, parameter) + bytes(4))
 
-    def write(self, row: int, parameter: Parameter, data: bytes) -> Frames:
+    def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
         """Writes one register in RAM (55). Raises ValueError for one that is only read."""
         return to_one(ASK, self._header(row, WRITE, parameter) + four(self.port, parameter, data))
 
-    def _header(self, row: int, order: int, parameter: Parameter) -> bytes:
+    def _header(self, row: int, order: int, parameter: FamilyRegister) -> bytes:
         return bytes([self.ids[row] & 0xFF, self.ids[row] >> 8, order, parameter.address])
 
     def _of(self, received: Frames) -> tuple[Ints, Bools, Octets]:
@@ -183,7 +188,7 @@ class Damiao:
         rows = voices.take(row_of(places, received["id"]) + _NIBBLE.take(data[:, 0]))
         return rows, (rows >= 0) & (received["size"] == BYTES), data
 
-    def feedback(self, frames: Frames) -> tuple[Feedback, Bools]:
+    def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Of frames on a master id that are no register traffic (id high byte, order, register)."""
         rows, ours, data = self._of(frames)
         told = ours & ~(_HIGH.take(data[:, 1]) & _ORDER.take(data[:, 2]) & _REGISTER.take(data[:, 3]))
@@ -193,9 +198,9 @@ class Damiao:
         enabled, fault = _ENABLED.take(data[:, 0]), _FAULT.take(data[:, 0])
         heat = np.maximum(data[:, 6], data[:, 7]).astype(np.float64)
         unknown = np.full(len(rows), np.nan)
-        return Feedback(rows, position, velocity, effort, enabled, fault, heat, unknown), told
+        return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown), told
 
-    def answered(self, frames: Frames) -> tuple[list[Answered], Bools]:
+    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Of frames on a master id: sender in full, 33 (read) or 55 (written), register."""
         rows, found, data = self._of(frames)
         found &= ((data[:, 2] == READ) | (data[:, 2] == WRITE)) & _REGISTER.take(data[:, 3])
@@ -203,13 +208,13 @@ class Damiao:
         answers = []
         for place in np.flatnonzero(found):
             content = data[place].tobytes()
-            answers.append(Answered(int(rows[place]), content[3], content[4:], content[2] == WRITE))
+            answers.append(RegisterReply(int(rows[place]), content[3], content[4:], content[2] == WRITE))
         return answers, found
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:
         """Registers 21 to 23 become the ranges of this actuator. Raises ValueError for no positive number."""
         old = self.ranges
-        new = Ranges(old.position.copy(), old.velocity.copy(), old.torque.copy(), old.kp, old.kd)
+        new = FieldRanges(old.position.copy(), old.velocity.copy(), old.torque.copy(), old.kp, old.kd)
         for name, range in (
             ("position_range", new.position),
             ("velocity_range", new.velocity),

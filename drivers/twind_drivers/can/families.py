@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from twind_drivers.can.cubemars import CubeMars
-from twind_drivers.can.damiao import Damiao
-from twind_drivers.can.family import Family, Ranges
-from twind_drivers.can.models import Model, model
-from twind_drivers.can.odrive import ODrive
-from twind_drivers.can.robstride import RobStride
+from twind_drivers.can.cubemars import CubeMarsCodec
+from twind_drivers.can.damiao import DamiaoCodec
+from twind_drivers.can.family import ActuatorFamily, FieldRanges
+from twind_drivers.can.models import CanActuatorModel, model
+from twind_drivers.can.odrive import ODriveCodec
+from twind_drivers.can.robstride import RobStrideCodec
 from twind_drivers.can.roster import column
 
 FAMILIES = ("damiao", "cubemars", "robstride", "odrive")
@@ -21,10 +21,10 @@ def make(
     ids: Sequence[int],
     models: Sequence[str],
     *,
-    ranges: Ranges | None = None,
+    ranges: FieldRanges | None = None,
     feedback_ids: Sequence[int] | None = None,
     host: int = 0xFD,
-) -> Family:
+) -> ActuatorFamily:
     """The codec of the actuators `ids` (k,), all of `family`, in that order.
 
     `ranges` None: those of the models. `feedback_ids` (k,): Damiao's master ids, None: id + 10h. `host`: the
@@ -42,17 +42,17 @@ def make(
     spans = ranges if ranges is not None else ranges_of(known)
     if family == "damiao":
         masters = feedback_ids if feedback_ids is not None else [id + MASTER_BESIDE for id in ids]
-        return Damiao(port_name, ids, spans, masters)
+        return DamiaoCodec(port_name, ids, spans, masters)
     if family == "cubemars":
-        return CubeMars(port_name, ids, spans)
+        return CubeMarsCodec(port_name, ids, spans)
     if family == "robstride":
-        return RobStride(port_name, ids, spans, host)
-    return ODrive(port_name, ids, spans, [one.name != FIRST_BOARD for one in known])
+        return RobStrideCodec(port_name, ids, spans, host)
+    return ODriveCodec(port_name, ids, spans, [one.name != FIRST_BOARD for one in known])
 
 
-def ranges_of(models: Sequence[Model]) -> Ranges:
+def ranges_of(models: Sequence[CanActuatorModel]) -> FieldRanges:
     """What the models span (k,), as the table has it; NaN where it has nothing."""
-    return Ranges(
+    return FieldRanges(
         position=column([one.position for one in models]),
         velocity=column([one.velocity for one in models]),
         torque=column([one.torque for one in models]),
@@ -61,7 +61,7 @@ def ranges_of(models: Sequence[Model]) -> Ranges:
     )
 
 
-def apart(port_name: str, families: Sequence[Family]) -> None:
+def apart(port_name: str, families: Sequence[ActuatorFamily]) -> None:
     """Raises ValueError where two families of one bus use the same frame id, and names it.
 
     An ODrive takes 32 ids from 20h times its node, so node 0 is among the ids of Damiao and CubeMars.

@@ -18,7 +18,7 @@ from twind_drivers.can.frame import Frames
 VOLTAGE, UNCALIBRATED, HEAT, ENCODER, ELECTRICAL, OVERLOAD, SILENCE, UNKNOWN = (1 << bit for bit in range(8))
 
 
-class Special(Enum):
+class ValuelessCommand(Enum):
     """Orders without a value."""
 
     ENABLE = auto()  # torque on
@@ -28,7 +28,7 @@ class Special(Enum):
     REBOOT = auto()  # restart; ValueError where the family has none
 
 
-class Kind(Enum):
+class RegisterType(Enum):
     """How a register's four bytes are to be read, little-endian."""
 
     U8 = "<B"
@@ -38,19 +38,19 @@ class Kind(Enum):
     F32 = "<f"
 
 
-class Parameter(NamedTuple):
+class FamilyRegister(NamedTuple):
     """One register of a family."""
 
     name: str  # snake case
     address: int
-    kind: Kind
+    kind: RegisterType
     writable: bool = False
     kept: bool = False  # survives power-off once it was stored
     unit: float = 1.0  # SI per raw unit, for what has one (watchdog: s per tick)
 
 
 @dataclass(slots=True)
-class Ranges:
+class FieldRanges:
     """What the fields of each actuator span, symmetric about 0. (k,). Read from the device where it tells."""
 
     position: Floats  # rad
@@ -61,7 +61,7 @@ class Ranges:
 
 
 @dataclass(frozen=True, slots=True)
-class Feedback:
+class ActuatorFeedback:
     """What a batch of frames says of the actuators that are in it. Arrays (j,), in order of arrival."""
 
     rows: Ints  # which of the k; one may stand there several times, the last is the newest
@@ -74,7 +74,7 @@ class Feedback:
     voltage: Floats  # V; NaN unknown
 
 
-class Answered(NamedTuple):
+class RegisterReply(NamedTuple):
     """A register's value, or the acknowledgement of its writing."""
 
     row: int
@@ -83,16 +83,16 @@ class Answered(NamedTuple):
     written: bool = False  # it acknowledges a write: no word of what the register holds
 
 
-class Family(Protocol):
+class ActuatorFamily(Protocol):
     """One family on one bus."""
 
     name: str
     ids: tuple[int, ...]
-    ranges: Ranges
-    parameters: Mapping[str, Parameter]
+    ranges: FieldRanges
+    parameters: Mapping[str, FamilyRegister]
     # What identification reads of each, beside being there; the names are those of `parameters`.
     identity: Sequence[str]
-    watchdog: Parameter | None  # None: it has none that can be read back over this bus
+    watchdog: FamilyRegister | None  # None: it has none that can be read back over this bus
     # Frames that one actuator answers `question` with. 0: it tells nothing but in answer to a command
     # (CubeMars in MIT mode) or by itself.
     answers: int
@@ -109,19 +109,19 @@ class Family(Protocol):
         """What must be told before torque, where `command` does not carry stiffness and damping (k,): them,
         and the mode that its commands need. Empty where `command` carries all. Raises WireClamp."""
 
-    def special(self, row: int, what: Special) -> Frames:
+    def special(self, row: int, what: ValuelessCommand) -> Frames:
         """One order. Raises ValueError where the family has no such order."""
 
-    def read(self, row: int, parameter: Parameter) -> Frames:
+    def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Asks for one register. Raises ValueError where the family cannot (see each family)."""
 
-    def write(self, row: int, parameter: Parameter, data: bytes) -> Frames:
+    def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
         """Writes one register, `data` of 4 bytes; RAM alone. Raises ValueError where it cannot."""
 
-    def feedback(self, frames: Frames) -> tuple[Feedback, Bools]:
+    def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Of all feedback among `frames`, and which frames that were (len(frames),)."""
 
-    def answered(self, frames: Frames) -> tuple[list[Answered], Bools]:
+    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """All register answers among `frames`, and which frames those were."""
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:

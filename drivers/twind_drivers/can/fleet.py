@@ -12,8 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.bus import Bools, Floats, Ints
-from twind_drivers.can.actuator import Actuator, place_of
-from twind_drivers.can.family import Answered, Family, Feedback, Parameter, Ranges, Special
+from twind_drivers.can.actuator import CanActuator, place_of
+from twind_drivers.can.family import (
+    ActuatorFamily,
+    ActuatorFeedback,
+    FamilyRegister,
+    FieldRanges,
+    RegisterReply,
+    ValuelessCommand,
+)
 from twind_drivers.can.frame import EXTENDED, FRAME, NOTHING, Frames
 
 T = TypeVar("T", bound=np.generic)
@@ -21,7 +28,7 @@ _RAW = np.dtype((np.void, FRAME.itemsize))
 
 
 @dataclass(slots=True)
-class Heard:
+class GroupFeedback:
     """What a batch of frames says: of each actuator the newest. Arrays (m,), SI; NaN or -1: not told."""
 
     count: Ints  # frames of feedback
@@ -32,12 +39,12 @@ class Heard:
     voltage: Floats
     enabled: Ints
     fault: Ints
-    answers: list[Answered] = field(default_factory=list)  # registers, rows of the bus
+    answers: list[RegisterReply] = field(default_factory=list)  # registers, rows of the bus
     masters: int = 0  # frames that order something of ours: another master's
     strangers: int = 0  # frames of nobody on this bus
 
     @classmethod
-    def nothing(cls, m: int) -> "Heard":
+    def nothing(cls, m: int) -> "GroupFeedback":
         """Of m actuators, all silent."""
         return cls(
             np.zeros(m, np.int64),
@@ -51,11 +58,14 @@ class Heard:
         )
 
 
-class Fleet:
+class ActuatorGroup:
     """The families of one bus. Ids are distinct over all of them."""
 
     def __init__(
-        self, name: str, actuators: Sequence[Actuator], families: Sequence[tuple[Family, Sequence[int]]]
+        self,
+        name: str,
+        actuators: Sequence[CanActuator],
+        families: Sequence[tuple[ActuatorFamily, Sequence[int]]],
     ) -> None:
         """`families`: each with the rows of its actuators, in the order of its ids.
 
@@ -68,14 +78,14 @@ class Fleet:
         if sorted(row for _, rows in families for row in rows) != list(range(len(self.ids))):
             raise ValueError(f"{name}: each actuator belongs to one family, once")
         self.families = tuple((family, np.array(rows, np.int64)) for family, rows in families)
-        self._of: dict[int, tuple[Family, int]] = {
+        self._of: dict[int, tuple[ActuatorFamily, int]] = {
             row: (family, place) for family, rows in families for place, row in enumerate(rows)
         }
         # All of one family, in its order: its arrays are the bus's.
         self._alone = self.families[0][0] if len(self.families) == 1 else None
-        self.wide = any(self.special(row, Special.DISABLE)["id"][0] & EXTENDED for row in self._of)
+        self.wide = any(self.special(row, ValuelessCommand.DISABLE)["id"][0] & EXTENDED for row in self._of)
         self.ranges = self._ranges()
-        self._silence = Heard.nothing(len(self.ids))
+        self._silence = GroupFeedback.nothing(len(self.ids))
         self._rows, self._once = list(range(len(self.ids))), np.ones(len(self.ids), np.int64)
         self._once.setflags(write=False)
         self.replies = self._spread(lambda family: family.replies, np.bool_)
@@ -84,13 +94,13 @@ class Fleet:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def _spread(self, of: Callable[[Family], Any], kind: type[T]) -> NDArray[T]:
+    def _spread(self, of: Callable[[ActuatorFamily], Any], kind: type[T]) -> NDArray[T]:
         whole = np.zeros(len(self.ids), kind)
         for family, rows in self.families:
             whole[rows] = of(family)
         return whole
 
-    def of(self, row: int) -> tuple[Family, int]:
+    def of(self, row: int) -> tuple[ActuatorFamily, int]:
         """The family of a row, and its place there."""
         return self._of[row]
 
@@ -104,8 +114,8 @@ class Fleet:
         family.learn(place, values)
         self.ranges = self._ranges()
 
-    def _ranges(self) -> Ranges:
-        return Ranges(
+    def _ranges(self) -> FieldRanges:
+        return FieldRanges(
             position=self._spread(lambda family: family.ranges.position, np.float64),
             velocity=self._spread(lambda family: family.ranges.velocity, np.float64),
             torque=self._spread(lambda family: family.ranges.torque, np.float64),
@@ -144,17 +154,17 @@ class Fleet:
         made = joined([family.gains(kp[own], kd[own]) for family, own in self.families])
         return made if rows is None else self._only(made, rows)
 
-    def special(self, row: int, what: Special) -> Frames:
+    def special(self, row: int, what: ValuelessCommand) -> Frames:
         """One order. Raises ValueError where its family has none."""
         family, place = self._of[row]
         return family.special(place, what)
 
-    def read(self, row: int, parameter: Parameter) -> Frames:
+    def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Asks for one register. Raises ValueError where its family cannot."""
         family, place = self._of[row]
         return family.read(place, parameter)
 
-    def write(self, row: int, parameter: Parameter, data: bytes) -> Frames:
+    def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
         """Writes one register. Raises ValueError where its family cannot."""
         family, place = self._of[row]
         return family.write(place, parameter, data)
@@ -189,7 +199,7 @@ class Fleet:
 
     # --------------------------------------------------------------------------- in
 
-    def hear(self, frames: Frames) -> Heard:
+    def hear(self, frames: Frames) -> GroupFeedback:
         """What they say, the newest of each; nothing raises."""
         if not len(frames):
             return self._silence
@@ -197,7 +207,7 @@ class Fleet:
             usual = self._usual(self._alone, frames)
             if usual is not None:
                 return usual
-        heard = Heard.nothing(len(self.ids))
+        heard = GroupFeedback.nothing(len(self.ids))
         known = np.zeros(len(frames), np.bool_)
         for family, own in self.families:
             told, mine = family.feedback(frames)
@@ -211,7 +221,7 @@ class Fleet:
             heard.strangers = len(rest) - heard.masters
         return heard
 
-    def _usual(self, family: Family, frames: Frames) -> Heard | None:
+    def _usual(self, family: ActuatorFamily, frames: Frames) -> GroupFeedback | None:
         """The healthy case: one frame of feedback of each, in whatever order; None: it is another."""
         told, _ = family.feedback(frames)
         rows = told.rows.tolist()
@@ -219,7 +229,7 @@ class Fleet:
             if len(rows) != len(self.ids) or len(set(rows)) != len(rows):
                 return None
             told = _ordered(told)
-        return Heard(
+        return GroupFeedback(
             self._once,
             told.position,
             told.velocity,
@@ -231,10 +241,10 @@ class Fleet:
         )
 
 
-def _ordered(told: Feedback) -> Feedback:
+def _ordered(told: ActuatorFeedback) -> ActuatorFeedback:
     """The same in order of the rows."""
     order = told.rows.argsort()
-    return Feedback(
+    return ActuatorFeedback(
         told.rows[order],
         told.position[order],
         told.velocity[order],
@@ -255,7 +265,7 @@ def joined(parts: Sequence[Frames]) -> Frames:
     return full[0] if full else NOTHING
 
 
-def _keep(heard: Heard, told: Feedback, own: Ints) -> None:
+def _keep(heard: GroupFeedback, told: ActuatorFeedback, own: Ints) -> None:
     rows = own[told.rows]
     np.add.at(heard.count, rows, 1)
     for name in ("position", "velocity", "effort", "temperature", "voltage"):

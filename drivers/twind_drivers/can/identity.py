@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from twind_drivers.bus import Device, Read, Script
-from twind_drivers.can.family import Parameter
-from twind_drivers.can.fleet import Fleet
+from twind_drivers.bus import IdentifiedDevice, ReadRequest, Script
+from twind_drivers.can.family import FamilyRegister
+from twind_drivers.can.fleet import ActuatorGroup
 from twind_drivers.can.models import model
 from twind_drivers.can.orders import STATE, decode
 from twind_drivers.can.units import counts
@@ -15,7 +15,7 @@ CHIP = ("mcu_high", "mcu_low")  # halves of its processor's number, where it tel
 TOLD = {"position_range": "pmax_milli", "velocity_range": "vmax_milli", "torque_range": "tmax_milli"}
 
 
-def identify(fleet: Fleet, count: int) -> Script[tuple[Device, ...]]:
+def identify(fleet: ActuatorGroup, count: int) -> Script[tuple[IdentifiedDevice, ...]]:
     """Devices that answer, in order of ids; registers are asked of `count` at once.
 
     Ranges that they tell replace those described. A register that stays unanswered twice is not among the
@@ -32,26 +32,26 @@ def identify(fleet: Fleet, count: int) -> Script[tuple[Device, ...]]:
     return tuple(_device(fleet, id, values[id]) for id in present)
 
 
-def _present(fleet: Fleet) -> Script[list[int]]:
+def _present(fleet: ActuatorGroup) -> Script[list[int]]:
     found: set[int] = set()
     for _ in range(TRIES):
         missing = tuple(id for id in fleet.ids if id not in found)
         if missing:
-            found |= (yield Read(missing, STATE, 3)).data.keys()
+            found |= (yield ReadRequest(missing, STATE, 3)).data.keys()
     return [id for id in fleet.ids if id in found]
 
 
-def _collect(ids: Sequence[int], parameter: Parameter, count: int) -> Script[dict[int, float]]:
+def _collect(ids: Sequence[int], parameter: FamilyRegister, count: int) -> Script[dict[int, float]]:
     found: dict[int, float] = {}
     for _ in range(TRIES):
         missing = [id for id in ids if id not in found]
         for first in range(0, len(missing), count):
-            reply = yield Read(tuple(missing[first : first + count]), parameter.address, 4)
+            reply = yield ReadRequest(tuple(missing[first : first + count]), parameter.address, 4)
             found |= {id: decode(parameter, data) for id, data in reply.data.items()}
     return found
 
 
-def _device(fleet: Fleet, id: int, values: Mapping[str, float]) -> Device:
+def _device(fleet: ActuatorGroup, id: int, values: Mapping[str, float]) -> IdentifiedDevice:
     """What is compared with the calibration, under the names that serial servos have for the same."""
     row = fleet.row(id)
     family, place = fleet.of(row)
@@ -73,4 +73,4 @@ def _device(fleet: Fleet, id: int, values: Mapping[str, float]) -> Device:
     chip = [known[half] for half in CHIP if half in known]
     unique = "".join(f"{int(half):08x}" for half in chip) if len(chip) == len(CHIP) else None
     # Which model it is no actuator tells: number and name are those that it is described as.
-    return Device(id, described.number, described.name, firmware, {**whole, **settings}, unique)
+    return IdentifiedDevice(id, described.number, described.name, firmware, {**whole, **settings}, unique)

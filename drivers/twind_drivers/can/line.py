@@ -9,9 +9,9 @@ from math import inf
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Ints, PortError, PortFull
+from twind_drivers.bus import Bools, Ints, OutputQueueFull, PortError
 from twind_drivers.can import channel as wire
-from twind_drivers.can.fleet import Fleet, Heard, joined
+from twind_drivers.can.fleet import ActuatorGroup, GroupFeedback, joined
 from twind_drivers.can.frame import BYTES, NOTHING, Frames
 
 LATE = 1.0  # s that an answer may be late and is still known as one
@@ -25,7 +25,7 @@ AROUND, LEAST = 47, 95  # ... of a frame beside its payload, and of the shortest
 
 
 @dataclass(frozen=True, slots=True)
-class Exchange:
+class CanTransaction:
     """Frames to send, and what should come back. Arrays (m,)."""
 
     frames: Frames
@@ -42,7 +42,7 @@ class Exchange:
 
 
 @dataclass(slots=True)
-class Goals:
+class PendingCanGoals:
     """Commands that wait for the next cyclic request, and whom (m,) they command."""
 
     frames: Frames
@@ -52,7 +52,7 @@ class Goals:
     kept: bool = False  # sent again with each request, until others come
 
 
-class Line:
+class CanTransactor:
     """The wire of one bus.
 
     `goals` leave with the next cyclic request; `urgent` with the next write of any kind, and goals set before
@@ -66,7 +66,7 @@ class Line:
     """
 
     def __init__(
-        self, fleet: Fleet, channel: wire.Channel, *, bitrate: int, slack: float, rare_slack: float
+        self, fleet: ActuatorGroup, channel: wire.CanChannel, *, bitrate: int, slack: float, rare_slack: float
     ) -> None:
         """`slack`, `rare_slack` (s): what an answer may take beyond its wire time."""
         self.fleet, self.channel, self.name = fleet, channel, fleet.name
@@ -74,7 +74,7 @@ class Line:
         self._bit = 1.0 / bitrate  # s
         self._frame = (EXTENDED_BITS if fleet.wide else STANDARD_BITS) / bitrate  # s, at most
         self.urgent: Frames = NOTHING
-        self.goals: Goals | None = None
+        self.goals: PendingCanGoals | None = None
         self._leaving: Frames = NOTHING  # urgent, sent, and not yet known to have left
         self.sent = self.received = self.deadline = self.earliest = -inf  # s
         self.strays = 0  # bytes dropped in the present transaction
@@ -83,13 +83,13 @@ class Line:
         self.left: Ints = np.zeros(len(fleet), np.int64)  # the last goals that went out ...
         self.told: Bools = np.zeros(len(fleet), np.bool_)  # ... to whom any did
         self.asked: Bools = np.ones(len(fleet), np.bool_)  # whose answers are waited for
-        self.heard = Heard.nothing(len(fleet))  # in the present transaction
+        self.heard = GroupFeedback.nothing(len(fleet))  # in the present transaction
         self.expect: Ints = np.zeros(len(fleet), np.int64)  # of it, urgent orders and goals included
-        self.aside: Heard | None = None  # what came after the last one had ended, if anything
+        self.aside: GroupFeedback | None = None  # what came after the last one had ended, if anything
         self.spoke: Bools = np.zeros(len(fleet), np.bool_)  # who said anything since the last sample
         self.exact = False  # the transaction brought one frame of everybody, and nothing else
-        self.exchange: Exchange | None = None
-        self._leaves: Goals | None = None
+        self.exchange: CanTransaction | None = None
+        self._leaves: PendingCanGoals | None = None
         self._done = True
         self._busy = -inf  # s, until when our own frames are still going out
         self._frames: list[Frames] = []
@@ -108,19 +108,19 @@ class Line:
 
     # --------------------------------------------------------------------------- how it is
 
-    def condition(self, now: float) -> wire.Line:
+    def condition(self, now: float) -> wire.CanErrorState:
         """What the controller says; OFF too where nobody has answered for 0.1 s though asked (R24)."""
-        return wire.Line.OFF if self.dead(now) else self.channel.condition.line
+        return wire.CanErrorState.OFF if self.dead(now) else self.channel.condition.line
 
     def dead(self, now: float) -> bool:
         """The controller is off the wire, or nobody acknowledges or answers."""
-        return self.channel.condition.line is wire.Line.OFF or now - self._silent_since >= DEAD
+        return self.channel.condition.line is wire.CanErrorState.OFF or now - self._silent_since >= DEAD
 
     def void(self) -> None:
         """From here on no goal given before may leave."""
         self.goals, self.epoch = None, self.epoch + 1
 
-    def span(self, exchange: Exchange, beside: int = 0) -> float:
+    def span(self, exchange: CanTransaction, beside: int = 0) -> float:
         """Bus time (s) that it takes both ways, with so many frames `beside` it."""
         back = int(exchange.expect.sum()) + len(exchange.registers)
         back += 0 if exchange.acks is None else int(np.count_nonzero(exchange.acks))
@@ -135,7 +135,7 @@ class Line:
             goals = self.goals = None
         return goals.rows if goals is not None else self._nobody
 
-    def send(self, exchange: Exchange, now: float, *, goals: bool = False, order: bool = False) -> None:
+    def send(self, exchange: CanTransaction, now: float, *, goals: bool = False, order: bool = False) -> None:
         """Begin a transaction: late frames of the last one are dropped, then everything leaves.
 
         `goals`: those that are pending go before it. `order`: it is sent on a dead line too.
@@ -152,7 +152,7 @@ class Line:
         try:
             if len(lead) or len(exchange.frames):
                 self.channel.send(joined([lead, exchange.frames]), now)
-        except PortFull:
+        except OutputQueueFull:
             self._thrown_away()
             self._excuse(now)
             raise
@@ -165,7 +165,7 @@ class Line:
             self._keep(self._leaves)
         self._begin(exchange, lead, expect, now, cyclic=goals)
 
-    def _keep(self, goals: Goals) -> None:
+    def _keep(self, goals: PendingCanGoals) -> None:
         """They went out."""
         np.copyto(self.left, goals.ticks, where=goals.rows)
         self.told |= goals.rows
@@ -184,7 +184,7 @@ class Line:
         self._leaves = found
         return found.frames, found.rows.view(np.int8).astype(np.int64)
 
-    def _revive(self, exchange: Exchange, now: float, *, order: bool) -> Exchange:
+    def _revive(self, exchange: CanTransaction, now: float, *, order: bool) -> CanTransaction:
         """A dead line: nothing old waits in it, and ten times a second it is asked."""
         self.void()
         self._excuse(now)
@@ -193,7 +193,7 @@ class Line:
             self.channel.purge()
             self._thrown_away()
             return exchange
-        return Exchange(NOTHING, self._none)
+        return CanTransaction(NOTHING, self._none)
 
     def _excuse(self, now: float) -> None:
         """Everybody may answer late: an adapter may have kept what nobody took, and send it all the same."""
@@ -206,7 +206,9 @@ class Line:
             self.urgent = self._leaving
         self._busy = -inf
 
-    def _begin(self, exchange: Exchange, lead: Frames, expect: Ints, now: float, *, cyclic: bool) -> None:
+    def _begin(
+        self, exchange: CanTransaction, lead: Frames, expect: Ints, now: float, *, cyclic: bool
+    ) -> None:
         self.exchange, self.sent, self.received, self.expect = exchange, now, now, expect
         self._frames, self._count, self._looked, self.exact = [], 0, -1, False
         self._sent_frames = len(lead) + len(exchange.frames)
@@ -273,7 +275,7 @@ class Line:
         self.deadline = min(self.deadline, self._busy + self._count * self._frame)
         return now >= self.deadline
 
-    def end(self) -> Exchange | None:
+    def end(self) -> CanTransaction | None:
         """End the transaction; what was heard stands in `heard` until the next one. Never raises."""
         exchange, self.exchange, self._done = self.exchange, None, True
         if exchange is not None and not self.idle:
@@ -293,7 +295,7 @@ class Line:
         """Nothing was sent in this transaction, and nothing came."""
         return self._sent_frames == self._count == 0
 
-    def _exact(self, exchange: Exchange, heard: Heard) -> bool:
+    def _exact(self, exchange: CanTransaction, heard: GroupFeedback) -> bool:
         """Every frame was asked for, of everybody, and there was no other: the healthy reading."""
         self.exact = (
             self._count == self._everything == len(heard.count)
@@ -303,12 +305,12 @@ class Line:
         )
         return self.exact
 
-    def _decode(self) -> Heard:
+    def _decode(self) -> GroupFeedback:
         if self._looked != self._count:
             self.heard, self._looked, self.exact = self.fleet.hear(joined(self._frames)), self._count, False
         return self.heard
 
-    def _complete(self, exchange: Exchange) -> bool:
+    def _complete(self, exchange: CanTransaction) -> bool:
         heard = self._decode()
         if self._exact(exchange, heard) and exchange.states is None:
             return True
@@ -320,7 +322,7 @@ class Line:
             return False
         return exchange.states is None or not (exchange.states & (heard.enabled < 0)).any()
 
-    def _spoke(self, heard: Heard) -> Bools:
+    def _spoke(self, heard: GroupFeedback) -> Bools:
         spoke = heard.count > 0
         spoke[[each.row for each in heard.answers]] = True
         return spoke
@@ -342,7 +344,7 @@ class Line:
         if heard.count.any():
             self._silent_since = inf
 
-    def _surplus(self, exchange: Exchange, heard: Heard) -> Ints:
+    def _surplus(self, exchange: CanTransaction, heard: GroupFeedback) -> Ints:
         """Frames (m,) of ours that nobody asked for. What is sent of itself (ODrive) is never one, and a
         write may be answered by an acknowledgement, by feedback, or by both."""
         surplus = np.where(self.fleet.replies, np.maximum(heard.count - self.expect, 0), 0)
@@ -356,14 +358,14 @@ class Line:
             surplus[exchange.acks] = 0
         return surplus
 
-    def _short(self, exchange: Exchange, heard: Heard) -> Bools:
+    def _short(self, exchange: CanTransaction, heard: GroupFeedback) -> Bools:
         """Who (m,) may still answer: who has not, and who was written to."""
         short: Bools = heard.count < self.expect
         told = _told(heard)
         short[[row for row, address in exchange.registers if (row, address) not in told]] = True
         return short if exchange.acks is None else short | exchange.acks
 
-    def _judge(self, heard: Heard, surplus: Ints, now: float) -> None:
+    def _judge(self, heard: GroupFeedback, surplus: Ints, now: float) -> None:
         """Count strangers, other masters, and `surplus` (m,). Who is not waited for may be late."""
         owing = self._owed > now
         late = int(surplus[owing & self.asked].sum())
@@ -372,6 +374,6 @@ class Line:
         self.strays += BYTES * (foreign + late)
 
 
-def _told(heard: Heard) -> set[tuple[int, int]]:
+def _told(heard: GroupFeedback) -> set[tuple[int, int]]:
     """Row and address of what was read; the acknowledgement of a write, late perhaps, is no reading."""
     return {(each.row, each.address) for each in heard.answers if not each.written}

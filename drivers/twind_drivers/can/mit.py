@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.bus import Bools, Floats, Ints, WireClamp
-from twind_drivers.can.family import Ranges
+from twind_drivers.can.family import FieldRanges
 from twind_drivers.can.frame import BYTES, Frames, Octets
 
 Words = NDArray[np.uint64]
@@ -50,7 +50,7 @@ def unpack(data: Octets) -> Floats:
     return fields.astype(np.float64)
 
 
-def commands(scale: "Scale", fields: Words) -> Octets:
+def commands(scale: "FieldScale", fields: Words) -> Octets:
     """Payloads (k, 8) of fields (5, k). Raises WireClamp for one that would be read as a special frame.
 
     That is one with everything at its upper end and a torque just below it.
@@ -80,7 +80,7 @@ def checked(port: str, ids: Sequence[int], values: Floats, lower: Floats, upper:
     raise WireClamp(port, ids[row], float(values[field, row]), *bounds, what=NAMES[field])
 
 
-def bounds(ranges: Ranges) -> tuple[Floats, Floats]:
+def bounds(ranges: FieldRanges) -> tuple[Floats, Floats]:
     """Lower and upper ends (5, k), in order of `NAMES`. Raises ValueError where one is no positive number."""
     upper = np.array((ranges.position, ranges.velocity, ranges.kp, ranges.kd, ranges.torque), np.float64)
     if not ((upper > 0.0) & np.isfinite(upper)).all():
@@ -94,13 +94,13 @@ def bounds(ranges: Ranges) -> tuple[Floats, Floats]:
     return lower, upper
 
 
-class Scale:
+class FieldScale:
     """SI to whole fields and back, for k actuators at once, by the ranges as they were when it was made."""
 
     __slots__ = ("_base", "_least", "_lower", "_most", "_place", "_span", "_step", "_upper", "ids", "port")
 
     def __init__(
-        self, port: str, ids: Sequence[int], ranges: Ranges, bits: tuple[int, ...], told: tuple[int, ...]
+        self, port: str, ids: Sequence[int], ranges: FieldRanges, bits: tuple[int, ...], told: tuple[int, ...]
     ) -> None:
         """`bits` of the fields of a command; `told` of position, velocity and torque in a reply."""
         self.port, self.ids = port, tuple(ids)

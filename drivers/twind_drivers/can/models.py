@@ -22,7 +22,7 @@ NAN = math.nan
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class CanActuatorModel:
     """One model. Ranges are symmetric about 0; NaN: no source gives it, so the robot file must."""
 
     name: str
@@ -45,42 +45,42 @@ FOUR_PI = 12.57
 STRONG_KP, STRONG_KD = 5000.0, 100.0  # of the large RobStride
 
 _ALL = (
-    Model("DM3507", 71001, "damiao", 12.5, 30.0, 10.0, supply=(15.0, 30.0), heat=COIL),
-    Model("DM4310", 71002, "damiao", 12.5, 30.0, 10.0, supply=V24, heat=COIL),
-    Model("DM4310-48V", 71003, "damiao", 12.5, 50.0, 10.0, supply=V48, heat=COIL),
-    Model("DM4340", 71004, "damiao", 12.5, 8.0, 28.0, supply=V24, heat=COIL),
-    Model("DM4340-48V", 71005, "damiao", 12.5, 10.0, 28.0, supply=V48, heat=COIL),
-    Model("DM6006", 71006, "damiao", 12.5, 45.0, 20.0, supply=V48, heat=COIL),
-    Model("DM8006", 71007, "damiao", 12.5, 45.0, 40.0, supply=V48, heat=COIL),
-    Model("DM8009", 71008, "damiao", 12.5, 45.0, 54.0, supply=V48, heat=COIL),
-    Model("DM10010L", 71009, "damiao", 12.5, 25.0, 200.0, supply=V48, heat=COIL),
-    Model("DM10010", 71010, "damiao", 12.5, 20.0, 200.0, supply=V48, heat=COIL),
-    Model("DMH3510", 71011, "damiao", 12.5, 280.0, 1.0, heat=COIL),
-    Model("DMH6215", 71012, "damiao", 12.5, 45.0, 10.0, heat=COIL),
-    Model("DMG6220", 71013, "damiao", 12.5, 45.0, 10.0, heat=COIL),
-    Model("AK70-10", 72001, "cubemars", 12.5, 50.0, 25.0),
-    Model("AK80-64", 72002, "cubemars", 12.5, 8.0, 144.0),
-    Model("AK80-6", 72003, "cubemars", 12.5, 50.0, 12.0),
-    Model("AK80-8", 72004, "cubemars", 12.5, 50.0, 25.0),
-    Model("AK80-9", 72005, "cubemars", 12.5, 50.0, 18.0),
-    Model("RS00", 73000, "robstride", FOUR_PI, 33.0, 14.0, supply=(24.0, 60.0)),
-    Model("RS01", 73001, "robstride", 12.5, 44.0, 17.0),
-    Model("RS02", 73002, "robstride", FOUR_PI, 33.0, 20.0, supply=(24.0, 60.0)),
-    Model("RS03", 73003, "robstride", FOUR_PI, 33.0, 60.0, STRONG_KP, STRONG_KD),
-    Model("RS04", 73004, "robstride", FOUR_PI, 33.0, 120.0, STRONG_KP, STRONG_KD),
-    Model("RS05", 73005, "robstride", FOUR_PI, 50.0, 5.5),
-    Model("EL05", 73006, "robstride", FOUR_PI, 50.0, 6.0),
-    Model("RS06", 73007, "robstride", NAN, 50.0, 36.0, STRONG_KP, STRONG_KD),
+    CanActuatorModel("DM3507", 71001, "damiao", 12.5, 30.0, 10.0, supply=(15.0, 30.0), heat=COIL),
+    CanActuatorModel("DM4310", 71002, "damiao", 12.5, 30.0, 10.0, supply=V24, heat=COIL),
+    CanActuatorModel("DM4310-48V", 71003, "damiao", 12.5, 50.0, 10.0, supply=V48, heat=COIL),
+    CanActuatorModel("DM4340", 71004, "damiao", 12.5, 8.0, 28.0, supply=V24, heat=COIL),
+    CanActuatorModel("DM4340-48V", 71005, "damiao", 12.5, 10.0, 28.0, supply=V48, heat=COIL),
+    CanActuatorModel("DM6006", 71006, "damiao", 12.5, 45.0, 20.0, supply=V48, heat=COIL),
+    CanActuatorModel("DM8006", 71007, "damiao", 12.5, 45.0, 40.0, supply=V48, heat=COIL),
+    CanActuatorModel("DM8009", 71008, "damiao", 12.5, 45.0, 54.0, supply=V48, heat=COIL),
+    CanActuatorModel("DM10010L", 71009, "damiao", 12.5, 25.0, 200.0, supply=V48, heat=COIL),
+    CanActuatorModel("DM10010", 71010, "damiao", 12.5, 20.0, 200.0, supply=V48, heat=COIL),
+    CanActuatorModel("DMH3510", 71011, "damiao", 12.5, 280.0, 1.0, heat=COIL),
+    CanActuatorModel("DMH6215", 71012, "damiao", 12.5, 45.0, 10.0, heat=COIL),
+    CanActuatorModel("DMG6220", 71013, "damiao", 12.5, 45.0, 10.0, heat=COIL),
+    CanActuatorModel("AK70-10", 72001, "cubemars", 12.5, 50.0, 25.0),
+    CanActuatorModel("AK80-64", 72002, "cubemars", 12.5, 8.0, 144.0),
+    CanActuatorModel("AK80-6", 72003, "cubemars", 12.5, 50.0, 12.0),
+    CanActuatorModel("AK80-8", 72004, "cubemars", 12.5, 50.0, 25.0),
+    CanActuatorModel("AK80-9", 72005, "cubemars", 12.5, 50.0, 18.0),
+    CanActuatorModel("RS00", 73000, "robstride", FOUR_PI, 33.0, 14.0, supply=(24.0, 60.0)),
+    CanActuatorModel("RS01", 73001, "robstride", 12.5, 44.0, 17.0),
+    CanActuatorModel("RS02", 73002, "robstride", FOUR_PI, 33.0, 20.0, supply=(24.0, 60.0)),
+    CanActuatorModel("RS03", 73003, "robstride", FOUR_PI, 33.0, 60.0, STRONG_KP, STRONG_KD),
+    CanActuatorModel("RS04", 73004, "robstride", FOUR_PI, 33.0, 120.0, STRONG_KP, STRONG_KD),
+    CanActuatorModel("RS05", 73005, "robstride", FOUR_PI, 50.0, 5.5),
+    CanActuatorModel("EL05", 73006, "robstride", FOUR_PI, 50.0, 6.0),
+    CanActuatorModel("RS06", 73007, "robstride", NAN, 50.0, 36.0, STRONG_KP, STRONG_KD),
     # ODrive 3.x; its heartbeat and error numbers differ from those of the later boards.
-    Model("ODrive", 74001, "odrive", NAN, TURNS_FED, 32.767, ODRIVE_GAIN, ODRIVE_GAIN),
-    Model("ODrive-S1", 74002, "odrive", NAN, TURNS_FED, 32.767, ODRIVE_GAIN, ODRIVE_GAIN),
-    Model("ODrive-Pro", 74003, "odrive", NAN, TURNS_FED, 32.767, ODRIVE_GAIN, ODRIVE_GAIN),
+    CanActuatorModel("ODrive", 74001, "odrive", NAN, TURNS_FED, 32.767, ODRIVE_GAIN, ODRIVE_GAIN),
+    CanActuatorModel("ODrive-S1", 74002, "odrive", NAN, TURNS_FED, 32.767, ODRIVE_GAIN, ODRIVE_GAIN),
+    CanActuatorModel("ODrive-Pro", 74003, "odrive", NAN, TURNS_FED, 32.767, ODRIVE_GAIN, ODRIVE_GAIN),
 )
-MODELS: Mapping[str, Model] = MappingProxyType({model.name: model for model in _ALL})
-_NUMBERED: Mapping[int, Model] = MappingProxyType({model.number: model for model in _ALL})
+MODELS: Mapping[str, CanActuatorModel] = MappingProxyType({model.name: model for model in _ALL})
+_NUMBERED: Mapping[int, CanActuatorModel] = MappingProxyType({model.number: model for model in _ALL})
 
 
-def model(name: str) -> Model:
+def model(name: str) -> CanActuatorModel:
     """The model of that name, spelled as in `MODELS`. Raises KeyError that lists the nearest."""
     found = MODELS.get(name)
     if found is None:
@@ -96,7 +96,7 @@ def number_of(name: str) -> int:
     return model(name).number
 
 
-def named(number: int) -> Model:
+def named(number: int) -> CanActuatorModel:
     """The model with that number. Raises KeyError where there is none."""
     found = _NUMBERED.get(number)
     if found is None:

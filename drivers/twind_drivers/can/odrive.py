@@ -27,12 +27,12 @@ from twind_drivers.can.family import (
     UNCALIBRATED,
     UNKNOWN,
     VOLTAGE,
-    Answered,
-    Feedback,
-    Kind,
-    Parameter,
-    Ranges,
-    Special,
+    ActuatorFeedback,
+    FamilyRegister,
+    FieldRanges,
+    RegisterReply,
+    RegisterType,
+    ValuelessCommand,
 )
 from twind_drivers.can.frame import BYTES, REMOTE, STANDARD_MASK, Frames, Octets, frames
 from twind_drivers.can.mit import bounds, checked
@@ -53,20 +53,20 @@ TELLING = (HEARTBEAT, 0x03, 0x05, ESTIMATES, 0x0A, 0x14, 0x15, SUPPLY, 0x1C, 0x1
 ENCODER_ERROR = 0x04  # 3.x; on later boards that command writes endpoints
 
 ORDERS = {
-    Special.ENABLE: (STATE, CLOSED_LOOP.to_bytes(4, "little")),
-    Special.DISABLE: (STATE, IDLE.to_bytes(4, "little")),
-    Special.CLEAR: (CLEAR, bytes(BYTES)),
-    Special.ZERO: (COUNT, bytes(4)),
-    Special.REBOOT: (REBOOT, bytes(BYTES)),
+    ValuelessCommand.ENABLE: (STATE, CLOSED_LOOP.to_bytes(4, "little")),
+    ValuelessCommand.DISABLE: (STATE, IDLE.to_bytes(4, "little")),
+    ValuelessCommand.CLEAR: (CLEAR, bytes(BYTES)),
+    ValuelessCommand.ZERO: (COUNT, bytes(4)),
+    ValuelessCommand.REBOOT: (REBOOT, bytes(BYTES)),
 }
 PARAMETERS = by_name(
-    Parameter("motor_error", 0x03, Kind.U32),
-    Parameter("encoder_error", ENCODER_ERROR, Kind.U32),
-    Parameter("controller_error", 0x1D, Kind.U32),
-    Parameter("iq_setpoint", 0x14, Kind.F32),
-    Parameter("iq_measured", 0x14 + SECOND, Kind.F32),
-    Parameter("bus_voltage", SUPPLY, Kind.F32),
-    Parameter("bus_current", SUPPLY + SECOND, Kind.F32),
+    FamilyRegister("motor_error", 0x03, RegisterType.U32),
+    FamilyRegister("encoder_error", ENCODER_ERROR, RegisterType.U32),
+    FamilyRegister("controller_error", 0x1D, RegisterType.U32),
+    FamilyRegister("iq_setpoint", 0x14, RegisterType.F32),
+    FamilyRegister("iq_measured", 0x14 + SECOND, RegisterType.F32),
+    FamilyRegister("bus_voltage", SUPPLY, RegisterType.F32),
+    FamilyRegister("bus_current", SUPPLY + SECOND, RegisterType.F32),
 )
 
 # Bits of the first word of a heartbeat. What is not named here counts as unknown.
@@ -104,16 +104,16 @@ _TELLING = np.isin(np.arange(32), TELLING)
 _ANSWERS = np.isin(np.arange(32), (0x03, ENCODER_ERROR, 0x14, SUPPLY, 0x1D))
 
 
-class ODrive:
+class ODriveCodec:
     """k axes of one bus, as `Family` says."""
 
     name = "odrive"
-    parameters: Mapping[str, Parameter] = PARAMETERS
+    parameters: Mapping[str, FamilyRegister] = PARAMETERS
     identity: Sequence[str] = ("bus_voltage",)
-    watchdog: Parameter | None = None
+    watchdog: FamilyRegister | None = None
     answers = 1
 
-    def __init__(self, port: str, ids: Sequence[int], ranges: Ranges, later: Sequence[bool]) -> None:
+    def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges, later: Sequence[bool]) -> None:
         """`later` (k,): a board after 3.x. Raises ValueError for ids outside 0..3F or twice the same."""
         self.port = port
         self.ids = checked_ids(port, self.name, ids, 0, NODES)
@@ -172,18 +172,18 @@ class ODrive:
         inner["data"][:, :4] = (values[3] * TURN).astype("<f4").view(np.uint8).reshape(-1, 4)
         return np.concatenate((modes, outer, inner))
 
-    def special(self, row: int, what: Special) -> Frames:
+    def special(self, row: int, what: ValuelessCommand) -> Frames:
         """Closed loop or idle (07), clear errors (18), encoder count 0 (19), reboot (16)."""
         command, data = ORDERS[what]
         return to_one(self.ids[row] << 5 | command, data)
 
-    def read(self, row: int, parameter: Parameter) -> Frames:
+    def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Asks for what holds the parameter, by a remote frame. Raises ValueError on boards that lack it."""
         if self._later[row] and parameter.address in (0x03, ENCODER_ERROR, 0x1D):
             raise ValueError(f"{self.port}: node {self.ids[row]}: only ODrive 3.x tells {parameter.name}")
         return frames([self.ids[row] << 5 | parameter.address & 0x1F | REMOTE])
 
-    def write(self, row: int, parameter: Parameter, data: bytes) -> Frames:
+    def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
         """Raises ValueError: nothing that CANSimple reads can be written."""
         raise ValueError(
             f"{self.port}: node {self.ids[row]}: {parameter.name} cannot be written over CANSimple"
@@ -196,7 +196,7 @@ class ODrive:
         rows[received["size"] != BYTES] = NONE
         return rows, (came & np.uint32(0x1F)).astype(np.int64), received["data"]
 
-    def feedback(self, frames: Frames) -> tuple[Feedback, Bools]:
+    def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Of estimates (09: place), heartbeats (01: torque and faults) and supply (17: voltage)."""
         rows, command, data = self._of(frames)
         told = (rows >= 0) & ((command == ESTIMATES) | (command == HEARTBEAT) | (command == SUPPLY))
@@ -213,16 +213,16 @@ class ODrive:
             found.enabled[at], found.fault[at] = _beat(data[at].tobytes(), bool(self._later[rows[at]]))
         return found, told
 
-    def answered(self, frames: Frames) -> tuple[list[Answered], Bools]:
+    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Of frames with errors, currents and supply; both halves of those with two values."""
         rows, command, data = self._of(frames)
         found = (rows >= 0) & _ANSWERS.take(command)
         answers = []
         for at in np.flatnonzero(found):
             content, row, address = data[at].tobytes(), int(rows[at]), int(command[at])
-            answers.append(Answered(row, address, content[:4]))
+            answers.append(RegisterReply(row, address, content[:4]))
             if address in (0x14, SUPPLY):
-                answers.append(Answered(row, address + SECOND, content[4:]))
+                answers.append(RegisterReply(row, address + SECOND, content[4:]))
         return answers, found
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:

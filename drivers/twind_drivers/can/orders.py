@@ -11,14 +11,27 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Burst, Floats, Order, Ping, Query, Read, Reboot, UnknownRegister, Write
-from twind_drivers.can.family import Kind, Parameter, Special
-from twind_drivers.can.fleet import Fleet, joined
+from twind_drivers.bus import (
+    Bools,
+    BurstWriteRequest,
+    Floats,
+    Order,
+    PingRequest,
+    Query,
+    ReadRequest,
+    RebootRequest,
+    UnknownRegister,
+    WriteRequest,
+)
+from twind_drivers.can.family import FamilyRegister, RegisterType, ValuelessCommand
+from twind_drivers.can.fleet import ActuatorGroup, joined
 from twind_drivers.can.frame import NOTHING, Frames
-from twind_drivers.can.line import Exchange
+from twind_drivers.can.line import CanTransaction
 
 SPECIALS = 0x1_0000  # addresses of the orders without a value begin here ...
-ADDRESS = {special: SPECIALS + number for number, special in enumerate(Special)}  # ... and there are five
+ADDRESS = {
+    special: SPECIALS + number for number, special in enumerate(ValuelessCommand)
+}  # ... and there are five
 SPECIAL = {address: special for special, address in ADDRESS.items()}
 COMMAND = SPECIALS + 0x10  # written: position, velocity, kp, kd, torque, as five little-endian doubles
 GAINS = SPECIALS + 0x11  # written: kp and kd, as two; nothing where commands carry them
@@ -26,24 +39,24 @@ STATE = SPECIALS + 0x12  # read: three bytes, torque (0, 1, 255 not told), fault
 MILLI = 1e3  # of a float's unit: what a register's whole number means
 
 
-def decode(parameter: Parameter, data: bytes) -> float:
+def decode(parameter: FamilyRegister, data: bytes) -> float:
     """A register's value, as its four bytes say. NaN and infinity stay what they are."""
     [value] = struct.unpack_from(parameter.kind.value, data.ljust(4, b"\0"))
     return float(value)
 
 
-def encode(parameter: Parameter, value: float) -> bytes:
+def encode(parameter: FamilyRegister, value: float) -> bytes:
     """Four bytes. Raises ValueError for what the register cannot hold, naming it."""
-    if not math.isfinite(value) or (parameter.kind is not Kind.F32 and value != int(value)):
+    if not math.isfinite(value) or (parameter.kind is not RegisterType.F32 and value != int(value)):
         raise ValueError(f"{parameter.name}: {value} is no value of it: a finite {parameter.kind.name} is")
     try:
-        raw = struct.pack(parameter.kind.value, value if parameter.kind is Kind.F32 else int(value))
+        raw = struct.pack(parameter.kind.value, value if parameter.kind is RegisterType.F32 else int(value))
     except (struct.error, OverflowError):
         raise ValueError(f"{parameter.name}: {value} does not fit into {parameter.kind.name}") from None
     return raw.ljust(4, b"\0")
 
 
-def parameter_of(fleet: Fleet, row: int, name: str) -> Parameter:
+def parameter_of(fleet: ActuatorGroup, row: int, name: str) -> FamilyRegister:
     """A register by its name, in any spelling, or by its address. Raises UnknownRegister."""
     family, _ = fleet.of(row)
     key = name.strip().lower().replace(" ", "_").replace("-", "_")
@@ -56,7 +69,7 @@ def parameter_of(fleet: Fleet, row: int, name: str) -> Parameter:
     return found
 
 
-def by_address(parameters: Mapping[str, Parameter], address: int) -> Parameter | None:
+def by_address(parameters: Mapping[str, FamilyRegister], address: int) -> FamilyRegister | None:
     """The register at an address."""
     return next((each for each in parameters.values() if each.address == address), None)
 
@@ -66,16 +79,16 @@ def state(enabled: int, fault: int) -> bytes:
     return bytes((enabled & 0xFF, max(fault, 0), fault >= 0))
 
 
-def whole(parameter: Parameter, value: float) -> int:
+def whole(parameter: FamilyRegister, value: float) -> int:
     """The number that stands for a register's value: a float in thousandths. ValueError for NaN, infinity."""
     if not math.isfinite(value):
         raise ValueError(f"{parameter.name} reads {value}")
-    return round(value * MILLI) if parameter.kind is Kind.F32 else int(value)
+    return round(value * MILLI) if parameter.kind is RegisterType.F32 else int(value)
 
 
-def part(parameter: Parameter, value: int) -> float:
+def part(parameter: FamilyRegister, value: int) -> float:
     """The value of a register that such a number stands for."""
-    return value / MILLI if parameter.kind is Kind.F32 else value
+    return value / MILLI if parameter.kind is RegisterType.F32 else value
 
 
 # --------------------------------------------------------------------------------------------- to frames
@@ -83,18 +96,18 @@ def part(parameter: Parameter, value: int) -> float:
 
 def asks_state(query: Query) -> bool:
     """Nothing but how somebody is: answered by feedback."""
-    return isinstance(query, Ping) or query.address == STATE
+    return isinstance(query, PingRequest) or query.address == STATE
 
 
-def rows_of(fleet: Fleet, query: Query) -> Bools:
+def rows_of(fleet: ActuatorGroup, query: Query) -> Bools:
     """Whom (m,) a query asks; ids that are not of this bus are nobody's."""
-    ids = (query.id,) if isinstance(query, Ping) else query.ids
+    ids = (query.id,) if isinstance(query, PingRequest) else query.ids
     rows = np.zeros(len(fleet), np.bool_)
     rows[[fleet.ids.index(id) for id in ids if id in fleet.ids]] = True
     return rows
 
 
-def asking(fleet: Fleet, query: Read) -> Exchange:
+def asking(fleet: ActuatorGroup, query: ReadRequest) -> CanTransaction:
     """The frames that ask for a register, and what should come back; nothing of those who do not have it."""
     asked: list[Frames] = []
     wanted: set[tuple[int, int]] = set()
@@ -108,27 +121,35 @@ def asking(fleet: Fleet, query: Read) -> Exchange:
         except ValueError:  # a script that asks for it has been told
             continue
         wanted.add((row, query.address))
-    return Exchange(joined(asked), np.zeros(len(fleet), np.int64), registers=frozenset(wanted))
+    return CanTransaction(joined(asked), np.zeros(len(fleet), np.int64), registers=frozenset(wanted))
 
 
-def ordering(fleet: Fleet, order: Order) -> Exchange:
+def ordering(fleet: ActuatorGroup, order: Order) -> CanTransaction:
     """The frames of an order. Raises ValueError for what a family cannot, KeyError for an id of nobody."""
-    writes = (order,) if isinstance(order, Write) else order.writes if isinstance(order, Burst) else ()
+    writes = (
+        (order,)
+        if isinstance(order, WriteRequest)
+        else order.writes
+        if isinstance(order, BurstWriteRequest)
+        else ()
+    )
     made = [_written(fleet, each) for each in writes]
-    if isinstance(order, Reboot):
-        made = [fleet.special(fleet.row(order.id), Special.REBOOT)]
+    if isinstance(order, RebootRequest):
+        made = [fleet.special(fleet.row(order.id), ValuelessCommand.REBOOT)]
     frames = joined(made)
     to = fleet.commands_to(frames)
     count = np.bincount(to[to >= 0], minlength=len(fleet))
-    plain = all(each.address < SPECIALS for each in writes) and not isinstance(order, Reboot)
+    plain = all(each.address < SPECIALS for each in writes) and not isinstance(order, RebootRequest)
     acks = (count > 0) & fleet.replies
     nothing = np.zeros(len(fleet), np.int64)
     if plain:
-        return Exchange(frames, nothing, acks=acks)
-    return Exchange(frames, np.where(fleet.replies, count, 0) if not isinstance(order, Reboot) else nothing)
+        return CanTransaction(frames, nothing, acks=acks)
+    return CanTransaction(
+        frames, np.where(fleet.replies, count, 0) if not isinstance(order, RebootRequest) else nothing
+    )
 
 
-def _written(fleet: Fleet, write: Write) -> Frames:
+def _written(fleet: ActuatorGroup, write: WriteRequest) -> Frames:
     rows = {fleet.row(id): data for id, data in write.data.items()}
     chosen = np.zeros(len(fleet), np.bool_)
     chosen[list(rows)] = True
@@ -149,7 +170,7 @@ def _written(fleet: Fleet, write: Write) -> Frames:
     return joined(made)
 
 
-def _values(fleet: Fleet, rows: Mapping[int, bytes], count: int) -> Floats:
+def _values(fleet: ActuatorGroup, rows: Mapping[int, bytes], count: int) -> Floats:
     values = np.zeros((count, len(fleet)))
     for row, data in rows.items():
         values[:, row] = struct.unpack(f"<{count}d", data)

@@ -11,14 +11,14 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
-from twind_drivers.bus import PortError, PortTaken
+from twind_drivers.bus import PortError, PortInUse
 from twind_drivers.dynamixel.holder import command
 
 NAME = "\0twind-can-"  # and the interface
 INODE, PATH = 6, 7  # columns of /proc/net/unix (proc(5)); there the leading zero reads as @
 
 
-class Owner:
+class CanInterfaceLock:
     """That this process has the interface; until `close`."""
 
     def __init__(self, interface: str) -> None:
@@ -29,7 +29,7 @@ class Owner:
         except OSError as error:
             self._sign.close()
             if error.errno == errno.EADDRINUSE:
-                raise PortTaken(interface, f"in use by {_named(interface)}; stop it first") from error
+                raise PortInUse(interface, f"in use by {_named(interface)}; stop it first") from error
             reason = f"its owner cannot be told: {os.strerror(error.errno or 0)}"
             raise PortError(interface, reason) from error
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twind_drivers.bus import PortError
-from twind_drivers.can.channel import Channel
+from twind_drivers.can.channel import CanChannel
 from twind_drivers.can.link import present as link_present
 from twind_drivers.can.slcan import SlcanChannel
 from twind_drivers.dynamixel.serial_port import SerialTransport
@@ -61,7 +61,7 @@ def present(port: str) -> bool:
     return interface != "socketcan" or link_present(channel)
 
 
-def open_channel(port: str, bitrate: int) -> Channel:
+def open_channel(port: str, bitrate: int) -> CanChannel:
     """Open a port by its name, at `bitrate` (bit/s). Raises PortError that says what to do."""
     try:
         interface, channel, baud = parse(port)

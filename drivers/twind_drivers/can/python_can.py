@@ -20,7 +20,7 @@ import can
 import numpy as np
 
 from twind_drivers.bus import PortError
-from twind_drivers.can.channel import Condition, Line
+from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import (
     ERROR,
     EXTENDED,
@@ -32,8 +32,8 @@ from twind_drivers.can.frame import (
     Frames,
 )
 from twind_drivers.can.link import interfaces, long_queue, restart
-from twind_drivers.can.owner import Owner
-from twind_drivers.can.stall import DEAD, DEAF, QueueFull, Standing, dead
+from twind_drivers.can.owner import CanInterfaceLock
+from twind_drivers.can.stall import DEAD, DEAF, ChannelStatusTracker, QueueFull, dead
 
 RECORD = struct.Struct("<IB3x8s")  # one of FRAME
 MOST = 4096  # frames of one `receive`: a babbling line never runs dry
@@ -60,8 +60,8 @@ class PythonCanChannel:
         """Opens the bus. Raises PortError that says what is wrong and what to do; PortTaken."""
         self.interface, self.channel, self.bitrate = interface, channel, bitrate
         self.name = channel
-        self.condition = Condition()
-        self._standing = Standing(self.condition)
+        self.condition = CanChannelStatus()
+        self._standing = ChannelStatusTracker(self.condition)
         self._early: can.Message | None = None  # taken to learn whether there is one
         self._heard = self._now = self._restarted = -inf  # s; of the last call, and of the link
         self._doubtful = False  # frames of ours may still wait: nobody was heard before the last was sent
@@ -70,7 +70,7 @@ class PythonCanChannel:
         quiet = logging.getLogger("can")  # what it would say there is in our errors
         if not quiet.handlers:
             quiet.addHandler(logging.NullHandler())
-        self._sign = Owner(channel) if interface == "socketcan" else None
+        self._sign = CanInterfaceLock(channel) if interface == "socketcan" else None
         try:
             self._bus: can.BusABC | None = self._opened()
         except PortError:
@@ -254,19 +254,19 @@ def _message(row: tuple[int, int, bytes, list[int]]) -> can.Message:
     )
 
 
-def _line(id: int, data: bytes) -> Line | None:
+def _line(id: int, data: bytes) -> CanErrorState | None:
     """What an error frame says of the controller; None: nothing."""
     data = data.ljust(8, b"\0")
     if id & BUSOFF:
-        return Line.OFF
+        return CanErrorState.OFF
     if id & CRTL and data[1] & PASSIVES:
-        return Line.PASSIVE
+        return CanErrorState.PASSIVE
     if (
         id & RESTARTED
         or (id & CRTL and data[1] & (WARNINGS | ACTIVE))
         or (id & PROT and data[2] & PROT_ACTIVE)
     ):
-        return Line.ACTIVE
+        return CanErrorState.ACTIVE
     return None
 
 

@@ -13,28 +13,28 @@ import numpy as np
 from twind_drivers.bus import (
     Bools,
     BusError,
-    Device,
+    BusSample,
     DeviceRefused,
+    IdentifiedDevice,
     NoReply,
-    Ping,
+    PingRequest,
+    PortHandle,
     Query,
-    Read,
-    Register,
-    Registers,
-    Reply,
+    ReadRequest,
+    RegisterAddress,
     Request,
-    Sample,
+    RequestReply,
     Script,
-    Wire,
+    SlowRegisterValues,
 )
-from twind_drivers.can.actuator import Actuator
-from twind_drivers.can.channel import Channel
-from twind_drivers.can.cyclic import ALERT, Cyclic, alert
+from twind_drivers.can.actuator import CanActuator
+from twind_drivers.can.channel import CanChannel
+from twind_drivers.can.cyclic import ALERT, CanCyclicRead, alert
 from twind_drivers.can.families import apart, make, ranges_of
-from twind_drivers.can.family import Family, Parameter, Ranges
-from twind_drivers.can.fleet import Fleet
+from twind_drivers.can.family import ActuatorFamily, FamilyRegister, FieldRanges
+from twind_drivers.can.fleet import ActuatorGroup
 from twind_drivers.can.identity import identify
-from twind_drivers.can.line import EXTENDED_BITS, Exchange, Line
+from twind_drivers.can.line import EXTENDED_BITS, CanTransaction, CanTransactor
 from twind_drivers.can.models import model
 from twind_drivers.can.orders import (
     STATE,
@@ -47,7 +47,7 @@ from twind_drivers.can.orders import (
     state,
     whole,
 )
-from twind_drivers.can.slow import SlowRegisters
+from twind_drivers.can.slow import CanSlowRegisters
 from twind_drivers.upkeep import upkeep_stride
 
 # s that an answer may take beyond its wire time, at most half a period of the loop. USB adapters hand frames
@@ -70,8 +70,8 @@ class CanReader:
     def __init__(
         self,
         name: str,
-        channel: Channel,
-        actuators: Sequence[Actuator],
+        channel: CanChannel,
+        actuators: Sequence[CanActuator],
         *,
         bitrate: int,
         rate_hz: float = 100.0,
@@ -85,24 +85,26 @@ class CanReader:
         """
         self.name, self.ids = name, tuple(each.id for each in actuators)
         self.channel, self.rate_hz, self.bitrate = channel, rate_hz, bitrate
-        self.fleet = Fleet(name, actuators, _families(name, actuators))
+        self.fleet = ActuatorGroup(name, actuators, _families(name, actuators))
         wait = min(SLACK, 0.5 / rate_hz) if slack is None else slack
-        self.line = Line(self.fleet, channel, bitrate=bitrate, slack=wait, rare_slack=min(RARE_SLACK, wait))
-        self.cyclic = Cyclic(self.fleet, self.line)
-        self.slow = SlowRegisters(self.fleet)
+        self.line = CanTransactor(
+            self.fleet, channel, bitrate=bitrate, slack=wait, rare_slack=min(RARE_SLACK, wait)
+        )
+        self.cyclic = CanCyclicRead(self.fleet, self.line)
+        self.slow = CanSlowRegisters(self.fleet)
         # Registers that fit beside a cycle, asked and answered.
         self.at_once = max(1, int(min(SLICE, SHARE / rate_hz) * bitrate / (2 * EXTENDED_BITS)))
         self.slow.schedule(self.at_once, turns=int(ROUND * rate_hz / upkeep_stride(rate_hz)))
-        self._asked: dict[Query, Exchange] = {}  # of upkeep: its slices come again and again
+        self._asked: dict[Query, CanTransaction] = {}  # of upkeep: its slices come again and again
         self._query: Request | None = None
 
     @property
-    def transport(self) -> Wire:
+    def transport(self) -> PortHandle:
         """The channel under it."""
         return self.channel
 
     @property
-    def registers(self) -> Registers:
+    def registers(self) -> SlowRegisterValues:
         """The slowly read state, in the order of `ids`."""
         return self.slow.registers
 
@@ -127,7 +129,7 @@ class CanReader:
         """Take what has arrived; True when the transaction is complete. Raises PortError."""
         return self.line.feed(now)
 
-    def finish(self, now: float) -> Sample:
+    def finish(self, now: float) -> BusSample:
         """End the cyclic reading with what was heard; zeros where an actuator stayed silent."""
         if self.line.end() is None:
             raise RuntimeError(f"{self.name}: finish without request")
@@ -141,12 +143,12 @@ class CanReader:
 
     def begin(self, query: Query, now: float) -> None:
         """Begin one query. Raises PortError; TypeError for anything that writes."""
-        if not isinstance(query, Ping | Read):
+        if not isinstance(query, PingRequest | ReadRequest):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
         self.start(query, self._asking(query, now), now)
 
-    def _asking(self, query: Query, now: float) -> Exchange:
-        if isinstance(query, Ping) or asks_state(query):
+    def _asking(self, query: Query, now: float) -> CanTransaction:
+        if isinstance(query, PingRequest) or asks_state(query):
             rows = rows_of(self.fleet, query)
             if not rows.any():
                 return self.cyclic.nothing
@@ -154,19 +156,19 @@ class CanReader:
         found = self._asked.get(query)
         return asking(self.fleet, query) if found is None else found
 
-    def start(self, request: Request, exchange: Exchange, now: float) -> None:
+    def start(self, request: Request, exchange: CanTransaction, now: float) -> None:
         """Begin a transaction whose frames are made. Raises PortError."""
         self._query = None
-        self.line.send(exchange, now, order=not isinstance(request, Ping | Read))
+        self.line.send(exchange, now, order=not isinstance(request, PingRequest | ReadRequest))
         self._overhear(now)
         self._query = request
 
-    def answer(self, now: float) -> Reply:
+    def answer(self, now: float) -> RequestReply:
         """End it. What was told of the slow registers is kept, of those whose answers are believed."""
         exchange, request, self._query = self.line.end(), self._query, None
         waited = now - self.line.sent
         if exchange is None or self.line.idle:
-            return Reply({}, {}, waited, self.line.strays)
+            return RequestReply({}, {}, waited, self.line.strays)
         heard = self.line.heard
         told = self.cyclic.note(heard, now)
         if heard.answers or told.any():
@@ -175,7 +177,7 @@ class CanReader:
         spoke[[each.row for each in heard.answers]] = True
         alerted = alert(heard.fault)
         error = {self.ids[row]: int(ALERT) if alerted[row] else 0 for row in np.flatnonzero(spoke).tolist()}
-        return Reply(self._told(request, exchange), error, waited, self.line.strays)
+        return RequestReply(self._told(request, exchange), error, waited, self.line.strays)
 
     def _overhear(self, now: float) -> None:
         """What was told between two transactions, by those who tell it of themselves (ODrive's heartbeat)."""
@@ -189,16 +191,16 @@ class CanReader:
         if heard.answers:
             self.slow.fold(heard, self.cyclic.proven, self.cyclic.barred & self.cyclic.watched, at)
 
-    def _told(self, request: Request | None, exchange: Exchange) -> dict[int, bytes]:
+    def _told(self, request: Request | None, exchange: CanTransaction) -> dict[int, bytes]:
         """By id: the bytes asked for; of an order nothing, from whoever answered it."""
         heard = self.line.heard
-        if isinstance(request, Ping | Read) and asks_state(request):
+        if isinstance(request, PingRequest | ReadRequest) and asks_state(request):
             there = rows_of(self.fleet, request) & ~np.isnan(heard.position)
             return {
                 self.ids[row]: state(int(heard.enabled[row]), int(heard.fault[row]))
                 for row in np.flatnonzero(there).tolist()
             }
-        if isinstance(request, Read):
+        if isinstance(request, ReadRequest):
             return {
                 self.ids[each.row]: each.data
                 for each in heard.answers
@@ -221,7 +223,7 @@ class CanReader:
     def span(self, query: Request) -> float:
         """Bus time (s) that a transaction takes at most, its timeout excluded."""
         try:
-            if isinstance(query, Ping | Read):
+            if isinstance(query, PingRequest | ReadRequest):
                 return self.line.span(self._asking(query, -inf))
             return self.line.span(ordering(self.fleet, query))
         except (BusError, ValueError, KeyError):  # told when it is begun
@@ -234,11 +236,11 @@ class CanReader:
         """Never: no setting of these devices delays their answers."""
         return False
 
-    def identify(self, *, patient: bool = False) -> Script[tuple[Device, ...]]:
+    def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
         """Ask everybody where he is and read his registers; devices that answer, in order of `ids`."""
         return identify(self.fleet, self.at_once)
 
-    def read(self, id: int, name: str) -> Script[Register]:
+    def read(self, id: int, name: str) -> Script[RegisterAddress]:
         """One register by its name; a float in thousandths of its unit.
 
         `hardware_error_status`: the fault bits of the contract. Raises NoReply, DeviceRefused, KeyError.
@@ -250,7 +252,7 @@ class CanReader:
         self._readable(row, id, parameter)
         waited = 0.0
         for _ in range(TRIES):
-            reply = yield Read((id,), parameter.address, 4)
+            reply = yield ReadRequest((id,), parameter.address, 4)
             waited += reply.waited
             if id in reply.data:
                 return self._register(id, parameter, reply.data[id])
@@ -260,34 +262,34 @@ class CanReader:
         """Never: what is written here is RAM, and nothing orders it to be saved."""
         return False
 
-    def _readable(self, row: int, id: int, parameter: Parameter) -> None:
+    def _readable(self, row: int, id: int, parameter: FamilyRegister) -> None:
         try:
             self.fleet.read(row, parameter)
         except ValueError as error:
             raise DeviceRefused(self.name, id, parameter.name, str(error)) from None
 
-    def _register(self, id: int, parameter: Parameter, data: bytes) -> Register:
+    def _register(self, id: int, parameter: FamilyRegister, data: bytes) -> RegisterAddress:
         try:
             value = whole(parameter, decode(parameter, data))
         except ValueError as error:
             raise DeviceRefused(self.name, id, parameter.name, str(error)) from None
-        return Register(parameter.name, parameter.address, 4, value, parameter.kept)
+        return RegisterAddress(parameter.name, parameter.address, 4, value, parameter.kept)
 
-    def _faults(self, id: int) -> Script[Register]:
+    def _faults(self, id: int) -> Script[RegisterAddress]:
         waited = 0.0
         for _ in range(TRIES):
-            reply = yield Read((id,), STATE, 3)
+            reply = yield ReadRequest((id,), STATE, 3)
             waited += reply.waited
             _, bits, told = reply.data.get(id, bytes(3))
             if told:
-                return Register(FAULTS, STATE, 1, bits)
+                return RegisterAddress(FAULTS, STATE, 1, bits)
         known = int(self.registers.fault[self.fleet.row(id)])
         if known >= 0:  # its family tells faults unasked only
-            return Register(FAULTS, STATE, 1, known)
+            return RegisterAddress(FAULTS, STATE, 1, known)
         raise NoReply(self.name, [id], waited, f"read of {FAULTS}")
 
 
-def _families(name: str, actuators: Sequence[Actuator]) -> list[tuple[Family, list[int]]]:
+def _families(name: str, actuators: Sequence[CanActuator]) -> list[tuple[ActuatorFamily, list[int]]]:
     """The actuators' families in order of their first, each with its rows."""
     kinds: dict[str, list[int]] = {}
     for row, each in enumerate(actuators):
@@ -297,9 +299,9 @@ def _families(name: str, actuators: Sequence[Actuator]) -> list[tuple[Family, li
     return made
 
 
-def _family(name: str, kind: str, own: Sequence[Actuator]) -> Family:
+def _family(name: str, kind: str, own: Sequence[CanActuator]) -> ActuatorFamily:
     table = ranges_of([model(each.model) for each in own])
-    ranges = Ranges(
+    ranges = FieldRanges(
         np.array([each.position for each in own]),
         np.array([each.velocity for each in own]),
         np.array([each.torque for each in own]),

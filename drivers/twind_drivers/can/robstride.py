@@ -21,15 +21,15 @@ from twind_drivers.can.family import (
     UNCALIBRATED,
     UNKNOWN,
     VOLTAGE,
-    Answered,
-    Feedback,
-    Kind,
-    Parameter,
-    Ranges,
-    Special,
+    ActuatorFeedback,
+    FamilyRegister,
+    FieldRanges,
+    RegisterReply,
+    RegisterType,
+    ValuelessCommand,
 )
 from twind_drivers.can.frame import BYTES, EXTENDED, EXTENDED_MASK, NOTHING, Frames, Octets, frames
-from twind_drivers.can.mit import WIDE, Scale
+from twind_drivers.can.mit import WIDE, FieldScale
 from twind_drivers.can.roster import NONE, by_name, checked_ids, four, to_one, untold
 
 GET_ID, MOTION, TOLD, ENABLE, STOP, ZERO, GET, SET, FAULTS = (
@@ -46,39 +46,39 @@ GET_ID, MOTION, TOLD, ENABLE, STOP, ZERO, GET, SET, FAULTS = (
 HARMLESS = (GET_ID, GET)  # of what a host may send: neither moves nor changes anything
 BROADCAST = 0xFE  # target of the answer to GET_ID
 ORDERS = {  # type and D0
-    Special.ENABLE: (ENABLE, 0),
-    Special.DISABLE: (STOP, 0),
-    Special.CLEAR: (STOP, 1),
-    Special.ZERO: (ZERO, 1),
+    ValuelessCommand.ENABLE: (ENABLE, 0),
+    ValuelessCommand.DISABLE: (STOP, 0),
+    ValuelessCommand.CLEAR: (STOP, 1),
+    ValuelessCommand.ZERO: (ZERO, 1),
 }
 FARTHEST = 1e6  # rad, rad/s: a float beyond it is no reading
 ELSEWISE = 100  # operating modes other than motion control begin here: this and run_mode
 
-POSITION = Parameter("mechanical_position", 0x7019, Kind.F32)
-VELOCITY = Parameter("mechanical_velocity", 0x701B, Kind.F32)
-TIMEOUT = Parameter("timeout", 0x7028, Kind.U32, writable=True, kept=True, unit=50e-6)
+POSITION = FamilyRegister("mechanical_position", 0x7019, RegisterType.F32)
+VELOCITY = FamilyRegister("mechanical_velocity", 0x701B, RegisterType.F32)
+TIMEOUT = FamilyRegister("timeout", 0x7028, RegisterType.U32, writable=True, kept=True, unit=50e-6)
 PARAMETERS = by_name(
     # Of the answer to GET_ID: the 64-bit number of its processor, all that tells one specimen from another.
-    Parameter("mcu_low", 0, Kind.U32, kept=True),
-    Parameter("mcu_high", 4, Kind.U32, kept=True),
-    Parameter("run_mode", 0x7005, Kind.U8, writable=True),
-    Parameter("iq_reference", 0x7006, Kind.F32),
-    Parameter("velocity_reference", 0x700A, Kind.F32),
-    Parameter("torque_limit", 0x700B, Kind.F32, writable=True, kept=True),
-    Parameter("current_kp", 0x7010, Kind.F32, writable=True, kept=True),
-    Parameter("current_ki", 0x7011, Kind.F32, writable=True, kept=True),
-    Parameter("current_filter", 0x7014, Kind.F32, writable=True, kept=True),
-    Parameter("position_reference", 0x7016, Kind.F32),
-    Parameter("speed_limit", 0x7017, Kind.F32, writable=True, kept=True),
-    Parameter("current_limit", 0x7018, Kind.F32, writable=True, kept=True),
+    FamilyRegister("mcu_low", 0, RegisterType.U32, kept=True),
+    FamilyRegister("mcu_high", 4, RegisterType.U32, kept=True),
+    FamilyRegister("run_mode", 0x7005, RegisterType.U8, writable=True),
+    FamilyRegister("iq_reference", 0x7006, RegisterType.F32),
+    FamilyRegister("velocity_reference", 0x700A, RegisterType.F32),
+    FamilyRegister("torque_limit", 0x700B, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("current_kp", 0x7010, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("current_ki", 0x7011, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("current_filter", 0x7014, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("position_reference", 0x7016, RegisterType.F32),
+    FamilyRegister("speed_limit", 0x7017, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("current_limit", 0x7018, RegisterType.F32, writable=True, kept=True),
     POSITION,
-    Parameter("filtered_iq", 0x701A, Kind.F32),
+    FamilyRegister("filtered_iq", 0x701A, RegisterType.F32),
     VELOCITY,
-    Parameter("bus_voltage", 0x701C, Kind.F32),
-    Parameter("turn_count", 0x701D, Kind.I16),
-    Parameter("velocity_acceleration", 0x7022, Kind.F32, writable=True, kept=True),
-    Parameter("profile_speed", 0x7024, Kind.F32, writable=True, kept=True),
-    Parameter("profile_acceleration", 0x7025, Kind.F32, writable=True, kept=True),
+    FamilyRegister("bus_voltage", 0x701C, RegisterType.F32),
+    FamilyRegister("turn_count", 0x701D, RegisterType.I16),
+    FamilyRegister("velocity_acceleration", 0x7022, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("profile_speed", 0x7024, RegisterType.F32, writable=True, kept=True),
+    FamilyRegister("profile_acceleration", 0x7025, RegisterType.F32, writable=True, kept=True),
     TIMEOUT,
 )
 IDENTITY = ("run_mode", "timeout", "torque_limit", "bus_voltage", "mcu_low", "mcu_high")
@@ -101,16 +101,16 @@ _FAULT = np.array(
 _REPORTED = {0: HEAT, 1: ELECTRICAL, 2: VOLTAGE, 3: ENCODER, 7: UNCALIBRATED, 14: OVERLOAD}
 
 
-class RobStride:
+class RobStrideCodec:
     """k RobStride actuators of one bus, as `Family` says."""
 
     name = "robstride"
-    parameters: Mapping[str, Parameter] = PARAMETERS
+    parameters: Mapping[str, FamilyRegister] = PARAMETERS
     identity: Sequence[str] = IDENTITY
-    watchdog: Parameter | None = TIMEOUT
+    watchdog: FamilyRegister | None = TIMEOUT
     answers = 2
 
-    def __init__(self, port: str, ids: Sequence[int], ranges: Ranges, host: int = 0xFD) -> None:
+    def __init__(self, port: str, ids: Sequence[int], ranges: FieldRanges, host: int = 0xFD) -> None:
         """`host`: the id that we speak as. ValueError: ids outside 1..FD, twice the same, or the host's."""
         self.port, self.host = port, host
         self.ids = checked_ids(port, self.name, ids, 1, 0xFD)
@@ -123,7 +123,7 @@ class RobStride:
         self.ranges = ranges
         self._rows = np.full(256, NONE, np.int64)
         self._rows[list(self.ids)] = range(len(self.ids))
-        self._scale = Scale(port, self.ids, ranges, WIDE, WIDE[:3])
+        self._scale = FieldScale(port, self.ids, ranges, WIDE, WIDE[:3])
         self._motion = np.array([EXTENDED | MOTION << 24 | id for id in self.ids], np.uint32)
         self._blank = frames(self._motion)
         self._blank["size"] = BYTES
@@ -149,20 +149,20 @@ class RobStride:
         """Nothing: every command carries them."""
         return NOTHING
 
-    def special(self, row: int, what: Special) -> Frames:
+    def special(self, row: int, what: ValuelessCommand) -> Frames:
         """Enable (3), stop (4; D0 = 1 clears faults) or zero (6). Raises ValueError for REBOOT."""
         if what not in ORDERS:
             raise ValueError(f"{self.port}: id {self.ids[row]}: a RobStride has no {what.name.lower()}")
         kind, first = ORDERS[what]
         return self._to(row, kind, bytes([first, 0, 0, 0, 0, 0, 0, 0]))
 
-    def read(self, row: int, parameter: Parameter) -> Frames:
+    def read(self, row: int, parameter: FamilyRegister) -> Frames:
         """Asks for one parameter (17); for its processor's number by type 0."""
         if parameter.address < 0x100:
             return self._to(row, GET_ID, bytes(8))
         return self._to(row, GET, parameter.address.to_bytes(2, "little") + bytes(6))
 
-    def write(self, row: int, parameter: Parameter, data: bytes) -> Frames:
+    def write(self, row: int, parameter: FamilyRegister, data: bytes) -> Frames:
         """Writes one parameter in RAM (18). Raises ValueError for one that is only read."""
         value = four(self.port, parameter, data)
         return self._to(row, SET, parameter.address.to_bytes(2, "little") + bytes(2) + value)
@@ -174,7 +174,7 @@ class RobStride:
         ours = (came & _FLAGS_AND_TARGET == EXTENDED | self.host) & (received["size"] == BYTES)
         return np.where(ours, rows, NONE), came, came >> 24 & 0x1F, received["data"]
 
-    def feedback(self, frames: Frames) -> tuple[Feedback, Bools]:
+    def feedback(self, frames: Frames) -> tuple[ActuatorFeedback, Bools]:
         """Of feedback (2), fault frames (21) and answers to reads of position and velocity (17)."""
         rows, came, kind, data = self._of(frames)
         whole = (rows >= 0) & (kind == TOLD)
@@ -197,7 +197,7 @@ class RobStride:
             found.fault[faults[told]] = [_reported(report) for report in reports]
         return found, told
 
-    def _whole(self, rows: Ints, came: Ints, data: Octets) -> Feedback:
+    def _whole(self, rows: Ints, came: Ints, data: Octets) -> ActuatorFeedback:
         """Of feedback frames (2)."""
         fields = np.ascontiguousarray(data).view(">u2").T.astype(np.float64)
         position, velocity, effort = self._scale.values(fields[:3], rows)
@@ -205,9 +205,9 @@ class RobStride:
         state = came >> 16 & 0xFF
         unknown = np.full(len(rows), np.nan)
         enabled, fault = _ENABLED.take(state), _FAULT.take(state)
-        return Feedback(rows, position, velocity, effort, enabled, fault, heat, unknown)
+        return ActuatorFeedback(rows, position, velocity, effort, enabled, fault, heat, unknown)
 
-    def answered(self, frames: Frames) -> tuple[list[Answered], Bools]:
+    def answered(self, frames: Frames) -> tuple[list[RegisterReply], Bools]:
         """Values read (17) without an error flag, and processors' numbers (0). Never a write."""
         rows, came, kind, data = self._of(frames)
         found = (rows >= 0) & (kind == GET) & (came & _FLAG == 0)
@@ -220,10 +220,10 @@ class RobStride:
             content = data[at].tobytes()
             if born[at]:
                 row = int(self._rows[came[at] >> 8 & 0xFF])
-                answers += [Answered(row, 0, content[:4]), Answered(row, 4, content[4:])]
+                answers += [RegisterReply(row, 0, content[:4]), RegisterReply(row, 4, content[4:])]
             else:
                 index = int.from_bytes(content[:2], "little")
-                answers.append(Answered(int(rows[at]), index, content[4:]))
+                answers.append(RegisterReply(int(rows[at]), index, content[4:]))
         return answers, found | born
 
     def learn(self, row: int, values: Mapping[str, float]) -> None:

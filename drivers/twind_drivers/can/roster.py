@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.bus import Floats, Ints
-from twind_drivers.can.family import Feedback, Parameter
+from twind_drivers.can.family import ActuatorFeedback, FamilyRegister
 from twind_drivers.can.frame import Frames, frames
 
 Table = NDArray[np.int64]
@@ -43,7 +43,7 @@ def column(values: Sequence[float]) -> Floats:
     return np.array(values, np.float64)
 
 
-def four(port: str, parameter: Parameter, data: bytes) -> bytes:
+def four(port: str, parameter: FamilyRegister, data: bytes) -> bytes:
     """`data` for a register that may be written. ValueError: it may not, or not 4 bytes."""
     if not parameter.writable:
         raise ValueError(f"{port}: {parameter.name} ({parameter.address:#x}) is not written by this driver")
@@ -52,14 +52,14 @@ def four(port: str, parameter: Parameter, data: bytes) -> bytes:
     return data
 
 
-def untold(rows: Ints) -> Feedback:
+def untold(rows: Ints) -> ActuatorFeedback:
     """Feedback of `rows` (j,) that says nothing yet."""
     count = len(rows)
     nan = np.full(count, np.nan)
     unsaid = np.full(count, -1, np.int64)
-    return Feedback(rows, nan, nan.copy(), nan.copy(), unsaid, unsaid.copy(), nan.copy(), nan.copy())
+    return ActuatorFeedback(rows, nan, nan.copy(), nan.copy(), unsaid, unsaid.copy(), nan.copy(), nan.copy())
 
 
-def by_name(*parameters: Parameter) -> Mapping[str, Parameter]:
+def by_name(*parameters: FamilyRegister) -> Mapping[str, FamilyRegister]:
     """Parameters by their names."""
     return {parameter.name: parameter for parameter in parameters}

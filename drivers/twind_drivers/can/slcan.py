@@ -8,11 +8,11 @@ from math import inf
 
 import numpy as np
 
-from twind_drivers.bus import PortError, PortFull, Transport
-from twind_drivers.can.channel import Condition, Line
+from twind_drivers.bus import ByteTransport, OutputQueueFull, PortError
+from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import NOTHING, Frames
-from twind_drivers.can.slcan_lines import Lines, encode
-from twind_drivers.can.stall import DEAD, Stall, Standing, dead
+from twind_drivers.can.slcan_lines import SlcanDecoder, encode
+from twind_drivers.can.stall import DEAD, ChannelStatusTracker, TransmitStall, dead
 
 # LAWICEL's table; the manual calls S7 800 kbit/s, python-can 750: it is left out.
 RATES = {
@@ -48,18 +48,18 @@ def opening(bitrate: int) -> bytes:
 class SlcanChannel:
     """One adapter on a byte transport. `bitrate` in bit/s, of the CAN side."""
 
-    def __init__(self, transport: Transport, bitrate: int) -> None:
+    def __init__(self, transport: ByteTransport, bitrate: int) -> None:
         """Opens the adapter's channel at once, and waits for nothing. Raises PortError."""
         self.name, self.warning = transport.name, transport.warning
-        self.condition = Condition()
+        self.condition = CanChannelStatus()
         try:
             self._opening = opening(bitrate)
         except ValueError as error:
             raise PortError(self.name, str(error)) from None
         self._transport = transport
-        self._lines = Lines()
-        self._standing = Standing(self.condition)  # of the wire: what the adapter refuses
-        self._port = Stall()  # of the serial side: bytes that do not leave
+        self._lines = SlcanDecoder()
+        self._standing = ChannelStatusTracker(self.condition)  # of the wire: what the adapter refuses
+        self._port = TransmitStall()  # of the serial side: bytes that do not leave
         self._buffer = bytearray(ROOM)
         self._room = memoryview(self._buffer)
         self._flushed = True  # an empty output says nothing of what was thrown out of it
@@ -95,14 +95,14 @@ class SlcanChannel:
             self._last = len(lines)
             self._transport.write(lines)
             self._flushed = False
-        except PortFull:
+        except OutputQueueFull:
             self._full(now, len(frames))
             raise
         except PortError as error:
             if error.lost:
                 raise
             self._full(now, len(frames))
-            raise PortFull(self.name, len(lines), len(lines)) from error
+            raise OutputQueueFull(self.name, len(lines), len(lines)) from error
 
     def receive(self, now: float) -> Frames:
         """All frames that have arrived. Raises PortError(lost=True)."""
@@ -143,7 +143,7 @@ class SlcanChannel:
     def _require_room(self) -> None:
         waiting = self._transport.backlog()
         if waiting > self._last:
-            raise PortFull(self.name, waiting, self._last)
+            raise OutputQueueFull(self.name, waiting, self._last)
         if not waiting and not self._flushed:
             self._port.taken()
 
@@ -206,7 +206,7 @@ class SlcanChannel:
     def _flags(self, flags: int) -> None:
         self._lines.flags, self._knows = -1, True
         self.condition.errors += bool(flags & BUS_ERROR)
-        self._standing.told(Line.PASSIVE if flags & PASSIVE else Line.ACTIVE)
+        self._standing.told(CanErrorState.PASSIVE if flags & PASSIVE else CanErrorState.ACTIVE)
 
     def _converse(self, now: float) -> None:
         """Opens again an adapter that has never said a byte; asks for its flags where it tells them."""

@@ -104,7 +104,7 @@ def _standard(frames: Frames) -> bytes:
     return lines.tobytes()
 
 
-class Lines:
+class SlcanDecoder:
     """What an adapter says, from bytes as they come. Holds at most PATIENCE of them; nothing raises.
 
     The counters only rise: `errors` lines that were nothing known, `refused` BELs, `acknowledged`. `flags`:

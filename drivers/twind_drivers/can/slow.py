@@ -10,9 +10,9 @@ from math import inf
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Read, Registers
-from twind_drivers.can.family import SILENCE, Family, Parameter
-from twind_drivers.can.fleet import Fleet, Heard
+from twind_drivers.bus import Bools, ReadRequest, SlowRegisterValues
+from twind_drivers.can.family import SILENCE, ActuatorFamily, FamilyRegister
+from twind_drivers.can.fleet import ActuatorGroup, GroupFeedback
 from twind_drivers.can.orders import decode
 
 VOLTAGE = "bus_voltage"  # the register's name in every family that has it
@@ -20,19 +20,19 @@ TRIPPED, LONGEST = 255, 254  # ms: what a watchdog reads as after it ran out, an
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class PolledRegister:
     """A register that is read in turn: of which rows, and how many fit into one slice."""
 
-    parameter: Parameter
+    parameter: FamilyRegister
     rows: tuple[int, ...]
 
-    def slices(self, ids: Sequence[int], size: int) -> list[Read]:
+    def slices(self, ids: Sequence[int], size: int) -> list[ReadRequest]:
         """Reads of at most `size` actuators each."""
         parts = (self.rows[first : first + size] for first in range(0, len(self.rows), size))
-        return [Read(tuple(ids[row] for row in part), self.parameter.address, 4) for part in parts]
+        return [ReadRequest(tuple(ids[row] for row in part), self.parameter.address, 4) for part in parts]
 
 
-class SlowRegisters:
+class CanSlowRegisters:
     """State of m actuators, each group with the time of its reading.
 
     `watchdog` is in ms, 1 to 254 (longer ones too), 0 off, 255 where the actuator says that it lost its
@@ -42,9 +42,9 @@ class SlowRegisters:
     it tells neither: nobody waits for what never comes.
     """
 
-    def __init__(self, fleet: Fleet) -> None:
+    def __init__(self, fleet: ActuatorGroup) -> None:
         m = len(fleet)
-        self._state: Registers = Registers.unknown(m)
+        self._state: SlowRegisterValues = SlowRegisterValues.unknown(m)
         self._barred: Bools | None = np.zeros(m, np.bool_)  # None: what follows from them is settled
         self._fleet = fleet
         self._period = np.full(m, -1, np.int16)  # of the watchdog's register
@@ -58,7 +58,7 @@ class SlowRegisters:
         self.schedule(len(fleet), turns=1)
 
     @property
-    def registers(self) -> Registers:
+    def registers(self) -> SlowRegisterValues:
         """All of it, as of what was told last; the same object every time."""
         if self._barred is not None:
             self._settle(self._barred)
@@ -73,16 +73,16 @@ class SlowRegisters:
         Slices are few and long, and turns are left out: what one costs hardly grows with its frames.
         """
         ids = self._fleet.ids
-        status: list[Read | None] = [read for each in self._watch for read in each.slices(ids, size)]
+        status: list[ReadRequest | None] = [read for each in self._watch for read in each.slices(ids, size)]
         self._health = [read for each in self._volts for read in each.slices(ids, size)]
         wanted = [*status, None] if self._health else status
-        self._slots: list[Read | None] = [None] * max(turns, len(wanted))
+        self._slots: list[ReadRequest | None] = [None] * max(turns, len(wanted))
         for number, read in enumerate(status):
             self._slots[number * len(self._slots) // len(wanted)] = read
         self._healthy = len(status) * len(self._slots) // len(wanted) if self._health else -1
         self._turn = self._slot = 0
 
-    def next(self) -> Read | None:
+    def next(self) -> ReadRequest | None:
         """The slice whose turn it is; None: nothing need be asked in this turn."""
         if not self._slots:
             return None
@@ -94,7 +94,7 @@ class SlowRegisters:
 
     # --------------------------------------------------------------------------- what was told
 
-    def hear(self, heard: Heard, rows: Bools, barred: Bools, time: float) -> None:
+    def hear(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
         """Keep what feedback says of `rows` (m,). `barred` (m,): who gets no commands any more."""
         state, everybody = self._state, bool(rows.all())
         told, faulty = heard.enabled >= 0, heard.fault >= 0
@@ -121,7 +121,7 @@ class SlowRegisters:
                 store[says], when[says] = source[says], time
         self._barred = barred
 
-    def fold(self, heard: Heard, rows: Bools, barred: Bools, time: float) -> None:
+    def fold(self, heard: GroupFeedback, rows: Bools, barred: Bools, time: float) -> None:
         """Keep what register answers of `rows` (m,) say."""
         for row, address, data, written in heard.answers:
             family, _ = self._fleet.of(row)
@@ -173,12 +173,14 @@ class SlowRegisters:
             np.copyto(state.health_time, self._state_time, where=~tells)
 
 
-def _watched(fleet: Fleet, of: Callable[[Family], Parameter | None]) -> list[Watched]:
+def _watched(
+    fleet: ActuatorGroup, of: Callable[[ActuatorFamily], FamilyRegister | None]
+) -> list[PolledRegister]:
     found = [(of(family), rows) for family, rows in fleet.families]
-    return [Watched(each, tuple(rows.tolist())) for each, rows in found if each is not None]
+    return [PolledRegister(each, tuple(rows.tolist())) for each, rows in found if each is not None]
 
 
-def _rows(watched: Sequence[Watched], m: int) -> Bools:
+def _rows(watched: Sequence[PolledRegister], m: int) -> Bools:
     rows = np.zeros(m, np.bool_)
     for each in watched:
         rows[list(each.rows)] = True

@@ -6,15 +6,15 @@ nobody acknowledges, the controller is off the wire, or the adapter hangs. Short
 
 from math import inf
 
-from twind_drivers.bus import PortError, PortFull
-from twind_drivers.can.channel import Condition, Line
+from twind_drivers.bus import OutputQueueFull, PortError
+from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 
 DEAF = 0.1  # s of refusals and of silence: nobody is there to acknowledge
 DEAD = 1.0  # s of refusals
 REMEDY = "are the actuators powered, the wires right and terminated, the bit rate theirs?"
 
 
-class QueueFull(PortFull):
+class QueueFull(OutputQueueFull):
     """The queue took `taken` of `count` frames; the rest was dropped, and nothing waits to be sent later."""
 
     def __init__(self, port: str, taken: int, count: int) -> None:
@@ -26,7 +26,7 @@ class QueueFull(PortFull):
         self.waiting, self.most = count - taken, count
 
 
-class Stall:
+class TransmitStall:
     """Refusals of one way out: since when, and whether anybody was heard meanwhile."""
 
     def __init__(self) -> None:
@@ -65,21 +65,21 @@ class Stall:
         self._emptied = self.blocked = False
 
 
-class Standing:
+class ChannelStatusTracker:
     """What was told of the line, and what refusals say of it, as one `Condition`."""
 
-    def __init__(self, condition: Condition) -> None:
-        self.condition, self.stall = condition, Stall()
-        self._told = Line.ACTIVE
+    def __init__(self, condition: CanChannelStatus) -> None:
+        self.condition, self.stall = condition, TransmitStall()
+        self._told = CanErrorState.ACTIVE
 
-    def told(self, line: Line) -> None:
+    def told(self, line: CanErrorState) -> None:
         """By an error frame, or by the adapter's flags."""
         self._told = line
         self.settle()
 
     def settle(self) -> None:
         """The worse of both."""
-        self.condition.line = Line.OFF if self.stall.blocked else self._told
+        self.condition.line = CanErrorState.OFF if self.stall.blocked else self._told
 
 
 def dead(port: str, waited: float) -> PortError:

@@ -10,9 +10,18 @@ it was ordered last and acknowledged.
 
 import numpy as np
 
-from twind_drivers.bus import Bools, Burst, DeviceRefused, Floats, NoReply, Read, Script, Write
-from twind_drivers.can.commands import Commands
-from twind_drivers.can.family import SILENCE, Special
+from twind_drivers.bus import (
+    Bools,
+    BurstWriteRequest,
+    DeviceRefused,
+    Floats,
+    NoReply,
+    ReadRequest,
+    Script,
+    WriteRequest,
+)
+from twind_drivers.can.commands import CanCommandEncoder
+from twind_drivers.can.family import SILENCE, ValuelessCommand
 from twind_drivers.can.orders import STATE
 from twind_drivers.can.units import COUNT
 
@@ -22,7 +31,7 @@ BEATS = 60  # looks at what is told unasked, ten times a second (ODrive's heartb
 MOVED = 0.05
 
 
-def energise(own: Commands) -> Script[None]:
+def energise(own: CanCommandEncoder) -> Script[None]:
     """Torque on and read back, held where it was aimed. Raises DeviceRefused, NoReply."""
     if own.aim is None:
         raise DeviceRefused(own.reader.name, own.reader.ids[0], "torque", "prepare and aim come first")
@@ -32,30 +41,38 @@ def energise(own: Commands) -> Script[None]:
     own.hold(own.aim, soft=bool(limp.any()))
     own.reader.slow.doubt(everybody)
     own.cyclic.energise(everybody, own.line.sent)
-    yield Burst(
-        (own.special(Special.ENABLE, limp), own.order(own.aim, limp, soft=True), own.order(own.aim, ~limp))
+    yield BurstWriteRequest(
+        (
+            own.special(ValuelessCommand.ENABLE, limp),
+            own.order(own.aim, limp, soft=True),
+            own.order(own.aim, ~limp),
+        )
     )
     try:
         yield from _told(own, True, before)
     except (DeviceRefused, NoReply):
         own.cut(limp)  # who had torque before keeps it: he may carry a load
-        yield Burst((own.special(Special.DISABLE, limp), own.special(Special.DISABLE, limp)))
+        yield BurstWriteRequest(
+            (own.special(ValuelessCommand.DISABLE, limp), own.special(ValuelessCommand.DISABLE, limp))
+        )
         raise
     own.hold(own.aim)
-    yield Burst((own.order(own.aim, everybody),))
+    yield BurstWriteRequest((own.order(own.aim, everybody),))
 
 
-def release(own: Commands) -> Script[None]:
+def release(own: CanCommandEncoder) -> Script[None]:
     """Torque off, ordered twice, and read back. Raises DeviceRefused, NoReply."""
     everybody = np.ones(len(own.lower), np.bool_)
     own.line.goals = None
     own.cyclic.energised = np.zeros(len(own.lower), np.bool_)
     own.reader.slow.doubt(everybody)
-    yield Burst((own.special(Special.DISABLE, everybody), own.special(Special.DISABLE, everybody)))
+    yield BurstWriteRequest(
+        (own.special(ValuelessCommand.DISABLE, everybody), own.special(ValuelessCommand.DISABLE, everybody))
+    )
     yield from _told(own, False, None)
 
 
-def _told(own: Commands, on: bool, before: Floats | None) -> Script[None]:
+def _told(own: CanCommandEncoder, on: bool, before: Floats | None) -> Script[None]:
     """Until all say that their torque is `on`. `before` (m,): where they were, rad."""
     state, answering, mute = own.reader.registers, own.fleet.replies, own.fleet.answers == 0
     spoke = _acknowledged(own)
@@ -69,30 +86,30 @@ def _told(own: Commands, on: bool, before: Floats | None) -> Script[None]:
         asked = wrong & answering
         if asked.any() and look < TRIES:
             again = own.order(own.aim, asked, soft=True) if on and own.aim is not None else None
-            yield Burst((again,) if again is not None else _off(own, asked))
+            yield BurstWriteRequest((again,) if again is not None else _off(own, asked))
         elif (wrong & ~answering).any():
-            yield Read(tuple(own.by_id(wrong & ~answering)), STATE, 3)
+            yield ReadRequest(tuple(own.by_id(wrong & ~answering)), STATE, 3)
         else:
             break
         spoke = _acknowledged(own)
     _refuse(own, state.torque != on, on)
 
 
-def _acknowledged(own: Commands) -> Bools:
+def _acknowledged(own: CanCommandEncoder) -> Bools:
     """Who (m,) answered each order of the last transaction: one late answer alone is none."""
     line = own.line
     answered: Bools = (line.expect > 0) & (line.heard.count >= line.expect) & own.cyclic.proven
     return answered
 
 
-def _off(own: Commands, rows: Bools) -> tuple[Write, ...]:
+def _off(own: CanCommandEncoder, rows: Bools) -> tuple[WriteRequest, ...]:
     """Off, once more. Who lost his master says only that, so he has to forget it before he tells."""
     lost = rows & (own.reader.registers.fault == SILENCE)
-    off = own.special(Special.DISABLE, rows)
+    off = own.special(ValuelessCommand.DISABLE, rows)
     return (off, *own.clear_faults(lost), off)
 
 
-def _refuse(own: Commands, wrong: Bools, on: bool) -> None:
+def _refuse(own: CanCommandEncoder, wrong: Bools, on: bool) -> None:
     silent = wrong & (own.reader.registers.torque < 0)
     if silent.any():
         raise NoReply(own.reader.name, own.by_id(silent), 0.0, f"torque {'on' if on else 'off'}")
@@ -100,7 +117,7 @@ def _refuse(own: Commands, wrong: Bools, on: bool) -> None:
     raise DeviceRefused(own.reader.name, own.by_id(wrong)[0], "torque", reason)
 
 
-def _require_turn(own: Commands, before: Floats) -> None:
+def _require_turn(own: CanCommandEncoder, before: Floats) -> None:
     moved = np.abs(own.cyclic.place - before)
     if (moved > MOVED).any():
         row = int(np.nanargmax(moved))

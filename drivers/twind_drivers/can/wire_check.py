@@ -3,20 +3,20 @@
 import numpy as np
 
 from twind_drivers.bus import Ints, WireClamp
-from twind_drivers.can.fleet import Fleet
+from twind_drivers.can.fleet import ActuatorGroup
 from twind_drivers.can.frame import Frames
 from twind_drivers.can.units import COUNT
 
 STEPS = 0xFFFF  # of a field of 16 bits, the narrowest that carries a position: it is truncated to one
 
 
-class WireCheck:
+class CanWireCheck:
     """What may be ordered on one bus: `lower`, `upper` (m,) in counts, inclusive.
 
     Judged is what the bytes say, so one count is allowed beyond, or one step of a field that is coarser.
     """
 
-    def __init__(self, fleet: Fleet, lower: Ints, upper: Ints) -> None:
+    def __init__(self, fleet: ActuatorGroup, lower: Ints, upper: Ints) -> None:
         self._fleet, self._lower, self._upper = fleet, lower, upper
         self._widen()
 

@@ -8,25 +8,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twind_drivers.alone import Alone
+from twind_drivers.alone import SingleDeviceControl
 from twind_drivers.bus import (
     Bools,
-    Burst,
+    BurstWriteRequest,
     DeviceRefused,
     Floats,
     Ints,
     NoReply,
     Order,
-    Read,
-    Reboot,
-    Register,
-    Restart,
+    ReadRequest,
+    RebootRequest,
+    RegisterAddress,
+    RestartResult,
     Script,
-    Write,
+    WriteRequest,
 )
 from twind_drivers.can import bringup, torque
-from twind_drivers.can.commands import Commands
-from twind_drivers.can.family import Special
+from twind_drivers.can.commands import CanCommandEncoder
+from twind_drivers.can.family import ValuelessCommand
 from twind_drivers.can.orders import STATE, encode, ordering, parameter_of, part
 from twind_drivers.can.reader import CanReader
 
@@ -71,7 +71,7 @@ class CanWriter:
         """
         m = len(reader.ids)
         self._reader, self._name = reader, reader.name
-        self._own = Commands(reader, lower, upper, kp, kd)
+        self._own = CanCommandEncoder(reader, lower, upper, kp, kd)
         limits = np.full(m, np.nan) if torque_limits is None else np.asarray(torque_limits, np.float64)
         required = np.ones(m, np.bool_) if watchdog is None else np.asarray(watchdog, np.bool_)
         if limits.shape != (m,) or required.shape != (m,):
@@ -104,7 +104,7 @@ class CanWriter:
     def begin(self, order: Order, now: float) -> None:
         """Begin one order; the reader's `answer` ends it. Raises PortError, WireClamp, TypeError;
         DeviceRefused for what a family does not have."""
-        if not isinstance(order, Write | Burst | Reboot):
+        if not isinstance(order, WriteRequest | BurstWriteRequest | RebootRequest):
             raise TypeError(f"{self._name}: a writer does not ask: {order}")
         try:
             exchange = ordering(self._own.fleet, order)
@@ -133,12 +133,12 @@ class CanWriter:
         silent = np.ones(len(ticks), np.bool_)
         waited = 0.0
         for _ in range(TRIES):
-            reply = yield Burst((own.order(ticks, silent),))
+            reply = yield BurstWriteRequest((own.order(ticks, silent),))
             waited += reply.waited
             silent &= ~own.rows(reply.data)
             mute = silent & ~own.fleet.replies
             if mute.any():  # acknowledges nothing: that it is there is all that can be known
-                reply = yield Read(tuple(own.by_id(mute)), STATE, 3)
+                reply = yield ReadRequest(tuple(own.by_id(mute)), STATE, 3)
                 silent &= ~own.rows(reply.data)
             if not silent.any():
                 return
@@ -164,14 +164,14 @@ class CanWriter:
         that did not acknowledge it, or never acknowledge."""
         return bringup.damp(self._own, self._own.here())
 
-    def alone(self, id: int, *, cap: int, profile: int) -> Alone:
+    def alone(self, id: int, *, cap: int, profile: int) -> SingleDeviceControl:
         """Not on CAN: always raises ValueError."""
         raise ValueError(f"{self._name}: id {id}: a CAN actuator is not driven against a stop here")
 
     def together(self) -> None:
         """They always are."""
 
-    def write(self, id: int, name: str, value: int) -> Script[Register]:
+    def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
         """One register by name, in RAM, read back; a float in thousandths of its unit.
 
         Raises NoReply, DeviceRefused, KeyError (lists near names), ValueError (range, read-only, not here).
@@ -186,7 +186,7 @@ class CanWriter:
         yield from bringup.written(own, {id: data}, parameter)
         return (yield from self._reader.read(id, parameter.name))
 
-    def reboot(self, id: int, *, shut_down: bool = False) -> Script[Restart]:
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
         """Restart one actuator, wait until it answers. Nothing of its RAM is kept: `prepare` writes it anew.
 
         Raises DeviceRefused while its torque is on (unless `shut_down`), and where its family has no restart.
@@ -194,19 +194,19 @@ class CanWriter:
         own = self._own
         row = own.fleet.row(id)
         try:
-            own.fleet.special(row, Special.REBOOT)
+            own.fleet.special(row, ValuelessCommand.REBOOT)
         except ValueError as error:
             raise DeviceRefused(self._name, id, "restart", f"{error}: switch its power off and on") from None
         if self._reader.registers.torque[row] == 1 and not shut_down:
             raise DeviceRefused(
                 self._name, id, "restart", "its torque is on: it carries a load; disarm first"
             )
-        yield Reboot(id)
+        yield RebootRequest(id)
         self._reader.slow.forget(row)
         waited = 0.0
         for _ in range(RESTART):
-            reply = yield Read((id,), STATE, 3)
+            reply = yield ReadRequest((id,), STATE, 3)
             waited += reply.waited
             if id in reply.data:
-                return Restart()
+                return RestartResult()
         raise NoReply(self._name, [id], waited, "restart")

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twind_drivers.bus import DeviceRefused, Order, Restart, Script, WireClamp, Write
+from twind_drivers.bus import DeviceRefused, Order, RestartResult, Script, WireClamp, WriteRequest
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.goals import GoalPacket
 from twind_drivers.dynamixel.modes import CURRENT_BASED, block, check_cap, fences, mode_of
 from twind_drivers.dynamixel.reader import DynamixelReader
 from twind_drivers.dynamixel.restore import give_back, let_go, settings, values
-from twind_drivers.dynamixel.servo import Servo
-from twind_drivers.dynamixel.wire_check import WireCheck
+from twind_drivers.dynamixel.servo import ServoCommandState
+from twind_drivers.dynamixel.wire_check import DynamixelWireCheck
 
 SLAVE, TIMED, TORQUE_BY_GOAL = 2, 4, 8  # bits of Drive Mode (10)
 FOREIGN = SLAVE | TORQUE_BY_GOAL  # with one of them it is not driven by what is written here alone
@@ -36,20 +36,20 @@ EEPROM = (
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class SavedSettings:
     """What a servo was set to before: register name in snake case -> value."""
 
     eeprom: Mapping[str, int]
     ram: Mapping[str, int]
 
 
-class AloneServo:
-    """Implements `twind_drivers.alone.Alone`. Counts are the servo's own, as it tells them in mode 5."""
+class SingleServoControl:
+    """Implements `twind_drivers.alone.SingleDeviceControl`. Counts are the servo's own, as it tells them in mode 5."""
 
     def __init__(
         self,
         reader: DynamixelReader,
-        servos: Sequence[Servo],
+        servos: Sequence[ServoCommandState],
         id: int,
         *,
         cap: int,
@@ -100,7 +100,7 @@ class AloneServo:
 
     # --------------------------------------------------------------------------- scripts
 
-    def look(self) -> Script[Kept]:
+    def look(self) -> Script[SavedSettings]:
         """What it is set to. Raises DeviceRefused: torque on, a hardware error, an odd Drive Mode."""
         servo, table = self._was, self._was.table
         eeprom = yield from values(self._reader, servo, [table[name] for name in EEPROM if name in table])
@@ -114,22 +114,22 @@ class AloneServo:
             )
         if eeprom["drive_mode"] & FOREIGN:
             raise self._refused("Drive Mode (10)", f"is {eeprom['drive_mode']}: bits 1 and 3 must be 0")
-        return Kept(eeprom, ram)
+        return SavedSettings(eeprom, ram)
 
-    def left(self, kept: Kept) -> str:
+    def left(self, kept: SavedSettings) -> str:
         """The mode, and what its change resets."""
         was = kept.eeprom["operating_mode"]
         return (
             f"Operating Mode (11) {CURRENT_BASED} (was {was}) and gains, profile and Goal Current of a search"
         )
 
-    def enter(self, kept: Kept) -> Script[None]:
+    def enter(self, kept: SavedSettings) -> Script[None]:
         """Into mode 5, read back. Raises DeviceRefused, NoReply."""
         if kept.eeprom["operating_mode"] != CURRENT_BASED:
             yield from self._write("operating_mode", CURRENT_BASED)
         yield from self._same({"operating_mode": CURRENT_BASED})
 
-    def prepare(self, kept: Kept, tick: int) -> Script[None]:
+    def prepare(self, kept: SavedSettings, tick: int) -> Script[None]:
         """Cap, gains, profile, goal := `tick`, watchdog: all that stands before torque, read back together.
 
         Raises DeviceRefused, NoReply, WireClamp.
@@ -162,7 +162,7 @@ class AloneServo:
         cap = {"goal_current": self._cap, "bus_watchdog": self.watchdog}
         yield from self._same({"torque_enable": 1} | mode | cap)
 
-    def give_back(self, kept: Kept) -> Script[Restart]:
+    def give_back(self, kept: SavedSettings) -> Script[RestartResult]:
         """Torque and watchdog off, mode and RAM settings as they were, all read back, EEPROM compared.
 
         Raises DeviceRefused, that names what differs; NoReply.
@@ -185,15 +185,15 @@ class AloneServo:
 
     # --------------------------------------------------------------------------- parts
 
-    def _fenced(self, lower: int, upper: int) -> WireCheck:
+    def _fenced(self, lower: int, upper: int) -> DynamixelWireCheck:
         own = fences(self._servo.table, self._servo.mode, lower, upper, self._cap)
-        return WireCheck(self._reader.name, self._reader.tables, self._closed | {self.id: own})
+        return DynamixelWireCheck(self._reader.name, self._reader.tables, self._closed | {self.id: own})
 
     def _write(self, name: str, value: int) -> Script[None]:
         """Acknowledged. Raises DeviceRefused with the servo's own reason."""
         field = self._was.table[name]
         field.check(value)
-        order: Order = Write({self.id: field.encode(value)}, field.address)
+        order: Order = WriteRequest({self.id: field.encode(value)}, field.address)
         error = (yield order).error.get(self.id, 0)
         if error & 0x7F:
             raise self._refused(f"{field.name} ({field.address}) = {value}", packet.explain(error))

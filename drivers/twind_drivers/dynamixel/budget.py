@@ -55,7 +55,7 @@ def slice_bytes(count: int, size: int, *, fast: bool) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Upkeep:
+class SlowReadSchedule:
     """Round robin of the slow registers: in every `slots` calls all devices' status, one slice of health.
 
     Called f times a second, `slots = floor(f / 20 Hz)`; one call in a round reads the health of `health`
@@ -82,7 +82,7 @@ class Upkeep:
         return max(slice_bytes(count, size, fast=fast) for count, size in rows)
 
 
-def upkeep(groups: Sequence[int], rate_hz: float, *, fast: bool = False) -> Upkeep:
+def upkeep(groups: Sequence[int], rate_hz: float, *, fast: bool = False) -> SlowReadSchedule:
     """The round robin that refreshes all at STATUS_HZ and HEALTH_HZ when called `rate_hz`.
 
     `groups`: devices of each register layout; one slice holds devices of one layout.
@@ -91,10 +91,12 @@ def upkeep(groups: Sequence[int], rate_hz: float, *, fast: bool = False) -> Upke
     rounds = max(1, round(STATUS_HZ / HEALTH_HZ))
     turns = slots - 1
     if not fast or turns < 2 * len(groups):
-        return Upkeep(slots, _cut(groups, turns), 0, _cut(groups, rounds))
+        return SlowReadSchedule(slots, _cut(groups, turns), 0, _cut(groups, rounds))
     each = (STATE_BLOCK + 4, WATCHDOG + 4)  # bytes of a device in either block
     watching = min(turns - len(groups), max(len(groups), round(turns * each[1] / sum(each))))
-    return Upkeep(slots, _cut(groups, turns - watching), _cut(groups, watching), _cut(groups, rounds))
+    return SlowReadSchedule(
+        slots, _cut(groups, turns - watching), _cut(groups, watching), _cut(groups, rounds)
+    )
 
 
 def _cut(groups: Sequence[int], turns: int) -> int:
@@ -114,7 +116,7 @@ def indirect_bytes(count: int, rate_hz: float, *, fast: bool) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class SerialCycleBudget:
     """One bus's cycle at one rate. `lines` is the arithmetic, for people."""
 
     bytes: int  # of a whole cycle: goals, request, replies, upkeep slice
@@ -145,7 +147,7 @@ def budget(
     read_size: int = CYCLIC,
     groups: Sequence[int] = (),
     sensor: tuple[int, float] | None = None,
-) -> Budget:
+) -> SerialCycleBudget:
     """The cycle of `count` devices: goals (`write`), cyclic reading, and with `upkeep_hz` its longest slice.
 
     `groups`: devices of each register layout where there are several: read by bulk read, written in one
@@ -177,7 +179,7 @@ def budget(
 
 def _sum(
     rows: Sequence[tuple[str, int, int]], baud: int, delay_us: float, usb_s: float, own_us: float
-) -> Budget:
+) -> SerialCycleBudget:
     """`own_us`: the return delay of a sensor."""
     total = sum(size for _, size, _ in rows)
     delays = sum(each for _, _, each in rows)
@@ -189,4 +191,4 @@ def _sum(
     if usb_s:
         lines.append(f"adapter: {usb_s * 1e6:.0f} us")
     lines.append(f"together {total} bytes at {baud} baud = {seconds * 1e6:.0f} us")
-    return Budget(total, seconds, 1.0 / seconds, tuple(lines))
+    return SerialCycleBudget(total, seconds, 1.0 / seconds, tuple(lines))

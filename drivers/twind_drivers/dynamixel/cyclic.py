@@ -23,17 +23,20 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.attendance import Attendance
-from twind_drivers.bus import Bools, Sample
+from twind_drivers.attendance import DevicePresence
+from twind_drivers.bus import Bools, BusSample
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.layout import Layout
-from twind_drivers.dynamixel.line import Exchange, Line
+from twind_drivers.dynamixel.layout import DeviceLayout
+from twind_drivers.dynamixel.line import HalfDuplexTransactor, SerialTransaction
 from twind_drivers.dynamixel.packet import CAPACITY, STATUS_OVERHEAD
-from twind_drivers.dynamixel.replies import FastReply, Octets, PlainReply
+from twind_drivers.dynamixel.replies import FastSyncReadReply, Octets, StatusReply
 
 ROW = np.dtype([("effort", "<i2"), ("velocity", "<i4"), ("position", "<i4")])
 T = TypeVar("T", bound=np.generic)
-REFUSALS = (packet.Error.DATA_LENGTH, packet.Error.ACCESS)  # of a block that a device does not have
+REFUSALS = (
+    packet.StatusErrorCode.DATA_LENGTH,
+    packet.StatusErrorCode.ACCESS,
+)  # of a block that a device does not have
 REFUSED = 3  # in a row, after which the longer blocks are not asked any more
 
 SURE = 3  # answers in a row, without a stray byte around, after which a suspect is believed
@@ -41,21 +44,21 @@ CALM = 2  # whole plain readings in a row before the fast one is tried again
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class CyclicRequest:
     """One way of asking."""
 
-    exchange: Exchange
-    reply: PlainReply | FastReply
+    exchange: SerialTransaction
+    reply: StatusReply | FastSyncReadReply
     before: int  # bytes that lie before the cyclic block in each answer
     fast: bool
 
 
-class Cyclic:
+class DynamixelCyclicRead:
     """The reading of m devices, whatever their layouts. `fast`: every one of them knows fast reads."""
 
-    def __init__(self, ids: tuple[int, ...], layouts: Sequence[Layout], *, fast: bool) -> None:
+    def __init__(self, ids: tuple[int, ...], layouts: Sequence[DeviceLayout], *, fast: bool) -> None:
         self.ids, self.fast = ids, fast
-        self.attendance = Attendance(len(ids))
+        self.attendance = DevicePresence(len(ids))
         self.hasty = False  # a plain reading of everybody does not fit a cycle
         self.trouble = False  # there was a hole, and not yet enough whole readings since
         self._layouts = tuple(layouts)
@@ -89,7 +92,7 @@ class Cyclic:
 
     def begin_anew(self) -> None:
         """Nothing was asked for a while, and no answer is under way: everybody is asked as at first."""
-        self.attendance = Attendance(len(self.ids))
+        self.attendance = DevicePresence(len(self.ids))
         self.trouble, self._calm = False, 0
         self.rebuild()
 
@@ -101,16 +104,16 @@ class Cyclic:
             self._question(0, ROW.itemsize, fast=True),
             self._question(0, ROW.itemsize),
         )
-        self._ring: dict[int, Question] = {}  # by turn; most are never needed
+        self._ring: dict[int, CyclicRequest] = {}  # by turn; most are never needed
         self._now = self._steady
 
-    def next(self) -> Exchange:
+    def next(self) -> SerialTransaction:
         """The request of this cycle."""
         self._cycle += 1
         self._now = self._troubled() if self.trouble else self._quick if self.fast else self._steady
         return self._now.exchange
 
-    def _troubled(self) -> Question:
+    def _troubled(self) -> CyclicRequest:
         count = len(self._wider)
         if not count:
             return self._quick if self.hasty else self._steady
@@ -123,7 +126,7 @@ class Cyclic:
             self._ring[which] = self._question(*self._wider[which], fast=self.hasty)
         return self._ring[which]
 
-    def sample(self, line: Line, now: float) -> Sample:
+    def sample(self, line: HalfDuplexTransactor, now: float) -> BusSample:
         """What the reply to the last `next` says, once the line has ended it. Zero where not heard."""
         asked, attendance = self._now, self.attendance.asked
         reply = asked.reply
@@ -144,7 +147,7 @@ class Cyclic:
         late: tuple[int, ...] = ()
         if line.late:
             late, line.late = tuple(line.late), []
-        return Sample(
+        return BusSample(
             sent=line.sent,
             received=line.received,
             position=position,
@@ -174,7 +177,7 @@ class Cyclic:
         self._proven_at[self.proven] = self._cycle
         return self.proven
 
-    def _judge(self, asked: Question, answered: Bools, now: float) -> None:
+    def _judge(self, asked: CyclicRequest, answered: Bools, now: float) -> None:
         reply, could = asked.reply, self.attendance.asked
         if reply.whole:
             if not np.count_nonzero(could & ~self.proven):
@@ -202,15 +205,15 @@ class Cyclic:
         full[self._places] = part
         return full
 
-    def _question(self, before: int, size: int, *, fast: bool = False) -> Question:
+    def _question(self, before: int, size: int, *, fast: bool = False) -> CyclicRequest:
         """Read `size` bytes that begin `before` the cyclic block, of everybody who is asked."""
         starts = {self.ids[place]: self.block(place)[0] - before for place in self._places.tolist()}
         ids = tuple(starts)
-        reply = FastReply(ids, size) if fast else PlainReply(ids, size)
+        reply = FastSyncReadReply(ids, size) if fast else StatusReply(ids, size)
         if len(set(starts.values())) == 1:
             build = packet.fast_sync_read if fast else packet.sync_read
             request = build(ids, starts[ids[0]], size)
         else:  # layouts differ: a bulk read has an address for each
             bulk = packet.fast_bulk_read if fast else packet.bulk_read
             request = bulk({id: (start, size) for id, start in starts.items()})
-        return Question(Exchange(request, reply, 1 if fast else len(ids)), reply, before, fast)
+        return CyclicRequest(SerialTransaction(request, reply, 1 if fast else len(ids)), reply, before, fast)

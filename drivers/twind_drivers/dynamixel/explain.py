@@ -7,17 +7,17 @@ stands in other registers.
 from contextlib import suppress
 
 from twind_drivers.bus import DeviceRefused, NoReply, Script
-from twind_drivers.dynamixel.layout import Block
+from twind_drivers.dynamixel.layout import RegisterBlock
 from twind_drivers.dynamixel.modes import MODES, POSITION
 from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.dynamixel.servo import Servo
-from twind_drivers.dynamixel.tables import Field
+from twind_drivers.dynamixel.servo import ServoCommandState
+from twind_drivers.dynamixel.tables import TableRegister
 
 TRIPPED = 255  # what the bus watchdog (98) reads when it has tripped
 LIMITED = ("goal_current", "goal_velocity", "goal_pwm")  # each has one register that bounds it
 
 
-def limit_words(reader: DynamixelReader, id: int, field: Field) -> Script[str]:
+def limit_words(reader: DynamixelReader, id: int, field: TableRegister) -> Script[str]:
     """Name and value of the register that bounds `field`; empty where none does, or the device is silent."""
     if field.rule.limit is not None:
         with suppress(NoReply, DeviceRefused):
@@ -26,7 +26,9 @@ def limit_words(reader: DynamixelReader, id: int, field: Field) -> Script[str]:
     return ""
 
 
-def explain(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) -> Script[str]:
+def explain(
+    reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
+) -> Script[str]:
     """What explains that `data` did not stay at `where`: "; reason; reason", empty where nothing does.
 
     Never raises for a device that does not answer: then only what is known already is said.
@@ -40,7 +42,9 @@ def explain(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) ->
     return "".join(f"; {reason}" for reason in found)
 
 
-def _state(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) -> Script[list[str]]:
+def _state(
+    reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
+) -> Script[list[str]]:
     place, state, status = reader.ids.index(servo.id), reader.registers, servo.layout.status
     with suppress(NoReply, DeviceRefused):  # then what was read of it before explains
         yield from reader.collect((servo.id,), status.address, status.size)  # kept in `registers`
@@ -49,7 +53,9 @@ def _state(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) -> 
     return ["its bus watchdog has tripped"] if state.watchdog[place] == TRIPPED else []
 
 
-def _mode(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) -> Script[list[str]]:
+def _mode(
+    reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
+) -> Script[list[str]]:
     mode = (yield from reader.read(servo.id, "operating_mode")).value
     if mode == servo.mode.number:
         return []
@@ -58,7 +64,9 @@ def _mode(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) -> S
     return [f"operating mode (11) is {mode} ({name}), {wanted} is needed: disarm, then write register 11"]
 
 
-def _limits(reader: DynamixelReader, servo: Servo, where: Block, data: bytes) -> Script[list[str]]:
+def _limits(
+    reader: DynamixelReader, servo: ServoCommandState, where: RegisterBlock, data: bytes
+) -> Script[list[str]]:
     table, found = servo.table, []
     for name in (*LIMITED, "goal_position"):
         at = where.offset(table[name]) if name in table else None

@@ -12,7 +12,7 @@ UNKNOWN: Gains = (None, None, None, None, None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Factory:
+class FactoryDefaults:
     """Of one model."""
 
     velocity: int  # limit
@@ -34,20 +34,24 @@ class Factory:
     mode: int = 3
 
 
-def _x(velocity: int, current: int | None = None, *, p: int = 800, of: Factory | None = None) -> Factory:
-    made = of or Factory(velocity=velocity)
+def _x(
+    velocity: int, current: int | None = None, *, p: int = 800, of: FactoryDefaults | None = None
+) -> FactoryDefaults:
+    made = of or FactoryDefaults(velocity=velocity)
     return replace(made, velocity=velocity, current=current, gains=(*made.gains[:4], p))
 
 
 W6, W12, W24 = (60, 160), (95, 160), (110, 300)
-V24 = Factory(velocity=0, volts=W24)
-C430 = Factory(velocity=0, volts=W6)
-L430 = Factory(velocity=0, volts=(60, 140), temperature=72)
-X330 = Factory(velocity=0, velocity_most=2047, temperature=70, volts=(31, 70), volts_least=35, slope=140)
+V24 = FactoryDefaults(velocity=0, volts=W24)
+C430 = FactoryDefaults(velocity=0, volts=W6)
+L430 = FactoryDefaults(velocity=0, volts=(60, 140), temperature=72)
+X330 = FactoryDefaults(
+    velocity=0, velocity_most=2047, temperature=70, volts=(31, 70), volts_least=35, slope=140
+)
 T330 = replace(X330, volts=(55, 140), volts_least=None, slope=255, current=910, gains=(1200, 40, 0, 0, 900))
-MX = Factory(velocity=0, acceleration=(32767, 32767))
+MX = FactoryDefaults(velocity=0, acceleration=(32767, 32767))
 
-X_SERIES: Mapping[str, Factory] = {
+X_SERIES: Mapping[str, FactoryDefaults] = {
     "xm430_w350": _x(200, 1193),
     "xm430_w210": _x(330, 1193),
     "xh430_w350": _x(130, 648, p=900),
@@ -87,10 +91,10 @@ X_SERIES: Mapping[str, Factory] = {
 
 def _p(
     current: int, velocity: int, acceleration: tuple[int, int], turn: tuple[int, int], gains: Gains
-) -> Factory:
+) -> FactoryDefaults:
     """`acceleration`: as delivered, at most. `turn`: half a turn, position limit as delivered."""
     most, limit = turn
-    return Factory(
+    return FactoryDefaults(
         velocity=velocity,
         velocity_most=velocity,
         current=current,
@@ -105,7 +109,9 @@ def _p(
     )
 
 
-def _ra(p_series: Factory, acceleration: tuple[int, int], threshold: int, volts: int) -> Factory:
+def _ra(
+    p_series: FactoryDefaults, acceleration: tuple[int, int], threshold: int, volts: int
+) -> FactoryDefaults:
     """The PRO -R(A) of the same drive train."""
     return replace(
         p_series,
@@ -135,7 +141,7 @@ PM42 = _p(1461, 2600, (4_346_756, 4_346_756), T_PM42, (6740, 2145, 0, 0, 1061))
 PM54_040 = _p(4470, 2840, (11_037, 4_414_976), T_PM54, (408, 1137, 0, 0, 502))
 PM54_060 = _p(7980, 2830, (11_145, 4_457_932), T_PM54, (813, 2265, 0, 0, 502))
 
-P_SERIES: Mapping[str, Factory] = {
+P_SERIES: Mapping[str, FactoryDefaults] = {
     "ph42_020_s300": PH42,
     "ph54_100_s500": PH54_100,
     "ph54_200_s500": PH54_200,
@@ -160,4 +166,4 @@ P_SERIES: Mapping[str, Factory] = {
         mode=5,
     ),
 }
-FACTORY: Mapping[str, Factory] = {**X_SERIES, **P_SERIES}
+FACTORY: Mapping[str, FactoryDefaults] = {**X_SERIES, **P_SERIES}

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from twind_drivers.bus import Ints, WireClamp
 from twind_drivers.dynamixel.crc import crc16
-from twind_drivers.dynamixel.layout import Block
+from twind_drivers.dynamixel.layout import RegisterBlock
 from twind_drivers.dynamixel.packet import PATTERN, stuff, sync_write, unstuff
 
 BODY = 7  # where INST begins
@@ -17,7 +17,7 @@ FIRST = 12  # where the first row begins
 class GoalPacket:
     """A sync write of one goal, position, velocity or current, to each device of a bus."""
 
-    def __init__(self, name: str, ids: Sequence[int], goal: Block, lower: Ints, upper: Ints) -> None:
+    def __init__(self, name: str, ids: Sequence[int], goal: RegisterBlock, lower: Ints, upper: Ints) -> None:
         """`lower`, `upper` (m,): goals that may ever be sent. Raises ValueError where lower > upper."""
         self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
         self._name, self._ids, self._shape = name, bytes(ids), (len(ids),)
@@ -69,7 +69,7 @@ class MixedGoals:
     """Goals of devices that keep them in different registers: one sync write for each (address, size)."""
 
     def __init__(
-        self, name: str, ids: Sequence[int], goals: Sequence[Block], lower: Ints, upper: Ints
+        self, name: str, ids: Sequence[int], goals: Sequence[RegisterBlock], lower: Ints, upper: Ints
     ) -> None:
         """`goals` (m): the goal register of each id. Raises ValueError as `GoalPacket` does."""
         self.lower, self.upper = bounds_of(name, len(ids), lower, upper)
@@ -91,7 +91,9 @@ class MixedGoals:
 Goals = GoalPacket | MixedGoals
 
 
-def goal_packets(name: str, ids: Sequence[int], goals: Sequence[Block], lower: Ints, upper: Ints) -> Goals:
+def goal_packets(
+    name: str, ids: Sequence[int], goals: Sequence[RegisterBlock], lower: Ints, upper: Ints
+) -> Goals:
     """What encodes the goals of a bus: one packet where all devices keep them in the same register."""
     if len(set(goals)) == 1:
         return GoalPacket(name, ids, goals[0], lower, upper)

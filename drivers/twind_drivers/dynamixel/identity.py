@@ -5,10 +5,10 @@ from dataclasses import replace
 from math import floor
 from typing import Protocol
 
-from twind_drivers.bus import Device, Ping, Query, Read, Script
-from twind_drivers.dynamixel.layout import Block
+from twind_drivers.bus import IdentifiedDevice, PingRequest, Query, ReadRequest, Script
+from twind_drivers.dynamixel.layout import RegisterBlock
 from twind_drivers.dynamixel.models import facts
-from twind_drivers.dynamixel.tables import Table, table
+from twind_drivers.dynamixel.tables import ControlTable, table
 
 # What a calibration depends on and what arming must know; those that a model lacks are left out.
 SETTINGS = (
@@ -38,13 +38,13 @@ WHO = ("model_number", "firmware_version")
 Settings = dict[str, int]
 
 
-class Asker(Protocol):
+class IdentificationReader(Protocol):
     """What identification needs of a reader."""
 
     ids: tuple[int, ...]
     slice: float  # s of bus time that one transaction may take beside a cycle
 
-    def table(self, id: int) -> Table:
+    def table(self, id: int) -> ControlTable:
         """The table of the model that is expected there."""
 
     def span(self, query: Query) -> float:
@@ -57,7 +57,7 @@ def supports_fast(stem: str, firmware: int) -> bool:
     return least is not None and firmware >= least
 
 
-def known(number: int, firmware: int) -> Table | None:
+def known(number: int, firmware: int) -> ControlTable | None:
     """The table of a model, None where the vendor's files have none."""
     try:
         return table(number, firmware)
@@ -65,7 +65,9 @@ def known(number: int, firmware: int) -> Table | None:
         return None
 
 
-def identify(bus: Asker) -> Script[tuple[tuple[Device, ...], dict[int, Table], bool]]:
+def identify(
+    bus: IdentificationReader,
+) -> Script[tuple[tuple[IdentifiedDevice, ...], dict[int, ControlTable], bool]]:
     """Devices that answer, in order; their tables; whether all of them answer fast sync reads.
 
     Who they are and how they are set comes in the same group reads, each a slice of a tick: the answers to a
@@ -74,7 +76,7 @@ def identify(bus: Asker) -> Script[tuple[tuple[Device, ...], dict[int, Table], b
     level 0) has no settings.
     """
     expected = {id: bus.table(id) for id in bus.ids}
-    found: dict[int, tuple[Device, Table | None]] = {}
+    found: dict[int, tuple[IdentifiedDevice, ControlTable | None]] = {}
     settings: dict[int, Settings] = {}
     for id, values in (yield from _read(bus, expected, (*WHO, *SETTINGS), eeprom=True)).items():
         number, firmware = (values.pop(name, -1) for name in WHO)
@@ -93,17 +95,19 @@ def identify(bus: Asker) -> Script[tuple[tuple[Device, ...], dict[int, Table], b
     return devices, tables, fast
 
 
-def _device(id: int, number: int, firmware: int) -> tuple[Device, Table | None]:
+def _device(id: int, number: int, firmware: int) -> tuple[IdentifiedDevice, ControlTable | None]:
     """A device without its settings, and its table, where the vendor's files have one."""
     found = known(number, firmware)
-    return Device(id, number, found.model if found else None, firmware), found
+    return IdentifiedDevice(id, number, found.model if found else None, firmware), found
 
 
-def _ping(bus: Asker, ids: Sequence[int]) -> Script[dict[int, tuple[Device, Table | None]]]:
+def _ping(
+    bus: IdentificationReader, ids: Sequence[int]
+) -> Script[dict[int, tuple[IdentifiedDevice, ControlTable | None]]]:
     found = {}
     for id in ids:
         for _ in range(2):  # one lost packet is not a missing device
-            data = (yield Ping(id)).data.get(id)
+            data = (yield PingRequest(id)).data.get(id)
             if data is not None:
                 found[id] = _device(id, int.from_bytes(data[:2], "little"), data[2])
                 break
@@ -111,7 +115,7 @@ def _ping(bus: Asker, ids: Sequence[int]) -> Script[dict[int, tuple[Device, Tabl
 
 
 def _read(
-    bus: Asker, tables: Mapping[int, Table], names: Sequence[str], *, eeprom: bool
+    bus: IdentificationReader, tables: Mapping[int, ControlTable], names: Sequence[str], *, eeprom: bool
 ) -> Script[dict[int, Settings]]:
     """The values of those who answer, by the smallest block of each table that holds the names."""
     values: dict[int, Settings] = {}
@@ -126,27 +130,29 @@ def _read(
     return values
 
 
-def _slices(bus: Asker, ids: Sequence[int], block: Block) -> list[Read]:
+def _slices(bus: IdentificationReader, ids: Sequence[int], block: RegisterBlock) -> list[ReadRequest]:
     """Reads of as many devices each as fit beside a cycle, at least one."""
-    one, two = (bus.span(Read(tuple(ids[:count]), block.address, block.size)) for count in (1, 2))
+    one, two = (bus.span(ReadRequest(tuple(ids[:count]), block.address, block.size)) for count in (1, 2))
     count = max(1, floor((bus.slice - one) / (two - one) + 1) if two > one else 1)
     chunks = (tuple(ids[first : first + count]) for first in range(0, len(ids), count))
-    return [Read(chunk, block.address, block.size) for chunk in chunks]
+    return [ReadRequest(chunk, block.address, block.size) for chunk in chunks]
 
 
-def _blocks(tables: Mapping[int, Table], names: Sequence[str], *, eeprom: bool) -> dict[Block, list[int]]:
+def _blocks(
+    tables: Mapping[int, ControlTable], names: Sequence[str], *, eeprom: bool
+) -> dict[RegisterBlock, list[int]]:
     """Ids by the smallest block that holds the named registers (in snake case) of one kind of memory."""
-    blocks: dict[Block, list[int]] = {}
+    blocks: dict[RegisterBlock, list[int]] = {}
     for id, each in tables.items():
         fields = [field for name in names if (field := each.fields.get(name)) and field.eeprom is eeprom]
         if fields:
             first = min(field.address for field in fields)
-            block = Block(first, max(field.end for field in fields) - first)
+            block = RegisterBlock(first, max(field.end for field in fields) - first)
             blocks.setdefault(block, []).append(id)
     return blocks
 
 
-def _decode(each: Table, names: Sequence[str], block: Block, raw: bytes) -> Settings:
+def _decode(each: ControlTable, names: Sequence[str], block: RegisterBlock, raw: bytes) -> Settings:
     values: Settings = {}
     for name in names:
         field = each.fields.get(name)

@@ -6,36 +6,36 @@ The X and MX-2.0 tables share one layout, the P series another; both kinds may s
 from dataclasses import dataclass
 from itertools import product
 
-from twind_drivers.dynamixel.tables import Field, Table
+from twind_drivers.dynamixel.tables import ControlTable, TableRegister
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class RegisterBlock:
     """A span of addresses."""
 
     address: int
     size: int  # bytes
 
-    def offset(self, field: Field) -> int | None:
+    def offset(self, field: TableRegister) -> int | None:
         """Where `field` begins in this block; None if it is not wholly inside."""
         inside = self.address <= field.address and field.end <= self.address + self.size
         return field.address - self.address if inside else None
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class DeviceLayout:
     """The blocks of one kind of device."""
 
-    cyclic: Block  # effort (current or load) 2, velocity 4, position 4
-    goal: Block
-    torque: Block
-    watchdog: Block
-    status: Block  # torque enable .. bus watchdog
-    state: Block  # torque enable .. hardware error: the beginning of `status`
-    health: Block  # realtime tick 2 .. voltage 2, temperature 1
-    gains: Block  # position D, I, P: 2 each
-    profile: Block  # profile acceleration 4, profile velocity 4
-    motion: Block  # profile and goal position
+    cyclic: RegisterBlock  # effort (current or load) 2, velocity 4, position 4
+    goal: RegisterBlock
+    torque: RegisterBlock
+    watchdog: RegisterBlock
+    status: RegisterBlock  # torque enable .. bus watchdog
+    state: RegisterBlock  # torque enable .. hardware error: the beginning of `status`
+    health: RegisterBlock  # realtime tick 2 .. voltage 2, temperature 1
+    gains: RegisterBlock  # position D, I, P: 2 each
+    profile: RegisterBlock  # profile acceleration 4, profile velocity 4
+    motion: RegisterBlock  # profile and goal position
     # The cyclic block within longer ones: (bytes before it, bytes of the whole). No two sizes are equal.
     wider: tuple[tuple[int, int], ...]
 
@@ -43,11 +43,11 @@ class Layout:
 SIZES = {"cyclic": 10, "goal": 4, "status": 35, "state": 7, "health": 27, "gains": 6, "motion": 12}
 
 
-def layout_of(table: Table) -> Layout:
+def layout_of(table: ControlTable) -> DeviceLayout:
     """The layout of a model. Raises ValueError that says why it cannot be driven."""
     effort = "present_current" if "present_current" in table else "present_load"
     try:
-        layout = Layout(
+        layout = DeviceLayout(
             cyclic=_span(table, effort, "present_velocity", "present_position"),
             goal=_span(table, "goal_position"),
             torque=_span(table, "torque_enable"),
@@ -69,7 +69,7 @@ def layout_of(table: Table) -> Layout:
     return layout
 
 
-def _wider(table: Table, effort: str) -> tuple[tuple[int, int], ...]:
+def _wider(table: ControlTable, effort: str) -> tuple[tuple[int, int], ...]:
     """From and up to register borders around the cyclic block, all of it readable.
 
     12 is left out: it is the size of `motion`, which scripts read back.
@@ -86,7 +86,7 @@ def _wider(table: Table, effort: str) -> tuple[tuple[int, int], ...]:
     return tuple(found[size] for size in sorted(found) if size not in (last - first, SIZES["motion"]))
 
 
-def _span(table: Table, *names: str) -> Block:
+def _span(table: ControlTable, *names: str) -> RegisterBlock:
     """From the first of `names` to the end of the last."""
     first, last = table[names[0]], table[names[-1]]
-    return Block(first.address, max(0, last.end - first.address))
+    return RegisterBlock(first.address, max(0, last.end - first.address))

@@ -7,20 +7,20 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import inf
 
-from twind_drivers.bus import PortFull, Transport
+from twind_drivers.bus import ByteTransport, OutputQueueFull
 from twind_drivers.dynamixel.budget import wire
 from twind_drivers.dynamixel.packet import HEADER, STATUS, Framer, Packet
-from twind_drivers.dynamixel.replies import Expected
+from twind_drivers.dynamixel.replies import PendingReply
 
 LATE = 1.0  # s that an answer may be late and is still known as one
 
 
 @dataclass(frozen=True, slots=True)
-class Exchange:
+class SerialTransaction:
     """One request and what it should bring back."""
 
     packet: bytes
-    reply: Expected | None  # None: never answered
+    reply: PendingReply | None  # None: never answered
     delays: int  # how many return delays pass before the last byte
     extra: float = 0.0  # s that pass besides, of a device that takes longer than the servos
 
@@ -30,7 +30,7 @@ class Exchange:
         return len(self.packet) + (self.reply.expected if self.reply else 0)
 
 
-class Line:
+class HalfDuplexTransactor:
     """The wire of one bus.
 
     `goals` leave with the next cyclic request. `urgent` leaves with the next write of any kind; goals that
@@ -47,7 +47,7 @@ class Line:
     def __init__(
         self,
         name: str,
-        transport: Transport,
+        transport: ByteTransport,
         *,
         baud: int,
         return_delay_s: float,
@@ -68,7 +68,7 @@ class Line:
         self.late: list[int] = []  # data bytes of each status of a sensor out of its turn; the same
         self._told = False  # the last transaction asked a sensor
         self.echo = False
-        self.exchange: Exchange | None = None
+        self.exchange: SerialTransaction | None = None
         self._done = True
         self._busy = -inf  # s, until when our own bytes are still going out
         self._out: tuple[bytes, bytes] = (b"", b"")  # what was sent last
@@ -76,11 +76,11 @@ class Line:
         self._owed: dict[int, float] = {}  # devices whose answer may still come late: s, until when
         self._late = bytearray()
 
-    def span(self, exchange: Exchange, extra: int = 0) -> float:
+    def span(self, exchange: SerialTransaction, extra: int = 0) -> float:
         """Bus time (s) that it takes, with `extra` bytes before it."""
         return wire(exchange.size + extra, self.baud) + exchange.delays * self.return_delay_s + exchange.extra
 
-    def send(self, exchange: Exchange, now: float, *, goals: bool = False) -> None:
+    def send(self, exchange: SerialTransaction, now: float, *, goals: bool = False) -> None:
         """Begin a transaction: late bytes of the last one are dropped, then everything leaves.
 
         Raises PortError; PortFull when more than the last packet still waits in the port (R23), or it does
@@ -88,12 +88,12 @@ class Line:
         """
         try:
             self._send(exchange, now, goals=goals)
-        except PortFull:
+        except OutputQueueFull:
             self.exchange, self._done = None, True
             self.urgent, self._busy = self.urgent or self._leaving, -inf
             raise
 
-    def _send(self, exchange: Exchange, now: float, *, goals: bool) -> None:
+    def _send(self, exchange: SerialTransaction, now: float, *, goals: bool) -> None:
         self.exchange, self._done = None, True
         self.strays = self.transport.drain(self._late)
         if self.strays:
@@ -135,7 +135,7 @@ class Line:
             self._done = reply.take(count)
         return self._done
 
-    def end(self) -> Exchange | None:
+    def end(self) -> SerialTransaction | None:
         """End the transaction; what it heard stands in the exchange's reply until the next one."""
         exchange, self.exchange, self._done = self.exchange, None, True
         reply = exchange.reply if exchange is not None else None
@@ -157,7 +157,7 @@ class Line:
         waiting, most = self.transport.backlog(), len(self._out[0]) + len(self._out[1])
         if waiting > most:
             self.transport.flush()
-            raise PortFull(self.name, waiting, most)
+            raise OutputQueueFull(self.name, waiting, most)
 
     def _look_back(self) -> None:
         """What came after the last transaction had ended."""
@@ -180,13 +180,13 @@ class Line:
         known = self._owed.keys() | self._sensors
         self.foreign += sum(each.instruction != STATUS or each.id not in known for each in packets)
 
-    def _remember(self, reply: Expected) -> None:
+    def _remember(self, reply: PendingReply) -> None:
         """Who owes an answer, and until when."""
         self._owed = {id: until for id, until in self._owed.items() if until > self.sent}
         missed = [id for id, ok in zip(reply.ids, reply.answered.tolist(), strict=True) if not ok]
         self._owed.update(dict.fromkeys(missed, self.sent + LATE))
 
-    def _past_echo(self, reply: Expected) -> bool:
+    def _past_echo(self, reply: PendingReply) -> bool:
         """Take our own bytes off the front; others than ours belong to the answer."""
         sent = b"".join(self._out)
         left = len(sent) - len(self._echoed)

@@ -14,7 +14,7 @@ NO_CURRENT = frozenset({1, 3, 4, 16})  # without current sensing there is neithe
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Facts:
+class ModelCapabilities:
     """Of one model. `..._from`: the first firmware that can do it, 0: every one, None: no page names one."""
 
     modes: frozenset[int] = ALL_SIX  # of register "operating_mode"
@@ -33,11 +33,11 @@ class Facts:
     undriven: str = ""  # why this driver cannot move it; "": it can
 
 
-X430 = Facts()
+X430 = ModelCapabilities()
 XH430_V = replace(X430, ampere_per_count=1.34e-3)
 XL430 = replace(X430, modes=NO_CURRENT, ampere_per_count=None, effort="present_load")
 TWIN = replace(XL430, fast_from=None, startup_from=None, backup_from=None, torque_on_by_goal_from=None)
-X330 = Facts(
+X330 = ModelCapabilities(
     ampere_per_count=1e-3,
     fast_from=46,
     watchdog_from=0,
@@ -45,11 +45,11 @@ X330 = Facts(
     backup_from=46,
     torque_on_by_goal_from=46,
 )
-MX64 = Facts(
+MX64 = ModelCapabilities(
     ampere_per_count=3.36e-3, fast_from=None, startup_from=None, backup_from=None, torque_on_by_goal_from=None
 )
 MX28 = replace(MX64, modes=NO_CURRENT, ampere_per_count=None, effort="present_load")
-PH54 = Facts(
+PH54 = ModelCapabilities(
     modes=frozenset({0, 1, 3, 4, 16}),
     counts_per_turn=1_003_846,
     centre=0,
@@ -75,7 +75,7 @@ RH_P12 = replace(
     fast_from=13,
     backup_from=None,
 )
-YM = Facts(
+YM = ModelCapabilities(
     modes=frozenset({0, 1, 3}),
     counts_per_turn=524_288,
     centre=0,
@@ -89,7 +89,7 @@ YM = Facts(
     torque_on_by_goal_from=None,
     undriven="another layout: watchdog of 2 bytes at 8, gains of 4 bytes, error codes at 153 in place of 70",
 )
-XL320 = Facts(
+XL320 = ModelCapabilities(
     modes=frozenset(),
     counts_per_turn=None,  # 1024 in 300 degrees: 1228.8
     centre=512,
@@ -106,7 +106,7 @@ XL320 = Facts(
 )
 
 
-def _advanced(p_series: Facts) -> Facts:
+def _advanced(p_series: ModelCapabilities) -> ModelCapabilities:
     """The PRO -R(A) of the same drive train: the P series' layout without registers 13 and 60."""
     return replace(p_series, fast_from=None, backup_from=None)
 
@@ -120,7 +120,7 @@ PLAIN = (
 SMALL = ("xl330_m077", "xl330_m288", "xc330_t181", "xc330_t288", "xc330_m181", "xc330_m288")
 Y_SIZES, Y_GEARS = ("ym070_210", "ym080_230"), ("m001", "b001", "r051", "r099", "a051", "a099")
 
-FACTS: Mapping[str, Facts] = {
+FACTS: Mapping[str, ModelCapabilities] = {
     **dict.fromkeys(PLAIN, X430),
     **dict.fromkeys(("xh430_v210", "xh430_v350"), XH430_V),
     **dict.fromkeys(("xl430_w250", "xc430_w150", "xc430_w240"), XL430),
@@ -144,7 +144,7 @@ def base(stem: str) -> str:
     return stem.removesuffix("_fw52")
 
 
-def facts(stem: str) -> Facts:
+def facts(stem: str) -> ModelCapabilities:
     """Of the model whose table is `stem` ("xm430_w350").
 
     Raises KeyError for a model that no page was read for.

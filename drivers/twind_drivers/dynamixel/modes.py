@@ -20,14 +20,14 @@ Limit (48, 52)", "Profile Acceleration (108)". Addresses are the X series'; a mo
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from twind_drivers.dynamixel.layout import Block
-from twind_drivers.dynamixel.tables import Table
+from twind_drivers.dynamixel.layout import RegisterBlock
+from twind_drivers.dynamixel.tables import ControlTable
 
 GOALS = ("goal_current", "goal_velocity", "goal_position")
 
 
 @dataclass(frozen=True, slots=True)
-class Mode:
+class OperatingMode:
     """One operating mode."""
 
     number: int  # of register 11
@@ -41,20 +41,20 @@ class Mode:
         return self.goal != "goal_position"
 
 
-MODES: Mapping[int, Mode] = {
+MODES: Mapping[int, OperatingMode] = {
     mode.number: mode
     for mode in (
-        Mode(0, "current", "goal_current", "current_limit"),
-        Mode(1, "velocity", "goal_velocity", "velocity_limit"),
-        Mode(3, "position", "goal_position", None),
-        Mode(4, "extended position", "goal_position", None),
-        Mode(5, "current-based position", "goal_position", None),
+        OperatingMode(0, "current", "goal_current", "current_limit"),
+        OperatingMode(1, "velocity", "goal_velocity", "velocity_limit"),
+        OperatingMode(3, "position", "goal_position", None),
+        OperatingMode(4, "extended position", "goal_position", None),
+        OperatingMode(5, "current-based position", "goal_position", None),
     )
 }
 VELOCITY, POSITION, CURRENT_BASED = 1, 3, 5
 
 
-def mode_of(where: str, table: Table, number: int) -> Mode:
+def mode_of(where: str, table: ControlTable, number: int) -> OperatingMode:
     """The mode of that number, if the model has it and we drive it. `where`: for the error.
 
     Raises ValueError.
@@ -76,7 +76,7 @@ def mode_of(where: str, table: Table, number: int) -> Mode:
     return mode
 
 
-def check_bounds(where: str, table: Table, mode: Mode, lower: int, upper: int) -> None:
+def check_bounds(where: str, table: ControlTable, mode: OperatingMode, lower: int, upper: int) -> None:
     """Raises ValueError for bounds that this mode cannot have.
 
     Speeds and currents need 0 inside (a device must be able to rest); outside mode 3 nothing may be
@@ -92,7 +92,7 @@ def check_bounds(where: str, table: Table, mode: Mode, lower: int, upper: int) -
         )
 
 
-def check_cap(where: str, table: Table, mode: Mode, cap: int | None) -> None:
+def check_cap(where: str, table: ControlTable, mode: OperatingMode, cap: int | None) -> None:
     """Raises ValueError: mode 5 without a cap in 1..largest goal current, or a cap in another mode."""
     if mode.number != CURRENT_BASED:
         if cap is not None:
@@ -103,18 +103,20 @@ def check_cap(where: str, table: Table, mode: Mode, cap: int | None) -> None:
         raise ValueError(f"{where}: mode 5 needs a current cap of 1..{most} counts, got {cap}")
 
 
-def block(table: Table, *names: str) -> Block:
+def block(table: ControlTable, *names: str) -> RegisterBlock:
     """From the first of `names` to the end of the last. Raises KeyError."""
     first, last = table[names[0]], table[names[-1]]
-    return Block(first.address, last.end - first.address)
+    return RegisterBlock(first.address, last.end - first.address)
 
 
-def fences(table: Table, mode: Mode, lower: int, upper: int, cap: int | None) -> dict[Block, tuple[int, int]]:
+def fences(
+    table: ControlTable, mode: OperatingMode, lower: int, upper: int, cap: int | None
+) -> dict[RegisterBlock, tuple[int, int]]:
     """What each goal register of a device may ever be sent; a register whose range is empty takes nothing.
 
     Only the goal of its own mode is written. Goal current is a cap in mode 5 and without effect in 1, 3, 4.
     """
-    found: dict[Block, tuple[int, int]] = {}
+    found: dict[RegisterBlock, tuple[int, int]] = {}
     for name in GOALS:
         if name not in table:
             continue

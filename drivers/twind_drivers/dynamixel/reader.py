@@ -7,31 +7,31 @@ from collections.abc import Mapping, Sequence
 from math import inf
 
 from twind_drivers.bus import (
-    Device,
+    BusSample,
+    ByteTransport,
     DeviceRefused,
+    IdentifiedDevice,
     NoReply,
-    Ping,
+    PingRequest,
     Query,
-    Read,
-    Reboot,
-    Register,
-    Registers,
-    Reply,
+    ReadRequest,
+    RebootRequest,
+    RegisterAddress,
     Request,
-    Sample,
+    RequestReply,
     Script,
-    Transport,
-    Write,
+    SlowRegisterValues,
+    WriteRequest,
 )
 from twind_drivers.dynamixel import packet
 from twind_drivers.dynamixel.budget import CYCLIC, plain_reply, sync_request, upkeep, wire
-from twind_drivers.dynamixel.cyclic import Cyclic
+from twind_drivers.dynamixel.cyclic import DynamixelCyclicRead
 from twind_drivers.dynamixel.identity import identify
-from twind_drivers.dynamixel.layout import Layout, layout_of
-from twind_drivers.dynamixel.line import Exchange, Line
-from twind_drivers.dynamixel.replies import Expected, FastReply, PlainReply
-from twind_drivers.dynamixel.slow import SlowRegisters
-from twind_drivers.dynamixel.tables import Table, table
+from twind_drivers.dynamixel.layout import DeviceLayout, layout_of
+from twind_drivers.dynamixel.line import HalfDuplexTransactor, SerialTransaction
+from twind_drivers.dynamixel.replies import FastSyncReadReply, PendingReply, StatusReply
+from twind_drivers.dynamixel.slow import DynamixelSlowRegisters
+from twind_drivers.dynamixel.tables import ControlTable, table
 from twind_drivers.upkeep import upkeep_stride
 
 LONGEST = 0.000508  # s, return delay: 254 steps of 2 us (e-manual, "Return Delay Time (9)"; factory: 250)
@@ -49,7 +49,7 @@ class DynamixelReader:
     def __init__(
         self,
         name: str,
-        transport: Transport,
+        transport: ByteTransport,
         ids: Sequence[int],
         models: Sequence[int],
         *,
@@ -77,9 +77,9 @@ class DynamixelReader:
             )
         self.name, self.ids, self.transport = name, tuple(ids), transport
         tables = [table(number) for number in models]
-        self.tables: dict[int, Table] = dict(zip(self.ids, tables, strict=True))
-        self.layouts: dict[int, Layout] = {id: layout_of(each) for id, each in self.tables.items()}
-        self.line = Line(
+        self.tables: dict[int, ControlTable] = dict(zip(self.ids, tables, strict=True))
+        self.layouts: dict[int, DeviceLayout] = {id: layout_of(each) for id, each in self.tables.items()}
+        self.line = HalfDuplexTransactor(
             name,
             transport,
             baud=baud,
@@ -88,14 +88,14 @@ class DynamixelReader:
             one_write=one_write,
             sensors=tuple(sensors or ()),
         )
-        self._sensors, self._singles = dict(sensors or {}), dict[Query, Exchange]()  # of these, kept
+        self._sensors, self._singles = dict(sensors or {}), dict[Query, SerialTransaction]()  # of these, kept
         layouts = tuple(self.layouts.values())
         self._described, self._period = self.line.return_delay_s, 1.0 / rate_hz
         self._choose_fast, self._upkeep_hz = fast is None, rate_hz / upkeep_stride(rate_hz)
         self.slice = min(SLICE, 0.5 / rate_hz)
-        self.cyclic = Cyclic(self.ids, layouts, fast=bool(fast))
-        self.slow = SlowRegisters(self.ids, tables, layouts)
-        self.registers: Registers = self.slow.registers
+        self.cyclic = DynamixelCyclicRead(self.ids, layouts, fast=bool(fast))
+        self.slow = DynamixelSlowRegisters(self.ids, tables, layouts)
+        self.registers: SlowRegisterValues = self.slow.registers
         self._schedule()
         self._query: Query | None = None  # the rare transaction under way, if it asks something
 
@@ -136,7 +136,7 @@ class DynamixelReader:
         """Take what has arrived; True when the transaction is complete. Raises PortError."""
         return self.line.feed(now)
 
-    def finish(self, now: float) -> Sample:
+    def finish(self, now: float) -> BusSample:
         """End the cyclic reading with what was heard; zeros where a device stayed silent."""
         if self.line.end() is None:
             raise RuntimeError(f"{self.name}: finish without request")
@@ -152,40 +152,42 @@ class DynamixelReader:
         layouts = [self.layouts[id] for id in ids]
         groups = [layouts.count(each) for each in dict.fromkeys(layouts)]
         queries = self.slow.schedule(ids, upkeep(groups, self._upkeep_hz, fast=self.fast))
-        self._plain: dict[Query, Exchange] = {query: self._exchange(query) for query in queries}
-        self._fast: dict[Query, Exchange] = {query: _fast(query) for query in queries if len(query.ids) > 1}
+        self._plain: dict[Query, SerialTransaction] = {query: self._exchange(query) for query in queries}
+        self._fast: dict[Query, SerialTransaction] = {
+            query: _fast(query) for query in queries if len(query.ids) > 1
+        }
 
     # --------------------------------------------------------------------------- the rare path
 
     def begin(self, query: Query, now: float) -> None:
         """Begin one query. Raises PortError; TypeError for anything that writes."""
-        if not isinstance(query, Ping | Read):
+        if not isinstance(query, PingRequest | ReadRequest):
             raise TypeError(f"{self.name}: a reader does not write: {query}")
         self.line.send(self._asking(query), now)
         self._query = query
-        if isinstance(query, Read) and self._is_probe(query):
+        if isinstance(query, ReadRequest) and self._is_probe(query):
             self.cyclic.attendance.probed(self.ids.index(query.ids[0]), now)
 
-    def answer(self, now: float) -> Reply:
+    def answer(self, now: float) -> RequestReply:
         """End it. What was read of the slow registers is kept in `registers`, with its time.
 
         But not of a device that did not answer the cyclic reading: it may answer an earlier question here.
         """
         exchange, query, self._query = self.line.end(), self._query, None
-        reply: Expected | None = exchange.reply if exchange else None
+        reply: PendingReply | None = exchange.reply if exchange else None
         waited = now - self.line.sent
         if reply is None:
-            return Reply({}, {}, waited, self.line.strays)
+            return RequestReply({}, {}, waited, self.line.strays)
         heard, answered, errors = reply.heard.tolist(), reply.answered.tolist(), reply.error.tolist()
         data = {id: reply.data[i].tobytes() for i, id in enumerate(reply.ids) if heard[i]}
         error = {id: errors[i] for i, id in enumerate(reply.ids) if answered[i]}
-        if isinstance(query, Read):
+        if isinstance(query, ReadRequest):
             self._fold(query, reply)
         if self.cyclic.attendance.parked:
             self._welcome(error, now)
-        return Reply(data, error, waited, self.line.strays)
+        return RequestReply(data, error, waited, self.line.strays)
 
-    def _fold(self, query: Read, reply: Expected) -> None:
+    def _fold(self, query: ReadRequest, reply: PendingReply) -> None:
         if reply.whole and not self.cyclic.trouble:
             self.slow.fold(query, reply.ids, reply.data, self.line.received)
             return
@@ -202,36 +204,44 @@ class DynamixelReader:
         For each parked device, at last once a second, a read of what its cyclic reading would be: the probe.
         """
         place = self.cyclic.attendance.due(now)
-        return self.slow.next() if place is None else Read((self.ids[place],), *self.cyclic.block(place))
+        return (
+            self.slow.next() if place is None else ReadRequest((self.ids[place],), *self.cyclic.block(place))
+        )
 
     def span(self, query: Request) -> float:
         """Bus time (s) that a transaction takes at most, its timeout excluded."""
-        if isinstance(query, Ping | Read):
+        if isinstance(query, PingRequest | ReadRequest):
             return self.line.span(self._asking(query))
-        writes = () if isinstance(query, Reboot) else (query,) if isinstance(query, Write) else query.writes
+        writes = (
+            ()
+            if isinstance(query, RebootRequest)
+            else (query,)
+            if isinstance(query, WriteRequest)
+            else query.writes
+        )
         size = sum(14 + sum(1 + len(data) for data in each.data.values()) for each in writes)
         return wire(size + 21, self.line.baud) + self.line.return_delay_s
 
-    def _asking(self, query: Query) -> Exchange:
+    def _asking(self, query: Query) -> SerialTransaction:
         """Slices are read fast while all is well, and never made twice."""
         found = self._fast.get(query) if self.fast and not self.cyclic.trouble else None
         return found or self._plain.get(query) or self._singles.get(query) or self._exchange(query)
 
-    def _exchange(self, query: Query) -> Exchange:
-        if isinstance(query, Ping):
-            return Exchange(packet.ping(query.id), PlainReply((query.id,), 3), 1)
-        reply = PlainReply(query.ids, query.size)
+    def _exchange(self, query: Query) -> SerialTransaction:
+        if isinstance(query, PingRequest):
+            return SerialTransaction(packet.ping(query.id), StatusReply((query.id,), 3), 1)
+        reply = StatusReply(query.ids, query.size)
         if len(query.ids) == 1:
             id = query.ids[0]
             longer = max(0.0, self._sensors.get(id, 0.0) - self.line.return_delay_s)
-            made = Exchange(packet.read(id, query.address, query.size), reply, 1, longer)
+            made = SerialTransaction(packet.read(id, query.address, query.size), reply, 1, longer)
             if id in self._sensors:  # asked again and again
                 self._singles[query] = made
             return made
         request = packet.sync_read(query.ids, query.address, query.size)
-        return Exchange(request, reply, len(query.ids))
+        return SerialTransaction(request, reply, len(query.ids))
 
-    def _is_probe(self, query: Read) -> bool:
+    def _is_probe(self, query: ReadRequest) -> bool:
         [id, *others] = query.ids or (-1,)
         return not others and id in self.tables and not self._asked[self.ids.index(id)]
 
@@ -245,7 +255,7 @@ class DynamixelReader:
 
     # --------------------------------------------------------------------------- scripts
 
-    def identify(self, *, patient: bool = False) -> Script[tuple[Device, ...]]:
+    def identify(self, *, patient: bool = False) -> Script[tuple[IdentifiedDevice, ...]]:
         """Ping every id and read its settings; devices that answer, in order of `ids`.
 
         From here on names mean the registers of the models that are really there, the fast read is used
@@ -284,7 +294,7 @@ class DynamixelReader:
         for _ in range(2):
             missing = [id for id in ids if id not in found]
             for first in range(0, len(missing), count):
-                reply = yield Read(tuple(missing[first : first + count]), address, size)
+                reply = yield ReadRequest(tuple(missing[first : first + count]), address, size)
                 found.update(reply.data)
                 waited += reply.waited
                 for id, error in reply.error.items():
@@ -297,23 +307,23 @@ class DynamixelReader:
             raise NoReply(self.name, silent, waited, f"read of {address}, {size} bytes")
         return found
 
-    def read(self, id: int, name: str) -> Script[Register]:
+    def read(self, id: int, name: str) -> Script[RegisterAddress]:
         """One register by its name. Raises NoReply, DeviceRefused, KeyError (lists the near names)."""
         field = self.table(id)[name]
         data = yield from self.collect((id,), field.address, field.size)
-        return Register(field.name, field.address, field.size, field.decode(data[id]), field.eeprom)
+        return RegisterAddress(field.name, field.address, field.size, field.decode(data[id]), field.eeprom)
 
     def keeps(self, id: int, name: str) -> bool:
         """EEPROM, addresses below 64 of an X series servo. Raises KeyError (lists the near names)."""
         return self.table(id)[name].eeprom
 
-    def table(self, id: int) -> Table:
+    def table(self, id: int) -> ControlTable:
         """Control table of a device. Raises KeyError that lists the ids of this bus."""
         if id not in self.tables:
             raise KeyError(f"{self.name} has no id {id}; its ids are {list(self.ids)}")
         return self.tables[id]
 
 
-def _fast(query: Read) -> Exchange:
-    reply = FastReply(query.ids, query.size)
-    return Exchange(packet.fast_sync_read(query.ids, query.address, query.size), reply, 1)
+def _fast(query: ReadRequest) -> SerialTransaction:
+    reply = FastSyncReadReply(query.ids, query.size)
+    return SerialTransaction(packet.fast_sync_read(query.ids, query.address, query.size), reply, 1)

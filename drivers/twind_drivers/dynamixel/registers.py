@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from functools import cache
 from types import MappingProxyType
 
-from twind_drivers.dynamixel.factory import FACTORY, X_SERIES, Factory
+from twind_drivers.dynamixel.factory import FACTORY, X_SERIES, FactoryDefaults
 from twind_drivers.dynamixel.models import base, facts
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class RegisterRule:
     """Of one register, raw units. `limit` names the register that bounds its magnitude further (error 6)."""
 
     writable: bool = True
@@ -26,42 +26,42 @@ class Rule:
     values: frozenset[int] | None = None  # the only ones that are taken; None: all in the range
 
 
-READ_ONLY = Rule(writable=False)
-SIGNED_READ_ONLY = Rule(writable=False, signed=True)
-GAIN = Rule(lower=0, upper=16383, default=None)
-ANY = Rule(default=None)
+READ_ONLY = RegisterRule(writable=False)
+SIGNED_READ_ONLY = RegisterRule(writable=False, signed=True)
+GAIN = RegisterRule(lower=0, upper=16383, default=None)
+ANY = RegisterRule(default=None)
 GAINS = ("velocity_i_gain", "velocity_p_gain", "position_d_gain", "position_i_gain", "position_p_gain")
 FEEDS = ("feedforward_2nd_gain", "feedforward_1st_gain")
 # Registers that only report, of any model: also those of the layouts that have no rules here (Y, XL320).
 REPORTS = ("present_", "error_code", "controller_state")
 
-X: Mapping[str, Rule] = {
+X: Mapping[str, RegisterRule] = {
     "model_number": READ_ONLY,
     "model_information": READ_ONLY,
     "firmware_version": READ_ONLY,
-    "id": Rule(lower=0, upper=252, default=1),
-    "baud_rate": Rule(lower=0, upper=7, default=1),
-    "drive_mode": Rule(lower=0, upper=15),
-    "operating_mode": Rule(lower=0, upper=16, default=3),
-    "secondary_shadow_id": Rule(lower=0, upper=255, default=255),
-    "secondary_id": Rule(lower=0, upper=255, default=255),
-    "protocol_type": Rule(lower=1, upper=2, default=2),
-    "homing_offset": Rule(signed=True, lower=-1_044_479, upper=1_044_479),
-    "external_port_mode": Rule(lower=0, upper=3, default=3),
-    "startup_configuration": Rule(lower=0, upper=3),
-    "torque_enable": Rule(lower=0, upper=1),
-    "led": Rule(lower=0, upper=1),
-    "status_return_level": Rule(lower=0, upper=2, default=2),
+    "id": RegisterRule(lower=0, upper=252, default=1),
+    "baud_rate": RegisterRule(lower=0, upper=7, default=1),
+    "drive_mode": RegisterRule(lower=0, upper=15),
+    "operating_mode": RegisterRule(lower=0, upper=16, default=3),
+    "secondary_shadow_id": RegisterRule(lower=0, upper=255, default=255),
+    "secondary_id": RegisterRule(lower=0, upper=255, default=255),
+    "protocol_type": RegisterRule(lower=1, upper=2, default=2),
+    "homing_offset": RegisterRule(signed=True, lower=-1_044_479, upper=1_044_479),
+    "external_port_mode": RegisterRule(lower=0, upper=3, default=3),
+    "startup_configuration": RegisterRule(lower=0, upper=3),
+    "torque_enable": RegisterRule(lower=0, upper=1),
+    "led": RegisterRule(lower=0, upper=1),
+    "status_return_level": RegisterRule(lower=0, upper=2, default=2),
     "registered_instruction": READ_ONLY,
     "hardware_error_status": READ_ONLY,
     **dict.fromkeys(GAINS, GAIN),
     **dict.fromkeys(FEEDS, replace(GAIN, default=0)),
-    "bus_watchdog": Rule(lower=0, upper=127),  # x 20 ms; reads 255 once it has tripped
-    "goal_current": Rule(signed=True, default=None, limit="current_limit"),
-    "goal_velocity": Rule(signed=True, default=0, limit="velocity_limit"),
-    "profile_acceleration": Rule(lower=0, upper=32767),
-    "profile_velocity": Rule(lower=0, upper=32767),
-    "goal_position": Rule(signed=True, lower=-1_048_575, upper=1_048_575),
+    "bus_watchdog": RegisterRule(lower=0, upper=127),  # x 20 ms; reads 255 once it has tripped
+    "goal_current": RegisterRule(signed=True, default=None, limit="current_limit"),
+    "goal_velocity": RegisterRule(signed=True, default=0, limit="velocity_limit"),
+    "profile_acceleration": RegisterRule(lower=0, upper=32767),
+    "profile_velocity": RegisterRule(lower=0, upper=32767),
+    "goal_position": RegisterRule(signed=True, lower=-1_048_575, upper=1_048_575),
     "realtime_tick": READ_ONLY,
     "moving": READ_ONLY,
     "moving_status": READ_ONLY,
@@ -75,35 +75,35 @@ X: Mapping[str, Rule] = {
     "present_input_voltage": READ_ONLY,
     "present_temperature": READ_ONLY,
     "backup_ready": READ_ONLY,
-    "external_port_data": Rule(lower=0, upper=4095, default=None),
-    "indirect_address": Rule(lower=64, upper=661, default=None),
-    "indirect_data": Rule(lower=0, upper=255),
+    "external_port_data": RegisterRule(lower=0, upper=4095, default=None),
+    "indirect_address": RegisterRule(lower=64, upper=661, default=None),
+    "indirect_data": RegisterRule(lower=0, upper=255),
 }
 
-SMALL: Mapping[str, Rule] = {  # X330: no 4.5 Mbit/s; RC protocols 20..22 beside Protocol 2
+SMALL: Mapping[str, RegisterRule] = {  # X330: no 4.5 Mbit/s; RC protocols 20..22 beside Protocol 2
     **X,
-    "baud_rate": Rule(lower=0, upper=6, default=1),
-    "protocol_type": Rule(lower=2, upper=22, default=2, values=frozenset({2, 20, 21, 22})),
-    "indirect_address": Rule(lower=64, upper=227, default=None),
+    "baud_rate": RegisterRule(lower=0, upper=6, default=1),
+    "protocol_type": RegisterRule(lower=2, upper=22, default=2, values=frozenset({2, 20, 21, 22})),
+    "indirect_address": RegisterRule(lower=64, upper=227, default=None),
 }
 
-P: Mapping[str, Rule] = {  # and PRO -R(A), RH-P12-RN(A)
+P: Mapping[str, RegisterRule] = {  # and PRO -R(A), RH-P12-RN(A)
     **X,
-    "baud_rate": Rule(lower=0, upper=9, default=1),
-    "drive_mode": Rule(lower=0, upper=13),
-    "protocol_type": Rule(lower=2, upper=10, default=2, values=frozenset({2, 10})),  # 10: Modbus
-    "homing_offset": Rule(signed=True),
-    **dict.fromkeys(("led_red", "led_green", "led_blue"), Rule(lower=0, upper=255)),
+    "baud_rate": RegisterRule(lower=0, upper=9, default=1),
+    "drive_mode": RegisterRule(lower=0, upper=13),
+    "protocol_type": RegisterRule(lower=2, upper=10, default=2, values=frozenset({2, 10})),  # 10: Modbus
+    "homing_offset": RegisterRule(signed=True),
+    **dict.fromkeys(("led_red", "led_green", "led_blue"), RegisterRule(lower=0, upper=255)),
     **dict.fromkeys(GAINS, replace(GAIN, upper=32767)),
-    "goal_position": Rule(signed=True),
-    "profile_acceleration": Rule(lower=0, default=None, limit="acceleration_limit"),
-    "profile_velocity": Rule(lower=0, default=None, limit="velocity_limit"),
-    "external_port_data": Rule(lower=0, upper=4095),
-    "indirect_address": Rule(lower=512, upper=1023, default=None),
+    "goal_position": RegisterRule(signed=True),
+    "profile_acceleration": RegisterRule(lower=0, default=None, limit="acceleration_limit"),
+    "profile_velocity": RegisterRule(lower=0, default=None, limit="velocity_limit"),
+    "external_port_data": RegisterRule(lower=0, upper=4095),
+    "indirect_address": RegisterRule(lower=512, upper=1023, default=None),
 }
 
 
-def rule(stem: str, key: str) -> Rule:
+def rule(stem: str, key: str) -> RegisterRule:
     """The rule of register `key` of the model whose table is `stem` ("xm430_w350"). Unknown: any value."""
     key = _numberless(key)
     if base(stem) in FACTORY:
@@ -121,7 +121,7 @@ def _numberless(key: str) -> str:
 
 
 @cache
-def _rules(stem: str) -> Mapping[str, Rule]:
+def _rules(stem: str) -> Mapping[str, RegisterRule]:
     """Of one model: its series' rules, and what its own page says."""
     made = FACTORY[stem]
     series = SMALL if made.slope is not None else X if stem in X_SERIES else P
@@ -135,41 +135,47 @@ def _rules(stem: str) -> Mapping[str, Rule]:
         for key in ("goal_pwm", "goal_velocity", "goal_current"):
             found[key] = replace(found[key], default=None)
     if stem == "rh_p12_rn":  # the gripper
-        ends = Rule(signed=True, lower=0, upper=made.position[1])
+        ends = RegisterRule(signed=True, lower=0, upper=made.position[1])
         found.update(homing_offset=ends, goal_position=ends)
         found["goal_current"] = replace(found["goal_current"], default=0)
     return MappingProxyType(found)
 
 
-def _limits(made: Factory, pwm: int) -> dict[str, Rule]:
+def _limits(made: FactoryDefaults, pwm: int) -> dict[str, RegisterRule]:
     """The registers whose range or default is the model's own."""
     low, high = made.position
-    volts = Rule(lower=made.volts[0], upper=made.volts[1])
+    volts = RegisterRule(lower=made.volts[0], upper=made.volts[1])
     least = made.volts[0] if made.volts_least is None else made.volts_least
     speed, current = made.velocity_most, made.current
     found = {
-        "return_delay_time": Rule(lower=0, upper=made.delay_most, default=250),
-        "operating_mode": Rule(lower=0, upper=16, default=made.mode),
-        "moving_threshold": Rule(lower=0, upper=made.threshold_most or speed, default=made.threshold),
-        "temperature_limit": Rule(lower=0, upper=100, default=made.temperature),
+        "return_delay_time": RegisterRule(lower=0, upper=made.delay_most, default=250),
+        "operating_mode": RegisterRule(lower=0, upper=16, default=made.mode),
+        "moving_threshold": RegisterRule(lower=0, upper=made.threshold_most or speed, default=made.threshold),
+        "temperature_limit": RegisterRule(lower=0, upper=100, default=made.temperature),
         "max_voltage_limit": replace(volts, default=made.volts[1]),
         "min_voltage_limit": replace(volts, default=least),
-        "pwm_limit": Rule(lower=0, upper=pwm, default=pwm),
-        "velocity_limit": Rule(lower=0, upper=speed, default=made.velocity),
-        "max_position_limit": Rule(signed=True, lower=low, upper=high, default=made.position_limits[1]),
-        "min_position_limit": Rule(signed=True, lower=low, upper=high, default=made.position_limits[0]),
-        "shutdown": Rule(lower=0, upper=made.shutdown_most, default=made.shutdown),
-        "goal_velocity": Rule(signed=True, lower=-speed, upper=speed, default=0, limit="velocity_limit"),
-        "goal_pwm": Rule(signed=True, lower=-pwm, upper=pwm, default=pwm, limit="pwm_limit"),
+        "pwm_limit": RegisterRule(lower=0, upper=pwm, default=pwm),
+        "velocity_limit": RegisterRule(lower=0, upper=speed, default=made.velocity),
+        "max_position_limit": RegisterRule(
+            signed=True, lower=low, upper=high, default=made.position_limits[1]
+        ),
+        "min_position_limit": RegisterRule(
+            signed=True, lower=low, upper=high, default=made.position_limits[0]
+        ),
+        "shutdown": RegisterRule(lower=0, upper=made.shutdown_most, default=made.shutdown),
+        "goal_velocity": RegisterRule(
+            signed=True, lower=-speed, upper=speed, default=0, limit="velocity_limit"
+        ),
+        "goal_pwm": RegisterRule(signed=True, lower=-pwm, upper=pwm, default=pwm, limit="pwm_limit"),
     }
     if current is not None:
-        found["current_limit"] = Rule(lower=0, upper=current, default=current)
-        found["goal_current"] = Rule(
+        found["current_limit"] = RegisterRule(lower=0, upper=current, default=current)
+        found["goal_current"] = RegisterRule(
             signed=True, lower=-current, upper=current, default=current, limit="current_limit"
         )
     if made.acceleration is not None:
         delivered, most = made.acceleration
-        found["acceleration_limit"] = Rule(lower=0, upper=most, default=delivered)
+        found["acceleration_limit"] = RegisterRule(lower=0, upper=most, default=delivered)
     if made.slope is not None:
-        found["pwm_slope"] = Rule(lower=1, upper=255, default=made.slope)
+        found["pwm_slope"] = RegisterRule(lower=1, upper=255, default=made.slope)
     return found

@@ -7,10 +7,19 @@ not given back: whoever wants torque prepares for it anew.
 
 from collections.abc import Mapping
 
-from twind_drivers.bus import DeviceRefused, NoReply, Ping, Reboot, Register, Restart, Script, Write
+from twind_drivers.bus import (
+    DeviceRefused,
+    NoReply,
+    PingRequest,
+    RebootRequest,
+    RegisterAddress,
+    RestartResult,
+    Script,
+    WriteRequest,
+)
 from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.dynamixel.servo import Servo
-from twind_drivers.dynamixel.tables import Field
+from twind_drivers.dynamixel.servo import ServoCommandState
+from twind_drivers.dynamixel.tables import TableRegister
 
 BOOT_ATTEMPTS = 300  # pings after a reboot before we give up: 3 s at 100 Hz
 
@@ -35,7 +44,7 @@ RESTORED = (
 OFF = ("torque_enable", "bus_watchdog")  # what must read 0 afterwards
 
 
-def restart(reader: DynamixelReader, servo: Servo, *, shut_down: bool) -> Script[Restart]:
+def restart(reader: DynamixelReader, servo: ServoCommandState, *, shut_down: bool) -> Script[RestartResult]:
     """Restart and restore `servo`. Raises NoReply; DeviceRefused while its torque is on.
 
     `shut_down`: torque reads on, but the hardware error (70) has taken it; refused where that error reads 0.
@@ -49,25 +58,27 @@ def restart(reader: DynamixelReader, servo: Servo, *, shut_down: bool) -> Script
     return (yield from give_back(reader, servo, before))
 
 
-def give_back(reader: DynamixelReader, servo: Servo, before: Mapping[str, int]) -> Script[Restart]:
+def give_back(
+    reader: DynamixelReader, servo: ServoCommandState, before: Mapping[str, int]
+) -> Script[RestartResult]:
     """RAM settings of a device without torque as they were `before`, read back. Raises NoReply."""
     fields = settings(servo)
     fallen = yield from values(reader, servo, fields)
     changed = [field for field in fields if fallen[field.key] != before[field.key]]
     for field in changed:
         if _may_return(servo, field, before[field.key]):
-            yield Write({servo.id: field.encode(before[field.key])}, field.address)
+            yield WriteRequest({servo.id: field.encode(before[field.key])}, field.address)
     after = (yield from values(reader, servo, fields)) if changed else fallen
     return _compare(fields, before, fallen, after)
 
 
-def settings(servo: Servo) -> list[Field]:
+def settings(servo: ServoCommandState) -> list[TableRegister]:
     """What is restored of this model; a current that is a goal is none of it."""
     names = [name for name in RESTORED if name in servo.table and name != servo.mode.goal]
     return [servo.table[name] for name in names]
 
 
-def _may_return(servo: Servo, field: Field, value: int) -> bool:
+def _may_return(servo: ServoCommandState, field: TableRegister, value: int) -> bool:
     """Goal current is a cap here, of mode 5 at most its own, whatever stood there; `prepare` sets it."""
     most = field.bounds[1] if servo.cap is None else servo.cap
     return field.key != "goal_current" or 0 <= value <= most
@@ -86,20 +97,20 @@ def _require_unloaded(name: str, id: int, state: Mapping[str, int], *, shut_down
 
 def _reboot(reader: DynamixelReader, id: int) -> Script[None]:
     """Off the bus and back on it."""
-    reply = yield Reboot(id)
+    reply = yield RebootRequest(id)
     if id not in reply.error:
         raise NoReply(reader.name, (id,), reply.waited, "reboot")
     reader.slow.forget(id)
     waited = reply.waited
     for _ in range(BOOT_ATTEMPTS):
-        reply = yield Ping(id)
+        reply = yield PingRequest(id)
         waited += reply.waited
         if id in reply.data:
             return
     raise NoReply(reader.name, (id,), waited, f"{BOOT_ATTEMPTS} pings after a reboot")
 
 
-def let_go(reader: DynamixelReader, servo: Servo) -> Script[None]:
+def let_go(reader: DynamixelReader, servo: ServoCommandState) -> Script[None]:
     """Torque and watchdog off, read back: startup configuration (60) can switch torque on at boot.
 
     Raises DeviceRefused, NoReply.
@@ -108,14 +119,16 @@ def let_go(reader: DynamixelReader, servo: Servo) -> Script[None]:
     state = yield from values(reader, servo, fields)
     for field in fields:
         if state[field.key]:
-            yield Write({servo.id: bytes(field.size)}, field.address)
+            yield WriteRequest({servo.id: bytes(field.size)}, field.address)
             left = (yield from reader.read(servo.id, field.key)).value
             if left:
                 reason = f"reads {left} and cannot be switched off: cut its supply"
                 raise DeviceRefused(reader.name, servo.id, f"{field.name} ({field.address})", reason)
 
 
-def values(reader: DynamixelReader, servo: Servo, fields: list[Field]) -> Script[dict[str, int]]:
+def values(
+    reader: DynamixelReader, servo: ServoCommandState, fields: list[TableRegister]
+) -> Script[dict[str, int]]:
     """Registers by key, in one transaction."""
     first, end = min(field.address for field in fields), max(field.end for field in fields)
     raw = (yield from reader.collect((servo.id,), first, end - first))[servo.id]
@@ -123,14 +136,17 @@ def values(reader: DynamixelReader, servo: Servo, fields: list[Field]) -> Script
 
 
 def _compare(
-    fields: list[Field], before: Mapping[str, int], fallen: Mapping[str, int], after: Mapping[str, int]
-) -> Restart:
-    restored: list[Register] = []
-    differing: list[tuple[Register, int]] = []
+    fields: list[TableRegister],
+    before: Mapping[str, int],
+    fallen: Mapping[str, int],
+    after: Mapping[str, int],
+) -> RestartResult:
+    restored: list[RegisterAddress] = []
+    differing: list[tuple[RegisterAddress, int]] = []
     for field in fields:
-        now = Register(field.name, field.address, field.size, after[field.key])
+        now = RegisterAddress(field.name, field.address, field.size, after[field.key])
         if after[field.key] != before[field.key]:
             differing.append((now, before[field.key]))
         elif fallen[field.key] != before[field.key]:
             restored.append(now)
-    return Restart(tuple(restored), tuple(differing))
+    return RestartResult(tuple(restored), tuple(differing))

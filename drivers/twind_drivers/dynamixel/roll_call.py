@@ -17,7 +17,7 @@ SIZE = 3  # bytes: model number 2, firmware 1
 ROOM = 4096  # bytes taken at once
 
 
-class RollCall:
+class BroadcastPingReply:
     """What came back from a broadcast ping. Arrays are by id, (253,). Only the end of the window ends it.
 
     `last`: the highest id whose slot is waited for.

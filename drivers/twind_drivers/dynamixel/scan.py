@@ -17,9 +17,9 @@ from enum import Enum
 from twind_drivers.bus import PortError
 from twind_drivers.dynamixel.budget import wire
 from twind_drivers.dynamixel.packet import LAST_ID, OVERHEAD, STATUS_OVERHEAD
-from twind_drivers.dynamixel.prober import LONGEST_DELAY, SLACK, Heard, Prober
+from twind_drivers.dynamixel.prober import LONGEST_DELAY, SLACK, Prober, ProbeWindow
 from twind_drivers.dynamixel.roll_call import SIZE, SLOT
-from twind_drivers.dynamixel.tables import Table, table
+from twind_drivers.dynamixel.tables import ControlTable, table
 
 # Rates of register 8, the most usual first (e-manual, "Baud Rate").
 BAUDS = (57_600, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 115_200, 4_500_000, 9_600)
@@ -93,7 +93,7 @@ def old_protocol(ids: Sequence[int]) -> Trouble:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class ScannedDevice:
     """One id that answered. What could not be told is None."""
 
     baud: int
@@ -107,11 +107,11 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
-class Rate:
+class BaudRateScan:
     """What one baud rate gave."""
 
     baud: int
-    found: tuple[Found, ...]
+    found: tuple[ScannedDevice, ...]
     troubles: tuple[Trouble, ...]  # of the line as a whole
 
 
@@ -134,7 +134,7 @@ def scan(
     *,
     thorough: bool = False,
     tell: Tell = lambda baud, what: None,
-) -> Iterator[Rate]:
+) -> Iterator[BaudRateScan]:
     """Rate after rate. A rate that the adapter refuses is a trouble of that rate; a lost port raises."""
     for baud in bauds:
         tell(baud, "asking everybody")
@@ -143,7 +143,7 @@ def scan(
         except PortError as error:
             if error.lost:
                 raise
-            yield Rate(baud, (), (Trouble(Kind.RATE, error.reason),))
+            yield BaudRateScan(baud, (), (Trouble(Kind.RATE, error.reason),))
             continue
         yield scan_rate(prober, ids, thorough=thorough, tell=tell)
 
@@ -154,7 +154,7 @@ def scan_rate(
     *,
     thorough: bool = False,
     tell: Tell = lambda baud, what: None,
-) -> Rate:
+) -> BaudRateScan:
     """One baud rate. Raises PortError(lost=True)."""
     troubles = list(_line(prober))
     call = prober.roll_call(max(ids))
@@ -175,7 +175,7 @@ def scan_rate(
         noise += 0 if one.trouble else unclear_answers
     if noise >= NOISY:
         troubles.append(NOISE)
-    return Rate(prober.baud, tuple(found), tuple(troubles))
+    return BaudRateScan(prober.baud, tuple(found), tuple(troubles))
 
 
 def _singly(
@@ -235,23 +235,23 @@ def _ping(prober: Prober, id: int) -> tuple[bytes | None, bool]:
     return answer, True
 
 
-def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple[Found, int]:
+def _look(prober: Prober, id: int, answer: bytes | None, garbled: bool) -> tuple[ScannedDevice, int]:
     """Torque and hardware error of one id, and whether it is one device; how many answers were garbled."""
     if answer is None:
-        return Found(prober.baud, id, None, None, None, None, None, UNSOUND), 0
+        return ScannedDevice(prober.baud, id, None, None, None, None, None, UNSOUND), 0
     number, firmware = int.from_bytes(answer[:2], "little"), answer[2]
     try:
-        known: Table | None = table(number, firmware)
+        known: ControlTable | None = table(number, firmware)
     except KeyError:
         known = None
     trouble, unclear = (TWO, 0) if garbled else _clash(prober, id, known)
     torque = _value(prober, id, known, "torque_enable")
     error = _value(prober, id, known, "hardware_error_status")
     name, on = known.model if known else None, None if torque is None else torque == 1
-    return Found(prober.baud, id, number, name, firmware, on, error, trouble), unclear
+    return ScannedDevice(prober.baud, id, number, name, firmware, on, error, trouble), unclear
 
 
-def _clash(prober: Prober, id: int, known: Table | None) -> tuple[Trouble | None, int]:
+def _clash(prober: Prober, id: int, known: ControlTable | None) -> tuple[Trouble | None, int]:
     """Why this seems to be more than one device, None if it does not; how many answers were garbled."""
     if known is None:
         return None, 0
@@ -267,7 +267,7 @@ def _clash(prober: Prober, id: int, known: Table | None) -> tuple[Trouble | None
     return UNEQUAL, PROBES
 
 
-def _value(prober: Prober, id: int, known: Table | None, name: str) -> int | None:
+def _value(prober: Prober, id: int, known: ControlTable | None, name: str) -> int | None:
     """One register; None where it has none, or is not told (status return level 0)."""
     if known is None or name not in known:
         return None
@@ -279,5 +279,5 @@ def _value(prober: Prober, id: int, known: Table | None, name: str) -> int | Non
     return None
 
 
-def _sound(heard: Heard, id: int, size: int) -> list[bytes]:
+def _sound(heard: ProbeWindow, id: int, size: int) -> list[bytes]:
     return [each.data for each in heard.statuses if each.id == id and len(each.data) == size]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.attendance import FIRST, MISSES, PROBE
-from twind_drivers.bus import Floats, Read, Reply
+from twind_drivers.bus import Floats, ReadRequest, RequestReply
 
 SHORTER = 8  # so many lengths are told apart
 PROOFS = 2  # short answers in a row: after them nothing older is under way
@@ -30,7 +30,7 @@ RAREST = (
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class SensorField:
     """`count` numbers side by side at `address`; `kind` as numpy spells it: `<i2`."""
 
     address: int
@@ -46,15 +46,15 @@ class Field:
 class Sensor:
     """One device. Times in s."""
 
-    def __init__(self, id: int, fields: Sequence[Field]) -> None:
+    def __init__(self, id: int, fields: Sequence[SensorField]) -> None:
         self.id = id
         first = min(field.address for field in fields)
-        self._whole = Read((id,), first, max(field.end for field in fields) - first)
+        self._whole = ReadRequest((id,), first, max(field.end for field in fields) - first)
         self._parts = [(field.address - first, field.kind, field.count) for field in fields]
         most = min(SHORTER, self._whole.size - 1)
-        self._short = [Read((id,), first, size) for size in range(1, most + 1)]
+        self._short = [ReadRequest((id,), first, size) for size in range(1, most + 1)]
         self._turn = 0  # of the short ones
-        self._asked: Read | None = None
+        self._asked: ReadRequest | None = None
         self._sent = -inf
         self._owed: list[tuple[float, int]] = []  # s and bytes of questions that may still be answered
         self._proofs = PROOFS
@@ -65,7 +65,7 @@ class Sensor:
         self._due, self._pause, self._most = -inf, FIRST, PROBE
 
     @property
-    def query(self) -> Read:
+    def query(self) -> ReadRequest:
         """The whole block."""
         return self._whole
 
@@ -78,7 +78,7 @@ class Sensor:
         """It has answered for so long, and nothing was wrong."""
         return not self._parked and now - self._failed_at >= seconds
 
-    def ask(self, now: float) -> Read | None:
+    def ask(self, now: float) -> ReadRequest | None:
         """What to ask now; None: it is left alone for a while. `take` must follow."""
         if self._parked:
             if now < self._due:
@@ -90,7 +90,7 @@ class Sensor:
             self._turn = (self._turn + 1) % len(self._short)
         return self._asked
 
-    def take(self, reply: Reply, now: float) -> list[Floats] | None:
+    def take(self, reply: RequestReply, now: float) -> list[Floats] | None:
         """The numbers of each field, raw; None: it did not answer, or answered to less than all."""
         asked, self._asked = self._asked, None
         if asked is None:

@@ -4,18 +4,18 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from twind_drivers.bus import Write
-from twind_drivers.dynamixel.layout import Block, Layout, layout_of
-from twind_drivers.dynamixel.modes import POSITION, VELOCITY, Mode, block, check_cap, mode_of
+from twind_drivers.bus import WriteRequest
+from twind_drivers.dynamixel.layout import DeviceLayout, RegisterBlock, layout_of
+from twind_drivers.dynamixel.modes import POSITION, VELOCITY, OperatingMode, block, check_cap, mode_of
 from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.dynamixel.tables import Table
+from twind_drivers.dynamixel.tables import ControlTable
 
 MAX_ACCELERATION = 32767  # counts of register 108 (e-manual)
 
-Rows = list[tuple[int, Block, bytes]]  # id, where, what
+Rows = list[tuple[int, RegisterBlock, bytes]]  # id, where, what
 
 
-class Gains(NamedTuple):
+class RawGains(NamedTuple):
     """Position loop gains, raw; None: the model's default."""
 
     p: int | None = None
@@ -24,23 +24,23 @@ class Gains(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Servo:
+class ServoCommandState:
     """One device."""
 
     id: int
-    table: Table
-    layout: Layout
-    mode: Mode
+    table: ControlTable
+    layout: DeviceLayout
+    mode: OperatingMode
     gains: bytes  # D, I, P as they lie in the registers
     cap: int | None  # goal current in mode 5, counts
     acceleration: int | None  # profile acceleration in mode 1, counts; None: as the servo has it
 
-    def at(self, *names: str) -> Block:
+    def at(self, *names: str) -> RegisterBlock:
         """From the first of these registers to the end of the last."""
         return block(self.table, *names)
 
     @property
-    def goal(self) -> Block:
+    def goal(self) -> RegisterBlock:
         """The register that commands it."""
         return self.at(self.mode.goal)
 
@@ -66,7 +66,7 @@ def servos_of(
     caps: Sequence[int | None] | None,
     gains: Sequence[tuple[int | None, int | None, int | None]] | None,
     accelerations: Sequence[int | None] | None,
-) -> tuple[Servo, ...]:
+) -> tuple[ServoCommandState, ...]:
     """The devices of a bus (m), in the order of its ids; None: the default for all.
 
     Raises ValueError that names the device: a mode that cannot be, a missing cap, a gain out of range.
@@ -75,7 +75,7 @@ def servos_of(
     given: tuple[Sequence[Any], ...] = (
         [POSITION] * count if modes is None else modes,
         [None] * count if caps is None else caps,
-        [Gains()] * count if gains is None else [Gains(*one) for one in gains],
+        [RawGains()] * count if gains is None else [RawGains(*one) for one in gains],
         [None] * count if accelerations is None else accelerations,
     )
     for each in given:
@@ -85,8 +85,8 @@ def servos_of(
 
 
 def _servo(
-    reader: DynamixelReader, id: int, mode: int, cap: int | None, gains: Gains, acceleration: int | None
-) -> Servo:
+    reader: DynamixelReader, id: int, mode: int, cap: int | None, gains: RawGains, acceleration: int | None
+) -> ServoCommandState:
     where, table = f"{reader.name}: id {id}", reader.table(id)
     found = mode_of(where, table, mode)
     check_cap(where, table, found, cap)
@@ -95,10 +95,10 @@ def _servo(
             f"{where}: profile acceleration {acceleration} belongs to mode 1 and 0..{MAX_ACCELERATION}"
         )
     raw = b"" if found.rests_at_zero else _gain_bytes(where, table, gains)
-    return Servo(id, table, layout_of(table), found, raw, cap, acceleration)
+    return ServoCommandState(id, table, layout_of(table), found, raw, cap, acceleration)
 
 
-def _gain_bytes(where: str, table: Table, gains: Gains) -> bytes:
+def _gain_bytes(where: str, table: ControlTable, gains: RawGains) -> bytes:
     """D, I, P as they lie in the registers."""
     parts = []
     for key, wanted in (("d", gains.d), ("i", gains.i), ("p", gains.p)):
@@ -111,19 +111,21 @@ def _gain_bytes(where: str, table: Table, gains: Gains) -> bytes:
     return b"".join(parts)
 
 
-def rows(servos: Iterable[Servo], what: Callable[[Servo], tuple[Block, bytes]]) -> Rows:
+def rows(
+    servos: Iterable[ServoCommandState], what: Callable[[ServoCommandState], tuple[RegisterBlock, bytes]]
+) -> Rows:
     """`what` of each of them."""
     return [(servo.id, *what(servo)) for servo in servos]
 
 
-def groups(wanted: Rows) -> dict[Block, Mapping[int, bytes]]:
+def groups(wanted: Rows) -> dict[RegisterBlock, Mapping[int, bytes]]:
     """The same by where it lies: one group packet, or one read, for each."""
-    found: dict[Block, dict[int, bytes]] = {}
+    found: dict[RegisterBlock, dict[int, bytes]] = {}
     for id, where, data in wanted:
         found.setdefault(where, {})[id] = data
     return dict(found)
 
 
-def writes(wanted: Rows) -> tuple[Write, ...]:
+def writes(wanted: Rows) -> tuple[WriteRequest, ...]:
     """One group write for each (address, size)."""
-    return tuple(Write(data, where.address) for where, data in groups(wanted).items())
+    return tuple(WriteRequest(data, where.address) for where, data in groups(wanted).items())

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.bus import Read, Registers
-from twind_drivers.dynamixel.budget import Upkeep
-from twind_drivers.dynamixel.layout import Block, Layout
-from twind_drivers.dynamixel.tables import Table
+from twind_drivers.bus import ReadRequest, SlowRegisterValues
+from twind_drivers.dynamixel.budget import SlowReadSchedule
+from twind_drivers.dynamixel.layout import DeviceLayout, RegisterBlock
+from twind_drivers.dynamixel.tables import ControlTable
 
 VOLT = 0.1  # V per raw unit of the input voltage register
 
@@ -25,7 +25,7 @@ Kept = tuple[str, NDArray[Any], float]  # register, where it is kept, its unit
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class BlockField:
     """A register within a block: which bytes of it, where they are kept, and their unit."""
 
     first: int
@@ -35,19 +35,21 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class BlockDecodePlan:
     """What a block holds of these registers, and the times of the groups that are whole in it."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[BlockField, ...]
     times: tuple[NDArray[Any], ...]
 
 
-class SlowRegisters:
+class DynamixelSlowRegisters:
     """Torque, hardware error, watchdog; voltage, temperature, tick: of each id, with the time of reading."""
 
-    def __init__(self, ids: tuple[int, ...], tables: Sequence[Table], layouts: Sequence[Layout]) -> None:
+    def __init__(
+        self, ids: tuple[int, ...], tables: Sequence[ControlTable], layouts: Sequence[DeviceLayout]
+    ) -> None:
         """`tables`, `layouts` (m): of each id."""
-        self.registers = state = Registers.unknown(len(ids))
+        self.registers = state = SlowRegisterValues.unknown(len(ids))
         self._state_time, self._watch_time = np.full((2, len(ids)), -np.inf)
         self._index = {id: place for place, id in enumerate(ids)}
         self._layouts = tuple(layouts)
@@ -61,20 +63,20 @@ class SlowRegisters:
             (self._watch_time, (watchdog,)),
             (state.health_time, (voltage, temperature, tick)),
         )
-        self._plans: dict[tuple[Layout, int, int], Plan] = {}  # of the blocks read so far
-        self._status: list[Read] = []
-        self._health: list[Read] = []
+        self._plans: dict[tuple[DeviceLayout, int, int], BlockDecodePlan] = {}  # of the blocks read so far
+        self._status: list[ReadRequest] = []
+        self._health: list[ReadRequest] = []
         self._slot, self._slots, self._turn = 0, 1, 0  # in this round: next, all; next of health
-        self._first: list[Read] = []  # before all turns
-        self._open: Read | None = None  # of health, asked and not answered by all
+        self._first: list[ReadRequest] = []  # before all turns
+        self._open: ReadRequest | None = None  # of health, asked and not answered by all
 
-    def schedule(self, ids: Sequence[int], plan: Upkeep) -> list[Read]:
+    def schedule(self, ids: Sequence[int], plan: SlowReadSchedule) -> list[ReadRequest]:
         """From now on the slices of these `ids` come round robin; all of them, each once."""
-        kinds: dict[Layout, list[int]] = {}
+        kinds: dict[DeviceLayout, list[int]] = {}
         for id in ids:
             kinds.setdefault(self._layouts[self._index[id]], []).append(id)
 
-        def slices(size: int, block: Callable[[Layout], Block]) -> list[Read]:
+        def slices(size: int, block: Callable[[DeviceLayout], RegisterBlock]) -> list[ReadRequest]:
             return [read for layout, own in kinds.items() for read in _slices(own, size, block(layout))]
 
         state = slices(plan.state, lambda layout: layout.state if plan.watch else layout.status)
@@ -88,9 +90,11 @@ class SlowRegisters:
         """The registers of a device that came back are the next to be asked, all of them: it may have
         restarted."""
         layout = self._layouts[self._index[id]]
-        self._first += [Read((id,), block.address, block.size) for block in (layout.status, layout.health)]
+        self._first += [
+            ReadRequest((id,), block.address, block.size) for block in (layout.status, layout.health)
+        ]
 
-    def next(self) -> Read:
+    def next(self) -> ReadRequest:
         """The slice whose turn it is. A round is as many status slices as fit, then one of health; it begins
         with the first status slice, so each device's turn comes once a round."""
         if self._first:
@@ -98,7 +102,7 @@ class SlowRegisters:
         slot, self._slot = self._slot, (self._slot + 1) % self._slots
         return self._status[slot % len(self._status)] if slot < self._slots - 1 else self._next_health()
 
-    def _next_health(self) -> Read:
+    def _next_health(self) -> ReadRequest:
         """One that not all answered is asked once more in the next round. Its own turn comes every fifth of a
         second: with faults that come as often it would be the same one that is lost each time."""
         query, self._open = self._open, None
@@ -107,7 +111,7 @@ class SlowRegisters:
             self._turn = (self._turn + 1) % len(self._health)
         return query
 
-    def fold(self, query: Read, ids: Sequence[int], data: NDArray[np.uint8], time: float) -> None:
+    def fold(self, query: ReadRequest, ids: Sequence[int], data: NDArray[np.uint8], time: float) -> None:
         """Keep what the answers of `ids` (k) to `query`, `data` (k, size), say of these registers."""
         if query is self._open and len(ids) == len(query.ids):
             self._open = None
@@ -125,9 +129,9 @@ class SlowRegisters:
             both = np.minimum(self._state_time[places], self._watch_time[places])
             self.registers.status_time[places] = both
 
-    def _kinds(self, ids: Sequence[int]) -> list[tuple[Layout, list[int]]]:
+    def _kinds(self, ids: Sequence[int]) -> list[tuple[DeviceLayout, list[int]]]:
         """Which rows of `ids` are of which layout; ids that are not of this bus are of none."""
-        kinds: dict[Layout, list[int]] = {}
+        kinds: dict[DeviceLayout, list[int]] = {}
         if len(self._tables) == 1 and self._index.keys() >= set(ids):
             return [(self._layouts[0], list(range(len(ids))))]
         for row, id in enumerate(ids):
@@ -135,23 +139,23 @@ class SlowRegisters:
                 kinds.setdefault(self._layouts[self._index[id]], []).append(row)
         return list(kinds.items())
 
-    def _plan(self, layout: Layout, address: int, size: int) -> Plan:
+    def _plan(self, layout: DeviceLayout, address: int, size: int) -> BlockDecodePlan:
         plan = self._plans.get((layout, address, size))
         if plan is None:
-            block, fields = Block(address, size), self._tables[layout].fields
+            block, fields = RegisterBlock(address, size), self._tables[layout].fields
             parts, times = [], []
             for when, kept in self._groups:
                 found = [
                     (block.offset(fields[name]), fields[name], store, unit) for name, store, unit in kept
                 ]
                 parts += [
-                    Part(at, at + field.size, store, unit)
+                    BlockField(at, at + field.size, store, unit)
                     for at, field, store, unit in found
                     if at is not None
                 ]
                 if all(at is not None for at, _, _, _ in found):
                     times.append(when)
-            plan = self._plans[layout, address, size] = Plan(tuple(parts), tuple(times))
+            plan = self._plans[layout, address, size] = BlockDecodePlan(tuple(parts), tuple(times))
         return plan
 
     def forget(self, id: int) -> None:
@@ -170,6 +174,6 @@ def _words(data: NDArray[np.uint8]) -> NDArray[np.uint16]:
     return np.ascontiguousarray(data[:, :2]).view("<u2")[:, 0]
 
 
-def _slices(ids: Sequence[int], count: int, block: Block) -> list[Read]:
+def _slices(ids: Sequence[int], count: int, block: RegisterBlock) -> list[ReadRequest]:
     spans = (tuple(ids[first : first + count]) for first in range(0, len(ids), count))
-    return [Read(own, block.address, block.size) for own in spans]
+    return [ReadRequest(own, block.address, block.size) for own in spans]

@@ -14,8 +14,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from twind_drivers.bus import UnknownRegister
-from twind_drivers.dynamixel.models import Facts, facts
-from twind_drivers.dynamixel.registers import Rule, rule
+from twind_drivers.dynamixel.models import ModelCapabilities, facts
+from twind_drivers.dynamixel.registers import RegisterRule, rule
 
 # In the e-manual (XL330 page; X430/X540 from firmware 45), missing in the vendor's X files. Boot-time torque
 # hides behind the first, so we read it always; older firmware reads 0 there inside a block.
@@ -23,7 +23,7 @@ SUPPLEMENT = (("Startup Configuration", 60, 1), ("Backup Ready", 147, 1))
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class TableRegister:
     """One register of one model."""
 
     name: str  # as the vendor's table spells it: "Goal Position"
@@ -31,7 +31,7 @@ class Field:
     address: int
     size: int  # bytes
     eeprom: bool  # survives power-off, writable only while torque is off
-    rule: Rule
+    rule: RegisterRule
 
     @property
     def end(self) -> int:
@@ -75,17 +75,17 @@ class Field:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ControlTable:
     """The control table of one model."""
 
     number: int
     model: str  # "XM430-W350"
     stem: str  # the vendor's file: "xm430_w350"
-    fields: Mapping[str, Field]  # by key
+    fields: Mapping[str, TableRegister]  # by key
     # Addresses that an order may write. No indirect data: it is whatever it is mapped to, a goal too.
     writable: frozenset[int]
 
-    def __getitem__(self, name: str) -> Field:
+    def __getitem__(self, name: str) -> TableRegister:
         """A register by its name, in either spelling, or its address: "11". Raises UnknownRegister."""
         key = snake(name)
         if key in self.fields:
@@ -96,7 +96,7 @@ class Table:
         raise UnknownRegister(self.model, name, _nearest(key, self.fields))
 
     @property
-    def facts(self) -> Facts:
+    def facts(self) -> ModelCapabilities:
         """What the model is: modes, units, firmware. Raises KeyError where no page was read."""
         return facts(self.stem)
 
@@ -132,7 +132,7 @@ def number_of(name: str) -> int:
 
 
 @cache
-def table(number: int, firmware: int = 0) -> Table:
+def table(number: int, firmware: int = 0) -> ControlTable:
     """The table of a model number. X330 from firmware 52 have another indirect layout.
 
     Raises KeyError for a number that the vendor's index does not have.
@@ -149,13 +149,13 @@ def table(number: int, firmware: int = 0) -> Table:
         rows += [row for row in SUPPLEMENT if snake(row[0]) not in known]
     ram = min(address for name, address, _ in rows if snake(name) == "torque_enable")
     fields = {
-        (key := snake(name)): Field(name, key, address, size, address < ram, rule(stem, key))
+        (key := snake(name)): TableRegister(name, key, address, size, address < ram, rule(stem, key))
         for name, address, size in rows
     }
     writable = {at for each in fields.values() if each.rule.writable for at in range(each.address, each.end)}
     mapped = {each.address for key, each in fields.items() if key.startswith("indirect_data")}
     allowed = frozenset(writable - mapped)
-    return Table(number, _model(_index()[number]), stem, MappingProxyType(fields), allowed)
+    return ControlTable(number, _model(_index()[number]), stem, MappingProxyType(fields), allowed)
 
 
 @cache

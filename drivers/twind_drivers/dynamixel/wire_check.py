@@ -4,16 +4,16 @@ from collections.abc import Mapping
 
 from twind_drivers.bus import WireClamp
 from twind_drivers.dynamixel import packet
-from twind_drivers.dynamixel.layout import Block
-from twind_drivers.dynamixel.tables import Table
+from twind_drivers.dynamixel.layout import RegisterBlock
+from twind_drivers.dynamixel.tables import ControlTable
 
-Fences = Mapping[Block, tuple[int, int]]  # goal register -> smallest and largest word, inclusive
+Fences = Mapping[RegisterBlock, tuple[int, int]]  # goal register -> smallest and largest word, inclusive
 
 
-class WireCheck:
+class DynamixelWireCheck:
     """What may be written on one bus."""
 
-    def __init__(self, name: str, tables: Mapping[int, Table], fences: Mapping[int, Fences]) -> None:
+    def __init__(self, name: str, tables: Mapping[int, ControlTable], fences: Mapping[int, Fences]) -> None:
         """`tables`: by id, may change later. `fences`: of each id, every goal register that it has."""
         self._name, self._tables, self._fences = name, tables, fences
 

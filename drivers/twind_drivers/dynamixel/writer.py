@@ -10,37 +10,37 @@ import numpy as np
 
 from twind_drivers.bus import (
     Bools,
-    Burst,
+    BurstWriteRequest,
     DeviceRefused,
     Ints,
     NoReply,
     Order,
-    Reboot,
-    Register,
-    Restart,
+    RebootRequest,
+    RegisterAddress,
+    RestartResult,
     Script,
     WireClamp,
-    Write,
+    WriteRequest,
 )
 from twind_drivers.dynamixel import damping, packet
-from twind_drivers.dynamixel.alone import AloneServo
+from twind_drivers.dynamixel.alone import SingleServoControl
 from twind_drivers.dynamixel.explain import explain, limit_words
 from twind_drivers.dynamixel.goals import Goals, bounds_of, goal_packets
-from twind_drivers.dynamixel.layout import Block
-from twind_drivers.dynamixel.line import Exchange
+from twind_drivers.dynamixel.layout import RegisterBlock
+from twind_drivers.dynamixel.line import SerialTransaction
 from twind_drivers.dynamixel.modes import CURRENT_BASED, check_bounds, fences
 from twind_drivers.dynamixel.reader import DynamixelReader
-from twind_drivers.dynamixel.replies import PlainReply
+from twind_drivers.dynamixel.replies import StatusReply
 from twind_drivers.dynamixel.restore import restart
 from twind_drivers.dynamixel.servo import (
     Rows,
-    Servo,
+    ServoCommandState,
     groups,
     rows,
     servos_of,
     writes,
 )
-from twind_drivers.dynamixel.wire_check import WireCheck
+from twind_drivers.dynamixel.wire_check import DynamixelWireCheck
 
 # Registers that `write` leaves alone, and whose they are.
 ELSEWHERE = {
@@ -84,12 +84,12 @@ class DynamixelWriter:
             raise ValueError(f"{reader.name}: watchdog {watchdog} is outside 1..127 (x 20 ms)")
         self._reader, self._line, self._name, self._ids = reader, reader.line, reader.name, reader.ids
         self._watchdog = bytes((watchdog,))
-        self._alone: AloneServo | None = None
+        self._alone: SingleServoControl | None = None
         self._servos = servos_of(
             reader, modes=modes, caps=current_caps, gains=gains, accelerations=accelerations
         )
         self._resting = np.array([servo.mode.rests_at_zero for servo in self._servos])
-        self._led: tuple[Servo, ...] = self._servos  # who gets goals ...
+        self._led: tuple[ServoCommandState, ...] = self._servos  # who gets goals ...
         self._places: Ints | None = None  # ... and their places; None: all
         self.bound(lower, upper)
         self._pwm = {
@@ -124,7 +124,7 @@ class DynamixelWriter:
             lower, upper = np.where(alone, 0, lower), np.where(alone, -1, upper)
         own = zip(self._servos, lower.tolist(), upper.tolist(), strict=True)
         each = {one.id: fences(one.table, one.mode, least, most, one.cap) for one, least, most in own}
-        self._check = WireCheck(self._name, self._reader.tables, each)
+        self._check = DynamixelWireCheck(self._name, self._reader.tables, each)
 
     # --------------------------------------------------------------------------- every tick
 
@@ -151,16 +151,16 @@ class DynamixelWriter:
         (self._check if self._alone is None else self._alone).judge(exchange.packet)
         self._line.send(exchange, now)
 
-    def _exchange(self, order: Order) -> Exchange:
-        if isinstance(order, Reboot):
-            return Exchange(packet.reboot(order.id), PlainReply((order.id,), 0), 1)
-        if isinstance(order, Write) and len(order.data) == 1:
+    def _exchange(self, order: Order) -> SerialTransaction:
+        if isinstance(order, RebootRequest):
+            return SerialTransaction(packet.reboot(order.id), StatusReply((order.id,), 0), 1)
+        if isinstance(order, WriteRequest) and len(order.data) == 1:
             [(id, data)] = order.data.items()
-            return Exchange(packet.write(id, order.address, data), PlainReply((id,), 0), 1)
-        if isinstance(order, Write | Burst):
-            each = (order,) if isinstance(order, Write) else order.writes
+            return SerialTransaction(packet.write(id, order.address, data), StatusReply((id,), 0), 1)
+        if isinstance(order, WriteRequest | BurstWriteRequest):
+            each = (order,) if isinstance(order, WriteRequest) else order.writes
             packets = b"".join(packet.sync_write(one.address, one.data) for one in each)
-            return Exchange(packets, None, 0)
+            return SerialTransaction(packets, None, 0)
         raise TypeError(f"{self._name}: a writer does not ask: {order}")
 
     # --------------------------------------------------------------------------- scripts
@@ -190,7 +190,7 @@ class DynamixelWriter:
         if silent is not None:
             raise silent.with_traceback(None)
 
-    def _prepared(self, servos: tuple[Servo, ...], goals: Rows) -> Script[None]:
+    def _prepared(self, servos: tuple[ServoCommandState, ...], goals: Rows) -> Script[None]:
         """All of that, of these alone."""
         ids = {servo.id for servo in servos}
         goal = [row for row in goals if row[0] in ids]
@@ -201,13 +201,13 @@ class DynamixelWriter:
             rows(servos, lambda servo, data=data: (servo.layout.watchdog, data))  # type: ignore[misc]
             for data in (b"\0", self._watchdog)
         )
-        yield Burst((*writes(off), *writes(caps), *writes(goal), *writes(on)))
+        yield BurstWriteRequest((*writes(off), *writes(caps), *writes(goal), *writes(on)))
         yield from self._same("bus watchdog", on)
         yield from self._settle(servos, goal)
         yield from self._same("goal current, the cap of mode 5", caps)
         yield from self._restore_output(servos)
 
-    def _settle(self, servos: tuple[Servo, ...], goal: Rows) -> Script[None]:
+    def _settle(self, servos: tuple[ServoCommandState, ...], goal: Rows) -> Script[None]:
         """Gains and profiles; what stands beside the goals of each mode is read back with them."""
         moving = [servo for servo in servos if not servo.mode.rests_at_zero]
         gains = rows(moving, lambda servo: (servo.layout.gains, servo.gains))
@@ -218,7 +218,7 @@ class DynamixelWriter:
             lambda servo: (servo.at("profile_acceleration"), (servo.acceleration or 0).to_bytes(4, "little")),
         )
         if orders := writes(gains) + writes(profile) + writes(ramps):
-            yield Burst(orders)
+            yield BurstWriteRequest(orders)
         yield from self._same("position gains", gains)
         held = {id: data for id, _, data in goal}
         motion = rows(moving, lambda servo: (servo.layout.motion, bytes(8) + held[servo.id]))
@@ -227,16 +227,16 @@ class DynamixelWriter:
         moved = {servo.id for servo in moving}
         yield from self._goals_are([row for row in goal if row[0] not in moved])
 
-    def _restore_output(self, servos: tuple[Servo, ...]) -> Script[None]:
+    def _restore_output(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
         """Goal PWM of modes 3 and 4 at its limit: it caps the force, and damping lowers it."""
         free = [servo for servo in servos if servo.cap is None and not servo.mode.rests_at_zero]
         self._pwm |= yield from self._words(free, lambda servo: servo.at("pwm_limit"))
         pwm = rows(free, lambda servo: (servo.at("goal_pwm"), _short(self._pwm[servo.id])))
         if pwm:
-            yield Burst(writes(pwm))
+            yield BurstWriteRequest(writes(pwm))
         yield from self._same("goal PWM", pwm)
 
-    def _require_modes(self, servos: tuple[Servo, ...]) -> Script[None]:
+    def _require_modes(self, servos: tuple[ServoCommandState, ...]) -> Script[None]:
         """The modes are those of this writer; from now on limit registers bound speeds and currents."""
         modes = rows(servos, lambda servo: (servo.at("operating_mode"), bytes((servo.mode.number,))))
         yield from self._same("operating mode", modes, "needs")
@@ -250,7 +250,7 @@ class DynamixelWriter:
     def aim(self, ticks: Ints) -> Script[None]:
         """Write goals (m,) and read them back. Raises DeviceRefused on the first that differs, WireClamp."""
         goal = self._goal_rows(ticks)
-        yield Burst(writes(goal))
+        yield BurstWriteRequest(writes(goal))
         yield from self._goals_are(goal)
 
     def aimed(self) -> Script[Ints]:
@@ -268,18 +268,20 @@ class DynamixelWriter:
             yield from self._goals_are(rows(resting, lambda each: (each.goal, each.word(0))), "needs")
         wanted = rows(self._servos, lambda servo: (servo.layout.torque, bytes((on,))))
         self._reader.registers.torque[:] = -1  # what was read before says nothing of it any more
-        yield Burst(writes(wanted) if on else writes(wanted) * 2)
+        yield BurstWriteRequest(writes(wanted) if on else writes(wanted) * 2)
         yield from self._same("torque enable", wanted)
 
     def damp(self) -> Script[tuple[int, ...]]:
         """Torque stays, soft (`damping`); ids of those that did not confirm it, the silent ones too."""
         return damping.damp(self._reader, self._servos, self._pwm)
 
-    def alone(self, id: int, *, cap: int, profile: int) -> AloneServo:
+    def alone(self, id: int, *, cap: int, profile: int) -> SingleServoControl:
         """One of them, to be driven by itself with little current; until `together` nobody else gets anything
         but torque off. `cap`: raw current; `profile`: raw velocity. Raises ValueError: it cannot be."""
         watchdog = self._watchdog[0]
-        self._alone = AloneServo(self._reader, self._servos, id, cap=cap, profile=profile, watchdog=watchdog)
+        self._alone = SingleServoControl(
+            self._reader, self._servos, id, cap=cap, profile=profile, watchdog=watchdog
+        )
         self.clear()
         return self._alone
 
@@ -288,7 +290,7 @@ class DynamixelWriter:
         self._alone = None
         self.clear()
 
-    def write(self, id: int, name: str, value: int) -> Script[Register]:
+    def write(self, id: int, name: str, value: int) -> Script[RegisterAddress]:
         """One register by name, read back. EEPROM only while that device's torque is off.
 
         Raises NoReply, DeviceRefused, KeyError (lists near names), ValueError (range, read-only, not here).
@@ -302,11 +304,11 @@ class DynamixelWriter:
         if field.eeprom and (yield from self._reader.read(id, "torque_enable")).value:
             reason = "is EEPROM, writable only while torque is off: disarm first"
             raise DeviceRefused(self._name, id, field.name, reason)
-        reply = yield Write({id: field.encode(value)}, field.address)
+        reply = yield WriteRequest({id: field.encode(value)}, field.address)
         error = reply.error.get(id, 0)
         if error & 0x7F:
             why = packet.explain(error)
-            if error & 0x7F == packet.Error.DATA_LIMIT:
+            if error & 0x7F == packet.StatusErrorCode.DATA_LIMIT:
                 why += yield from limit_words(self._reader, id, field)
             raise DeviceRefused(self._name, id, f"{field.name} = {value}", why)
         back = yield from self._reader.read(id, field.key)
@@ -314,7 +316,7 @@ class DynamixelWriter:
             raise DeviceRefused(self._name, id, field.name, f"wrote {value}, reads {back.value}")
         return back
 
-    def reboot(self, id: int, *, shut_down: bool = False) -> Script[Restart]:
+    def reboot(self, id: int, *, shut_down: bool = False) -> Script[RestartResult]:
         """Restart one device, wait until it answers, give its RAM settings back. Its torque stays off.
 
         Refused while its torque reads on: it carries a load. `shut_down`: the caller knows that its hardware
@@ -327,7 +329,9 @@ class DynamixelWriter:
 
     # --------------------------------------------------------------------------- parts
 
-    def _words(self, servos: Iterable[Servo], where: Callable[[Servo], Block]) -> Script[dict[int, int]]:
+    def _words(
+        self, servos: Iterable[ServoCommandState], where: Callable[[ServoCommandState], RegisterBlock]
+    ) -> Script[dict[int, int]]:
         """One signed word of each, by id."""
         found: dict[int, int] = {}
         for block, wanted in groups(rows(servos, lambda servo: (where(servo), b""))).items():
@@ -371,7 +375,7 @@ class DynamixelWriter:
                     raise DeviceRefused(self._name, id, f"{what} ({where.address})", reason)
 
 
-def _in(mode: int, servos: Iterable[Servo]) -> list[Servo]:
+def _in(mode: int, servos: Iterable[ServoCommandState]) -> list[ServoCommandState]:
     return [servo for servo in servos if servo.mode.number == mode]
 
 

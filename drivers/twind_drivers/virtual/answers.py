@@ -5,11 +5,11 @@ from math import isfinite
 from typing import NamedTuple
 
 from twind_drivers.dynamixel.packet import HEADER, LAST_ID, status
-from twind_drivers.virtual.stream import Stream
-from twind_drivers.virtual.wire import Wire
+from twind_drivers.virtual.stream import FaultyByteStream
+from twind_drivers.virtual.wire import HalfDuplexWire
 
 
-class Struck(NamedTuple):
+class FaultedReply(NamedTuple):
     """What is left of one answer."""
 
     before: bytes  # comes first
@@ -19,14 +19,14 @@ class Struck(NamedTuple):
     ended: bool  # nobody goes on with this joint answer
 
 
-class AnswerFaults:
+class ReplyFaults:
     """Faults of the next answers. A count is of answers to come, of one id or (None) of any.
 
     An answer is what one device sends: its status, or its part of a joint (fast) one. Of each fault there is
     one order at a time per id; a new one replaces it, a count of 0 takes it back.
     """
 
-    def __init__(self, wire: Wire, stream: Stream) -> None:
+    def __init__(self, wire: HalfDuplexWire, stream: FaultyByteStream) -> None:
         self._wire, self.stream = wire, stream
         self._orders: dict[tuple[str, int | None], tuple[int, float]] = {}  # answers left, value
         self._late: dict[int, float] = {}  # id -> s
@@ -152,10 +152,10 @@ class AnswerFaults:
                 return value
         return None
 
-    def _strike(self, id: int, piece: bytes) -> Struck:
+    def _strike(self, id: int, piece: bytes) -> FaultedReply:
         late = self._late.get(id, 0.0)
         if self._hit("drop", id) is not None:
-            return Struck(b"", b"", b"", late, False)
+            return FaultedReply(b"", b"", b"", late, False)
         data, before, after = piece, b"", b""
         if self._hit("forge", id) is not None:
             data = self._forged(id, data)
@@ -172,7 +172,7 @@ class AnswerFaults:
         seconds = self._hit("noise", id)
         if seconds is not None:
             before = self.stream.noise(seconds) + before
-        return Struck(before, data, after, late, size is not None)
+        return FaultedReply(before, data, after, late, size is not None)
 
     def _forged(self, id: int, piece: bytes) -> bytes:
         """A status of its own with a right CRC: of an id that nobody asked, or a byte short."""

@@ -14,29 +14,29 @@ from twind_drivers.dynamixel.crc import crc16
 from twind_drivers.dynamixel.packet import (
     HEADER,
     PATTERN,
-    Error,
     Framer,
     Instruction,
     Packet,
+    StatusErrorCode,
     fast_status,
     status,
 )
 from twind_drivers.virtual.columns import NO_ID
-from twind_drivers.virtual.faults import Faults
-from twind_drivers.virtual.group import FastGroup, PlainGroup
-from twind_drivers.virtual.history import History
-from twind_drivers.virtual.instructions import Answer, Answers, Instructions
-from twind_drivers.virtual.muscles import Muscles
+from twind_drivers.virtual.faults import SerialBusFaults
+from twind_drivers.virtual.group import FastSyncReadGroup, SyncReadGroup
+from twind_drivers.virtual.history import ReadingHistory
+from twind_drivers.virtual.instructions import InstructionReplies, InstructionSet, ServoStatus
+from twind_drivers.virtual.muscles import ServoPhysics
 from twind_drivers.virtual.sensor import VirtualSensor
-from twind_drivers.virtual.servos import BAUDS, Servos, ServoSpec
-from twind_drivers.virtual.stream import Adapter, Stream
+from twind_drivers.virtual.servos import BAUDS, ServoSpec, VirtualServos
+from twind_drivers.virtual.stream import FaultyByteStream, SerialAdapter
 from twind_drivers.virtual.truth import truth
 from twind_drivers.virtual.uart import clash, misheard
-from twind_drivers.virtual.wire import Wire
+from twind_drivers.virtual.wire import HalfDuplexWire
 
 REMEMBERED = 256  # requests
 GOAL = np.dtype([("id", "u1"), ("ticks", "<i4")])  # one row of a sync write
-Group = PlainGroup | FastGroup
+Group = SyncReadGroup | FastSyncReadGroup
 
 
 class VirtualBus:
@@ -48,15 +48,15 @@ class VirtualBus:
         self,
         name: str,
         servos: Sequence[ServoSpec],
-        muscles: Muscles,
+        muscles: ServoPhysics,
         *,
         baud: int = 2_000_000,
         wire_timing: bool = True,
         now: float = 0.0,
         keep_goal: bool = True,
-        adapter: Adapter | None = None,
+        adapter: SerialAdapter | None = None,
         seed: int = 0,
-        made: Callable[..., Servos] = Servos,
+        made: Callable[..., VirtualServos] = VirtualServos,
         sensor: VirtualSensor | None = None,
     ) -> None:
         """`baud` is the line's; a servo whose own baud register differs hears and says nothing.
@@ -67,15 +67,15 @@ class VirtualBus:
         """
         self.name = name
         self.servos = made(servos, muscles, now=now, keep_goal=keep_goal)
-        self._wire = Wire(baud, timing=wire_timing)
-        self._stream = Stream(self._wire, adapter or Adapter(), seed)
+        self._wire = HalfDuplexWire(baud, timing=wire_timing)
+        self._stream = FaultyByteStream(self._wire, adapter or SerialAdapter(), seed)
         self.sensor = sensor
-        self.faults = Faults(name, self.servos, self._wire, self._stream, sensor)
+        self.faults = SerialBusFaults(name, self.servos, self._wire, self._stream, sensor)
         self._framer = Framer(status=False, broken=True)
         self._groups: dict[bytes, Group] = {}
         self._goal_rows: dict[bytes, tuple[Any, Any] | None] = {}
         self._places: dict[int, list[int]] = {}  # id -> rows that listen
-        self._instructions = Instructions(self.servos, self._places)
+        self._instructions = InstructionSet(self.servos, self._places)
         self._epoch = -1
         self._goal_span = self.servos.registers.goal_span()
         self.line(baud)
@@ -93,7 +93,7 @@ class VirtualBus:
         return len(self._stream.held)
 
     @property
-    def history(self) -> History | None:
+    def history(self) -> ReadingHistory | None:
         """What `record` keeps: ticks, in the order of `ids`."""
         return self.servos.history
 
@@ -228,7 +228,7 @@ class VirtualBus:
         self._wire.say(group.ends, group.cuts, data)
         return True
 
-    def _remember(self, packet: Packet, answers: Answers, chunk: bytes) -> None:
+    def _remember(self, packet: Packet, answers: InstructionReplies, chunk: bytes) -> None:
         """Keep a sync read that all of one row per id answered soundly, for the short way."""
         params, rows = packet.params, [answer.row for answer in answers.statuses]
         ids = bytes(answer.id for answer in answers.statuses)
@@ -239,9 +239,9 @@ class VirtualBus:
         span = (int.from_bytes(params[:2], "little"), int.from_bytes(params[2:4], "little"))
         if answers.promised:
             asked = len(params) - 4
-            self._groups[chunk] = FastGroup(self.servos, self._wire, rows, ids, span, asked)
+            self._groups[chunk] = FastSyncReadGroup(self.servos, self._wire, rows, ids, span, asked)
         elif len(ids) == len(params) - 4:
-            self._groups[chunk] = PlainGroup(self.servos, self._wire, rows, ids, span)
+            self._groups[chunk] = SyncReadGroup(self.servos, self._wire, rows, ids, span)
 
     # --------------------------------------------------------------------------------- the long way
 
@@ -267,10 +267,10 @@ class VirtualBus:
         elif piece:
             self._wire.say(self._wire.ends([sensor.return_delay], [len(piece)]), [len(piece)], piece)
 
-    def _talk(self, answers: Answers) -> list[Answer]:
+    def _talk(self, answers: InstructionReplies) -> list[ServoStatus]:
         return [each for each in answers.statuses if self.servos.registers.level(each.row) >= answers.level]
 
-    def _answer(self, answers: Answers) -> None:
+    def _answer(self, answers: InstructionReplies) -> None:
         talk = self._talk(answers)
         if not talk:
             return
@@ -288,10 +288,10 @@ class VirtualBus:
             sizes = list(map(len, pieces))
             self._wire.say(self._wire.ends(delays, sizes), list(accumulate(sizes)), b"".join(pieces))
 
-    def _error(self, answer: Answer) -> int:
+    def _error(self, answer: ServoStatus) -> int:
         return answer.error | int(self.servos.alert[answer.row])
 
-    def _at_once(self, answers: Sequence[Answer]) -> bytes:
+    def _at_once(self, answers: Sequence[ServoStatus]) -> bytes:
         """One servo's status; of several with one id that talk at once, what is heard of all of them.
 
         Each begins after its own return delay, so they may overlap in part or not at all.
@@ -302,7 +302,7 @@ class VirtualBus:
         delays = self.servos.registers.delays([each.row for each in answers])
         return clash(list(zip(delays, packets, strict=True)), self._wire.baud)
 
-    def _chain(self, crowds: Sequence[Sequence[Answer]], promised: int) -> list[bytes]:
+    def _chain(self, crowds: Sequence[Sequence[ServoStatus]], promised: int) -> list[bytes]:
         """What each link of a joint (fast) answer puts on the wire; those with one id talk at the same time.
 
         Everybody's CRC is over what was heard before, garbage of a collision included.
@@ -316,7 +316,7 @@ class VirtualBus:
             heard += pieces[-1]
         return pieces
 
-    def _block(self, heard: bytes, promised: int, answer: Answer) -> bytes:
+    def _block(self, heard: bytes, promised: int, answer: ServoStatus) -> bytes:
         """One servo's part of a joint answer, behind what it `heard`; the first announces the LEN of all."""
         row = (self._error(answer), answer.id, answer.data)
         if not heard:
@@ -330,5 +330,7 @@ class VirtualBus:
         for row, index in enumerate(servos["baud_rate"]):
             there = BAUDS[min(int(index), len(BAUDS) - 1)]
             if there != here and np.isinf(servos.power.boots_at[row]) and not servos.silenced[row]:
-                noise = misheard(status(servos.registers.id_of(row), Error.INSTRUCTION), there, here)
+                noise = misheard(
+                    status(servos.registers.id_of(row), StatusErrorCode.INSTRUCTION), there, here
+                )
                 self._wire.say(self._wire.ends([0.0], [len(noise)]), [len(noise)], noise)

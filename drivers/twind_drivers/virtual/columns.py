@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.dynamixel.packet import LAST_ID, Error
-from twind_drivers.virtual.memory import Memory
+from twind_drivers.dynamixel.packet import LAST_ID, StatusErrorCode
+from twind_drivers.virtual.memory import RegisterMemory
 
 PROTOCOL = 2  # of register 13
 NO_ID = 255
@@ -53,10 +53,10 @@ COLUMNS: Mapping[str, tuple[int, bool]] = {  # register -> size and sign where a
 }
 
 
-class Columns:
+class RegisterColumns:
     """Named columns of one memory, and what single servos tell of themselves."""
 
-    def __init__(self, memory: Memory) -> None:
+    def __init__(self, memory: RegisterMemory) -> None:
         self._memory = memory
         self._columns = {key: memory.column(key, size, signed=sign) for key, (size, sign) in COLUMNS.items()}
         self._has = {
@@ -108,8 +108,8 @@ class Columns:
     def read(self, row: int, address: int, size: int) -> tuple[int, bytes]:
         """(error, data): the registers of one servo, gaps as 0. Error 7 where no register is."""
         if not self._memory.readable(row, address, size):
-            return Error.ACCESS, b""
-        return Error.NONE, self._memory.read(row, address, size)
+            return StatusErrorCode.ACCESS, b""
+        return StatusErrorCode.NONE, self._memory.read(row, address, size)
 
     def live(self, rows: Sequence[int], address: int, size: int) -> int:
         """Does the span touch registers that the servos write themselves? As `Memory.live`."""

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind_drivers.dynamixel.models import X_SPEED
-from twind_drivers.virtual.columns import Columns
-from twind_drivers.virtual.memory import Memory
+from twind_drivers.virtual.columns import RegisterColumns
+from twind_drivers.virtual.memory import RegisterMemory
 from twind_drivers.virtual.modes import CURRENT, CURRENT_POSITION, POSITION, PWM, VELOCITY, seeks_position
-from twind_drivers.virtual.muscles import Drive
+from twind_drivers.virtual.muscles import DriveState
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -25,10 +25,10 @@ BOUNDS = ("temperature_limit", "min_voltage_limit", "max_voltage_limit")
 WANTED = {CURRENT: "current", VELOCITY: "velocity", PWM: "pwm"}
 
 
-class Firmware:
+class DriveFirmware:
     """What m servos are set to do, as of the latest `changed`. Arrays (m,)."""
 
-    def __init__(self, memory: Memory, registers: Columns) -> None:
+    def __init__(self, memory: RegisterMemory, registers: RegisterColumns) -> None:
         self._registers = registers
         self._capped = np.array(["current_limit" in each for each in memory.tables])
         wide = [each["goal_position"].bounds for each in memory.tables]
@@ -67,7 +67,7 @@ class Firmware:
         velocity = np.where(self.seeks, self._registers["profile_velocity"], 0)
         return velocity, self._registers["profile_acceleration"], self.timed, self.spins
 
-    def drive(self, supply: Floats) -> Drive:
+    def drive(self, supply: Floats) -> DriveState:
         """A slave obeys its master's cable only (e-manual, "Dual Mode"), and no such cable is simulated.
 
         `supply`: of the nominal voltage.
@@ -78,7 +78,7 @@ class Firmware:
         goal_pwm = np.abs(registers["goal_pwm"].astype(np.float64))
         current = np.where(self._capped, registers["current_limit"], inf)
         goal_current = np.abs(registers["goal_current"].astype(np.float64))
-        return Drive(
+        return DriveState(
             on=self.on & ((registers["drive_mode"] & SLAVE) == 0),
             mode=self.mode,
             p=gains["position_p_gain"],

@@ -1,24 +1,29 @@
 """Faults on demand, by name: of answers, of the line, of servos, of the plug."""
 
-from twind_drivers.virtual.answers import AnswerFaults
+from twind_drivers.virtual.answers import ReplyFaults
 from twind_drivers.virtual.line_faults import LineFaults
 from twind_drivers.virtual.sensor import VirtualSensor
 from twind_drivers.virtual.servo_faults import ServoFaults
-from twind_drivers.virtual.servos import Servos
-from twind_drivers.virtual.stream import Stream
-from twind_drivers.virtual.wire import Wire
+from twind_drivers.virtual.servos import VirtualServos
+from twind_drivers.virtual.stream import FaultyByteStream
+from twind_drivers.virtual.wire import HalfDuplexWire
 
 
-class Faults(AnswerFaults, LineFaults, ServoFaults):
+class SerialBusFaults(ReplyFaults, LineFaults, ServoFaults):
     """What goes wrong on one bus. Each method is an order; `docs/virtual.md` lists them."""
 
     def __init__(
-        self, bus: str, servos: Servos, wire: Wire, stream: Stream, sensor: VirtualSensor | None = None
+        self,
+        bus: str,
+        servos: VirtualServos,
+        wire: HalfDuplexWire,
+        stream: FaultyByteStream,
+        sensor: VirtualSensor | None = None,
     ) -> None:
         self._sensor = sensor
         ServoFaults.__init__(self, bus, servos)
         LineFaults.__init__(self, stream)
-        AnswerFaults.__init__(self, wire, stream)
+        ReplyFaults.__init__(self, wire, stream)
         self.plugged = True
 
     def unplug(self) -> None:
@@ -59,12 +64,12 @@ class Faults(AnswerFaults, LineFaults, ServoFaults):
     def look(self) -> None:
         """To be called after every change of what is wrong with answers or line."""
         LineFaults.look(self)
-        AnswerFaults.look(self)
+        ReplyFaults.look(self)
 
     def clear(self) -> None:
         """Heal every fault of the line; hardware errors, lost turns, power and an unplugged port stay."""
         LineFaults.clear(self)
-        AnswerFaults.clear(self)
+        ReplyFaults.clear(self)
         ServoFaults.clear(self)
         if self._sensor is not None:
             self._sensor.silenced = False

@@ -12,19 +12,24 @@ from fastcrc.crc16 import umts
 
 from twind_drivers.dynamixel.crc import Crc
 from twind_drivers.dynamixel.packet import BROADCAST, HEADER, PATTERN, STATUS
-from twind_drivers.virtual.servos import Servos
-from twind_drivers.virtual.wire import Wire
+from twind_drivers.virtual.servos import VirtualServos
+from twind_drivers.virtual.wire import HalfDuplexWire
 
 # The CRC behind its own two bytes, at [low ^ high]: low, high fed into the state low | high << 8 are as
 # low ^ high twice fed into 0 (linearity).
 AFTER_ITSELF = tuple(umts(bytes((mixed, mixed))) for mixed in range(256))
 
 
-class PlainGroup:
+class SyncReadGroup:
     """One status per servo."""
 
     def __init__(
-        self, servos: Servos, wire: Wire, rows: Sequence[int], ids: bytes, span: tuple[int, int]
+        self,
+        servos: VirtualServos,
+        wire: HalfDuplexWire,
+        rows: Sequence[int],
+        ids: bytes,
+        span: tuple[int, int],
     ) -> None:
         """`span`: address and size. All rows must hold it readably."""
         address, size = span
@@ -53,11 +58,17 @@ class PlainGroup:
         return raw if raw.count(PATTERN) == len(out) else None
 
 
-class FastGroup:
+class FastSyncReadGroup:
     """One joint status, unstuffed; the CRC of every block is over all bytes before it."""
 
     def __init__(
-        self, servos: Servos, wire: Wire, rows: Sequence[int], ids: bytes, span: tuple[int, int], asked: int
+        self,
+        servos: VirtualServos,
+        wire: HalfDuplexWire,
+        rows: Sequence[int],
+        ids: bytes,
+        span: tuple[int, int],
+        asked: int,
     ) -> None:
         """`rows` are those that answer, the first ones of `asked`: behind a missing one all are silent."""
         address, size = span

@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-from twind_drivers.dynamixel.tables import Field, Table
+from twind_drivers.dynamixel.tables import ControlTable, TableRegister
 
 MOST = 128  # entries in one row
 
 
-class Row(NamedTuple):
+class IndirectRange(NamedTuple):
     """`entries` of them: an address of 2 bytes each from `address` on, a byte of data each from `data` on."""
 
     address: int
@@ -23,19 +23,19 @@ class Row(NamedTuple):
     entries: int
 
 
-def rows(table: Table) -> tuple[Row, ...]:
+def rows(table: ControlTable) -> tuple[IndirectRange, ...]:
     """Of one model; empty where it has none."""
     keys = ("indirect_address_1", "indirect_data_1", "indirect_address_read", "indirect_data_read")
     if not all(key in table for key in keys):
         return ()
     address, data, more, more_data = (table[key].address for key in keys)
-    first = Row(address, data, min((data - address) // 2, MOST))
+    first = IndirectRange(address, data, min((data - address) // 2, MOST))
     if more - address == 2 * (more_data - data):  # the second row only goes on with the first
         return (first,)
-    return (first, Row(more, more_data, (more_data - more) // 2))
+    return (first, IndirectRange(more, more_data, (more_data - more) // 2))
 
 
-def fields(table: Table) -> Iterator[Field]:
+def fields(table: ControlTable) -> Iterator[TableRegister]:
     """Every indirect register of a model, as single registers. New, entry k points at data k."""
     at, cell = (table.fields.get(key) for key in ("indirect_address_1", "indirect_data_1"))
     if at is None or cell is None:

@@ -2,14 +2,14 @@
 
 from twind_drivers.bus import PortError
 from twind_drivers.clock import Clock
-from twind_drivers.virtual.served import Served
+from twind_drivers.virtual.served import ServableBus
 from twind_drivers.virtual.stream import MOST
 
 
 class Loopback:
     """A `Transport` without descriptor: `arrival` tells the clock when the next answer is complete."""
 
-    def __init__(self, bus: Served, clock: Clock) -> None:
+    def __init__(self, bus: ServableBus, clock: Clock) -> None:
         self.name, self.warning, self.holds = f"virtual:{bus.name}", "", True
         self._bus, self._clock = bus, clock
         self._open = True

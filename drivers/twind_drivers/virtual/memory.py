@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.dynamixel.tables import Field, Table, table
+from twind_drivers.dynamixel.tables import ControlTable, TableRegister, table
 from twind_drivers.virtual import indirect
 
 Bytes = NDArray[np.uint8]
@@ -16,7 +16,7 @@ LIVE = ("present_", "realtime_", "moving", "position_trajectory", "velocity_traj
 LIVELIEST = ("present_current", "present_velocity", "present_position")
 
 
-def factory(field: Field, number: int) -> int:
+def factory(field: TableRegister, number: int) -> int:
     """The value of `field` in a new servo of model `number`. What its page leaves open is assumed here alone.
 
     A goal boots as the limit that bounds it, as the X series' do; gains are those of a 4096 count servo.
@@ -28,7 +28,7 @@ def factory(field: Field, number: int) -> int:
     return ASSUMED.get(field.key, 0)
 
 
-class Column:
+class RegisterColumn:
     """One register of all servos. Where every servo has it at one address, `get` is a view of the memory."""
 
     def __init__(self, memory: NDArray[np.uint8], addresses: Sequence[int], size: int, signed: bool) -> None:
@@ -59,10 +59,10 @@ class Column:
         self._memory[self._rows[rows], self._bytes[rows]] = raw.view(np.uint8).reshape(count, raw.itemsize)
 
 
-class Layout:
+class MemoryLayout:
     """The registers that one model has with one firmware, and what single bytes of its table are."""
 
-    def __init__(self, table: Table, firmware: int) -> None:
+    def __init__(self, table: ControlTable, firmware: int) -> None:
         self.fields = _fields(table, firmware)  # by address; where two names share one, they are one register
         self.rows = indirect.rows(table)
         self.end = max(field.end for field in self.fields.values())
@@ -85,30 +85,31 @@ class Layout:
         return self._fresh.copy() if eeprom else np.where(self._eeprom, held[: self.end], self._fresh)
 
 
-class Memory:
+class RegisterMemory:
     """(m, size) bytes. A register that a model lacks lives behind its table, where no packet reaches it.
 
     `where` (m, size): where byte `address` of each servo really lies. Elsewhere only for indirect data, and
     through one indirect address only: an entry that points at the data of another sees what lies there.
     """
 
-    def __init__(self, tables: Sequence[Table], firmwares: Sequence[int]) -> None:
+    def __init__(self, tables: Sequence[ControlTable], firmwares: Sequence[int]) -> None:
         self.tables, self.firmwares = tuple(tables), tuple(firmwares)
         kinds = dict.fromkeys(
             (table.stem, firmware) for table, firmware in zip(tables, firmwares, strict=True)
         )
         made = {
-            kind: Layout(next(each for each in tables if each.stem == kind[0]), kind[1]) for kind in kinds
+            kind: MemoryLayout(next(each for each in tables if each.stem == kind[0]), kind[1])
+            for kind in kinds
         }
         self._layouts = tuple(
             made[table.stem, firmware] for table, firmware in zip(tables, firmwares, strict=True)
         )
-        self.layouts: tuple[Mapping[int, Field], ...] = tuple(each.fields for each in self._layouts)
+        self.layouts: tuple[Mapping[int, TableRegister], ...] = tuple(each.fields for each in self._layouts)
         self._hidden = max(each.end for each in self._layouts)
         self.raw = np.zeros((len(tables), self._hidden + 256), np.uint8)
         self.where = np.broadcast_to(np.arange(self.raw.shape[1]), self.raw.shape).copy()
 
-    def column(self, key: str, size: int, *, signed: bool = False) -> Column:
+    def column(self, key: str, size: int, *, signed: bool = False) -> RegisterColumn:
         """The register `key` of all servos; `size` and `signed` stand for it where a model lacks it."""
         fields = [table.fields.get(key) for table in self.tables]
         present = [field for field in fields if field is not None]
@@ -118,7 +119,7 @@ class Memory:
         if present:
             size, signed = present[0].size, present[0].rule.signed
         addresses = [spare if field is None else field.address for field in fields]
-        return Column(self.raw, addresses, size, signed)
+        return RegisterColumn(self.raw, addresses, size, signed)
 
     def fill(self, row: int, *, eeprom: bool = True) -> None:
         """Factory values in every register of one servo; `eeprom` False: in RAM only."""
@@ -137,11 +138,11 @@ class Memory:
             words = self.raw[row, each.address : each.address + 2 * each.entries].view("<u2")
             self.where[row, each.data : each.data + each.entries] = np.minimum(words, last)
 
-    def store(self, row: int, field: Field, value: int) -> None:
+    def store(self, row: int, field: TableRegister, value: int) -> None:
         """Put one value, without any rule."""
         self.raw[row, field.address : field.end] = np.frombuffer(field.encode(value), np.uint8)
 
-    def value(self, row: int, field: Field) -> int:
+    def value(self, row: int, field: TableRegister) -> int:
         """One value."""
         return field.decode(self.raw[row, field.address : field.end].tobytes())
 
@@ -161,15 +162,15 @@ class Memory:
         """Does the span touch registers that the servo writes itself? 0: no, 1: `LIVELIEST` only, 2: more."""
         return int(self._layouts[row].live[self.where[row, address : address + size]].max())
 
-    def block(self, rows: Sequence[int], address: int, size: int) -> "Cells":
+    def block(self, rows: Sequence[int], address: int, size: int) -> "RegisterSpan":
         """The same span of several servos, to be read again and again, until an indirect address changes."""
-        return Cells(self, rows, address, size)
+        return RegisterSpan(self, rows, address, size)
 
 
-class Cells:
+class RegisterSpan:
     """One span of several servos, (k, size) bytes: a slice where it lies as asked for, else gathered."""
 
-    def __init__(self, memory: Memory, rows: Sequence[int], address: int, size: int) -> None:
+    def __init__(self, memory: RegisterMemory, rows: Sequence[int], address: int, size: int) -> None:
         """All rows must hold the span readably."""
         self._raw, self._span = memory.raw, slice(address, address + size)
         every = list(rows) == list(range(len(memory.raw)))
@@ -189,7 +190,7 @@ class Cells:
         return found
 
 
-def _fields(table: Table, firmware: int) -> dict[int, Field]:
+def _fields(table: ControlTable, firmware: int) -> dict[int, TableRegister]:
     """What the firmware does not know yet is a gap: reads as 0, cannot be written."""
     facts = table.facts
     since = {"bus_watchdog": facts.watchdog_from, "backup_ready": facts.backup_from}

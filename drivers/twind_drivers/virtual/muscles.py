@@ -22,7 +22,7 @@ FACTORY_P, FACTORY_I = 100.0, 1920.0  # velocity gains of an XM430
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class DriveState:
     """How the firmware drives m motors, until told otherwise. Arrays (m,), numbers as in the registers."""
 
     on: Bools  # is torque enabled?
@@ -40,7 +40,7 @@ class Drive:
     rpm: Floats | float = RPM  # per raw velocity
 
 
-class Muscles(Protocol):
+class ServoPhysics(Protocol):
     """The motors of the servos of one bus. Arrays are (m,), in the order of the servos.
 
     The four readings stay true until the next `advance`; nobody but the muscles writes them.
@@ -52,7 +52,7 @@ class Muscles(Protocol):
     pwm: Floats  # raw, 0.113 % but for the P series
     stall: Floats  # raw current of a blocked motor at the nominal voltage; constant
 
-    def drive(self, drive: Drive) -> None:
+    def drive(self, drive: DriveState) -> None:
         """From now on: torque, mode, gains and caps. `aim` must follow where a mode changed."""
 
     def aim(self, goal: Floats) -> None:
@@ -77,7 +77,7 @@ class Muscles(Protocol):
         """Let the time pass until `now` (s). A time already passed does nothing."""
 
 
-class FirstOrder:
+class FirstOrderPhysics:
     """Joints without load: the error decays with a time constant, the speed is capped, off means it stays.
 
     Every step is exact for any length, so an hour of robot needs no small steps. In modes 3 to 5 the error of
@@ -109,9 +109,9 @@ class FirstOrder:
         self._hand, self._reach = np.full_like(self.position, np.nan), np.zeros_like(self.position)
         self._lower, self._upper = (np.full_like(self.position, end) for end in (-np.inf, np.inf))
         off = np.zeros_like(self.position)
-        self.drive(Drive(off > 0, off + 3, off, off, off, off, off, off, off, off))
+        self.drive(DriveState(off > 0, off + 3, off, off, off, off, off, off, off, off))
 
-    def drive(self, drive: Drive) -> None:
+    def drive(self, drive: DriveState) -> None:
         """The gains set the rate; no output or no current allowed means no motion."""
         self._on, self._mode = drive.on.copy(), np.asarray(drive.mode).copy()
         pulls = drive.on & (drive.pwm_cap > 0.0) & (drive.current_cap > 0.0) & (drive.supply > 0.0)

@@ -11,10 +11,10 @@ from typing import Protocol
 
 import numpy as np
 
-from twind_drivers.virtual.columns import Columns
+from twind_drivers.virtual.columns import RegisterColumns
 from twind_drivers.virtual.drive import REVERSE
-from twind_drivers.virtual.memory import Bytes, Memory, factory
-from twind_drivers.virtual.muscles import Muscles
+from twind_drivers.virtual.memory import Bytes, RegisterMemory, factory
+from twind_drivers.virtual.muscles import ServoPhysics
 
 BOOT = 0.1  # s off the bus after a reboot
 TURN = 4096  # ticks, of all models but the P series; also of the gripper, whose pages disagree
@@ -36,7 +36,7 @@ KEPT_IN_BACKUP = (
 )
 
 
-class Temper(Protocol):
+class FirmwareQuirks(Protocol):
     """How a servo behaves where sources disagree; see `ServoSpec`."""
 
     @property
@@ -48,11 +48,15 @@ class Temper(Protocol):
         """Of the encoder's noise at boot; None: there is none."""
 
 
-class Power:
+class ServoPower:
     """Boots and frames of m servos. After each of its methods `servos.changed` must follow."""
 
     def __init__(
-        self, memory: Memory, registers: Columns, muscles: Muscles, tempers: Sequence[Temper]
+        self,
+        memory: RegisterMemory,
+        registers: RegisterColumns,
+        muscles: ServoPhysics,
+        tempers: Sequence[FirmwareQuirks],
     ) -> None:
         count = len(memory.raw)
         self._memory, self._registers, self._muscles = memory, registers, muscles

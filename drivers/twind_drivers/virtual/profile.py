@@ -21,7 +21,7 @@ NONE, RECTANGLE, TRIANGLE, TRAPEZOID = 0x00, 0x10, 0x20, 0x30  # bits of the mov
 TINY = 1e-9
 
 
-class Profile:
+class ServoProfile:
     """Plans of m servos. A place is in ticks (`spins` False) or raw velocity, speed is that per second."""
 
     def __init__(self, position: Floats, turn: Floats | float = 4096.0, rpm: Floats | float = RPM) -> None:

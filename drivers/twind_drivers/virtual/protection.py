@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.dynamixel.tables import Table
+from twind_drivers.dynamixel.tables import ControlTable
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -27,12 +27,12 @@ BROWN_OUT = 0.5  # of the nominal voltage: below it the controller stops
 NOMINAL, NOMINAL_X330, NOMINAL_P = 12.0, 5.0, 24.0  # V
 
 
-def ampere(table: Table) -> float:
+def ampere(table: ControlTable) -> float:
     """A per raw current: 2.69 mA (XM, XH, X540), 1 mA (X330, P) and so on; 2.69 mA where none is measured."""
     return table.facts.ampere_per_count or 0.00269
 
 
-def nominal(table: Table) -> float:
+def nominal(table: ControlTable) -> float:
     """V that the model is made for, by its voltage limit: 5 (XL330, XC330-M), 24 (P, XH-V), 12 (others)."""
     field = table.fields.get("max_voltage_limit")
     highest = (field.rule.default or 0) if field else 0  # 0.1 V; 0: not known
@@ -41,10 +41,10 @@ def nominal(table: Table) -> float:
     return NOMINAL_P if highest > 240 else NOMINAL
 
 
-class Protection:
+class ServoProtection:
     """Voltage, temperature and load of m servos. Whoever owns it calls `step` ten times a second."""
 
-    def __init__(self, tables: Sequence[Table], stall: Floats, now: float = 0.0) -> None:
+    def __init__(self, tables: Sequence[ControlTable], stall: Floats, now: float = 0.0) -> None:
         """At rest at `AMBIENT` and the nominal voltage. `stall` (m,): raw current of a blocked motor."""
         self.ampere = np.array([ampere(each) for each in tables])
         self.nominal = np.array([nominal(each) for each in tables])

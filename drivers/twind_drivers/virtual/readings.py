@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.virtual.memory import Memory
+from twind_drivers.virtual.memory import RegisterMemory
 from twind_drivers.virtual.modes import FULL_PWM
-from twind_drivers.virtual.muscles import Muscles
-from twind_drivers.virtual.profile import Profile
-from twind_drivers.virtual.protection import Protection
+from twind_drivers.virtual.muscles import ServoPhysics
+from twind_drivers.virtual.profile import ServoProfile
+from twind_drivers.virtual.protection import ServoProtection
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -17,10 +17,10 @@ FOLLOWING = 100.0  # ticks from the trajectory that are a following error (assum
 ARRIVED, ONGOING, ERRING = 0x01, 0x02, 0x08  # bits of the moving status (123); 0x30: type of the profile
 
 
-class Readings:
+class PresentRegisters:
     """Columns of the registers that only the servo itself writes. One refresh serves all servos."""
 
-    def __init__(self, memory: Memory, muscles: Muscles, protection: Protection) -> None:
+    def __init__(self, memory: RegisterMemory, muscles: ServoPhysics, protection: ServoProtection) -> None:
         self._muscles, self._protection = muscles, protection
         self._tick = memory.column("realtime_tick", 2)
         self._moving = memory.column("moving", 1)
@@ -80,7 +80,7 @@ class Readings:
             self._current.put(np.rint(muscles.current if way is None else muscles.current * way))
         self._encoder, self._at, self._told = encoder, now, False
 
-    def tell(self, direction: Floats, shift: Floats, profile: Profile) -> None:
+    def tell(self, direction: Floats, shift: Floats, profile: ServoProfile) -> None:
         """All that is read more rarely, as of the last refresh."""
         if self._told:
             return
@@ -123,7 +123,7 @@ class Readings:
             self._shaped = False
 
     def _show_profile(
-        self, profile: Profile, encoder: Floats, place: Floats, direction: Floats, shift: Floats
+        self, profile: ServoProfile, encoder: Floats, place: Floats, direction: Floats, shift: Floats
     ) -> None:
         """e-manual, "Moving Status": in position and following error only where a position is sought."""
         self._shaped = True

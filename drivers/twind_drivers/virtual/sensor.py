@@ -9,18 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from twind_drivers.bus import Floats
-from twind_drivers.dynamixel.packet import BROADCAST, Error, Instruction, Packet, status
-from twind_drivers.dynamixel.sensor import Field
+from twind_drivers.dynamixel.packet import BROADCAST, Instruction, Packet, StatusErrorCode, status
+from twind_drivers.dynamixel.sensor import SensorField
 
 MODEL, FIRMWARE = 65000, 1  # a model number that no servo has
 HEAD = 8  # bytes: model number at 0, firmware at 6, id at 7, as servos have them
 
 
 @dataclass(frozen=True, slots=True)
-class Cells:
+class SensorRegisters:
     """Numbers in registers: raw = value / lsb + zero."""
 
-    field: Field
+    field: SensorField
     lsb: float
     zero: float = 0.0
 
@@ -31,7 +31,7 @@ class VirtualSensor:
     def __init__(
         self,
         id: int,
-        cells: Sequence[Cells],
+        cells: Sequence[SensorRegisters],
         tell: Callable[[], Sequence[Floats]],
         *,
         return_delay: float = 0.0,
@@ -65,9 +65,11 @@ class VirtualSensor:
         if packet.instruction == Instruction.READ and len(packet.params) == 4:
             address, size = (int.from_bytes(packet.params[at : at + 2], "little") for at in (0, 2))
             data = self._registers()[address : address + size]
-            return status(self.id, 0, data) if len(data) == size else status(self.id, Error.DATA_RANGE)
+            return (
+                status(self.id, 0, data) if len(data) == size else status(self.id, StatusErrorCode.DATA_RANGE)
+            )
         known = packet.instruction in (Instruction.READ, Instruction.WRITE, Instruction.REG_WRITE)
-        return status(self.id, Error.ACCESS if known else Error.INSTRUCTION)
+        return status(self.id, StatusErrorCode.ACCESS if known else StatusErrorCode.INSTRUCTION)
 
     def _registers(self) -> bytes:
         memory = bytearray(self._size)
@@ -79,7 +81,7 @@ class VirtualSensor:
         return bytes(memory)
 
 
-def _raw(cells: Cells, told: Floats) -> bytes:
+def _raw(cells: SensorRegisters, told: Floats) -> bytes:
     """As the register holds it: rounded, and at its end where the value is beyond."""
     kind, raw = np.dtype(cells.field.kind), told / cells.lsb + cells.zero
     if kind.kind == "f":

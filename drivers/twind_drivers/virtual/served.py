@@ -2,10 +2,10 @@
 
 from typing import Any, Protocol
 
-from twind_drivers.virtual.history import History
+from twind_drivers.virtual.history import ReadingHistory
 
 
-class Served(Protocol):
+class ServableBus(Protocol):
     """Bytes in, bytes out, as time passes (s, never back); and what is true of its devices."""
 
     name: str
@@ -21,7 +21,7 @@ class Served(Protocol):
         """Bytes that a stalled adapter has taken and not sent."""
 
     @property
-    def history(self) -> History | None:
+    def history(self) -> ReadingHistory | None:
         """What `record` keeps, in the order of `ids`; None: nothing."""
 
     def flush(self) -> None:

@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 
 from twind_drivers.dynamixel.packet import ALERT
 from twind_drivers.dynamixel.tables import number_of, table
-from twind_drivers.virtual.columns import Columns
-from twind_drivers.virtual.drive import TORQUE_BY_GOAL, Firmware
+from twind_drivers.virtual.columns import RegisterColumns
+from twind_drivers.virtual.drive import TORQUE_BY_GOAL, DriveFirmware
 from twind_drivers.virtual.hinge import Hinge
-from twind_drivers.virtual.history import History
-from twind_drivers.virtual.memory import Ints, Memory
-from twind_drivers.virtual.muscles import Muscles
-from twind_drivers.virtual.power import BOOT, Power
-from twind_drivers.virtual.profile import STEP, Profile
-from twind_drivers.virtual.protection import Protection
-from twind_drivers.virtual.readings import Readings
-from twind_drivers.virtual.slack import Slack
+from twind_drivers.virtual.history import ReadingHistory
+from twind_drivers.virtual.memory import Ints, RegisterMemory
+from twind_drivers.virtual.muscles import ServoPhysics
+from twind_drivers.virtual.power import BOOT, ServoPower
+from twind_drivers.virtual.profile import STEP, ServoProfile
+from twind_drivers.virtual.protection import ServoProtection
+from twind_drivers.virtual.readings import PresentRegisters
+from twind_drivers.virtual.slack import Backlash
 
 SLOW = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 BAUDS = (*SLOW, 6_000_000, 10_500_000)  # register 8
@@ -59,11 +59,11 @@ class ServoSpec:
     backlash: float = 0.0
 
 
-class Servos:
+class VirtualServos:
     """m servos and their rules. `epoch` counts the changes that make a remembered request void."""
 
     def __init__(
-        self, specs: Sequence[ServoSpec], muscles: Muscles, *, now: float = 0.0, keep_goal: bool = True
+        self, specs: Sequence[ServoSpec], muscles: ServoPhysics, *, now: float = 0.0, keep_goal: bool = True
     ) -> None:
         """`keep_goal`: at torque on the goal register keeps its old value (the harsher case), else present.
 
@@ -74,14 +74,14 @@ class Servos:
             if each.facts.undriven:
                 raise ValueError(f"{each.model}: not simulated: {each.facts.undriven}")
         if any(spec.backlash for spec in specs):
-            muscles = Slack(muscles, np.array([spec.backlash for spec in specs]))
-        self.memory = memory = Memory(tables, [spec.firmware for spec in specs])
-        self.registers = Columns(memory)
+            muscles = Backlash(muscles, np.array([spec.backlash for spec in specs]))
+        self.memory = memory = RegisterMemory(tables, [spec.firmware for spec in specs])
+        self.registers = RegisterColumns(memory)
         self.muscles, self.keep_goal, self.now, self.epoch = muscles, keep_goal, now, 0
-        self.protection = Protection(memory.tables, muscles.stall, now)
-        self.readings = Readings(memory, muscles, self.protection)
-        self.history: History | None = None  # of what the present position registers showed, on order
-        self.power = Power(memory, self.registers, muscles, specs)
+        self.protection = ServoProtection(memory.tables, muscles.stall, now)
+        self.readings = PresentRegisters(memory, muscles, self.protection)
+        self.history: ReadingHistory | None = None  # of what the present position registers showed, on order
+        self.power = ServoPower(memory, self.registers, muscles, specs)
         self.hinges = [spec.hinge for spec in specs]
         self.direction, self.shift = self.power.direction, self.power.shift
         count = len(specs)
@@ -105,8 +105,8 @@ class Servos:
             self._boot(row, now)
             self.power.wind(row, spec.turns)
             self.readings.origin[row] = now - spec.powered
-        self._firmware = Firmware(memory, self.registers)
-        self.profile = Profile(muscles.position, turn=self._firmware.turn, rpm=self._firmware.rpm)
+        self._firmware = DriveFirmware(memory, self.registers)
+        self.profile = ServoProfile(muscles.position, turn=self._firmware.turn, rpm=self._firmware.rpm)
         self.changed()
 
     def _fit(self, row: int, spec: ServoSpec) -> None:

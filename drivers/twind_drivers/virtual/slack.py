@@ -3,17 +3,17 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twind_drivers.virtual.muscles import Bools, Drive, Floats, Muscles
+from twind_drivers.virtual.muscles import Bools, DriveState, Floats, ServoPhysics
 
 
-class Slack:
+class Backlash:
     """Muscles whose encoders follow the joints with play: they move once it is used up, and stay behind it.
 
     Keeps `Muscles`. What the motors seek is the joint's place, so a servo that has arrived shows up to half
     of its play away from its goal, on the side that it came from.
     """
 
-    def __init__(self, muscles: Muscles, play: NDArray[np.float64]) -> None:
+    def __init__(self, muscles: ServoPhysics, play: NDArray[np.float64]) -> None:
         """`play` (m,): ticks, from one side to the other."""
         self._muscles, self._half = muscles, play / 2.0
         self.position, self._seen = muscles.position.copy(), muscles.position.copy()
@@ -21,7 +21,7 @@ class Slack:
         self.current, self.pwm = muscles.current, muscles.pwm
         self.stall = muscles.stall
 
-    def drive(self, drive: Drive) -> None:
+    def drive(self, drive: DriveState) -> None:
         """See `Muscles.drive`."""
         self._muscles.drive(drive)
 

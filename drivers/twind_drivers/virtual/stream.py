@@ -8,7 +8,7 @@ from math import ceil, inf
 
 import numpy as np
 
-from twind_drivers.virtual.wire import BITS, Wire
+from twind_drivers.virtual.wire import BITS, HalfDuplexWire
 
 GRAIN = 0.001  # s of noise handed over at once
 GAP = 0.000005  # s between two pieces of what came as one
@@ -17,7 +17,7 @@ PAYLOAD = 62  # bytes of a full-speed USB packet of an FTDI chip, behind its two
 
 
 @dataclass(frozen=True, slots=True)
-class Adapter:
+class SerialAdapter:
     """How the adapter is made: what no `clear` heals."""
 
     echo: bool = False  # the host hears what it sends
@@ -25,10 +25,10 @@ class Adapter:
     payload: int = PAYLOAD  # bytes after which it does not wait for the timer: 62 full speed, 510 high speed
 
 
-class Stream:
+class FaultyByteStream:
     """What `send` lets through to the servos and `take` to the host. Random, but the same for one seed."""
 
-    def __init__(self, wire: Wire, adapter: Adapter, seed: int) -> None:
+    def __init__(self, wire: HalfDuplexWire, adapter: SerialAdapter, seed: int) -> None:
         self._wire, self._adapter = wire, adapter
         self.restart(seed)
         self._tick = inf  # s, when the latency timer hands over what is kept

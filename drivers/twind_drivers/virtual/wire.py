@@ -12,7 +12,7 @@ from twind_drivers.virtual.uart import clash
 BITS = 10  # per byte: start, 8 data, stop
 
 
-class Burst(NamedTuple):
+class ReplyBurst(NamedTuple):
     """What answers one request: `data`, cut where each device's share ends, each share over at its time."""
 
     start: float  # s
@@ -22,7 +22,7 @@ class Burst(NamedTuple):
     taken: int = 0  # bytes handed over already
 
 
-class Share(NamedTuple):
+class ReplySegment(NamedTuple):
     """Bytes on the wire apart from the order of answers; sorted by their end."""
 
     end: float  # s, when the last byte has come
@@ -30,7 +30,7 @@ class Share(NamedTuple):
     data: bytes
 
 
-class Wire:
+class HalfDuplexWire:
     """What is under way. With `timing` off, everything arrives at once.
 
     Collisions happen on order only (`collide`): what the host sends while a reply is under way goes out after
@@ -41,8 +41,8 @@ class Wire:
         self.baud, self.timing = baud, timing
         self.lag = 0.0  # s, added to every answer (a fault on order)
         self._free = -inf  # s, when the wire is silent
-        self._bursts: deque[Burst] = deque()
-        self._loose: list[Share] = []  # out of turn, by their end
+        self._bursts: deque[ReplyBurst] = deque()
+        self._loose: list[ReplySegment] = []  # out of turn, by their end
 
     def span(self, size: int) -> float:
         """Seconds that `size` bytes take."""
@@ -61,7 +61,7 @@ class Wire:
 
     def say(self, ends: Sequence[float], cuts: Sequence[int], data: bytes) -> None:
         """Devices answer what the wire heard last."""
-        self._bursts.append(Burst(self._free + self.lag, ends, cuts, data))
+        self._bursts.append(ReplyBurst(self._free + self.lag, ends, cuts, data))
         self._free += ends[-1]
 
     def due(self) -> float:
@@ -107,7 +107,7 @@ class Wire:
     def interject(self, end: float, data: bytes) -> None:
         """Bytes that come when they come and hold up nobody; the last of them at `end`, s."""
         if data:
-            insort(self._loose, Share(end, end - self.span(len(data)), data))
+            insort(self._loose, ReplySegment(end, end - self.span(len(data)), data))
 
     def collide(self, start: float, data: bytes) -> bytes | None:
         """Somebody talks from `start` (s) on, whoever else does: what all hear of everything that overlaps.

@@ -4,17 +4,19 @@ Errors by e-manual "Protocol 2.0", section Error: 4 range (and any goal while th
 5 length, 6 limit register, 7 access (read-only, undefined, EEPROM while torque is on). All or nothing.
 """
 
-from twind_drivers.dynamixel.packet import Error
-from twind_drivers.dynamixel.tables import Field
+from twind_drivers.dynamixel.packet import StatusErrorCode
+from twind_drivers.dynamixel.tables import TableRegister
 from twind_drivers.virtual.drive import REVERSE, SLAVE, TIMED, TORQUE_BY_GOAL, WANTED
-from twind_drivers.virtual.servos import Servos
+from twind_drivers.virtual.servos import VirtualServos
 
 GOALS = frozenset({"goal_pwm", "goal_current", "goal_velocity", "goal_position"})
 TIMED_FROM = 42  # firmware of X and MX
-Changes = list[tuple[Field, int]]
+Changes = list[tuple[TableRegister, int]]
 
 
-def write(servos: Servos, row: int, address: int, data: bytes, *, shadow: bool = False) -> Error:
+def write(
+    servos: VirtualServos, row: int, address: int, data: bytes, *, shadow: bool = False
+) -> StatusErrorCode:
     """Write `data` to one servo as its firmware would; `servos.changed` must follow. Returns the error.
 
     `shadow`: the packet came to the secondary id, which reaches RAM only (e-manual, "Secondary(Shadow) ID").
@@ -27,59 +29,61 @@ def write(servos: Servos, row: int, address: int, data: bytes, *, shadow: bool =
         if register.key != "torque_enable":  # `torque` compares with what is there
             servos.memory.store(row, register, value)
         _follow(servos, row, register.key, value)
-    return Error.NONE
+    return StatusErrorCode.NONE
 
 
-def judge(servos: Servos, row: int, address: int, data: bytes, *, shadow: bool = False) -> Error:
+def judge(
+    servos: VirtualServos, row: int, address: int, data: bytes, *, shadow: bool = False
+) -> StatusErrorCode:
     """What `write` would answer now; nothing is written."""
     return _judge_all(servos, row, address, data, [], shadow=shadow)
 
 
 def _judge_all(
-    servos: Servos, row: int, address: int, data: bytes, changes: Changes, *, shadow: bool
-) -> Error:
+    servos: VirtualServos, row: int, address: int, data: bytes, changes: Changes, *, shadow: bool
+) -> StatusErrorCode:
     """Every register that the span holds, into `changes`. Indirect data is the register it points at."""
     layout, end = servos.memory.layouts[row], address + len(data)
     if not data:
-        return Error.DATA_LENGTH
+        return StatusErrorCode.DATA_LENGTH
     if end > servos.memory.where.shape[1]:
-        return Error.ACCESS
+        return StatusErrorCode.ACCESS
     where: list[int] = servos.memory.where[row, address:end].tolist()
     place = 0
     while place < len(data):
         register = layout.get(where[place])
         if register is None:
-            return Error.ACCESS
+            return StatusErrorCode.ACCESS
         follows = place + register.size
         if where[place:follows] != list(range(register.address, register.end)):
-            return Error.DATA_LENGTH  # also of indirect data that maps only a part of a register
+            return StatusErrorCode.DATA_LENGTH  # also of indirect data that maps only a part of a register
         value = register.decode(data[place:follows])
-        error = Error.ACCESS if shadow and register.eeprom else _judge(servos, row, register, value)
+        error = StatusErrorCode.ACCESS if shadow and register.eeprom else _judge(servos, row, register, value)
         if error:
             return error
         changes.append((register, value))
         place = follows
-    return Error.NONE
+    return StatusErrorCode.NONE
 
 
-def _judge(servos: Servos, row: int, register: Field, value: int) -> Error:
+def _judge(servos: VirtualServos, row: int, register: TableRegister, value: int) -> StatusErrorCode:
     rule, key = register.rule, register.key
     if not rule.writable or (register.eeprom and servos["torque_enable"][row]):
-        return Error.ACCESS
+        return StatusErrorCode.ACCESS
     if not register.takes(value) or (key == "drive_mode" and value & ~_drive_bits(servos, row)):
-        return Error.DATA_RANGE
+        return StatusErrorCode.DATA_RANGE
     if servos.tripped[row] and (key in GOALS or (key == "bus_watchdog" and value != 0)):
-        return Error.DATA_RANGE
+        return StatusErrorCode.DATA_RANGE
     if rule.limit and rule.limit in servos.memory.tables[row]:
         limit = servos.memory.tables[row][rule.limit]
         if abs(value) > servos.memory.value(row, limit):
-            return Error.DATA_LIMIT
+            return StatusErrorCode.DATA_LIMIT
     if key == "goal_position" and not servos.allows(row, value):
-        return Error.DATA_LIMIT
-    return Error.NONE
+        return StatusErrorCode.DATA_LIMIT
+    return StatusErrorCode.NONE
 
 
-def _drive_bits(servos: Servos, row: int) -> int:
+def _drive_bits(servos: VirtualServos, row: int) -> int:
     """Which bits this model has with its firmware (e-manual, "Drive Mode"); the others are always 0."""
     table, firmware = servos.memory.tables[row], servos.memory.firmwares[row]
     since = table.facts.torque_on_by_goal_from
@@ -91,7 +95,7 @@ def _drive_bits(servos: Servos, row: int) -> int:
     return bits if since is None or firmware < since else bits | TORQUE_BY_GOAL
 
 
-def _follow(servos: Servos, row: int, key: str, value: int) -> None:
+def _follow(servos: VirtualServos, row: int, key: str, value: int) -> None:
     """What a register that was just stored sets off."""
     match key:
         case "torque_enable":

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import zenoh
 
 from twind.bridge.fleet.reach import ALIVE
-from twind.bridge.fleet.roll import MOST, UPLINK, Roll
+from twind.bridge.fleet.roll import MOST, UPLINK, FleetRoster
 from twind.bridge.zenoh.keys import ROOT, robot_of
 from twind.protocol.strict import loads
 
@@ -15,10 +15,10 @@ QUESTION = f"{ROOT}/*/ask/GetStatus"
 GONE = "its uplink ended, or the way to it is lost"
 
 
-class Elsewhere:
+class RemoteRobotPoller:
     """Keeps the roll: who comes and goes by itself, what they say whenever it is told to ask."""
 
-    def __init__(self, roll: Roll, session: zenoh.Session, tell: Callable[[str], None]) -> None:
+    def __init__(self, roll: FleetRoster, session: zenoh.Session, tell: Callable[[str], None]) -> None:
         """Of the session, which whoever opened it ends. `tell`: who is left out, each reason once."""
         self._roll, self._session, self._tell = roll, session, tell
         self._left_out: set[str] = set()

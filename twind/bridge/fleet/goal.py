@@ -8,9 +8,9 @@ from typing import Any
 
 from twind.bridge.driving import ENDS
 from twind.bridge.fleet.answers import error_name
-from twind.bridge.fleet.hold import Hold
-from twind.bridge.fleet.inbox import Inbox
-from twind.bridge.fleet.reach import Reach
+from twind.bridge.fleet.hold import LeaseRenewer
+from twind.bridge.fleet.inbox import ReplyQueue
+from twind.bridge.fleet.reach import RemoteRobotEndpoint
 
 QUIET = 1.0  # s without a word after which it is asked what became of the goal
 GONE = 3.0  # s without any answer after which the robot counts as lost
@@ -19,10 +19,17 @@ LONGEST = 64 << 10  # bytes of a report; none that is longer comes from an uplin
 EARLY = 32  # reports that may come before the answer to the goal
 
 
-class Goal:
+class RemoteGoal:
     """Its answers go into the inbox as those of SubmitTrajectory with `more` do."""
 
-    def __init__(self, reach: Reach, hold: Hold, path: Mapping[str, Any], inbox: Inbox, now: float) -> None:
+    def __init__(
+        self,
+        reach: RemoteRobotEndpoint,
+        hold: LeaseRenewer,
+        path: Mapping[str, Any],
+        inbox: ReplyQueue,
+        now: float,
+    ) -> None:
         """Sends it. `path`: a Trajectory; `now`: s, monotonic."""
         self._reach, self._hold, self._inbox = reach, hold, inbox
         self._lock = threading.Lock()

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from twind.bridge.fleet.roll import Roll
+from twind.bridge.fleet.roll import FleetRoster
 from twind.bridge.uplink.name import robot_name
 from twind.client import ClientError, first_open
 from twind.client.places import directories
@@ -23,10 +23,10 @@ def folders(only: str | None = None) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-class Here:
+class LocalDaemonPoller:
     """Asks each of them, all at once, whenever it is told to. One that hangs holds up nobody."""
 
-    def __init__(self, roll: Roll, only: str | None = None) -> None:
+    def __init__(self, roll: FleetRoster, only: str | None = None) -> None:
         """`only`: the daemon in this folder and no other."""
         self._roll, self._only = roll, only
         self._names: dict[str, str] = {}  # of robots, by folder

@@ -5,17 +5,17 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from twind.bridge.fleet.reach import Reach
+from twind.bridge.fleet.reach import RemoteRobotEndpoint
 from twind.bridge.zenoh.keys import LEASE_S
 
 MISSING = "LEASE_MISSING"  # the finding that a lease is not held
 RENEWED = 0.3 * LEASE_S  # s between two; each is sent whether the one before was answered or not
 
 
-class Hold:
+class LeaseRenewer:
     """What a Grant gives. `lost`: why it is no longer ours. `confirmed`: s, monotonic, when it was still."""
 
-    def __init__(self, reach: Reach, grant: Mapping[str, Any], came: float) -> None:
+    def __init__(self, reach: RemoteRobotEndpoint, grant: Mapping[str, Any], came: float) -> None:
         """`came`: s, monotonic, when the grant was here."""
         self._reach = reach
         self.id = str(grant["lease"])

@@ -17,12 +17,12 @@ from typing import Any, Protocol
 import zenoh
 
 from twind.bridge.fleet.answers import error_name
-from twind.bridge.fleet.goal import Goal
-from twind.bridge.fleet.hold import Hold
-from twind.bridge.fleet.inbox import Inbox
-from twind.bridge.fleet.news import Thinned, keys
-from twind.bridge.fleet.reach import Reach
-from twind.bridge.fleet.stop import Stop
+from twind.bridge.fleet.goal import RemoteGoal
+from twind.bridge.fleet.hold import LeaseRenewer
+from twind.bridge.fleet.inbox import ReplyQueue
+from twind.bridge.fleet.news import TopicRateLimiter, keys
+from twind.bridge.fleet.reach import RemoteRobotEndpoint
+from twind.bridge.fleet.stop import RemoteStop
 from twind.bridge.zenoh.keys import ASKED, LEASE_S, STOPS, robot_key
 from twind.client import Disconnected, NoDaemon, NotCarried
 
@@ -32,7 +32,7 @@ PARTING = 0.5  # s that giving a lease back may take when the line is closed
 Parameters = Mapping[str, Any]
 
 
-class Way(Protocol):
+class SessionProvider(Protocol):
     """Where sessions come from: one of its own for each line, or one that many share."""
 
     @property
@@ -46,18 +46,18 @@ class Way(Protocol):
         """It is needed no more."""
 
 
-class FarLine:
-    """A `twind.client.line.Line` to `robot`, its name in the key space. Raises ValueError: it is none."""
+class ZenohClientLine:
+    """A `twind.client.line.ClientLine` to `robot`, its name in the key space. Raises ValueError: it is none."""
 
-    def __init__(self, robot: str, way: Way) -> None:
+    def __init__(self, robot: str, way: SessionProvider) -> None:
         robot_key(robot)
         self.where = f"robot {robot} by {way.where}"
         self._robot, self._way = robot, way
-        self._reach: Reach | None = None
-        self._inbox = Inbox()
-        self._hold: Hold | None = None
+        self._reach: RemoteRobotEndpoint | None = None
+        self._inbox = ReplyQueue()
+        self._hold: LeaseRenewer | None = None
         self._there = threading.Event()
-        self._errand: Goal | Stop | None = None  # what is looked after until it is over
+        self._errand: RemoteGoal | RemoteStop | None = None  # what is looked after until it is over
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     @property
@@ -69,8 +69,8 @@ class FarLine:
         """Join the network. Raises NoDaemon. Whether the robot is there the first question tells."""
         if self._reach is not None:
             return
-        reach = Reach(self._way.enter(patience), self._robot)
-        inbox = self._inbox = Inbox()
+        reach = RemoteRobotEndpoint(self._way.enter(patience), self._robot)
+        inbox = self._inbox = ReplyQueue()
         try:
             self._there, gone = threading.Event(), f"{self.where}: it went away, or the way to it is lost"
             self._subscribers = [reach.watch(self._there.set, lambda: inbox.end(gone))]
@@ -95,7 +95,7 @@ class FarLine:
         """Nothing comes any more, for whoever waits in another thread."""
         self._inbox.end(f"{self.where}: hung up")
 
-    def _forget(self, reach: Reach) -> None:
+    def _forget(self, reach: RemoteRobotEndpoint) -> None:
         if self._errand is not None:
             self._errand.close()
         for each in self._subscribers:
@@ -112,7 +112,7 @@ class FarLine:
         method, more = call["method"].rpartition(".")[2], bool(call.get("more"))
         parameters: Parameters = call["parameters"]
         if method in STOPS:
-            self._errand = Stop(self._reach, method, parameters, self._inbox, time.monotonic())
+            self._errand = RemoteStop(self._reach, method, parameters, self._inbox, time.monotonic())
             return
         carry = self._carrier(method, more)
         if not self._there.wait(min(patience, FOUND)):
@@ -195,7 +195,7 @@ class FarLine:
                     inbox.answer(message)
                     return
                 grant = said["parameters"]
-                self._hold = Hold(reach, grant, came)
+                self._hold = LeaseRenewer(reach, grant, came)
             except (ValueError, KeyError, TypeError):
                 inbox.answer(message)  # whoever asked says that it is none
             else:
@@ -221,15 +221,15 @@ class FarLine:
             raise NotCarried("SubmitTrajectory: from afar only under a lease; AcquireLease comes first")
         assert self._reach is not None
         now = time.monotonic()
-        self._errand = Goal(self._reach, self._hold, parameters["trajectory"], self._inbox, now)
+        self._errand = RemoteGoal(self._reach, self._hold, parameters["trajectory"], self._inbox, now)
 
     def _monitor(self, parameters: Parameters, _patience: float) -> None:
         assert self._reach is not None
         rate = parameters.get("rate")
         for topic, parts in keys(parameters["topics"], rate).items():
-            self._subscribers.append(self._reach.hear(parts, self._thinned(Thinned(topic, rate))))
+            self._subscribers.append(self._reach.hear(parts, self._thinned(TopicRateLimiter(topic, rate))))
 
-    def _thinned(self, thinned: Thinned) -> Callable[[bytes], None]:
+    def _thinned(self, thinned: TopicRateLimiter) -> Callable[[bytes], None]:
         inbox = self._inbox
 
         def heard(message: bytes) -> None:
@@ -257,9 +257,13 @@ def _held_at(message: bytes) -> float | None:
         return None
 
 
-def _release(hold: Hold) -> tuple[tuple[str, ...], Parameters]:
+def _release(hold: LeaseRenewer) -> tuple[tuple[str, ...], Parameters]:
     return ("lease",), {"op": "release", "lease": hold.id}
 
 
-_LEASE = {"AcquireLease": FarLine._acquire, "RenewLease": FarLine._renew, "ReleaseLease": FarLine._release}
-_STREAMS = {"Monitor": FarLine._monitor, "SubmitTrajectory": FarLine._submit}
+_LEASE = {
+    "AcquireLease": ZenohClientLine._acquire,
+    "RenewLease": ZenohClientLine._renew,
+    "ReleaseLease": ZenohClientLine._release,
+}
+_STREAMS = {"Monitor": ZenohClientLine._monitor, "SubmitTrajectory": ZenohClientLine._submit}

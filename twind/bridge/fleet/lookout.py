@@ -8,34 +8,34 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from twind.bridge.fleet.here import Here
-from twind.bridge.fleet.remote import Shared, joining
-from twind.bridge.fleet.roll import Roll
-from twind.bridge.zenoh.session import Place, SessionError, leave, open_now, opened
+from twind.bridge.fleet.here import LocalDaemonPoller
+from twind.bridge.fleet.remote import SharedSession, joining
+from twind.bridge.fleet.roll import FleetRoster
+from twind.bridge.zenoh.session import NetworkConfig, SessionError, leave, open_now, opened
 from twind.ctl.verb import UsageError
 
 if TYPE_CHECKING:
     import zenoh
 
-    from twind.bridge.fleet.elsewhere import Elsewhere
+    from twind.bridge.fleet.elsewhere import RemoteRobotPoller
 
 PERIOD = 1.0  # s between two questions
 FINDING = 0.3  # s in which whoever is there has been found
 
 
-class Lookout:
+class FleetMonitor:
     """From `once` or `begin` to `close`. `way`: by which robots elsewhere are reached, once there is one.
 
     `trouble`: why there is none.
     """
 
-    def __init__(self, roll: Roll, place: Place, only: str | None = None) -> None:
+    def __init__(self, roll: FleetRoster, place: NetworkConfig, only: str | None = None) -> None:
         """`only`: of this machine the daemon in this folder alone."""
         self.roll, self.trouble = roll, ""
-        self.way: Shared | None = None
+        self.way: SharedSession | None = None
         self._place = place
-        self._here = Here(roll, only)
-        self._elsewhere: Elsewhere | None = None
+        self._here = LocalDaemonPoller(roll, only)
+        self._elsewhere: RemoteRobotPoller | None = None
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -93,10 +93,10 @@ class Lookout:
         return told
 
     def _enter(self, session: zenoh.Session, tell: Callable[[str], None]) -> None:
-        from twind.bridge.fleet.elsewhere import Elsewhere
+        from twind.bridge.fleet.elsewhere import RemoteRobotPoller
 
-        self.way, self.trouble = Shared(session, str(self._place)), ""
-        self._elsewhere = Elsewhere(self.roll, session, tell)
+        self.way, self.trouble = SharedSession(session, str(self._place)), ""
+        self._elsewhere = RemoteRobotPoller(self.roll, session, tell)
 
     def _ask(self) -> None:
         while not self._stop.is_set():

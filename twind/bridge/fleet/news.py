@@ -25,7 +25,7 @@ def offered(rate: float | None) -> str:
     return next((each for each in RATES if each != "full" and float(each) >= asked), "full")
 
 
-class Thinned:
+class TopicRateLimiter:
     """Lets through as many a second as were asked for, of a topic that has a rate; of others all.
 
     By the time at which the robot said it: on the way some come late, and others close behind.

@@ -17,7 +17,7 @@ _TIMEOUT = b"Timeout"  # what Zenoh itself says in place of an answer
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class RemoteRobotEndpoint:
     """`robot` is its name in the key space."""
 
     session: zenoh.Session

@@ -15,7 +15,7 @@ UPLINK = "uplink"  # where a robot is that is reached over Zenoh; others: the fo
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class RobotRecord:
     """One robot as it is known. What was never told is None."""
 
     name: str
@@ -50,25 +50,25 @@ class _Status(msgspec.Struct):
     latency_ms: Milliseconds | None
 
 
-class _Joint(msgspec.Struct):
+class _JointReport(msgspec.Struct):
     heard: bool
 
 
-class _Answer(msgspec.Struct):
+class _StatusReply(msgspec.Struct):
     """What a list shows of GetStatus with joints. Fields more, of a newer robot, are none of ours."""
 
     status: _Status
-    joints: list[_Joint]
+    joints: list[_JointReport]
 
 
-class Roll:
+class FleetRoster:
     """All of them. Filled by several threads, looked at by another."""
 
     def __init__(self, wanted: Sequence[str] = ()) -> None:
         """`wanted`: robots that are lost until they are there; empty: whoever is there."""
         self._lock = threading.Lock()
         self._wanted = tuple(wanted)
-        self._robots: dict[tuple[str, str], Robot] = {}
+        self._robots: dict[tuple[str, str], RobotRecord] = {}
 
     def there(self, name: str, where: str) -> bool:
         """It can be reached; what it says is not known yet. False: it is left out, as MOST are known."""
@@ -77,7 +77,7 @@ class Roll:
     def told(self, name: str, where: str, answer: object, now: float, way: float) -> None:
         """An answer of GetStatus with joints; where it is none, that is what is known of it."""
         try:
-            said = msgspec.convert(answer, _Answer)
+            said = msgspec.convert(answer, _StatusReply)
         except msgspec.ValidationError as error:
             self.odd(name, where, str(error))
             return
@@ -95,12 +95,12 @@ class Roll:
         """It says nothing any more. What it said last stays."""
         self._keep(name, where, lost=why)
 
-    def robots(self) -> list[Robot]:
+    def robots(self) -> list[RobotRecord]:
         """Those that are wanted, by name, that of this machine first; one that was never there is lost."""
         with self._lock:
             found = [each for each in self._robots.values() if not self._wanted or each.name in self._wanted]
         missing = set(self._wanted) - {each.name for each in found}
-        found += [Robot(name, lost="nobody of this name is there") for name in missing]
+        found += [RobotRecord(name, lost="nobody of this name is there") for name in missing]
         return sorted(found, key=lambda each: (each.name, each.where == UPLINK, each.where))
 
     def waiting(self) -> bool:
@@ -113,5 +113,5 @@ class Roll:
             before = self._robots.get((name, where))
             if before is None and len(self._robots) >= MOST:
                 return False
-            self._robots[name, where] = replace(before or Robot(name, where), **known)
+            self._robots[name, where] = replace(before or RobotRecord(name, where), **known)
             return True

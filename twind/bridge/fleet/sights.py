@@ -2,20 +2,20 @@
 
 from collections.abc import Mapping
 
-from twind.bridge.fleet.lookout import Lookout
-from twind.bridge.fleet.remote import Shared, client
-from twind.bridge.fleet.roll import UPLINK, Robot
+from twind.bridge.fleet.lookout import FleetMonitor
+from twind.bridge.fleet.remote import SharedSession, client
+from twind.bridge.fleet.roll import UPLINK, RobotRecord
 from twind.client import Client
-from twind.observe.viewing.ways import Ways, local
+from twind.observe.viewing.ways import RobotConnections, local
 
 
-def found(lookout: Lookout) -> Mapping[tuple[str, str], Ways]:
+def found(lookout: FleetMonitor) -> Mapping[tuple[str, str], RobotConnections]:
     """Whoever was ever there, by name and place."""
     ways = {(each.name, each.where): _ways(each, lookout.way) for each in lookout.roll.robots()}
     return {whose: way for whose, way in ways.items() if way is not None}
 
 
-def _ways(robot: Robot, shared: Shared | None) -> Ways | None:
+def _ways(robot: RobotRecord, shared: SharedSession | None) -> RobotConnections | None:
     """None: no network is joined that leads to it."""
     if robot.where != UPLINK:
         return local(robot.where)
@@ -28,4 +28,4 @@ def _ways(robot: Robot, shared: Shared | None) -> Ways | None:
         connection.connect()
         return connection
 
-    return Ways((way,), way)
+    return RobotConnections((way,), way)

@@ -4,19 +4,24 @@ from collections.abc import Mapping
 from typing import Any
 
 from twind.bridge.fleet.answers import error_name
-from twind.bridge.fleet.inbox import Inbox
-from twind.bridge.fleet.reach import Reach
+from twind.bridge.fleet.inbox import ReplyQueue
+from twind.bridge.fleet.reach import RemoteRobotEndpoint
 
 AGAIN = 0.1  # s from a question that nobody did to the next
 LASTING = 3.0  # s for which it is asked again
 FINAL = ("NotAllowed", "InvalidParameter")  # errors that asking again changes nothing of
 
 
-class Stop:
+class RemoteStop:
     """The answer goes into the inbox. A robot that hears it twice stops once."""
 
     def __init__(
-        self, reach: Reach, method: str, parameters: Mapping[str, Any], inbox: Inbox, now: float
+        self,
+        reach: RemoteRobotEndpoint,
+        method: str,
+        parameters: Mapping[str, Any],
+        inbox: ReplyQueue,
+        now: float,
     ) -> None:
         """Sends it. `now`: s, monotonic."""
         self._reach, self._inbox = reach, inbox

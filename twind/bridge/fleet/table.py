@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from twind.bridge.fleet.roll import UPLINK, Robot
+from twind.bridge.fleet.roll import UPLINK, RobotRecord
 from twind.ctl.picture.blocks import STATES
 from twind.ctl.picture.lines import Line, Span, cut, line, wide
 
@@ -12,7 +12,7 @@ COLUMNS = ("robot", "where", "mode", "state", "motion", "joints", "faults", "lat
 _RIGHT = ("joints", "latency", "age")
 
 
-def rows(robots: Sequence[Robot], now: float, width: int) -> list[Line]:
+def rows(robots: Sequence[RobotRecord], now: float, width: int) -> list[Line]:
     """A head and a line each, at most `width` wide; below them what is wrong with whom."""
     cells = [[(name, "title") for name in COLUMNS], *(_cells(each, now) for each in robots)]
     widths = [max(wide(row[place][0]) for row in cells) for place in range(len(COLUMNS))]
@@ -21,11 +21,11 @@ def rows(robots: Sequence[Robot], now: float, width: int) -> list[Line]:
     return [*table, *([()] if wrong else []), *wrong]
 
 
-def _wrong(robot: Robot) -> str:
+def _wrong(robot: RobotRecord) -> str:
     return robot.lost or (f"what it says cannot be understood: {robot.odd}" if robot.odd else "")
 
 
-def told(robot: Robot, now: float) -> dict[str, Any]:
+def told(robot: RobotRecord, now: float) -> dict[str, Any]:
     """The same as JSON. `age_s`: since it said this; null: never yet. `odd`: why its answer is none."""
     status = robot.status or {}
     age = robot.age(now)
@@ -47,7 +47,7 @@ def told(robot: Robot, now: float) -> dict[str, Any]:
     }
 
 
-def _cells(robot: Robot, now: float) -> list[Span]:
+def _cells(robot: RobotRecord, now: float) -> list[Span]:
     age = robot.age(now)
     where = robot.where if robot.where in ("", UPLINK) else "here"
     silent = ("lost", "alarm") if robot.lost else ("odd", "warn") if robot.odd else ("no answer", "warn")
@@ -70,14 +70,14 @@ def _cells(robot: Robot, now: float) -> list[Span]:
     return [(robot.name, "dim" if old else ""), (where, "dim" if old else ""), *cells, _age(age, robot)]
 
 
-def _joints(robot: Robot) -> Span:
+def _joints(robot: RobotRecord) -> Span:
     """Of how many it hears; in sim nobody is to be heard."""
     if robot.heard is None or (robot.status or {}).get("mode") == "sim":
         return "-", ""
     return f"{robot.heard}/{robot.joints}", "" if robot.heard == robot.joints else "warn"
 
 
-def _faults(robot: Robot) -> Span:
+def _faults(robot: RobotRecord) -> Span:
     """The first, and how many more."""
     codes = list(dict.fromkeys(fault["code"] for fault in (robot.status or {}).get("faults") or ()))
     if not codes:
@@ -85,7 +85,7 @@ def _faults(robot: Robot) -> Span:
     return codes[0] + (f" +{len(codes) - 1}" if len(codes) > 1 else ""), "bad"
 
 
-def _age(age: float | None, robot: Robot) -> Span:
+def _age(age: float | None, robot: RobotRecord) -> Span:
     if age is None:
         return "-", "dim"
     text = f"{age:.1f} s" if age < 60.0 else f"{age / 60.0:.0f} min"

@@ -8,8 +8,8 @@ import threading
 import time
 from collections.abc import Sequence
 
-from twind.bridge.fleet.lookout import PERIOD, Lookout
-from twind.bridge.fleet.roll import Robot, Roll
+from twind.bridge.fleet.lookout import PERIOD, FleetMonitor
+from twind.bridge.fleet.roll import FleetRoster, RobotRecord
 from twind.bridge.fleet.table import rows, told
 from twind.bridge.zenoh.session import VARIABLE, add_options, place
 from twind.ctl.monitor import is_live
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--count {options.count}: goes with --watch, and is at least 1")
     if (options.port is not None or options.open) and not options.view:
         raise UsageError("--port and --open go with --view")
-    lookout = Lookout(Roll(options.robots), place(options, os.environ), options.socket)
+    lookout = FleetMonitor(FleetRoster(options.robots), place(options, os.environ), options.socket)
     try:
         if options.view:
             return _view(lookout, options)
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
         lookout.close()
 
 
-def _once(lookout: Lookout, options: argparse.Namespace) -> int:
+def _once(lookout: FleetMonitor, options: argparse.Namespace) -> int:
     lookout.once(PATIENCE, _say)
     robots = lookout.roll.robots()
     network = options.connect or options.listen or options.zenoh_config or os.environ.get(VARIABLE)
@@ -64,7 +64,7 @@ def _once(lookout: Lookout, options: argparse.Namespace) -> int:
     return NO_DAEMON if not robots or silent or (network and lookout.trouble) else DONE
 
 
-def _watch(lookout: Lookout, options: argparse.Namespace) -> int:
+def _watch(lookout: FleetMonitor, options: argparse.Namespace) -> int:
     with told_to_stop() as stop:
         if is_live() and not options.json:
             lookout.begin(lambda _why: None)
@@ -78,16 +78,16 @@ def _watch(lookout: Lookout, options: argparse.Namespace) -> int:
     return DONE
 
 
-def _draw(lookout: Lookout, count: int | None, stop: threading.Event) -> None:
+def _draw(lookout: FleetMonitor, count: int | None, stop: threading.Event) -> None:
     """On a terminal, until a key or a signal ends it."""
     from rich.console import Console
 
     from twind.ctl.picture.lines import cut, line
     from twind.ctl.picture.paint import Palette
-    from twind.ctl.picture.screen import Screen
+    from twind.ctl.picture.screen import TerminalScreen
 
     palette, pictures = Palette.of(Console(file=sys.stdout)), 0
-    with Screen().entered() as screen:
+    with TerminalScreen().entered() as screen:
         while not stop.is_set() and pictures != count:
             pictures += 1
             size = screen.size()
@@ -99,7 +99,7 @@ def _draw(lookout: Lookout, count: int | None, stop: threading.Event) -> None:
                 return
 
 
-def _view(lookout: Lookout, options: argparse.Namespace) -> int:
+def _view(lookout: FleetMonitor, options: argparse.Namespace) -> int:
     from twind.observe.view import needed
 
     needed(options.port)
@@ -110,7 +110,7 @@ def _view(lookout: Lookout, options: argparse.Namespace) -> int:
     return watch(lambda: found(lookout), port=options.port, open_page=options.open, as_json=options.json)
 
 
-def _show(robots: Sequence[Robot], options: argparse.Namespace) -> None:
+def _show(robots: Sequence[RobotRecord], options: argparse.Namespace) -> None:
     now = time.monotonic()
     if options.json:
         # ASCII: what robots say goes to a terminal without what would command it.

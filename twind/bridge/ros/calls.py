@@ -21,8 +21,8 @@ from twind.bridge.ros.endpoints import (
     TO_E_STOP,
     TO_MODE,
     TO_STOP,
-    Service,
-    Topic,
+    RosService,
+    RosTopic,
 )
 from twind.bridge.ros.inbox import Told
 from twind.client import CallError, Client, ClientError, NoDaemon
@@ -40,7 +40,7 @@ Ask = Callable[[], Client]
 STOPPING = "stopping: the robot decelerates and holds"
 
 
-class Errand:
+class CoalescedCall:
     """Does what was asked for, the newest last, in a thread of its own. The same twice is once."""
 
     def __init__(
@@ -75,7 +75,7 @@ class Errand:
             time.sleep(self._pace)
 
 
-class Calls:
+class RosServiceCalls:
     """`heard` and `asked` may be called from any thread; `heard` returns at once."""
 
     def __init__(
@@ -96,8 +96,8 @@ class Calls:
         """
         self._operator, self._observer, self._stopping = operator, observer, stopping
         self._status, self._closed, self._say = status, closed, say
-        self._stop = Errand("stop", lambda _: self._tell(STOP, "", self.stop()), tell, STOP_PACE)
-        self._mode = Errand(
+        self._stop = CoalescedCall("stop", lambda _: self._tell(STOP, "", self.stop()), tell, STOP_PACE)
+        self._mode = CoalescedCall(
             "mode", lambda mode: self._tell(SET_MODE, mode, self._named(mode)), tell, MODE_PACE
         )
         # One each: who asks for a cut does so because the robot does not settle.
@@ -108,7 +108,7 @@ class Calls:
         for errand in (*self._e_stops.values(), self._stop, self._mode):
             errand.start()
 
-    def heard(self, topic: Topic, data: bytes) -> None:
+    def heard(self, topic: RosTopic, data: bytes) -> None:
         """A message of one of our topics. One that makes no sense changes no mode, but a stop is a stop."""
         try:
             text = str(decode(STRING, data)["data"]).strip()
@@ -121,7 +121,7 @@ class Calls:
         else:
             self._mode.ask(text[:80])
 
-    def asked(self, service: Service, data: bool | None) -> tuple[bool, str]:
+    def asked(self, service: RosService, data: bool | None) -> tuple[bool, str]:
         """A request of one of our services: success, and words. Waits for the daemon."""
         if service is GET_STATUS:
             return True, self._status(self._asked_now())
@@ -171,8 +171,8 @@ class Calls:
     def _named(self, mode: str) -> tuple[bool, str]:
         return self.set_mode(mode) if mode else (False, "malformed: a String that names a mode is expected")
 
-    def _e_stop_errand(self, level: str, tell: Callable[[str], None]) -> Errand:
-        return Errand(f"e-stop {level}", lambda _: self._tell(E_STOP, level, self.e_stop(level)), tell)
+    def _e_stop_errand(self, level: str, tell: Callable[[str], None]) -> CoalescedCall:
+        return CoalescedCall(f"e-stop {level}", lambda _: self._tell(E_STOP, level, self.e_stop(level)), tell)
 
     def _call(self, connect: Ask, method: str, **parameters: Any) -> tuple[bool, str]:
         """On a connection of its own, so that nothing is before it."""
@@ -186,7 +186,7 @@ class Calls:
             return False, f"{method}: {type(error).__name__}: {error}"
         return True, str(answer.get("mode") or answer.get("state") or "")
 
-    def _tell(self, topic: Topic, what: str, outcome: tuple[bool, str]) -> None:
+    def _tell(self, topic: RosTopic, what: str, outcome: tuple[bool, str]) -> None:
         done, message = outcome
         phase = "done" if done else "refused"
         self._say({"topic": topic.name, "asked": what, "phase": phase, "message": message})

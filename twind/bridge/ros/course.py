@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from twind.bridge.ros.calls import Calls, denied
+from twind.bridge.ros.calls import RosServiceCalls, denied
 from twind.bridge.ros.endpoints import (
     DIAGNOSTICS,
     GET_STATUS,
@@ -25,19 +25,19 @@ from twind.bridge.ros.endpoints import (
     STATUS,
     TOPICS,
     TRAJECTORY,
-    Service,
-    Topic,
+    RosService,
+    RosTopic,
 )
-from twind.bridge.ros.journal import Journal
-from twind.bridge.ros.listening import Listening
-from twind.bridge.ros.neighbours import Neighbours
-from twind.bridge.ros.orders import Orders
+from twind.bridge.ros.journal import CommandJournal
+from twind.bridge.ros.listening import RosSubscriber
+from twind.bridge.ros.neighbours import PeerBridges
+from twind.bridge.ros.orders import TrajectoryDispatcher
 from twind.bridge.ros.report import Diagnostics, latencies, words
-from twind.bridge.ros.speech import Message, Speech
-from twind.bridge.ros.transport import Transport, TransportError
+from twind.bridge.ros.speech import Message, RosStateMessages
+from twind.bridge.ros.transport import RosTransport, TransportError
 from twind.client import Client, NoDaemon
 from twind.client.clocks import clocks
-from twind.client.once import Once
+from twind.client.once import TransitionReporter
 
 OTHERS = ("status", "latency", "events", "trajectories")
 OFTEN = 10.0  # Hz, of status and latencies, where they change
@@ -50,12 +50,12 @@ NO_COMMANDS = "--no-commands; of what comes from ROS the e-stop alone is done"
 GRACE = 1.0  # s at the end: to give the lease back, and to leave the graph
 
 
-class Course:
+class RosBridge:
     """What runs. `run` returns the exit code. `orders` takes trajectories, of a back end's actions too."""
 
     def __init__(
         self,
-        transport: Transport,
+        transport: RosTransport,
         sockets: str | None = None,
         *,
         rate: float | None = None,
@@ -67,11 +67,15 @@ class Course:
         self._transport, self._tell, self._stop = transport, tell, stop
         self._sockets = sockets
         self._looks = transport.refuses or ("" if commands else NO_COMMANDS)  # why no command is taken
-        self._speech, self._diagnostics = Speech(), Diagnostics()
-        self._graph, self._deaf, self._odd = Once(), Once(), Once()
-        self._journal, self._neighbours, self._alone = Journal(tell), Neighbours(), Once()
-        self.orders = Orders(self._operator, self._result, closed=self._closed)
-        self._calls = Calls(
+        self._speech, self._diagnostics = RosStateMessages(), Diagnostics()
+        self._graph, self._deaf, self._odd = TransitionReporter(), TransitionReporter(), TransitionReporter()
+        self._journal, self._neighbours, self._alone = (
+            CommandJournal(tell),
+            PeerBridges(),
+            TransitionReporter(),
+        )
+        self.orders = TrajectoryDispatcher(self._operator, self._result, closed=self._closed)
+        self._calls = RosServiceCalls(
             self._operator,
             self._observer,
             self.orders.stop,
@@ -80,8 +84,8 @@ class Course:
             self._result,
             tell,
         )
-        self._readings = Listening(self._observer, ("state",), self._reading, tell, stop, rate=rate)
-        self._news = Listening(self._observer, OTHERS, self._take, lambda _: None, stop, rate=OFTEN)
+        self._readings = RosSubscriber(self._observer, ("state",), self._reading, tell, stop, rate=rate)
+        self._news = RosSubscriber(self._observer, OTHERS, self._take, lambda _: None, stop, rate=OFTEN)
         self._joined = False
         self._wrong = ""  # with the graph
         self._denied = ""  # why this user may not command
@@ -155,7 +159,7 @@ class Course:
         if self._graph.news(self._wrong, time.monotonic()):
             self._tell(f"{self._wrong}; tried again" if self._wrong else "the graph is joined again")
 
-    def _publish(self, topic: Topic, data: bytes) -> None:
+    def _publish(self, topic: RosTopic, data: bytes) -> None:
         if not self._joined:
             return
         try:
@@ -167,7 +171,7 @@ class Course:
             if self._graph.news(self._wrong, time.monotonic()):
                 self._tell(f"{self._wrong}; tried again")
 
-    def _heard(self, topic: Topic, data: bytes) -> None:
+    def _heard(self, topic: RosTopic, data: bytes) -> None:
         """A message of the graph; in a thread of the back end."""
         if topic == NEIGHBOURS:
             self._neighbours.heard(data)
@@ -176,7 +180,7 @@ class Course:
         else:
             self._calls.heard(topic, data)
 
-    def _asked(self, service: Service, data: bool | None) -> tuple[bool, str]:
+    def _asked(self, service: RosService, data: bool | None) -> tuple[bool, str]:
         done, message = self._calls.asked(service, data)
         if service is not GET_STATUS:
             phase = "done" if done else "refused"

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
-from twind.bridge.ros.goal import Heading
+from twind.bridge.ros.goal import CommandHeader
 
 ROOM = 8  # commands that wait; one more, and the oldest goes
 PACE = 1.0 / 15.0  # s between two that are taken: the daemon refuses more than 20 a second
@@ -23,11 +23,11 @@ Told = Callable[[Mapping[str, Any]], None]
 
 
 @dataclass(eq=False, slots=True)
-class Command:
+class RosCommand:
     """One trajectory that was asked for."""
 
     data: bytes  # CDR of a JointTrajectory; none once it was read
-    head: Heading | None  # None: malformed
+    head: CommandHeader | None  # None: malformed
     came: float  # s, monotonic
     told: Told | None = None  # who else hears what becomes of it: then it is never dropped for a newer one
     more: Mapping[str, Any] = field(default_factory=dict)  # goal_time, tolerances, as the daemon takes them
@@ -36,19 +36,19 @@ class Command:
     number: int = 0  # in the order in which they came
 
 
-class Inbox:
+class RosCommandQueue:
     """`put` and `wake` may be called from any thread and return at once; all else by one."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
-        self._waiting: list[Command] = []
+        self._waiting: list[RosCommand] = []
         self._changed = threading.Condition()
         self._woken = False
         self._next = self._tell_at = -inf  # s: when the next may be taken, and drops be told
         self._count = self._dropped = 0
-        self._last = Heading()
+        self._last = CommandHeader()
 
-    def put(self, command: Command) -> list[Command]:
+    def put(self, command: RosCommand) -> list[RosCommand]:
         """It waits now. Answers whom it leaves no room though somebody waits to hear of them."""
         with self._changed:
             self._count += 1
@@ -60,7 +60,7 @@ class Inbox:
                 self._changed.notify()
         return [each for each in over if each.told is not None]
 
-    def accepted(self, command: Command) -> None:
+    def accepted(self, command: RosCommand) -> None:
         """What is void by it goes."""
         with self._changed:
             self._drop([each for each in self._waiting if _voids(command, each)])
@@ -71,7 +71,7 @@ class Inbox:
             self._woken = True
             self._changed.notify()
 
-    def take(self, patience: float) -> Command | None:
+    def take(self, patience: float) -> RosCommand | None:
         """The oldest, or what would make that void, when it is time; None after `patience` s, or woken."""
         with self._changed:
             early = self._next - self._now()
@@ -91,7 +91,7 @@ class Inbox:
             self._next = self._now() + PACE
         return command
 
-    def dropped(self) -> tuple[int, Heading] | None:
+    def dropped(self) -> tuple[int, CommandHeader] | None:
         """How many went since this was last asked, and which was the last; None: nothing to tell now."""
         now = self._now()
         with self._changed:
@@ -100,14 +100,14 @@ class Inbox:
             count, self._dropped, self._tell_at = self._dropped, 0, now + TELL
             return count, self._last
 
-    def _drop(self, commands: Sequence[Command]) -> None:
+    def _drop(self, commands: Sequence[RosCommand]) -> None:
         """The caller holds the lock."""
         for gone in commands:
             self._waiting.remove(gone)
-            self._dropped, self._last = self._dropped + 1, gone.head or Heading()
+            self._dropped, self._last = self._dropped + 1, gone.head or CommandHeader()
 
 
-def _voids(newer: Command, older: Command) -> bool:
+def _voids(newer: RosCommand, older: RosCommand) -> bool:
     """Whoever follows the newer one has nothing left of the older."""
     new, old = newer.head, older.head
     if new is None or old is None or older.told is not None or newer.number <= older.number:

@@ -15,7 +15,7 @@ PACE = 0.1  # s from one line to the next
 GRACE = 0.5  # s at the end for what waits
 
 
-class Journal:
+class CommandJournal:
     """`note` may be called from any thread and returns at once."""
 
     def __init__(self, tell: Callable[[str], None]) -> None:

@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from twind.bridge.ros.discovery import Range, discovery
+from twind.bridge.ros.discovery import DiscoveryRange, discovery
 from twind.ctl.verb import UsageError
 
 ROOT = Path("/opt/ros")  # where distributions are installed
@@ -52,7 +52,7 @@ os._exit(code)
 
 
 @dataclass(frozen=True, slots=True)
-class Distribution:
+class RosDistribution:
     """Whose rclpy it is: an interpreter, and the environment that it needs."""
 
     python: str
@@ -87,7 +87,7 @@ def begin(python: str) -> list[str]:
     return [python, "-c", BEGIN, str(Path(__file__).resolve().parents[2])]
 
 
-def fault(found: Distribution) -> str:
+def fault(found: RosDistribution) -> str:
     """Reason why the back end does not load there, "" if it loads. Starts that interpreter once."""
     try:
         done = subprocess.run(
@@ -106,7 +106,7 @@ def fault(found: Distribution) -> str:
     return f"rclpy of {found.python} is not used: {reason}"
 
 
-def distribution(environment: Mapping[str, str], wanted: str | None, root: Path = ROOT) -> Distribution:
+def distribution(environment: Mapping[str, str], wanted: str | None, root: Path = ROOT) -> RosDistribution:
     """What `installed` finds. Raises UsageError: no rclpy, or several."""
     found = installed(environment, wanted, root)
     if found is None:
@@ -115,7 +115,9 @@ def distribution(environment: Mapping[str, str], wanted: str | None, root: Path 
     return found
 
 
-def installed(environment: Mapping[str, str], wanted: str | None, root: Path = ROOT) -> Distribution | None:
+def installed(
+    environment: Mapping[str, str], wanted: str | None, root: Path = ROOT
+) -> RosDistribution | None:
     """The rclpy of the first of these that has one. None: no rclpy is installed.
 
     1. The environment, where ROS is sourced. 2. This interpreter. 3. The distributions in `root`: the
@@ -128,13 +130,13 @@ def installed(environment: Mapping[str, str], wanted: str | None, root: Path = R
     if sourced is not None:
         return sourced
     if wanted is None and importlib.util.find_spec("rclpy") is not None:
-        return Distribution(sys.executable, environment)
+        return RosDistribution(sys.executable, environment)
     name = wanted or environment.get("ROS_DISTRO")
     known = sorted(each.parent.name for each in root.glob("*/setup.bash"))
     if not known:
         built = Path(sys.prefix, "ros", "bin", "python")
         there = name in (None, "", BUILT) and built.exists()
-        return Distribution(str(built), environment) if there else None
+        return RosDistribution(str(built), environment) if there else None
     setup = _setup(name, known, root)
     found = _sourced(_source(setup, environment))
     if found is None:
@@ -153,7 +155,7 @@ def graph(environment: Mapping[str, str], domain: int | None) -> dict[str, str]:
         told.pop("ROS_STATIC_PEERS", None)
     if found.distro not in OLD:
         return told | {"ROS_AUTOMATIC_DISCOVERY_RANGE": found.range.value}
-    if found.peers or found.range is Range.OFF:
+    if found.peers or found.range is DiscoveryRange.OFF:
         name = "ROS_STATIC_PEERS" if found.peers else "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF"
         raise UsageError(f"rclpy: {name}: {found.distro} knows none; unset it, or take --backend dds")
     return told | {"ROS_LOCALHOST_ONLY": str(int(found.local))}
@@ -187,7 +189,7 @@ def _source(setup: Path, environment: Mapping[str, str]) -> dict[str, str]:
     return {name: value for name, _, value in pairs}
 
 
-def _sourced(environment: Mapping[str, str]) -> Distribution | None:
+def _sourced(environment: Mapping[str, str]) -> RosDistribution | None:
     """The distribution whose rclpy is on the paths of this environment."""
     prefixes = [each for each in environment.get("AMENT_PREFIX_PATH", "").split(":") if each]
     folders = [each for each in environment.get("PYTHONPATH", "").split(":") if each]
@@ -202,7 +204,7 @@ def _sourced(environment: Mapping[str, str]) -> Distribution | None:
         python = _interpreter(name, [f"{each}/bin" for each in prefixes], environment)
         if python is None:
             raise UsageError(f"rclpy: {folder} has it, for {name}, which is not on the PATH; install it")
-        return Distribution(python, environment)
+        return RosDistribution(python, environment)
     return None
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.client.once import Once
+from twind.client.once import TransitionReporter
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
 FRESH = 0.5  # s after which what was heard is not how things are
@@ -16,7 +16,7 @@ AGAIN = 0.5  # s between two attempts to reach one
 FASTEST = 1000.0  # Hz: the daemon gives at most its loop's rate
 
 
-class Listening:
+class RosSubscriber:
     """A thread, from `start` to the end of the process or `stop`."""
 
     def __init__(
@@ -31,7 +31,7 @@ class Listening:
     ) -> None:
         """`take` gets every answer; `tell` a line when the daemon goes and comes. `rate` None: the loop's."""
         self._connect, self._topics, self._take, self._tell = connect, list(topics), take, tell
-        self._stop, self._rate, self._once = stop, rate or FASTEST, Once()
+        self._stop, self._rate, self._once = stop, rate or FASTEST, TransitionReporter()
         self._slow = 3.0 / self._rate  # s: who asks for one in a while waits longer
         self._heard = float("-inf")  # s, monotonic: of what was heard last
         self.error = ""  # why there is no daemon

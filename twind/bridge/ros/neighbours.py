@@ -19,7 +19,7 @@ MOST = 16  # that are kept
 LONGEST = 1 << 20  # bytes of a status
 
 
-class Neighbours:
+class PeerBridges:
     """Any thread may call anything. `id` is ours, as `bridge.id` of our own status."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:

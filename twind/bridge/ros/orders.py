@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from math import inf
 from typing import Any
 
-from twind.bridge.driving import LOST, Driving, reported_end
+from twind.bridge.driving import LOST, MotionSession, reported_end
 from twind.bridge.ros.endpoints import TRAJECTORY
-from twind.bridge.ros.goal import LONGEST, Heading, Unfit, heading, trajectory
-from twind.bridge.ros.inbox import PACE, ROOM, Command, Inbox, Told
+from twind.bridge.ros.goal import LONGEST, CommandHeader, InvalidRosCommand, heading, trajectory
+from twind.bridge.ros.inbox import PACE, ROOM, RosCommand, RosCommandQueue, Told
 from twind.client import CallError, Client, ClientError, Refused
 
 PATIENT = 1.0  # s that a command may wait: what was meant for then is not done later
@@ -26,7 +26,7 @@ UNHEARD = "how it ended was not heard, though the daemon moves nothing any more:
 Result = dict[str, Any]
 
 
-class Orders:
+class TrajectoryDispatcher:
     """`put`, `goal`, `stop`, `heard` may be called from any thread; `step` and `close` belong to one."""
 
     def __init__(
@@ -41,17 +41,21 @@ class Orders:
 
         `closed`: why no command is taken; "": they are.
         """
-        self._driving, self._inbox, self._operator = Driving(operator, now), Inbox(now), operator
+        self._driving, self._inbox, self._operator = (
+            MotionSession(operator, now),
+            RosCommandQueue(now),
+            operator,
+        )
         self._say, self._wall_ns, self._now, self._closed = say, wall_ns, now, closed
         self._stopped = -inf  # s, monotonic: what came before is void
         self._mode, self._mode_at = "", -inf  # of the daemon, and when it was heard of
         self._let_go: set[str] = set()  # motions whose cancel is ours, for one that follows them
-        self._begun: dict[str, Command] = {}
+        self._begun: dict[str, RosCommand] = {}
         self._said = 0.0  # s, monotonic, when motions were last said to run
 
     def put(self, data: bytes) -> None:
         """A command came: CDR bytes of a JointTrajectory. Returns at once."""
-        self._put(Command(data[: LONGEST + 1], heading(data), self._now()))
+        self._put(RosCommand(data[: LONGEST + 1], heading(data), self._now()))
 
     def goal(
         self,
@@ -64,7 +68,7 @@ class Orders:
         """A command whose sender follows it: `told` hears each `phase`. The answer cancels it: all holds."""
         given = {"goal_time": goal_time, "tolerances": tolerances}
         more = {key: value for key, value in given.items() if value is not None}
-        command = Command(data[: LONGEST + 1], heading(data), self._now(), told, more)
+        command = RosCommand(data[: LONGEST + 1], heading(data), self._now(), told, more)
         self._put(command)
 
         def cancel() -> None:
@@ -126,11 +130,11 @@ class Orders:
 
     # ------------------------------------------------------------------------------------------ one command
 
-    def _put(self, command: Command) -> None:
+    def _put(self, command: RosCommand) -> None:
         for gone in self._inbox.put(command):
             self._tell(gone, "refused", message=f"more than {ROOM} commands wait: send it again")
 
-    def _take(self, command: Command) -> None:
+    def _take(self, command: RosCommand) -> None:
         if command.cancelled:
             self._tell(command, "cancelled")
             return
@@ -141,7 +145,7 @@ class Orders:
             return
         try:
             answer = self._driving.submit(self._asked(command))
-        except Unfit as unfit:
+        except InvalidRosCommand as unfit:
             self._tell(command, "refused", message=str(unfit), findings=unfit.findings)
         except Refused as refusal:
             self._tell(command, "refused", message=str(refusal), findings=refusal.findings)
@@ -154,21 +158,21 @@ class Orders:
         else:
             self._accepted(command, answer)
 
-    def _asked(self, command: Command) -> dict[str, Any]:
+    def _asked(self, command: RosCommand) -> dict[str, Any]:
         """What the daemon is asked, if it is still wanted. Raises Unfit."""
         data, command.data = command.data, b""  # it may be long, and a motion too
         waited = self._now() - command.came
         if command.came <= self._stopped:
-            raise Unfit("BUSY", "the robot was stopped after this was sent: send it again")
+            raise InvalidRosCommand("BUSY", "the robot was stopped after this was sent: send it again")
         if waited > PATIENT:
             why = f"waited {waited:.1f} s here, at most {PATIENT:g}: send it again"
-            raise Unfit("CMD_EXPIRED", why, value=waited, bound=PATIENT)
+            raise InvalidRosCommand("CMD_EXPIRED", why, value=waited, bound=PATIENT)
         size = len(json.dumps(command.more))
         if size > MORE:
-            raise Unfit("FRAME_TOO_LARGE", f"tolerances of {size} bytes: must be at most {MORE}")
+            raise InvalidRosCommand("FRAME_TOO_LARGE", f"tolerances of {size} bytes: must be at most {MORE}")
         return {**trajectory(data, self._wall_ns()), **command.more}
 
-    def _accepted(self, command: Command, answer: Mapping[str, Any]) -> None:
+    def _accepted(self, command: RosCommand, answer: Mapping[str, Any]) -> None:
         command.began = self._now()
         self._begun[answer["id"]] = command
         self._inbox.accepted(command)
@@ -205,7 +209,7 @@ class Orders:
 
     # ------------------------------------------------------------------------------------------ what is told
 
-    def _tell(self, command: Command, phase: str, **more: Any) -> None:
+    def _tell(self, command: RosCommand, phase: str, **more: Any) -> None:
         result = result_of(command.head, phase, **more)
         self._say(result)
         if command.told is not None:
@@ -228,9 +232,9 @@ class Orders:
             self._say(result_of(head, "dropped", message=why, count=count))
 
 
-def result_of(head: Heading | None, phase: str, **more: Any) -> Result:
+def result_of(head: CommandHeader | None, phase: str, **more: Any) -> Result:
     """One message of /bridge/results on a trajectory: whose it was, and what became of it."""
-    known = head or Heading()
+    known = head or CommandHeader()
     stamp = {"sec": known.sec, "nanosec": known.nanosec}
     said = {key: value for key, value in more.items() if value not in (None, "", ())}
     return {"topic": TRAJECTORY.name, "stamp": stamp, "frame_id": known.frame, "phase": phase, **said}

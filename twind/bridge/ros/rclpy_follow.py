@@ -41,7 +41,7 @@ RATE = 20.0  # Hz of feedback: `action_monitor_rate` of the usual controller
 PATIENCE = 1.0  # s for a word of the daemon
 
 
-class Goals(Protocol):
+class GoalConsumer(Protocol):
     """Who takes trajectories: `Orders.goal`."""
 
     def __call__(
@@ -55,10 +55,10 @@ class Goals(Protocol):
         """CDR of a JointTrajectory. `told` hears phase, findings, message to its end; the answer cancels."""
 
 
-class Follow:
+class TrajectoryActionServer:
     """The action server of one node."""
 
-    def __init__(self, node: Any, kind: Any, goals: Goals, sockets: str | None) -> None:
+    def __init__(self, node: Any, kind: Any, goals: GoalConsumer, sockets: str | None) -> None:
         self._kind, self._goals, self._sockets = kind, goals, sockets
         self._open: set[bytes] = set()  # ids of goals that have not ended
         self._closed = False
@@ -76,8 +76,8 @@ class Follow:
 
     @classmethod
     def offered(
-        cls, node: Any, goals: Goals, sockets: str | None, tell: Callable[[str], None]
-    ) -> Follow | None:
+        cls, node: Any, goals: GoalConsumer, sockets: str | None, tell: Callable[[str], None]
+    ) -> TrajectoryActionServer | None:
         """Where the distribution has the action's type; else it is said what is missing."""
         package, folder, name = KIND.split("/")
         try:

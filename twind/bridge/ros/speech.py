@@ -17,9 +17,9 @@ from twind.bridge.ros.endpoints import (
     JOINTS,
     MIRRORED_JOINTS,
     SIM_JOINTS,
-    Topic,
+    RosTopic,
 )
-from twind.client.clocks import Clocks
+from twind.client.clocks import ClockPair
 from twind.ros import ImuBuffer, JointStateBuffer
 from twind.ros.joint_state import LAST
 from twind.ros.trajectory import accepted_bytes
@@ -28,11 +28,11 @@ FELT = ("gyro", "acceleration", "quaternion")
 NEWER = 1e-3  # s from one reading of an IMU to the next, at least
 SHAPES = 32  # sets of joints whose bytes are kept prepared; a bus that loses answers has many
 
-Message = tuple[Topic, bytes]
+Message = tuple[RosTopic, bytes]
 Row = Mapping[str, Any]  # `Joint` of the interface
 
 
-class Speech:
+class RosStateMessages:
     """Turns answers of `Monitor` into messages. `state` and the others may be called by two threads."""
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Speech:
         """`Status` of the interface: whose joints `/joint_states` are."""
         self._mode, self._measured = status["mode"], bool(status["hw_connected"])
 
-    def state(self, answer: Mapping[str, Any], clocks: Clocks) -> list[Message]:
+    def state(self, answer: Mapping[str, Any], clocks: ClockPair) -> list[Message]:
         """Topic `state`: what was measured, what is simulated, and which of both is the robot's."""
         rows, time = answer["joints"], answer["time"]
         mode = answer.get("mode") or self._mode
@@ -62,11 +62,11 @@ class Speech:
             messages.append((JOINTS, chosen))
         return messages + self._imu(answer, time, clocks)
 
-    def accepted(self, answer: Mapping[str, Any], clocks: Clocks) -> list[Message]:
+    def accepted(self, answer: Mapping[str, Any], clocks: ClockPair) -> list[Message]:
         """Topic `trajectories`: what passed the gate."""
         return [(ACCEPTED, accepted_bytes(answer["accepted"], wall(clocks, answer["time"])))]
 
-    def _heard(self, rows: Sequence[Row], time: float, clocks: Clocks) -> bytes | None:
+    def _heard(self, rows: Sequence[Row], time: float, clocks: ClockPair) -> bytes | None:
         """The joints that answered in this reading; the stamp is when the last of them did. None: nobody."""
         heard = [row for row in rows if row["heard"] and row["position"] is not None]
         if not heard:
@@ -103,7 +103,7 @@ class Speech:
         ]
         return buffer.fill(stamp_ns, *numbers)
 
-    def _imu(self, answer: Mapping[str, Any], time: float, clocks: Clocks) -> list[Message]:
+    def _imu(self, answer: Mapping[str, Any], time: float, clocks: ClockPair) -> list[Message]:
         """A reading of the IMU that was not told yet, stamped when it was heard."""
         imu = answer.get("imu")
         if imu is None:
@@ -115,6 +115,6 @@ class Speech:
         return [(INERTIAL, self._inertial.fill(wall(clocks, heard), *(imu[key] for key in FELT)))]
 
 
-def wall(clocks: Clocks, time: float) -> int:
+def wall(clocks: ClockPair, time: float) -> int:
     """ns since 1970 of a monotonic time, s, as far as a stamp of ROS can say it."""
     return min(max(clocks.wall(time), 0), LAST)

@@ -26,13 +26,13 @@ from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import Rejected, UsageError, harmless
 
 if TYPE_CHECKING:
-    from twind.bridge.ros.discovery import Discovery
-    from twind.bridge.ros.transport import Transport
+    from twind.bridge.ros.discovery import DiscoverySettings
+    from twind.bridge.ros.transport import RosTransport
 
 # name -> (what joins the graph, the modules that it needs)
 BACK_ENDS = {
-    DDS: ("twind.bridge.ros.dds:Dds", ("cyclonedds",)),
-    ZENOH: ("twind.bridge.ros.zenoh:Zenoh", ("zenoh", "xxhash")),
+    DDS: ("twind.bridge.ros.dds:DdsTransport", ("cyclonedds",)),
+    ZENOH: ("twind.bridge.ros.zenoh:ZenohTransport", ("zenoh", "xxhash")),
 }
 DISTROS = ("humble", "iron", "jazzy", "kilted", "lyrical", "rolling")
 _ENDPOINT = re.compile(r"(?:tcp|tls|udp|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?:unixsock-stream|serial)/\S+")
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
             raise Rejected(str(error)) from None
 
 
-def _sensible(options: argparse.Namespace, graph: Discovery) -> None:
+def _sensible(options: argparse.Namespace, graph: DiscoverySettings) -> None:
     """What our own back ends would take without a word. With rclpy, ROS itself knows. Raises UsageError."""
     if options.backend != RCLPY and graph.distro not in DISTROS:
         raise UsageError(f"distribution {graph.distro!r}: must be one of {', '.join(DISTROS)}")
@@ -95,23 +95,23 @@ def _sensible(options: argparse.Namespace, graph: Discovery) -> None:
         raise UsageError(f"--zenoh-connect {endpoint}: expected tcp/HOST:PORT or tls/HOST:PORT")
 
 
-def _bridge(options: argparse.Namespace, graph: Discovery, stop: threading.Event) -> int:
+def _bridge(options: argparse.Namespace, graph: DiscoverySettings, stop: threading.Event) -> int:
     if options.backend == RCLPY:
         from twind.bridge.ros.launcher import launch
 
         tell(_headline(options, graph))
         return launch(options, tell, stop)
-    from twind.bridge.ros.course import Course
+    from twind.bridge.ros.course import RosBridge
 
     transport = made(options, graph)
     tell(_headline(options, graph, transport.refuses))
-    course = Course(
+    course = RosBridge(
         transport, options.socket, rate=options.rate, commands=options.commands, tell=tell, stop=stop
     )
     return course.run()
 
 
-def made(options: argparse.Namespace, graph: Discovery) -> Transport:
+def made(options: argparse.Namespace, graph: DiscoverySettings) -> RosTransport:
     """The back end. Raises UsageError: a package that it needs is missing."""
     where, needs = BACK_ENDS[options.backend]
     missing = [each for each in needs if find_spec(each) is None]
@@ -121,13 +121,13 @@ def made(options: argparse.Namespace, graph: Discovery) -> Transport:
     module, _, name = where.partition(":")
     kind: Callable[..., Any] = getattr(import_module(module), name)
     if options.backend == ZENOH:
-        made: Transport = kind(graph, tell, connect=options.zenoh_connect, config=options.zenoh_config)
+        made: RosTransport = kind(graph, tell, connect=options.zenoh_connect, config=options.zenoh_config)
         return made
-    transport: Transport = kind(graph, tell)
+    transport: RosTransport = kind(graph, tell)
     return transport
 
 
-def _headline(options: argparse.Namespace, graph: Discovery, refuses: str = "") -> str:
+def _headline(options: argparse.Namespace, graph: DiscoverySettings, refuses: str = "") -> str:
     """What is begun, and who may do what by it. `refuses`: why the back end takes no commands."""
     from twind.bridge.ros.calls import denied
     from twind.client import Client

@@ -17,19 +17,19 @@ from typing import Any
 
 import zenoh
 
-from twind.bridge.driving import Driving
-from twind.bridge.uplink.door import JSON, Door, Question, Serve, Take, encoded
-from twind.bridge.uplink.lanes import Lane
+from twind.bridge.driving import MotionSession
+from twind.bridge.uplink.door import JSON, QueryServer, RemoteQuery, Serve, Take, encoded
+from twind.bridge.uplink.lanes import WorkerQueue
 from twind.bridge.uplink.name import robot_name
-from twind.bridge.uplink.plans import Plans
-from twind.bridge.uplink.presence import Presence
-from twind.bridge.uplink.reins import PERIOD, Reins
-from twind.bridge.uplink.telling import Tap
-from twind.bridge.uplink.tenancy import Tenancy
-from twind.bridge.uplink.together import Together
+from twind.bridge.uplink.plans import PlannedDurations
+from twind.bridge.uplink.presence import NameClaim
+from twind.bridge.uplink.reins import PERIOD, LeaseKeeper
+from twind.bridge.uplink.telling import MonitorRelay
+from twind.bridge.uplink.tenancy import RemoteLease
+from twind.bridge.uplink.together import CoalescedStop
 from twind.bridge.zenoh.keys import ASKED, RATES, TOPICS, robot_key
 from twind.client import Client, ClientError, NoDaemon
-from twind.client.once import Once
+from twind.client.once import TransitionReporter
 from twind.ctl.verb import connected, observer, operator
 
 FASTEST = 1000.0  # Hz: the daemon gives at most the loop's rate
@@ -42,7 +42,7 @@ END = 1.0  # s at the end for what is under way
 Tell = Callable[[str], None]
 
 
-class Uplink:
+class RobotUplink:
     """Of one robot by one name, which it claims until `close`."""
 
     def __init__(
@@ -54,14 +54,14 @@ class Uplink:
     ) -> None:
         """Raises Rejected: the name is taken."""
         self._options, self._session, self.robot = options, session, robot
-        self._tell, self._trouble, self._limits = tell, Once(), Once()
+        self._tell, self._trouble, self._limits = tell, TransitionReporter(), TransitionReporter()
         self._renamed = False
-        self._plans, self._tenancy = Plans(), Tenancy()
-        self._driving = Driving(partial(operator, options))
-        self._reins = Reins(self._driving, self._tenancy, self._plans, self._publish, tell)
-        self._presence = Presence(session, robot)
+        self._plans, self._tenancy = PlannedDurations(), RemoteLease()
+        self._driving = MotionSession(partial(operator, options))
+        self._reins = LeaseKeeper(self._driving, self._tenancy, self._plans, self._publish, tell)
+        self._presence = NameClaim(session, robot)
         self._taps = self._made_taps()
-        self._door = Door(session, robot, tell)
+        self._door = QueryServer(session, robot, tell)
         self._lanes = self._opened_lanes()
 
     def start(self) -> None:
@@ -100,16 +100,18 @@ class Uplink:
 
     # ------------------------------------------------------------------------------------------ telling
 
-    def _made_taps(self) -> list[Tap]:
+    def _made_taps(self) -> list[MonitorRelay]:
         connect = partial(observer, self._options)
         rare = [topic for topic in TOPICS if topic != ON_DEMAND]
-        news = Tap(connect, rare, None, always=True, began=self._began, hear=self._hear, ended=self._ended)
-        often = Tap(connect, [ON_DEMAND], None)
+        news = MonitorRelay(
+            connect, rare, None, always=True, began=self._began, hear=self._hear, ended=self._ended
+        )
+        often = MonitorRelay(connect, [ON_DEMAND], None)
         for topic in TOPICS:
             (often if topic == ON_DEMAND else news).lead(self._session, self.robot, topic, "news", topic)
         states = []
         for rate in RATES:
-            state = Tap(connect, ["state"], FASTEST if rate == "full" else float(rate))
+            state = MonitorRelay(connect, ["state"], FASTEST if rate == "full" else float(rate))
             state.lead(self._session, self.robot, "state", "state", rate)
             states.append(state)
         return [news, often, *states]
@@ -147,21 +149,26 @@ class Uplink:
 
     # ------------------------------------------------------------------------------------------ answering
 
-    def _opened_lanes(self) -> list[Lane | Together]:
+    def _opened_lanes(self) -> list[WorkerQueue | CoalescedStop]:
         door = self._door
         # A settling may last, and a cut must not wait for it.
-        stops = [Together(name, partial(self._stopped, "EStop", SLOW)) for name in ("settling", "cutting")]
-        cancelling = Together("cancelling", partial(self._stopped, "Cancel", PATIENCE))
-        asking, checking = Lane("asking"), Lane("checking", length=LARGE_WAITING, pace=CHECK_PERIOD)
-        goals = Lane(
+        stops = [
+            CoalescedStop(name, partial(self._stopped, "EStop", SLOW)) for name in ("settling", "cutting")
+        ]
+        cancelling = CoalescedStop("cancelling", partial(self._stopped, "Cancel", PATIENCE))
+        asking, checking = (
+            WorkerQueue("asking"),
+            WorkerQueue("checking", length=LARGE_WAITING, pace=CHECK_PERIOD),
+        )
+        goals = WorkerQueue(
             "goals", length=LARGE_WAITING, tend=self._reins.tend, period=PERIOD, last=self._reins.close
         )
 
-        def goal(one: Question) -> bool:
+        def goal(one: RemoteQuery) -> bool:
             came = time.monotonic()
             return goals.put(lambda: one.answer(lambda asked: self._reins.goal(asked, came)))
 
-        def lease(one: Question) -> bool:
+        def lease(one: RemoteQuery) -> bool:
             if one.asked["op"] == "renew":  # asks nothing of the daemon, and waits for nothing
                 one.answer(self._reins.renew)
                 return True
@@ -180,7 +187,7 @@ class Uplink:
             asking,
             checking,
             goals,
-            Lane("watching", tend=self._reins.watch, period=PERIOD),
+            WorkerQueue("watching", tend=self._reins.watch, period=PERIOD),
         ]
 
     def _relayed(self, method: str, patience: float, asked: dict[str, Any]) -> dict[str, Any]:
@@ -209,7 +216,7 @@ class Uplink:
         )
 
 
-def _within(lane: Lane, serve: Serve) -> Take:
+def _within(lane: WorkerQueue, serve: Serve) -> Take:
     """Answered in its turn."""
     return lambda one: lane.put(lambda: one.answer(serve))
 
@@ -222,7 +229,7 @@ def asked_name(client: Client) -> str:
 
 def awaited_name(options: argparse.Namespace, stop: threading.Event, tell: Tell) -> str:
     """As soon as there is a daemon that tells it; "": told to stop before."""
-    trouble = Once()
+    trouble = TransitionReporter()
     while not stop.is_set():
         try:
             with observer(options) as client:

@@ -18,7 +18,7 @@ Serve = Callable[[dict[str, Any]], dict[str, Any]]  # what is asked -> answer; r
 Outcome = dict[str, Any] | CallError
 
 
-class Question:
+class RemoteQuery:
     """One that came to `where`. `asked`: its parameters; empty until `answer` where it is large."""
 
     def __init__(self, method: str, where: str, query: zenoh.Query, tell: Tell) -> None:
@@ -73,10 +73,10 @@ class Question:
         self.asked = question(self._method, b"" if payload is None else payload.to_bytes())
 
 
-Take = Callable[[Question], bool]  # in a thread of the engine; False: there is no room for it
+Take = Callable[[RemoteQuery], bool]  # in a thread of the engine; False: there is no room for it
 
 
-class Door:
+class QueryServer:
     """Opens keys of one robot."""
 
     def __init__(self, session: zenoh.Session, robot: str, tell: Tell) -> None:
@@ -88,7 +88,7 @@ class Door:
         where = robot_key(self._robot, *key)
 
         def came(query: zenoh.Query) -> None:
-            one = Question(method, where, query, self._tell)
+            one = RemoteQuery(method, where, query, self._tell)
             try:
                 one.look()
             except CallError as error:

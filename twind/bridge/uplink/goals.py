@@ -13,7 +13,7 @@ AHEAD = 60.0  # s that a deadline may lie ahead
 
 
 @dataclass(slots=True)
-class Goal:
+class UplinkGoal:
     """One goal. `answer`: the newest that was told of it; `refusal` instead, where it never began."""
 
     name: str
@@ -39,34 +39,34 @@ def in_time(deadline: float, now: float) -> None:
         raise invalid("deadline", f"{deadline - now:.1f} s ahead; at most {AHEAD:g}")
 
 
-class Goals:
+class UplinkGoalTable:
     """All that may still be asked about. What was ended is forgotten once its deadline is past: by then the
     same message can move nothing, however late it comes."""
 
     def __init__(self) -> None:
-        self._goals: dict[str, Goal] = {}
+        self._goals: dict[str, UplinkGoal] = {}
 
     def __len__(self) -> int:
         return len(self._goals)
 
-    def again(self, name: str, lease: str) -> Goal | None:
+    def again(self, name: str, lease: str) -> UplinkGoal | None:
         """The goal of that name, if it came before. Raises CallError: it is another's."""
         known = self._goals.get(name)
         if known is not None and known.lease != lease:
             raise invalid("goal", f"{name[:64]!r} was used before, under another lease: a name is used once")
         return known
 
-    def begin(self, name: str, lease: str, deadline: float, now: float) -> Goal:
+    def begin(self, name: str, lease: str, deadline: float, now: float) -> UplinkGoal:
         """A new one. Raises CallError: too late, too far ahead, or too many."""
         in_time(deadline, now)
         if len(self._goals) >= MOST:
             self._forget(now)
         if len(self._goals) >= MOST:
             raise busy(f"{MOST} goals within {AHEAD:g} s: send longer ones")
-        goal = self._goals[name] = Goal(name, lease, deadline)
+        goal = self._goals[name] = UplinkGoal(name, lease, deadline)
         return goal
 
-    def running(self) -> list[Goal]:
+    def running(self) -> list[UplinkGoal]:
         """Those that were accepted and have not ended."""
         return [goal for goal in self._goals.values() if goal.id and not goal.over]
 

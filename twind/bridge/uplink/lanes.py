@@ -16,7 +16,7 @@ LONG = 64
 Job = Callable[[], None]
 
 
-class Lane:
+class WorkerQueue:
     """Jobs must not raise. `tend` is called after each, and each `period` s at least; `last` at its end."""
 
     def __init__(

@@ -11,7 +11,7 @@ KEPT = 64  # motions that are remembered
 MOST = 0.99  # of its time: that a motion has ended is the daemon's word alone
 
 
-class Plans:
+class PlannedDurations:
     """By the daemon's id."""
 
     def __init__(self) -> None:

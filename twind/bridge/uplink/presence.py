@@ -13,7 +13,7 @@ ASK = 1.0  # s that the network has to say who is there
 LOOK = 2.0  # s between two looks who else has the name
 
 
-class Presence:
+class NameClaim:
     """A name that is free, claimed from `claim` to `close`. `rival`: why it is another's now.
 
     Two of one name (a copied memory card) must not both be sent a goal. Who comes second is refused. Who

@@ -15,11 +15,11 @@ from collections.abc import Callable, Mapping
 from math import inf
 from typing import Any
 
-from twind.bridge.driving import LOST, Driving, Ended, reported_end
+from twind.bridge.driving import LOST, MotionEnd, MotionSession, reported_end
 from twind.bridge.uplink.contract import finding, invalid, no_daemon, refused
-from twind.bridge.uplink.goals import Goal, Goals, in_time
-from twind.bridge.uplink.plans import Plans
-from twind.bridge.uplink.tenancy import Tenancy, missing
+from twind.bridge.uplink.goals import UplinkGoal, UplinkGoalTable, in_time
+from twind.bridge.uplink.plans import PlannedDurations
+from twind.bridge.uplink.tenancy import RemoteLease, missing
 from twind.bridge.zenoh.keys import chunk
 from twind.client import CallError, ClientError, Refused
 from twind.client.errors import as_error
@@ -36,21 +36,21 @@ def clock() -> float:
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
-class Reins:
+class LeaseKeeper:
     """What is held. `tell` gets a line when it changes hands; `now`: s, the robot's clock as afar."""
 
     def __init__(
         self,
-        driving: Driving,
-        tenancy: Tenancy,
-        plans: Plans,
+        driving: MotionSession,
+        tenancy: RemoteLease,
+        plans: PlannedDurations,
         publish: Publish,
         tell: Callable[[str], None],
         now: Callable[[], float] = clock,
     ) -> None:
         self._driving, self._tenancy, self._plans = driving, tenancy, plans
         self._publish, self._tell, self._now = publish, tell, now
-        self._goals = Goals()
+        self._goals = UplinkGoalTable()
         self._holder = ""  # "": nobody
         self._judging = False
         self._dropped: frozenset[str] = frozenset()  # motions that ended with a lease of ours: no stop
@@ -120,7 +120,7 @@ class Reins:
             self._submit(goal, asked["trajectory"], came)
         return goal.told()
 
-    def _submit(self, goal: Goal, trajectory: Mapping[str, Any], came: float) -> None:
+    def _submit(self, goal: UplinkGoal, trajectory: Mapping[str, Any], came: float) -> None:
         """Have it judged and begun. Whether it runs is not left open: what is not answered is let go."""
         self._judging = True
         try:
@@ -139,7 +139,7 @@ class Reins:
         if goal.refusal is not None:
             self._let_go(f"goal {goal.name}: {goal.refusal}")
 
-    def _void(self, goal: Goal, came: float) -> CallError | None:
+    def _void(self, goal: UplinkGoal, came: float) -> CallError | None:
         """Why it must not move anything, or no more; None: it may."""
         now = self._now()
         if not self._tenancy.holds(goal.lease, now):
@@ -190,7 +190,7 @@ class Reins:
         self._holder = ""
         self._tell(why)
 
-    def _report(self, goal: Goal, ended: Ended | None) -> None:
+    def _report(self, goal: UplinkGoal, ended: MotionEnd | None) -> None:
         """The end of a goal, or how far it is."""
         goal.over = ended is not None
         if goal.refusal is not None:

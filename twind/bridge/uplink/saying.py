@@ -11,7 +11,7 @@ EACH = 1.0  # s from one to the next after that
 
 
 @dataclass(slots=True)
-class Saying:
+class RateLimitedLog:
     """`say` gets a line; `now`: s. What finds no room is counted, and told with the next that does."""
 
     say: Callable[[str], None]

@@ -25,7 +25,7 @@ _TOPIC = re.compile(rb'"topic":"([a-z]+)"')
 Hear = Callable[[str, bytes], None]
 
 
-class Outlet:
+class TopicOutlet:
     """One key that is told on. `changed` is called when somebody begins or ceases to listen."""
 
     def __init__(self, session: zenoh.Session, robot: str, *key: str, changed: Callable[[], None]) -> None:
@@ -49,7 +49,7 @@ class Outlet:
         self._publisher.put(data)
 
 
-class Tap:
+class MonitorRelay:
     """One Monitor call of the daemon, while one of its outlets is wanted; `always`: without that too."""
 
     def __init__(
@@ -69,12 +69,12 @@ class Tap:
         self._connect, self._topics, self._rate, self._always = connect, list(topics), rate, always
         self._began, self._hear, self._ended = began, hear, ended
         self._wake, self._stop = threading.Event(), threading.Event()
-        self.outlets: dict[str, Outlet] = {}
+        self.outlets: dict[str, TopicOutlet] = {}
         self._thread = threading.Thread(target=self._run, name=f"tap {topics[0]} {rate}", daemon=True)
 
     def lead(self, session: zenoh.Session, robot: str, topic: str, *key: str) -> None:
         """Tell `topic` at `twind/ROBOT/KEY`."""
-        self.outlets[topic] = Outlet(session, robot, *key, changed=self._wake.set)
+        self.outlets[topic] = TopicOutlet(session, robot, *key, changed=self._wake.set)
 
     def start(self) -> None:
         """Begin."""

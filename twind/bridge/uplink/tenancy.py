@@ -18,7 +18,7 @@ from twind.safety.lease import Lease
 HOLDER = 80  # characters of a holder's name that are kept
 
 
-class Tenancy:
+class RemoteLease:
     """At most one holder. It is known by a token that nobody can guess: only who was granted it has it."""
 
     def __init__(self) -> None:

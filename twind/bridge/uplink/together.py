@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 from collections import deque
 
-from twind.bridge.uplink.door import Question, Serve
+from twind.bridge.uplink.door import RemoteQuery, Serve
 from twind.bridge.uplink.lanes import PACE
 
 WAITING = 1024  # who may wait: of more the oldest is let go, and asks again; the stop is made all the same
 
 
-class Together:
+class CoalescedStop:
     """Nobody is ever told that too much is asked: one call does what all of them want.
 
     Who comes while a call is under way waits for the next, since the robot may have been freed in between.
@@ -19,7 +19,7 @@ class Together:
 
     def __init__(self, name: str, serve: Serve) -> None:
         """`serve`: one call, with the parameters of whoever waits longest."""
-        self._serve, self._waiting = serve, deque[Question]()
+        self._serve, self._waiting = serve, deque[RemoteQuery]()
         self._lock = threading.Lock()
         self._some, self._stop = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -29,7 +29,7 @@ class Together:
         """Begin with who waits."""
         self._thread.start()
 
-    def put(self, question: Question) -> bool:
+    def put(self, question: RemoteQuery) -> bool:
         """To be answered by the next call: True. Returns at once, from any thread."""
         with self._lock:
             self._waiting.append(question)

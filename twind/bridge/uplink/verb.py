@@ -18,10 +18,10 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import Any
 
-from twind.bridge.uplink.saying import Saying
+from twind.bridge.uplink.saying import RateLimitedLog
 from twind.bridge.zenoh import session as zenoh_session
 from twind.bridge.zenoh.keys import chunk
-from twind.bridge.zenoh.session import Place
+from twind.bridge.zenoh.session import NetworkConfig
 from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import DONE, Rejected, UsageError, harmless, show
 
@@ -63,18 +63,20 @@ def run(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _joined(options: argparse.Namespace, place: Place, stop: threading.Event) -> dict[str, Any] | None:
+def _joined(
+    options: argparse.Namespace, place: NetworkConfig, stop: threading.Event
+) -> dict[str, Any] | None:
     """By one name, until it is over: what was done; None: nothing. Raises Rejected: the name is another's."""
     session = zenoh_session.opened(place, stop, _tell)
     if session is None:
         return None
-    from twind.bridge.uplink.course import Uplink, awaited_name
+    from twind.bridge.uplink.course import RobotUplink, awaited_name
 
     with session:
         robot = options.name or awaited_name(options, stop, _tell)
         if not robot:
             return None
-        uplink = Uplink(options, session, robot, _tell)
+        uplink = RobotUplink(options, session, robot, _tell)
         try:
             uplink.start()
             _tell(f"{robot} is up at {place}")
@@ -108,4 +110,6 @@ def _text(tally: dict[str, Any]) -> str:
     return f"answered: {', '.join(said) or 'nothing'}" + (f"; no room for {full}" if full else "")
 
 
-_tell = Saying(lambda line: print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True), time.monotonic)
+_tell = RateLimitedLog(
+    lambda line: print(f"twindctl: {harmless(line)}", file=sys.stderr, flush=True), time.monotonic
+)

@@ -44,7 +44,7 @@ class SessionError(ClientError):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class NetworkConfig:
     """Where a network is joined: endpoints as `tcp/HOST:PORT`, a file that says all else."""
 
     connect: tuple[str, ...] = ()
@@ -76,21 +76,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def place(options: argparse.Namespace, environ: Mapping[str, str]) -> Place:
+def place(options: argparse.Namespace, environ: Mapping[str, str]) -> NetworkConfig:
     """By the options, else by the variable, else the router of this machine."""
-    given = Place(tuple(options.connect), tuple(options.listen), options.zenoh_config)
-    return named(environ.get(VARIABLE, "")) if given == Place() else given
+    given = NetworkConfig(tuple(options.connect), tuple(options.listen), options.zenoh_config)
+    return named(environ.get(VARIABLE, "")) if given == NetworkConfig() else given
 
 
-def named(text: str) -> Place:
+def named(text: str) -> NetworkConfig:
     """What VARIABLE says; empty: LOCAL."""
     if text.endswith(FILES):
-        return Place(file=Path(text))
+        return NetworkConfig(file=Path(text))
     endpoints = tuple(each.strip() for each in text.split(",") if each.strip())
-    return Place(connect=endpoints or (LOCAL,))
+    return NetworkConfig(connect=endpoints or (LOCAL,))
 
 
-def readable(place: Place) -> list[str]:
+def readable(place: NetworkConfig) -> list[str]:
     """Endpoints, also of its file, of which others on the way can read, and send, all there is.
 
     Raises SessionError: the place itself is wrong.
@@ -100,7 +100,7 @@ def readable(place: Place) -> list[str]:
     return [each for each in said if not (_sealed(each) or here(each))]
 
 
-def opened(place: Place, stop: threading.Event, tell: Callable[[str], None]) -> zenoh.Session | None:
+def opened(place: NetworkConfig, stop: threading.Event, tell: Callable[[str], None]) -> zenoh.Session | None:
     """Joined as soon as somebody answers there; None: told to stop before. Raises SessionError where the
     place itself is wrong. `tell` hears once that nobody answers.
     """
@@ -116,7 +116,7 @@ def opened(place: Place, stop: threading.Event, tell: Callable[[str], None]) -> 
     return None
 
 
-def open_now(place: Place, patience: float) -> zenoh.Session:
+def open_now(place: NetworkConfig, patience: float) -> zenoh.Session:
     """Joined within `patience` s. Raises SessionError."""
     try:
         return _open(_configuration(place, patience))
@@ -145,7 +145,7 @@ def _open(configuration: zenoh.Config) -> zenoh.Session:
     return session
 
 
-def _configuration(place: Place, patience: float) -> zenoh.Config:
+def _configuration(place: NetworkConfig, patience: float) -> zenoh.Config:
     """Raises SessionError."""
     engine = _engine()
     try:

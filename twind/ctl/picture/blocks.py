@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import acos, asin, atan2, degrees, hypot
 
 from twind.ctl.picture.lines import Line, Span, cut, fitting, length, line, wrapped
-from twind.ctl.picture.view import Answer, Said, View
+from twind.ctl.picture.view import Answer, PictureNotice, PictureState
 from twind.ctl.reasons import remedy
 from twind.ctl.table import LOST
 
@@ -27,7 +27,7 @@ LEVELS = {"error": "bad", "warning": "warn", "refused": "warn", "debug": "dim"}
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class PictureRow:
     """`urgent`: shown before the others where there is no room for all."""
 
     line: Line
@@ -35,12 +35,12 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class PictureBlock:
     """One subject. `least`: lines, heads included, below which it is not shown at all."""
 
     name: str
     heads: Sequence[Line]
-    rows: Sequence[Row]
+    rows: Sequence[PictureRow]
     least: int
     scrolls: bool = False
 
@@ -64,7 +64,7 @@ class Block:
         return [*self.heads, *(row.line for row in rows), more][:room]
 
 
-def header(view: View, width: int) -> Line:
+def header(view: PictureState, width: int) -> Line:
     """Who, in which mode, state and motion; the daemon's version at the right."""
     status = view.status
     if status is None:
@@ -86,7 +86,7 @@ def header(view: View, width: int) -> Line:
     return (*shown, (" " * room + version, "dim")) if room > 1 else shown
 
 
-def trouble(view: View, width: int) -> Block:
+def trouble(view: PictureState, width: int) -> PictureBlock:
     """No daemon, no news, latched faults with what to do, and warnings of ports."""
     rows: list[Line] = []
     if view.gone:
@@ -101,22 +101,22 @@ def trouble(view: View, width: int) -> Block:
     for bus in status["buses"]:
         if bus.get("warning"):
             rows += wrapped(("  WARN ", "warn"), f" {bus['name']}: {bus['warning']}", "warn", width)
-    return Block("troubles", (), [Row(each) for each in rows], min(len(rows), 4))
+    return PictureBlock("troubles", (), [PictureRow(each) for each in rows], min(len(rows), 4))
 
 
-def summary(view: View, width: int) -> Block:
+def summary(view: PictureState, width: int) -> PictureBlock:
     """Lease, loop, latency: a line each."""
     status = view.status
     if status is None:
-        return Block("summary", (), (), 0)
+        return PictureBlock("summary", (), (), 0)
     rows = [_labelled("lease", _lease(status, view), width), _labelled("loop", _loop(status), width)]
     rows.append(_labelled("latency", _latency(status), width))
     if view.imu is not None:
         rows.append(_labelled("imu", _imu(view.imu), width))
-    return Block("summary", (), [Row(each) for each in rows], len(rows))
+    return PictureBlock("summary", (), [PictureRow(each) for each in rows], len(rows))
 
 
-def recorder(view: View, width: int) -> Block:
+def recorder(view: PictureState, width: int) -> PictureBlock:
     """What the flight recorder holds, who streams, and the episode that runs or ran last."""
     rows = [_stream(told, width) for told in (view.status or {}).get("streams") or ()]
     flight = (view.status or {}).get("flight")
@@ -136,7 +136,7 @@ def recorder(view: View, width: int) -> Block:
             label = _OUTCOMES[episode.success]
             parts = [(f"{episode.task}, {spent} long", ""), label, (f"{ago(view.now - episode.end)} ago", "")]
         rows.append(_labelled("episode", parts, width))
-    return Block("recorder", (), [Row(each) for each in rows], min(len(rows), 1))
+    return PictureBlock("recorder", (), [PictureRow(each) for each in rows], min(len(rows), 1))
 
 
 def _stream(told: Answer, width: int) -> Line:
@@ -147,17 +147,17 @@ def _stream(told: Answer, width: int) -> Line:
     return _labelled("stream", [*wrong, *lost, *counts, (told["endpoint"], "dim")], width)
 
 
-def refusals(view: View, width: int) -> Block:
+def refusals(view: PictureState, width: int) -> PictureBlock:
     """What the gate refused last, and why."""
     return _told("refusals", "refused last", view.refusals, view.now, width)
 
 
-def last_refusals(view: View, width: int) -> Block:
+def last_refusals(view: PictureState, width: int) -> PictureBlock:
     """The newest of them."""
     return _told("refusals", "refused last", view.refusals[:NEWEST], view.now, width)
 
 
-def events(view: View, width: int) -> Block:
+def events(view: PictureState, width: int) -> PictureBlock:
     """What happened last."""
     return _told("events", "events", view.events, view.now, width)
 
@@ -175,19 +175,19 @@ def ago(seconds: float) -> str:
     return f"{whole} s" if whole < 120 else f"{whole // 60} min" if whole < 7200 else f"{whole // 3600} h"
 
 
-def _told(name: str, title: str, told: Sequence[Said], now: float, width: int) -> Block:
+def _told(name: str, title: str, told: Sequence[PictureNotice], now: float, width: int) -> PictureBlock:
     rows = []
     for each in told:
         when = f"{ago(now - each.at):>7} ago  "
-        rows.append(Row(cut(line((when, "dim"), (each.text, LEVELS.get(each.level, ""))), width)))
-    return Block(name, (titled(title, width),) if rows else (), rows, 2 if rows else 0)
+        rows.append(PictureRow(cut(line((when, "dim"), (each.text, LEVELS.get(each.level, ""))), width)))
+    return PictureBlock(name, (titled(title, width),) if rows else (), rows, 2 if rows else 0)
 
 
 def _labelled(label: str, parts: Sequence[Span], width: int) -> Line:
     return fitting(parts, width, line((f"{label:<{LABEL}}", "dim")))
 
 
-def _lease(status: Answer, view: View) -> list[Span]:
+def _lease(status: Answer, view: PictureState) -> list[Span]:
     lease = status["lease"]
     if lease is None:
         return [("nobody holds it", "")]

@@ -7,21 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
 
-from twind.ctl.picture.blocks import Block, Row
+from twind.ctl.picture.blocks import PictureBlock, PictureRow
 from twind.ctl.picture.lines import Span, cut, left, line, right
-from twind.ctl.picture.view import Answer, Bounds, View, followed
+from twind.ctl.picture.view import Answer, DisplayThresholds, PictureState, followed
 
 OFF, FAR = 0.1, 0.2  # rad from the goal: half of where FOLLOW_ERR begins, and where it does
 OLD, STALE = 30.0, 100.0  # ms not heard: where an armed robot is told of, and where it holds
 NAME, NOTES = 16, 10  # columns: of names at most, of notes at least
 EVERYTHING = 100  # columns from which titles are whole words
-_UNKNOWN = Bounds(nan, nan, nan, nan, nan, nan)
-_Cell = Callable[[Answer, Bounds], Span]
+_UNKNOWN = DisplayThresholds(nan, nan, nan, nan, nan, nan)
+_Cell = Callable[[Answer, DisplayThresholds], Span]
 _Shown = tuple[str, int, _Cell]
 
 
 @dataclass(frozen=True, slots=True)
-class _Column:
+class _TableColumn:
     title: str
     width: int
     short: str  # title and width where there is little room
@@ -31,7 +31,7 @@ class _Column:
 
 
 @dataclass(frozen=True, slots=True)
-class _Looks:
+class _JointColumns:
     """What is asked of a joint: torque where the robot is armed; a calibration where there is a robot."""
 
     armed: bool
@@ -39,28 +39,28 @@ class _Looks:
     mode: str
 
 
-def joints(view: View, width: int) -> Block:
+def joints(view: PictureState, width: int) -> PictureBlock:
     """All joints; those that need a look are urgent."""
     if not view.joints:
-        return Block("joints", (), (), 0)
+        return PictureBlock("joints", (), (), 0)
     name = min(NAME, max(5, *(len(joint["name"]) for joint in view.joints)))
     status = view.status or {"armed": False, "mode": ""}
-    looks = _Looks(armed=status["armed"], robot=status["mode"] != "sim", mode=status["mode"])
+    looks = _JointColumns(armed=status["armed"], robot=status["mode"] != "sim", mode=status["mode"])
     columns = _columns(width, width - name - 2 - NOTES)
     titles = [right(title, size) for title, size, _ in columns]
     head = line((f"  {left('joint', name)}{''.join(titles)}  notes", "dim"))
     rows = [_row(joint, view.bounds, columns, name, width, looks) for joint in view.joints]
-    return Block("joints", (cut(head, width),), rows, min(1 + len(rows), 10), scrolls=True)
+    return PictureBlock("joints", (cut(head, width),), rows, min(1 + len(rows), 10), scrolls=True)
 
 
 def _row(
     joint: Answer,
-    bounds: Mapping[str, Bounds],
+    bounds: Mapping[str, DisplayThresholds],
     columns: Sequence[_Shown],
     name: int,
     width: int,
-    looks: _Looks,
-) -> Row:
+    looks: _JointColumns,
+) -> PictureRow:
     known = bounds.get(joint["name"], _UNKNOWN)
     told = {**joint, "followed": followed(joint, looks.mode)}
     cells = [(size, *cell(told, known)) for _, size, cell in columns]
@@ -72,7 +72,7 @@ def _row(
     for place, (text, style) in enumerate(notes):
         spans.append((", " if place else "  ", ""))
         spans.append((text, style))
-    return Row(cut(line(*spans), width), urgent=worst in ("bad", "warn"))
+    return PictureRow(cut(line(*spans), width), urgent=worst in ("bad", "warn"))
 
 
 def _worst(styles: Sequence[str]) -> str:
@@ -91,7 +91,7 @@ def _columns(width: int, room: int) -> list[_Shown]:
     ]
 
 
-def _notes(joint: Answer, known: Bounds, looks: _Looks) -> list[Span]:
+def _notes(joint: Answer, known: DisplayThresholds, looks: _JointColumns) -> list[Span]:
     """What the numbers do not say, in words."""
     notes: list[Span] = [] if joint["heard"] else [("SILENT", "bad")]
     if looks.armed and joint["torque"] is False:
@@ -112,14 +112,14 @@ def _notes(joint: Answer, known: Bounds, looks: _Looks) -> list[Span]:
 
 
 def _number(key: str, digits: int) -> _Cell:
-    def cell(joint: Answer, _known: Bounds) -> Span:
+    def cell(joint: Answer, _known: DisplayThresholds) -> Span:
         value = joint[key]
         return ("-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}", "")
 
     return cell
 
 
-def _error(joint: Answer, _known: Bounds) -> Span:
+def _error(joint: Answer, _known: DisplayThresholds) -> Span:
     goal, place = joint["goal"], joint["followed"]
     if goal is None or place is None:
         return "-", ""
@@ -128,21 +128,21 @@ def _error(joint: Answer, _known: Bounds) -> Span:
     return f"{round(error, 3) + 0.0:+.3f}", style
 
 
-def _heat(joint: Answer, known: Bounds) -> Span:
+def _heat(joint: Answer, known: DisplayThresholds) -> Span:
     value = joint["temperature"]
     if value is None:
         return "-", ""
     return f"{value:.0f}", "bad" if value >= known.hot else "warn" if value >= known.warm else ""
 
 
-def _supply(joint: Answer, known: Bounds) -> Span:
+def _supply(joint: Answer, known: DisplayThresholds) -> Span:
     value = joint["voltage"]
     if value is None:
         return "-", ""
     return f"{value:.1f}", "bad" if value <= known.flat else "warn" if value <= known.low else ""
 
 
-def _age(joint: Answer, _known: Bounds) -> Span:
+def _age(joint: Answer, _known: DisplayThresholds) -> Span:
     value = joint["age_ms"]
     if value is None:
         return "-", ""
@@ -150,25 +150,25 @@ def _age(joint: Answer, _known: Bounds) -> Span:
     return text, "bad" if value >= STALE else "warn" if value >= OLD else ""
 
 
-def _torque(joint: Answer, _known: Bounds) -> Span:
+def _torque(joint: Answer, _known: DisplayThresholds) -> Span:
     torque: bool | None = joint["torque"]
     return ("-", "") if torque is None else ("on", "") if torque else ("off", "dim")
 
 
-def _verified(joint: Answer, _known: Bounds) -> Span:
+def _verified(joint: Answer, _known: DisplayThresholds) -> Span:
     verified = joint.get("verified")
     return ("-", "") if verified is None else ("yes", "") if verified else ("NO", "warn")
 
 
 _COLUMNS = (
-    _Column("commanded", 10, "goal", 8, _number("goal", 3), 2),
-    _Column("measured", 9, "is", 8, _number("position", 3), 0),
-    _Column("error", 8, "error", 7, _error, 0),
-    _Column("rad/s", 7, "rad/s", 6, _number("velocity", 2), 4),
-    _Column("N·m", 7, "N·m", 6, _number("effort", 2), 6),
-    _Column("°C", 4, "°C", 4, _heat, 1),
-    _Column("V", 6, "V", 5, _supply, 7),
-    _Column("ms", 5, "ms", 5, _age, 5),
-    _Column("torque", 7, "trq", 4, _torque, 3),
-    _Column("verified", 9, "ver", 4, _verified, 8),
+    _TableColumn("commanded", 10, "goal", 8, _number("goal", 3), 2),
+    _TableColumn("measured", 9, "is", 8, _number("position", 3), 0),
+    _TableColumn("error", 8, "error", 7, _error, 0),
+    _TableColumn("rad/s", 7, "rad/s", 6, _number("velocity", 2), 4),
+    _TableColumn("N·m", 7, "N·m", 6, _number("effort", 2), 6),
+    _TableColumn("°C", 4, "°C", 4, _heat, 1),
+    _TableColumn("V", 6, "V", 5, _supply, 7),
+    _TableColumn("ms", 5, "ms", 5, _age, 5),
+    _TableColumn("torque", 7, "trq", 4, _torque, 3),
+    _TableColumn("verified", 9, "ver", 4, _verified, 8),
 )

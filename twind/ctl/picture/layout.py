@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from twind.ctl.picture.blocks import (
-    Block,
+    PictureBlock,
     events,
     header,
     last_refusals,
@@ -21,10 +21,10 @@ from twind.ctl.picture.blocks import (
 from twind.ctl.picture.joints import joints
 from twind.ctl.picture.lines import Line, beside, cut, fitting, line
 from twind.ctl.picture.timing import buses, hops, lateness
-from twind.ctl.picture.view import View
+from twind.ctl.picture.view import PictureState
 
 WIDE, LEFT, GAP = 185, 110, 3  # columns from which there are two sides; of the left one; between them
-Make = Callable[[View, int], Block]
+Make = Callable[[PictureState, int], PictureBlock]
 # Pages and sides are tiers of blocks: the second tier has what the first one leaves.
 PAGES: Mapping[str, Sequence[Sequence[Make]]] = {
     "all": ((summary, buses, joints, last_refusals), (hops, lateness, recorder, events)),
@@ -39,7 +39,7 @@ SIDES: Sequence[Sequence[Sequence[Make]]] = (
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class PageSelection:
     """What the keys have chosen."""
 
     page: str = "all"
@@ -48,10 +48,10 @@ class Shown:
 
 
 def picture(
-    view: View, width: int, height: int | None, shown: Shown | None = None, now: float = 0.0
+    view: PictureState, width: int, height: int | None, shown: PageSelection | None = None, now: float = 0.0
 ) -> list[Line]:
     """Lines at most `width` wide, at most `height` of them (None: all that there are, without keys)."""
-    chosen = shown or Shown()
+    chosen = shown or PageSelection()
     top = [header(view, width)]
     wrong = trouble(view, width)
     if height is None:
@@ -72,7 +72,7 @@ def picture(
 
 
 def _packed(
-    tiers: Sequence[Sequence[Make]], view: View, width: int, room: int, offset: int
+    tiers: Sequence[Sequence[Make]], view: PictureState, width: int, room: int, offset: int
 ) -> tuple[list[Line], list[str]]:
     """Lines of what there is room for, and the names of what there is none for."""
     lines: list[Line] = []
@@ -86,7 +86,7 @@ def _packed(
     return lines, hidden
 
 
-def _shared(blocks: Sequence[Block], room: int) -> list[int]:
+def _shared(blocks: Sequence[PictureBlock], room: int) -> list[int]:
     """Lines of each block: in their order the least of each, as far as there is room, then more; 0: none."""
     given: list[int] = []
     for block in blocks:
@@ -99,7 +99,7 @@ def _shared(blocks: Sequence[Block], room: int) -> list[int]:
     return given
 
 
-def _keys(chosen: Shown, hidden: Sequence[str], width: int, now: float) -> Line:
+def _keys(chosen: PageSelection, hidden: Sequence[str], width: int, now: float) -> Line:
     """What the keys do, and what has no room."""
     start: Line = ()
     if chosen.frozen_since is not None:

@@ -11,10 +11,10 @@ from rich.console import Console
 
 from twind.client import Client, ClientError
 from twind.ctl.monitor import AGAIN, TOPICS, is_live, steady
-from twind.ctl.picture.layout import PAGES, Shown, picture
+from twind.ctl.picture.layout import PAGES, PageSelection, picture
 from twind.ctl.picture.paint import Palette, plain
-from twind.ctl.picture.screen import Screen
-from twind.ctl.picture.view import View, Watched
+from twind.ctl.picture.screen import TerminalScreen
+from twind.ctl.picture.view import MonitorCollector, PictureState
 from twind.ctl.verb import DONE
 
 FASTEST = 15.0  # pictures a second
@@ -23,12 +23,12 @@ CHANGED = "RELOADED"  # the event after which limits may be others
 PLAIN_WIDTH = 120  # columns where there is no terminal; COLUMNS says otherwise
 
 
-class Feed:
+class MonitorFeed:
     """Takes the news of one daemon after the other, in a thread of its own."""
 
     def __init__(self, connect: Callable[[], Client], rate: float) -> None:
         """Raises ClientError where there is no daemon to begin with."""
-        self.watched = Watched(patience=max(1.5, 3.0 / rate))
+        self.watched = MonitorCollector(patience=max(1.5, 3.0 / rate))
         self.failure: ClientError | None = None  # the first daemon did not answer
         self._connect, self._ended = connect, threading.Event()
         self._first: Client | None = self._greet()
@@ -82,7 +82,7 @@ def _said(error: Exception) -> ClientError:
 
 def show(connect: Callable[[], Client], rate: float, count: int | None = None) -> int:
     """Pictures, `count` of them or until q. Raises ClientError where there is no daemon to begin with."""
-    feed = Feed(connect, rate)
+    feed = MonitorFeed(connect, rate)
     try:
         _await_news(feed)
         if is_live():
@@ -94,14 +94,14 @@ def show(connect: Callable[[], Client], rate: float, count: int | None = None) -
     return DONE
 
 
-def _await_news(feed: Feed) -> None:
+def _await_news(feed: MonitorFeed) -> None:
     while not feed.watched.whole:
         if feed.failure is not None:
             raise feed.failure
         time.sleep(0.01)
 
 
-def _print(feed: Feed, rate: float, count: int | None) -> None:
+def _print(feed: MonitorFeed, rate: float, count: int | None) -> None:
     """Plain text, everything there is, a picture for each news that there is time for."""
     width = int(os.environ.get("COLUMNS") or 0) or PLAIN_WIDTH
     period, shown, seen = 1.0 / min(rate, FASTEST), 0, -1
@@ -116,12 +116,12 @@ def _print(feed: Feed, rate: float, count: int | None) -> None:
             time.sleep(max(0.0, now + period - time.monotonic()))
 
 
-def _draw(feed: Feed, rate: float, count: int | None) -> None:
+def _draw(feed: MonitorFeed, rate: float, count: int | None) -> None:
     """On a terminal, until a key ends it."""
     palette = Palette.of(Console(file=sys.stdout))
-    period, shown, pictures = 1.0 / min(rate, FASTEST), Shown(), 0
-    frozen: View | None = None
-    with Screen().entered() as screen:
+    period, shown, pictures = 1.0 / min(rate, FASTEST), PageSelection(), 0
+    frozen: PictureState | None = None
+    with TerminalScreen().entered() as screen:
         due = time.monotonic()
         while True:
             now = time.monotonic()
@@ -141,7 +141,7 @@ def _draw(feed: Feed, rate: float, count: int | None) -> None:
                     frozen = feed.watched.view(now) if frozen is None else None
 
 
-def turned(shown: Shown, key: str, now: float, joints: int) -> Shown:
+def turned(shown: PageSelection, key: str, now: float, joints: int) -> PageSelection:
     """What a key makes of what is shown, of so many joints."""
     pages = list(PAGES)
     if key == "page":

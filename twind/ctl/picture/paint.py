@@ -8,9 +8,9 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.segment import Segment
 from rich.style import Style
 
-from twind.ctl.picture.layout import Shown, picture
+from twind.ctl.picture.layout import PageSelection, picture
 from twind.ctl.picture.lines import Line
-from twind.ctl.picture.view import View
+from twind.ctl.picture.view import PictureState
 
 STYLES: Mapping[str, Style] = {
     "": Style(),
@@ -31,7 +31,7 @@ _SYSTEMS = {
 }
 
 
-class Picture:
+class RichPicture:
     """The lines as something that a rich console prints."""
 
     def __init__(self, lines: Sequence[Line]) -> None:
@@ -73,11 +73,16 @@ def plain(lines: Sequence[Line]) -> str:
 
 
 def svg(
-    view: View, *, title: str, width: int = 120, height: int | None = 40, shown: Shown | None = None
+    view: PictureState,
+    *,
+    title: str,
+    width: int = 120,
+    height: int | None = 40,
+    shown: PageSelection | None = None,
 ) -> str:
     """The picture as a drawing of a terminal, the same for the same view."""
     console = Console(
         record=True, width=width, file=StringIO(), force_terminal=True, color_system="truecolor", _environ={}
     )
-    console.print(Picture(picture(view, width, height, shown, view.now)), end="")
+    console.print(RichPicture(picture(view, width, height, shown, view.now)), end="")
     return console.export_svg(title=title, unique_id="twind-monitor")

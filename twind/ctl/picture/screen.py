@@ -29,7 +29,7 @@ KEYS = {
 }
 
 
-class Screen:
+class TerminalScreen:
     """Draws lines over what was there: only those that changed are written. Main thread only."""
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class Screen:
         self._attributes = None if self._keys < 0 else termios.tcgetattr(self._keys)
 
     @contextmanager
-    def entered(self) -> Iterator["Screen"]:
+    def entered(self) -> Iterator["TerminalScreen"]:
         """The terminal is ours; left as it was found."""
         kinds = (signal.SIGWINCH, signal.SIGTSTP)
         before = [signal.getsignal(kind) for kind in kinds]

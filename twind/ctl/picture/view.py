@@ -15,7 +15,7 @@ RATED = 1.0  # s over which rates are counted
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class PictureNotice:
     """Something that was told once. `level`: refused, or an event's."""
 
     at: float  # s, monotonic, when it arrived here
@@ -24,7 +24,7 @@ class Said:
 
 
 @dataclass(frozen=True, slots=True)
-class Episode:
+class PictureEpisode:
     """A marked stretch of time; `end` None: it goes on."""
 
     task: str
@@ -34,7 +34,7 @@ class Episode:
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class DisplayThresholds:
     """From where on a joint's numbers are worth a look. NaN compares as never."""
 
     lower: float  # rad
@@ -46,20 +46,20 @@ class Bounds:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class PictureState:
     """Everything a picture is made of; pieces are as the interface spells them (`io.twind.Control`)."""
 
     now: float  # s, monotonic
     status: Answer | None = None
     joints: Sequence[Answer] = ()
     imu: Answer | None = None  # None: none, or not heard yet
-    bounds: Mapping[str, Bounds] = field(default_factory=dict)
+    bounds: Mapping[str, DisplayThresholds] = field(default_factory=dict)
     hops: Sequence[Answer] = ()
     lateness: Sequence[Answer] = ()  # Bucket of the whole run
     rates: Mapping[str, float] = field(default_factory=dict)  # exchanges a second, by bus
-    refusals: Sequence[Said] = ()  # the newest first
-    events: Sequence[Said] = ()
-    episodes: Sequence[Episode] = ()
+    refusals: Sequence[PictureNotice] = ()  # the newest first
+    events: Sequence[PictureNotice] = ()
+    episodes: Sequence[PictureEpisode] = ()
     lost: int = 0  # news that the daemon had to drop because this reader was slow
     news_at: float | None = None  # s, when the last news came
     patience: float = 1.5  # s without news that are no trouble
@@ -67,16 +67,16 @@ class View:
     gone_since: float = 0.0  # s
 
 
-class Watched:
+class MonitorCollector:
     """Collects news; `view` may be called by another thread than the one that tells."""
 
     def __init__(self, patience: float = 1.5) -> None:
         self._patience = patience
         self._lock = threading.Lock()
         self._now: dict[str, Any] = {}  # fields of the next view
-        self._refusals: deque[Said] = deque(maxlen=KEPT)
-        self._events: deque[Said] = deque(maxlen=KEPT)
-        self._episodes: deque[Episode] = deque(maxlen=KEPT)
+        self._refusals: deque[PictureNotice] = deque(maxlen=KEPT)
+        self._events: deque[PictureNotice] = deque(maxlen=KEPT)
+        self._episodes: deque[PictureEpisode] = deque(maxlen=KEPT)
         self._counted: dict[str, tuple[float, int]] = {}  # bus: since when, exchanges then
         self._rates: dict[str, float] = {}
         self._lost = 0
@@ -119,10 +119,10 @@ class Watched:
         """There is something to show: a status and joints."""
         return "status" in self._now and "joints" in self._now
 
-    def view(self, now: float) -> View:
+    def view(self, now: float) -> PictureState:
         """What is known now."""
         with self._lock:
-            return View(
+            return PictureState(
                 now=now,
                 rates=dict(self._rates),
                 refusals=tuple(reversed(self._refusals)),
@@ -147,23 +147,23 @@ class Watched:
     def _verdict(self, verdict: Answer, now: float) -> None:
         if refusals := verdict["refusals"]:
             more = f" (and {len(refusals) - 1} more)" if len(refusals) > 1 else ""
-            self._refusals.append(Said(now, "refused", _reason(refusals[0]) + more))
+            self._refusals.append(PictureNotice(now, "refused", _reason(refusals[0]) + more))
 
     def _end_episode(self, now: float, success: bool | None = None) -> None:
         """Of the one that goes on, if there is one: by its mark, by the next one's, or with its daemon."""
         if self._episodes and self._episodes[-1].end is None:
             last = self._episodes.pop()
-            self._episodes.append(Episode(last.task, last.begin, now, success))
+            self._episodes.append(PictureEpisode(last.task, last.begin, now, success))
 
     def _event(self, event: Answer, now: float) -> None:
         marked = event.get("annotation")
         if marked and marked["kind"] in ("begin", "end"):
             self._end_episode(now, marked.get("success") if marked["kind"] == "end" else None)
         if marked and marked["kind"] == "begin":
-            self._episodes.append(Episode(marked.get("task") or "episode", now))
+            self._episodes.append(PictureEpisode(marked.get("task") or "episode", now))
         first = [_reason(finding) for finding in event["findings"][:1]]
         text = "; ".join(part for part in (event["message"], *first) if part)
-        self._events.append(Said(now, event["level"], f"{event['code']}: {text}"))
+        self._events.append(PictureNotice(now, event["level"], f"{event['code']}: {text}"))
 
 
 def followed(joint: Answer, mode: str) -> float | None:
@@ -176,11 +176,11 @@ def _reason(finding: Answer) -> str:
     return f"{finding['code']}: {finding['message']}"
 
 
-def _bounds(joint: Answer) -> Bounds:
+def _bounds(joint: Answer) -> DisplayThresholds:
     """Of one joint of a robot file; what it does not say is never reached."""
     kind = joint.get("type") or {}
     heat, supply = kind.get("heat") or {}, kind.get("supply") or {}
-    return Bounds(
+    return DisplayThresholds(
         lower=_known(joint.get("lower")),
         upper=_known(joint.get("upper")),
         warm=_known(heat.get("warn")),

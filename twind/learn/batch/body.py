@@ -11,14 +11,14 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from twind.learn.model import Plant
-from twind.learn.observation import Reading
-from twind.learn.picture import Picture
-from twind.learn.randomise.delays import Histories
-from twind.learn.randomise.draw import Draws
-from twind.learn.randomise.physics import EachOfBatch, Physics
-from twind.learn.randomise.pushes import Pushes
-from twind.learn.randomise.ranges import ZERO, Ranges
-from twind.learn.randomise.start import Start
+from twind.learn.observation import BodyReading
+from twind.learn.picture import CameraRenderer
+from twind.learn.randomise.delays import DelayHistories
+from twind.learn.randomise.draw import DrawSampler
+from twind.learn.randomise.physics import BatchModelWriter, PhysicsRandomiser
+from twind.learn.randomise.pushes import PushSchedule
+from twind.learn.randomise.ranges import ZERO, RandomisationRanges
+from twind.learn.randomise.start import EpisodeStart
 from twind.robot.arrays import Bools, Floats, Ints
 from twind.twin.simulation import hush
 
@@ -33,7 +33,7 @@ class BatchBody:
     """`count` robots of one plant, each by itself. One Python thread may use it at a time."""
 
     def __init__(
-        self, plant: Plant, ranges: Ranges, period: float, count: int, threads: int | None = None
+        self, plant: Plant, ranges: RandomisationRanges, period: float, count: int, threads: int | None = None
     ) -> None:
         """`ranges`: what differs from episode to episode; `threads`: None, as many as there are cores."""
         hush()
@@ -42,13 +42,13 @@ class BatchBody:
         threads = max(1, min(cores, count))
         self.batch: Any = Batch(plant.model, count, threads, persistent=count <= KEPT)
         n, links = len(plant.default), len(plant.places.links)
-        self._draws = Draws(ranges, n, links)
-        self._drawn = EachOfBatch(Physics(ranges, plant.model, plant.places), self.batch)
+        self._draws = DrawSampler(ranges, n, links)
+        self._drawn = BatchModelWriter(PhysicsRandomiser(ranges, plant.model, plant.places), self.batch)
         self._delay: Any = self.batch.expand("sensor_delay") if ranges.imu_delay != ZERO else None
-        self._pushes = Pushes(ranges.pushes, plant.mass, period, count)
-        self._histories = Histories(plant.model)
-        self._start = Start(plant.model, plant.places, plant.stance)
-        self.reading = Reading.empty(n, (count,))
+        self._pushes = PushSchedule(ranges.pushes, plant.mass, period, count)
+        self._histories = DelayHistories(plant.model)
+        self._start = EpisodeStart(plant.model, plant.places, plant.stance)
+        self.reading = BodyReading.empty(n, (count,))
         self.diverged: Bools = np.zeros(
             count, np.bool_
         )  # in the last period: what the reading says is of no use
@@ -57,7 +57,7 @@ class BatchBody:
         self._ctrl, self._history = bind("ctrl"), bind("history")
         self._broken = self.batch.warning[:, BROKEN, 1]
         self._force = bind("xfrc_applied")[:, plant.places.base, :2]
-        self._picture: Picture | None = None
+        self._picture: CameraRenderer | None = None
 
     def reset(self, ids: Ints, rngs: Sequence[np.random.Generator]) -> None:
         """Robots `ids` (sorted) stand in the default pose, changed as drawn from theirs of all the `rngs`."""
@@ -77,11 +77,11 @@ class BatchBody:
             self._histories.fill_sensors(self._history[each], row)
         self._pushes.begin(ids, rngs)
         self.diverged[ids] = False
-        fresh = Reading.empty(len(plant.default), (len(ids),))
+        fresh = BodyReading.empty(len(plant.default), (len(ids),))
         plant.read(qpos[ids], qvel[ids], told, fresh)
         self.reading.values[ids] = fresh.values
 
-    def advance(self, target: Floats, rngs: Sequence[np.random.Generator]) -> Reading:
+    def advance(self, target: Floats, rngs: Sequence[np.random.Generator]) -> BodyReading:
         """One control period in which the servos go to `target` (count, n), rad.
 
         The reading (count, …) is the body's own: it changes with the next call.
@@ -103,7 +103,7 @@ class BatchBody:
         model, data = self.batch.get_model(one), self.batch.get_data(one)
         mujoco.mj_forward(model, data)
         if self._picture is None:
-            self._picture = Picture(copy.copy(self.plant.model), self.plant.binding.robot.base)
+            self._picture = CameraRenderer(copy.copy(self.plant.model), self.plant.binding.robot.base)
         return self._picture.take(data)
 
     def close(self) -> None:

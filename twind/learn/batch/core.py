@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from twind.config.robot_file import load_robot
 from twind.learn.asked import Command, command_of
 from twind.learn.batch.body import BatchBody
-from twind.learn.judge import Judge
+from twind.learn.judge import RewardFunction
 from twind.learn.layout import COMMAND, PHASE
 from twind.learn.model import plant_of
-from twind.learn.observation import Observations, Observer, Reading
-from twind.learn.randomise.noise import Noise
+from twind.learn.observation import BodyReading, ObservationBuilder, Observations
+from twind.learn.randomise.noise import ReadingNoise
 from twind.learn.randomise.ranges import load_ranges
-from twind.learn.shaping import Shaper, Shaping
+from twind.learn.shaping import ActionShaper, ActionShaping
 from twind.learn.tasks import task_of
 from twind.robot.arrays import Bools, Floats, Ints
 
@@ -28,7 +28,7 @@ Terms = dict[str, Any]  # of the reward, by name: arrays (count,)
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class BatchStep:
     """What one control step gave. Arrays are new with each step: (count, …), but for those of `ended`."""
 
     observation: Observations  # of the next episode where one has ended
@@ -40,7 +40,7 @@ class Step:
     last: Observations  # (len(ended), N): the last observation of those
 
 
-class Core:
+class BatchCore:
     """`count` robots with one task; each draws from a generator of its own, as a single environment does."""
 
     def __init__(
@@ -50,7 +50,7 @@ class Core:
         *,
         robot: str = "h24",
         randomise: str | None = None,
-        shaping: Shaping | None = None,
+        shaping: ActionShaping | None = None,
         episode_steps: int | None = None,
         threads: int | None = None,
     ) -> None:
@@ -61,7 +61,7 @@ class Core:
         if count < 1:
             raise ValueError(f"{count} environments: at least one is needed")
         self.task = task_of(task)
-        self.shaping = shaping or Shaping()
+        self.shaping = shaping or ActionShaping()
         period = self.shaping.period
         ranges = self.task.ranges(load_ranges(randomise))
         self.plant = plant = plant_of(
@@ -74,10 +74,10 @@ class Core:
         self.episode_steps = episode_steps or self.task.steps(period)
         self.body = BatchBody(plant, ranges, period, count, threads)
         self.divergences = 0  # simulations that broke down, ever
-        self._shaper = Shaper(plant.binding.limits, plant.default, self.shaping, (count,))
-        self._observer = Observer(plant.layout, plant.default, (count,))
-        self._judge = Judge(self.task, plant, (count,))
-        self._noise, self._noise_of_one = (Noise(ranges.noise, n, each) for each in (count, 1))
+        self._shaper = ActionShaper(plant.binding.limits, plant.default, self.shaping, (count,))
+        self._observer = ObservationBuilder(plant.layout, plant.default, (count,))
+        self._judge = RewardFunction(self.task, plant, (count,))
+        self._noise, self._noise_of_one = (ReadingNoise(ranges.noise, n, each) for each in (count, 1))
         self._phases, self._phase = self.task.phases(period), np.zeros((count, PHASE))
         self._action, self.command = np.zeros((count, n)), np.zeros((count, COMMAND))
         self._steps = np.zeros(count, np.int64)
@@ -103,7 +103,7 @@ class Core:
         self._begin(np.arange(self.count) if ids is None else ids, wanted)
         return self._observe()
 
-    def step(self, action: NDArray[Any]) -> Step:
+    def step(self, action: NDArray[Any]) -> BatchStep:
         """One control period of all; `action` (count, n).
 
         Raises ValueError: an action with NaN. Nothing moves by it; then reset.
@@ -130,7 +130,7 @@ class Core:
         if ended.size:
             self._begin(ended)
             observation = self._observe()
-        return Step(observation, reward, fallen, truncated, terms, ended, last)
+        return BatchStep(observation, reward, fallen, truncated, terms, ended, last)
 
     def _begin(self, ids: Ints, command: Command | None = None) -> None:
         for each in ids:
@@ -142,7 +142,7 @@ class Core:
         self.body.reset(ids, self.rngs)
         values = self.body.reading.values
         for each in ids:
-            self._noise_of_one.add(Reading(values[each]), [self.rngs[each]])
+            self._noise_of_one.add(BodyReading(values[each]), [self.rngs[each]])
 
     def _observe(self) -> Observations:
         return self._observer.observe(

@@ -14,9 +14,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from twind.learn.asked import command_in
-from twind.learn.batch.core import Core, Step
+from twind.learn.batch.core import BatchCore, BatchStep
 from twind.learn.observation import Observations
-from twind.learn.shaping import Shaping
+from twind.learn.shaping import ActionShaping
 from twind.robot.arrays import Bools, Floats
 
 
@@ -25,7 +25,7 @@ class BatchVectorEnv(VectorEnv):
 
     metadata: Mapping[str, Any] = {
         "render_modes": ["rgb_array"],
-        "render_fps": round(1.0 / Shaping().period),
+        "render_fps": round(1.0 / ActionShaping().period),
         "autoreset_mode": AutoresetMode.SAME_STEP,
     }
 
@@ -38,7 +38,7 @@ class BatchVectorEnv(VectorEnv):
         robot: str = "h24",
         render_mode: str | None = None,
         randomise: str | None = None,
-        shaping: Shaping | None = None,
+        shaping: ActionShaping | None = None,
         threads: int | None = None,
         backend: str = "sim",
     ) -> None:
@@ -47,7 +47,7 @@ class BatchVectorEnv(VectorEnv):
             raise ValueError(f"backend {backend!r}: a batch simulates; one robot is one environment: `make`")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode {render_mode!r}: None or 'rgb_array', which `render()` returns")
-        self.core = core = Core(
+        self.core = core = BatchCore(
             task,
             num_envs,
             robot=robot,
@@ -105,7 +105,7 @@ class BatchVectorEnv(VectorEnv):
         """Give the camera back."""
         self.core.body.close()
 
-    def _info(self, step: Step) -> dict[str, Any]:
+    def _info(self, step: BatchStep) -> dict[str, Any]:
         if not step.ended.size:
             return _masked(step.terms, self._every)
         ended = np.zeros(self.num_envs, np.bool_)
@@ -122,7 +122,7 @@ class BatchVectorEnv(VectorEnv):
         return _masked({"command": self.core.command.copy()}, mask)
 
 
-def spaces_of(core: Core) -> tuple[spaces.Box, spaces.Box]:
+def spaces_of(core: BatchCore) -> tuple[spaces.Box, spaces.Box]:
     """Of the observation and the action of one robot."""
     most = core.plant.layout.most.astype(np.float32)
     return spaces.Box(-most, most, dtype=np.float32), spaces.Box(-1.0, 1.0, (core.joints,), np.float32)

@@ -1,7 +1,7 @@
 """README.md of a data set: what its columns are, of what it was made, what is not in it. Pure text."""
 
 from twind.learn.dataset.frames import ACTION, EFFORT, IMU, STATE, VELOCITY
-from twind.learn.dataset.gather import Gathered, line
+from twind.learn.dataset.gather import DatasetContents, line
 
 _SAID = {
     STATE: "measured positions, rad: on the line between the two readings around",
@@ -24,12 +24,12 @@ configs:
 """
 
 
-def card(of: Gathered) -> str:
+def card(of: DatasetContents) -> str:
     """The text; the same of the same recordings."""
     return _HEAD + "\n".join(_lines(of)) + "\n"
 
 
-def absent(of: Gathered) -> list[str]:
+def absent(of: DatasetContents) -> list[str]:
     """Columns that a data set might have and this one has not, with the reason."""
     missing = [name for name in (VELOCITY, EFFORT) if name not in of.features]
     found = [f"{name} (not known of every joint in every frame)" for name in missing]
@@ -39,7 +39,7 @@ def absent(of: Gathered) -> list[str]:
     return [*found, "images (recordings have none)"]
 
 
-def _lines(of: Gathered) -> list[str]:
+def _lines(of: DatasetContents) -> list[str]:
     sources = list(dict.fromkeys(each.recording for each in of.episodes))
     found = ["", f"# {of.robot_type}: {', '.join(of.tasks)}", ""]
     found.append(

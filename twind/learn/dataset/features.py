@@ -7,8 +7,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from twind.learn.dataset.frames import Frames
-from twind.learn.dataset.gather import Gathered
+from twind.learn.dataset.frames import EpisodeFrames
+from twind.learn.dataset.gather import DatasetContents
 
 DONE, SUCCESS = "next.done", "next.success"
 COUNTED = ("frame_index", "episode_index", "index", "task_index")
@@ -16,7 +16,7 @@ _TYPES = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
 Column = NDArray[Any]
 
 
-def features(of: Gathered) -> dict[str, dict[str, Any]]:
+def features(of: DatasetContents) -> dict[str, dict[str, Any]]:
     """By name: dtype, shape, names."""
     joints = {name: _feature("float32", of.names(name)) for name in of.features}
     ends = (DONE, SUCCESS) if of.told else (DONE,)
@@ -34,7 +34,7 @@ def schema(described: Mapping[str, Mapping[str, Any]]) -> pa.Schema:
 
 
 def columns(
-    of: Gathered, episode: Frames, described: Mapping[str, Any], number: int, first: int
+    of: DatasetContents, episode: EpisodeFrames, described: Mapping[str, Any], number: int, first: int
 ) -> dict[str, Column]:
     """Of one episode, in the order of `described`. `number`: its index; `first`: that of its first frame."""
     count = np.arange(episode.count)

@@ -20,8 +20,8 @@ import pyarrow.parquet as pq
 from twind.ctl.verb import Rejected
 from twind.learn.dataset.card import card
 from twind.learn.dataset.features import Column, columns, features, schema, table
-from twind.learn.dataset.gather import Gathered
-from twind.learn.dataset.shards import NAME, Place, Shards
+from twind.learn.dataset.gather import DatasetContents
+from twind.learn.dataset.shards import NAME, ShardLocation, ShardWriter
 from twind.learn.dataset.stats import flat, stats
 
 VERSION = "v3.0"
@@ -39,14 +39,14 @@ def spare(out: Path) -> None:
         )
 
 
-def write(gathered: Gathered, out: Path, *, file_mb: float = DATA_MB, chunk: int = CHUNK) -> None:
+def write(gathered: DatasetContents, out: Path, *, file_mb: float = DATA_MB, chunk: int = CHUNK) -> None:
     """Make the folder `out`. Raises Rejected where something is there, OSError.
 
     `file_mb`: the bound of a file; `chunk`: files of a folder.
     """
     spare(out)
     with _half(out) as folder:
-        _Book(gathered, folder, file_mb, chunk).write()
+        _DatasetWriter(gathered, folder, file_mb, chunk).write()
         _sync(folder)
         try:
             os.rename(folder, out)
@@ -55,10 +55,10 @@ def write(gathered: Gathered, out: Path, *, file_mb: float = DATA_MB, chunk: int
             raise
 
 
-class _Book:
+class _DatasetWriter:
     """One data set being written."""
 
-    def __init__(self, of: Gathered, folder: Path, file_mb: float, chunk: int) -> None:
+    def __init__(self, of: DatasetContents, folder: Path, file_mb: float, chunk: int) -> None:
         self._of, self._folder, self._file_mb, self._chunk = of, folder, file_mb, chunk
         self._features = features(of)
         self._columns: dict[str, list[Column]] = {name: [] for name in self._features}  # of each episode
@@ -75,8 +75,8 @@ class _Book:
         _json(meta / "info.json", self._info())
         (self._folder / "README.md").write_text(card(self._of), encoding="utf-8")
 
-    def _shards(self, folder: Path, of: pa.Schema) -> Shards:
-        return Shards(folder, of, size=round(self._file_mb * _MB), chunk=self._chunk)
+    def _shards(self, folder: Path, of: pa.Schema) -> ShardWriter:
+        return ShardWriter(folder, of, size=round(self._file_mb * _MB), chunk=self._chunk)
 
     def _data(self) -> list[dict[str, Any]]:
         """Write the frames; what `meta/episodes` says of each episode."""
@@ -105,7 +105,7 @@ class _Book:
         shape = self._episode_schema(rows[0])
         shards = self._shards(self._folder / "meta" / "episodes", shape)
         for row in rows:
-            place: Place = shards.place(1)
+            place: ShardLocation = shards.place(1)
             row |= {"meta/episodes/chunk_index": place.chunk, "meta/episodes/file_index": place.file}
             shards.append(pa.Table.from_pylist([row], schema=shape))
         shards.close()

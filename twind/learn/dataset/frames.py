@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.learn.dataset.stretches import Part, Run
-from twind.observe.recording import Recording
+from twind.learn.dataset.stretches import EpisodeSpan, ReadingRun
+from twind.observe.recording import RobotRecording
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -25,7 +25,7 @@ FASTER = 1.05  # so much more than the median of its readings a frame may ask fo
 
 
 @dataclass(frozen=True, slots=True)
-class Frames:
+class EpisodeFrames:
     """One episode on the grid: frame k is at `time` + k / fps. Columns (k, n), NaN where nothing is known.
 
     Those of the IMU are `FELT`, all others of the joints.
@@ -43,7 +43,9 @@ class Frames:
         return len(self.columns[STATE])
 
 
-def frames(recording: Recording, part: Part, run: Run, fps: int, gap: float) -> Frames:
+def frames(
+    recording: RobotRecording, part: EpisodeSpan, run: ReadingRun, fps: int, gap: float
+) -> EpisodeFrames:
     """One stretch from its first reading on. What was measured lies on the line between the two readings
     around; a goal is the one that was last sent, of an IMU what it last told, not longer than `gap` s ago.
     """
@@ -64,7 +66,7 @@ def frames(recording: Recording, part: Part, run: Run, fps: int, gap: float) -> 
         IMU: felt(recording, grid, gap).astype(np.float32),
         ACTION: recording.goal[rows][told][held].astype(np.float32),
     }
-    return Frames(recording.path.name, part.task, part.success, float(time[0]), columns)
+    return EpisodeFrames(recording.path.name, part.task, part.success, float(time[0]), columns)
 
 
 def between(time: Floats, column: Floats, at: Floats) -> Floats:
@@ -80,7 +82,7 @@ def between(time: Floats, column: Floats, at: Floats) -> Floats:
     return np.where(share > 0.0, found, column[before])
 
 
-def felt(recording: Recording, at: Floats, gap: float) -> Floats:
+def felt(recording: RobotRecording, at: Floats, gap: float) -> Floats:
     """(j, 10) what the IMU had told last at each time; NaN: nothing, or longer than `gap` s ago."""
     if recording.imu is None:
         return np.full((len(at), len(FELT)), np.nan)
@@ -95,12 +97,12 @@ def felt(recording: Recording, at: Floats, gap: float) -> Floats:
     return np.where(known[:, None], numbers[row], np.nan)
 
 
-def rate(recording: Recording, run: Run) -> float:
+def rate(recording: RobotRecording, run: ReadingRun) -> float:
     """Readings a second, by their median; infinite for one reading."""
     time = recording.time[run.first : run.last + 1]
     return float(1.0 / np.median(np.diff(time))) if time.size > 1 else float("inf")
 
 
-def too_fast(recording: Recording, run: Run, fps: int) -> bool:
+def too_fast(recording: RobotRecording, run: ReadingRun, fps: int) -> bool:
     """Whether frames would come faster than readings did: most of them would be made up."""
     return fps > rate(recording, run) * FASTER

@@ -14,19 +14,19 @@ from twind.learn.dataset.frames import (
     IMU,
     STATE,
     VELOCITY,
-    Frames,
+    EpisodeFrames,
     frames,
     rate,
     too_fast,
 )
-from twind.learn.dataset.stretches import Left, Part, Run, Wholeness, parts
-from twind.observe.recording import Recording, open_recording
+from twind.learn.dataset.stretches import EpisodeSpan, OmittedSpan, ReadingCoverage, ReadingRun, parts
+from twind.observe.recording import RobotRecording, open_recording
 
 SHORTEST = 1.0  # s: what nobody marked and is shorter is left out
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class DatasetRequest:
     """What a data set is to be made of."""
 
     fps: int
@@ -37,15 +37,15 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Gathered:
+class DatasetContents:
     """Everything that goes into a data set."""
 
     fps: int
     robot_type: str
     joints: tuple[str, ...]
     features: tuple[str, ...]  # of `Frames.columns`, those that are known in all of them
-    episodes: tuple[Frames, ...]
-    left: tuple[Left, ...]  # what is not in it, and why
+    episodes: tuple[EpisodeFrames, ...]
+    left: tuple[OmittedSpan, ...]  # what is not in it, and why
     damage: tuple[str, ...]  # of the recordings, in words
 
     @property
@@ -68,13 +68,15 @@ class Gathered:
         return all(each.success is not None for each in self.episodes)
 
 
-def gather(paths: Sequence[Path], asked: Asked, tell: Callable[[Path], None] = lambda path: None) -> Gathered:
+def gather(
+    paths: Sequence[Path], asked: DatasetRequest, tell: Callable[[Path], None] = lambda path: None
+) -> DatasetContents:
     """Raises Rejected: a file is unreadable or named twice, two do not go together, or nothing can be learnt.
 
     `tell` hears of each file before it is read.
     """
-    episodes: list[Frames] = []
-    left: list[Left] = []
+    episodes: list[EpisodeFrames] = []
+    left: list[OmittedSpan] = []
     damage: list[str] = []
     joints: tuple[str, ...] = ()
     robot: str | None = None
@@ -95,7 +97,7 @@ def gather(paths: Sequence[Path], asked: Asked, tell: Callable[[Path], None] = l
     wanted = (STATE, VELOCITY, EFFORT, IMU, ACTION)
     known = tuple(name for name in wanted if _known(episodes, name))
     kept = tuple(replace(each, columns={name: each.columns[name] for name in known}) for each in episodes)
-    return Gathered(asked.fps, robot or "unknown", joints, known, kept, tuple(left), tuple(damage))
+    return DatasetContents(asked.fps, robot or "unknown", joints, known, kept, tuple(left), tuple(damage))
 
 
 def _require_each_once(paths: Sequence[Path]) -> None:
@@ -111,17 +113,17 @@ def _require_each_once(paths: Sequence[Path]) -> None:
         seen[place] = path
 
 
-def line(left: Left) -> str:
+def line(left: OmittedSpan) -> str:
     """For people."""
     task = f" {left.task!r}" if left.task else ""
     return f"{left.recording}{task} at {left.time:.2f} s: {left.why}"
 
 
-def _known(episodes: Sequence[Frames], feature: str) -> bool:
+def _known(episodes: Sequence[EpisodeFrames], feature: str) -> bool:
     return not any(np.isnan(each.columns[feature]).any() for each in episodes)
 
 
-def _ordered(recording: Recording, joints: tuple[str, ...]) -> Recording:
+def _ordered(recording: RobotRecording, joints: tuple[str, ...]) -> RobotRecording:
     """The same with its joints in this order. Raises Rejected where they are others."""
     if recording.joints == joints:
         return recording
@@ -142,7 +144,7 @@ def _ordered(recording: Recording, joints: tuple[str, ...]) -> Recording:
     return replace(recording, joints=joints, slow=slow, simulated=recording.simulated[:, order], **rows)
 
 
-def _robot(recording: Recording, before: str | None, asked: Asked) -> str | None:
+def _robot(recording: RobotRecording, before: str | None, asked: DatasetRequest) -> str | None:
     """The kind of robot. Raises Rejected where a recording is of another."""
     name = asked.robot_type or recording.meta.get("robot") or before
     if before is not None and name != before:
@@ -156,10 +158,12 @@ def _robot(recording: Recording, before: str | None, asked: Asked) -> str | None
 # -------------------------------------------------------------------------------------- one recording
 
 
-def _episodes(recording: Recording, asked: Asked) -> tuple[list[Frames], list[Left]]:
-    found: list[Frames] = []
+def _episodes(
+    recording: RobotRecording, asked: DatasetRequest
+) -> tuple[list[EpisodeFrames], list[OmittedSpan]]:
+    found: list[EpisodeFrames] = []
     meant, left = parts(recording, asked.task)
-    wholeness = Wholeness(recording, asked.gap)
+    wholeness = ReadingCoverage(recording, asked.gap)
     for part in meant:
         if not part.task:
             raise Rejected(
@@ -182,7 +186,9 @@ def _episodes(recording: Recording, asked: Asked) -> tuple[list[Frames], list[Le
     return found, left
 
 
-def _lost(recording: Recording, wholeness: Wholeness, part: Part, runs: Sequence[Run]) -> list[Left]:
+def _lost(
+    recording: RobotRecording, wholeness: ReadingCoverage, part: EpisodeSpan, runs: Sequence[ReadingRun]
+) -> list[OmittedSpan]:
     """What of a part is in no stretch; a marked episode with a hole is lost whole."""
     time, found = recording.time, []
     if not runs:
@@ -203,7 +209,7 @@ def _lost(recording: Recording, wholeness: Wholeness, part: Part, runs: Sequence
     return found
 
 
-def _unfit(recording: Recording, run: Run, fps: int) -> str:
+def _unfit(recording: RobotRecording, run: ReadingRun, fps: int) -> str:
     """Why a stretch is no episode; empty: it is one."""
     seconds = recording.time[run.last] - recording.time[run.first]
     shortest = 1.0 / fps if recording.episodes else SHORTEST
@@ -215,5 +221,5 @@ def _unfit(recording: Recording, run: Run, fps: int) -> str:
     return ""
 
 
-def _left(recording: Recording, part: Part, time: float, why: str) -> Left:
-    return Left(recording.path.name, part.task, time, why)
+def _left(recording: RobotRecording, part: EpisodeSpan, time: float, why: str) -> OmittedSpan:
+    return OmittedSpan(recording.path.name, part.task, time, why)

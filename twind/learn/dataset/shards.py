@@ -9,14 +9,14 @@ import pyarrow.parquet as pq
 NAME = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 
 
-class Place(NamedTuple):
+class ShardLocation(NamedTuple):
     """Which file."""
 
     chunk: int
     file: int
 
 
-class Shards:
+class ShardWriter:
     """Rows are appended; the next file begins before one would grow beyond its size, its index aside.
 
     `close` it, or nothing of it can be read.
@@ -25,19 +25,21 @@ class Shards:
     def __init__(self, folder: Path, schema: pa.Schema, *, size: int, chunk: int) -> None:
         """`size` in bytes of a file, `chunk` in files of a folder."""
         self._folder, self._schema, self._size, self._chunk = folder, schema, size, chunk
-        self._place = Place(0, 0)
+        self._place = ShardLocation(0, 0)
         self._writer: Any = None
         self._file: Any = None
         self._rows = 0
 
-    def place(self, rows: int) -> Place:
+    def place(self, rows: int) -> ShardLocation:
         """Where the next so many rows go."""
         if self._writer is not None and self._rows:
             each = self._file.tell() / self._rows
             if self._file.tell() + each * rows >= self._size:
                 self.close()
                 chunk, file = self._place
-                self._place = Place(chunk + 1, 0) if file + 1 == self._chunk else Place(chunk, file + 1)
+                self._place = (
+                    ShardLocation(chunk + 1, 0) if file + 1 == self._chunk else ShardLocation(chunk, file + 1)
+                )
         return self._place
 
     def append(self, table: pa.Table) -> None:

@@ -11,14 +11,14 @@ from math import isnan
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.observe.recording import Recording
-from twind.observe.recording.columns import Episode
+from twind.observe.recording import RobotRecording
+from twind.observe.recording.columns import RecordedEpisode
 
 Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class EpisodeSpan:
     """Something of a recording that was meant as one episode. Times in s since the recording's start."""
 
     task: str
@@ -28,7 +28,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ReadingRun:
     """Readings `first`..`last` of a recording, both included: whole, and none far from the next."""
 
     first: int
@@ -36,7 +36,7 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class OmittedSpan:
     """What did not come into a data set, and why in words. `time` in s since the recording's start."""
 
     recording: str
@@ -45,10 +45,10 @@ class Left:
     why: str
 
 
-class Wholeness:
+class ReadingCoverage:
     """What one recording has, reading by reading; `gap` s is the longest between two that belong together."""
 
-    def __init__(self, recording: Recording, gap: float) -> None:
+    def __init__(self, recording: RobotRecording, gap: float) -> None:
         self._recording, self._gap = recording, gap
         self.measured = ~np.isnan(recording.measured)  # (k, n)
         self.commanded = ~np.isnan(recording.goal)
@@ -58,16 +58,16 @@ class Wholeness:
         whole = self.measured.all(axis=1) & self.commanded.all(axis=1) & self.live
         self.whole: Flags = np.asarray(whole & ~self.silent.any(axis=1))
 
-    def runs(self, part: Part) -> list[Run]:
+    def runs(self, part: EpisodeSpan) -> list[ReadingRun]:
         """The stretches of a part, in order; each of one reading at least."""
         rows = self._rows(part)
         whole = self.whole[rows]
         near = np.diff(self._recording.time[rows]) <= self._gap
         joined = np.concatenate([[False], whole[:-1] & whole[1:] & near, [False]])  # to the one before
         first, last = rows[whole & ~joined[:-1]], rows[whole & ~joined[1:]]
-        return [Run(int(begin), int(end)) for begin, end in zip(first, last, strict=True)]
+        return [ReadingRun(int(begin), int(end)) for begin, end in zip(first, last, strict=True)]
 
-    def hole(self, part: Part, after: int | None = None) -> tuple[float, str]:
+    def hole(self, part: EpisodeSpan, after: int | None = None) -> tuple[float, str]:
         """When (s) and why a part is not whole: behind reading `after`, or from its beginning on."""
         time, rows = self._recording.time, self._rows(part)
         rows = rows if after is None else rows[rows > after]
@@ -78,7 +78,7 @@ class Wholeness:
             return float(time[after]), f"nothing was read for {time[row] - time[after]:.2f} s"
         return float(time[row]), self._lacks(row)
 
-    def _rows(self, part: Part) -> NDArray[np.intp]:
+    def _rows(self, part: EpisodeSpan) -> NDArray[np.intp]:
         time = self._recording.time
         return np.flatnonzero(self.told & (time >= part.begin) & (time <= part.end))
 
@@ -93,27 +93,27 @@ class Wholeness:
         return f"{_names(self._recording.joints, ~self.commanded[row])} had no goal"
 
 
-def parts(recording: Recording, task: str | None) -> tuple[list[Part], list[Left]]:
+def parts(recording: RobotRecording, task: str | None) -> tuple[list[EpisodeSpan], list[OmittedSpan]]:
     """The marked episodes, and those of which this file has one end only; without marks all of it is one.
 
     `task`: of what has none.
     """
     if not recording.episodes:
         end = float(recording.time[-1]) if recording.time.size else 0.0
-        return [Part(task or "", 0.0, end, None)], []
+        return [EpisodeSpan(task or "", 0.0, end, None)], []
     found, left = [], []
     for each in recording.episodes:
-        part = Part(each.task or task or "", each.begin, each.end, each.success)
+        part = EpisodeSpan(each.task or task or "", each.begin, each.end, each.success)
         cut = _cut(each)
         if cut:
             time = each.end if isnan(each.begin) else each.begin
-            left.append(Left(recording.path.name, part.task, time, cut))
+            left.append(OmittedSpan(recording.path.name, part.task, time, cut))
         else:
             found.append(part)
     return found, left
 
 
-def _cut(episode: Episode) -> str:
+def _cut(episode: RecordedEpisode) -> str:
     if isnan(episode.begin):
         return "its beginning is not in this file"
     if isnan(episode.end):
@@ -127,7 +127,7 @@ def _names(joints: Sequence[str], which: Flags) -> str:
     return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
 
 
-def _silent(recording: Recording, gap: float) -> Flags:
+def _silent(recording: RobotRecording, gap: float) -> Flags:
     """(k, n) readings in which a joint had not answered for longer than `gap`: its number is an old one.
 
     Ages are recorded twice a second. From one that is too old on, the joint is doubted from its last answer

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twind.ctl.extras import how_to_add
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, Rejected, UsageError, show
 
 if TYPE_CHECKING:
-    from twind.learn.dataset.gather import Gathered
+    from twind.learn.dataset.gather import DatasetContents
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,10 +48,10 @@ def run(options: argparse.Namespace) -> int:
     if not (isfinite(options.gap) and options.gap > 0.0):
         raise UsageError(f"--gap {options.gap:g}: above 0")
     from twind.learn.dataset.folder import spare, write
-    from twind.learn.dataset.gather import Asked, gather
+    from twind.learn.dataset.gather import DatasetRequest, gather
 
-    asked = Asked(options.fps, options.task, options.only_success, options.robot_type, options.gap)
-    with Progress(options, "dataset") as progress:
+    asked = DatasetRequest(options.fps, options.task, options.only_success, options.robot_type, options.gap)
+    with ProgressLine(options, "dataset") as progress:
         try:
             spare(options.out)
             gathered = gather(options.files, asked, lambda path: progress.tell(path.name))
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
     return _say(options, gathered)
 
 
-def _say(options: argparse.Namespace, gathered: "Gathered") -> int:
+def _say(options: argparse.Namespace, gathered: "DatasetContents") -> int:
     from twind.learn.dataset.card import absent
     from twind.learn.dataset.gather import line
 

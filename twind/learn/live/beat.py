@@ -5,12 +5,12 @@ from math import floor
 
 import numpy as np
 
-from twind.learn.live.heard import Heard
+from twind.learn.live.heard import StateMessage
 
 MARGIN = 3e-4  # s after which a state that comes as usual is there
 
 
-class Beat:
+class RateTimer:
     """Deadlines `period` s apart, from `first` on (s, monotonic)."""
 
     def __init__(self, first: float, period: float) -> None:
@@ -24,7 +24,7 @@ class Beat:
         return skipped
 
 
-def in_step(states: Sequence[Heard], now: float, period: float, loop: float) -> Beat:
+def in_step(states: Sequence[StateMessage], now: float, period: float, loop: float) -> RateTimer:
     """A beat whose deadlines lie just after a state has come, so that what is sent meets the next tick.
 
     `states`: of consecutive ticks, the newest last; `loop`: the loop's period, s. Both clocks are this
@@ -33,4 +33,4 @@ def in_step(states: Sequence[Heard], now: float, period: float, loop: float) -> 
     # The median: on a busy machine a state that is late is a tick old, and the setpoint still meets the next.
     way = float(np.median([each.arrived - each.time for each in states])) + MARGIN
     first = states[-1].time + min(way, 0.9 * loop)
-    return Beat(first + max(0, floor((now - first) / loop) + 1) * loop, period)
+    return RateTimer(first + max(0, floor((now - first) / loop) + 1) * loop, period)

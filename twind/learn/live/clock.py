@@ -4,7 +4,7 @@ import time
 from typing import Protocol
 
 
-class Clock(Protocol):
+class ControlClock(Protocol):
     """Time in s, monotonic."""
 
     def now(self) -> float:
@@ -14,7 +14,7 @@ class Clock(Protocol):
         """Return at `deadline`, or at once if it has passed."""
 
 
-class Machine:
+class SystemClock:
     """This machine's: the same that its daemon has."""
 
     def now(self) -> float:

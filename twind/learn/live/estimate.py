@@ -7,15 +7,15 @@ is wrong by as much; its height is that above the lower sole in any case.
 import mujoco
 import numpy as np
 
-from twind.learn.live.heard import Heard
+from twind.learn.live.heard import StateMessage
 from twind.learn.model import Plant
-from twind.learn.observation import Reading
+from twind.learn.observation import BodyReading
 from twind.robot.arrays import Floats
 
 BOTH = 0.01  # m: within this of the lower sole the other one stands too, the less the higher it is
 
 
-class Estimate:
+class BaseEstimator:
     """Readings of one robot. Owns its MuJoCo data; not for several threads at once."""
 
     def __init__(self, plant: Plant) -> None:
@@ -26,7 +26,7 @@ class Estimate:
         self._turn = slice(places.base_qpos + 3, places.base_qpos + 7)
         self._spin = slice(places.base_dof + 3, places.base_dof + 6)
 
-    def reading(self, heard: Heard) -> Reading:
+    def reading(self, heard: StateMessage) -> BodyReading:
         """What a simulated body would read: a new one. The state must be fresh: it is taken as it is."""
         imu = heard.inertial
         assert imu is not None, "whoever asks has looked"
@@ -34,7 +34,7 @@ class Estimate:
         data.qpos[plant.position], data.qvel[plant.speed] = heard.position, heard.velocity
         data.qpos[self._turn], data.qvel[self._spin] = imu.quaternion, imu.gyro
         self._follow()
-        reading = Reading.empty(len(heard.position))
+        reading = BodyReading.empty(len(heard.position))
         plant.read(data.qpos, data.qvel, data.sensordata, reading)
         reading.gyro[...], reading.acceleration[...] = imu.gyro, imu.acceleration
         reading.base_velocity[...] = odometry(reading)
@@ -51,7 +51,7 @@ class Estimate:
         mujoco.mj_sensorVel(model, data)
 
 
-def odometry(reading: Reading) -> Floats:
+def odometry(reading: BodyReading) -> Floats:
     """How the base moves (3,), m/s, base frame, if what is lowest stands still."""
     x, y, z = reading.gyro
     turning = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

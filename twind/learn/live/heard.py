@@ -15,7 +15,7 @@ _NAN, _INF = float("nan"), inf
 
 
 @dataclass(frozen=True, slots=True)
-class Inertial:
+class ImuReading:
     """What the IMU said, base frame."""
 
     gyro: Floats  # rad/s, (3,)
@@ -25,7 +25,7 @@ class Inertial:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class StateMessage:
     """One message of the topic `state`. Rows are (n,)."""
 
     time: float  # s, monotonic: the tick it is of
@@ -35,7 +35,7 @@ class Heard:
     velocity: Floats  # rad/s
     goal: Floats  # rad, what the loop commands now; NaN: nothing
     age: Floats  # s, when the state was told
-    inertial: Inertial | None
+    inertial: ImuReading | None
 
     def stale(self, now: float, bound: float, joints: Sequence[str]) -> str | None:
         """What is older than `bound` s, or unknown, at `now`; None: nothing."""
@@ -66,12 +66,12 @@ def _silence(past: float, bound: float) -> str:
     return "has not been heard yet" if past == inf else f"is silent for {past:.0f} s: its cable and power"
 
 
-def heard(answer: Mapping[str, Any], arrived: float, joints: Sequence[str]) -> Heard:
+def heard(answer: Mapping[str, Any], arrived: float, joints: Sequence[str]) -> StateMessage:
     """Of one answer of `Monitor`. Raises ValueError where its joints are not these."""
     rows = answer["joints"]
     if [row["name"] for row in rows] != list(joints):
         raise ValueError("the robot has other joints now")
-    return Heard(
+    return StateMessage(
         time=answer["time"],
         arrived=arrived,
         sequence=answer["sequence"],
@@ -87,7 +87,7 @@ def _row(rows: Sequence[Mapping[str, Any]], key: str, unknown: float) -> Floats:
     return np.array([unknown if row[key] is None else row[key] for row in rows], np.float64)
 
 
-def _inertial(told: Mapping[str, Any] | None) -> Inertial | None:
+def _inertial(told: Mapping[str, Any] | None) -> ImuReading | None:
     if told is None:
         return None
     gyro, acceleration, quaternion = (
@@ -97,4 +97,4 @@ def _inertial(told: Mapping[str, Any] | None) -> Inertial | None:
     if gyro.shape != (3,) or acceleration.shape != (3,) or quaternion.shape != (4,):
         return None
     age = told["age_ms"]
-    return Inertial(gyro, acceleration, quaternion, _INF if age is None else age / 1e3)
+    return ImuReading(gyro, acceleration, quaternion, _INF if age is None else age / 1e3)

@@ -16,11 +16,11 @@ LONGEST = 0.1  # s, the gate's bound for that
 ROUNDING = 1e-6  # s
 
 
-class NotThere(Exception):
+class PoseNotReached(Exception):
     """The way to a pose did not end there. The text says why."""
 
 
-class Reins:
+class SetpointSession:
     """Holds the lease of a robot from `__init__` to `drop`."""
 
     def __init__(self, client: Client, joints: Sequence[str], period: float, *, take: bool = False) -> None:
@@ -51,7 +51,9 @@ class Reins:
         self._client.timeout = PATIENCE
         if last.get("phase") != "succeeded":
             why = "; ".join(map(finding_text, last.get("findings") or ()))
-            raise NotThere(f"the way to the default pose {last.get('phase')}: {why or 'no reason given'}")
+            raise PoseNotReached(
+                f"the way to the default pose {last.get('phase')}: {why or 'no reason given'}"
+            )
 
     def send(self, position: Floats, velocity: Floats, *, wait: bool = False) -> None:
         """Where joints are to be now, rad, and how they go on, rad/s, (n,).

@@ -7,22 +7,22 @@ from typing import Any
 from twind.config.located import ConfigError
 from twind.config.robot_file import RobotFile, load_robot
 from twind.learn.model import Plant, plant_of
-from twind.robot.modes import State
+from twind.robot.modes import RobotState
 
 MODES = ("sim", "live")
 ANEW = "twindctl disarm, twindctl reset, twindctl arm"  # a reset wants torque to be off
 WAYS: Mapping[str, str] = {
-    State.CONNECTED: "twindctl arm",
-    State.FAULT: f"mend what is latched, then {ANEW}",
-    State.ESTOP: f"find out why it was stopped, then {ANEW}",
-    State.INHIBITED: f"mend what is latched, then {ANEW}",
-    State.ARMING: "wait until it is",
-    State.SETTLING: "wait until it lies, then twindctl arm",
+    RobotState.CONNECTED: "twindctl arm",
+    RobotState.FAULT: f"mend what is latched, then {ANEW}",
+    RobotState.ESTOP: f"find out why it was stopped, then {ANEW}",
+    RobotState.INHIBITED: f"mend what is latched, then {ANEW}",
+    RobotState.ARMING: "wait until it is",
+    RobotState.SETTLING: "wait until it lies, then twindctl arm",
 }
 ELSE = "twindctl status says what it waits for; then twindctl arm"
 
 
-class WrongRobot(Exception):
+class RobotMismatch(Exception):
     """The daemon's robot is not, or is not surely, the one that is meant."""
 
 
@@ -32,7 +32,7 @@ def plant_told(told: Mapping[str, Any], period: float) -> Plant:
     try:
         robot = load_robot(str(path))
     except (ConfigError, OSError) as error:
-        raise WrongRobot(f"the daemon's robot file cannot be read here: {error}") from None
+        raise RobotMismatch(f"the daemon's robot file cannot be read here: {error}") from None
     require_same(told, robot)
     return plant_of(robot, period=period)
 
@@ -41,19 +41,19 @@ def require_same(told: Mapping[str, Any], robot: RobotFile) -> None:
     """Raises WrongRobot unless the daemon runs this very robot file and model."""
     theirs = told["robot"]
     if theirs["text_sha256"] != robot.text_sha256:
-        raise WrongRobot(
+        raise RobotMismatch(
             f"the daemon runs {theirs['name']} from {theirs['path']}, not as {robot.path} says now: "
             "name that robot, or restart or reload the daemon"
         )
     if theirs["mjcf"] != robot.mjcf:
-        raise WrongRobot(f"the model {robot.mjcf_path} has changed since the daemon read it: restart it")
+        raise RobotMismatch(f"the model {robot.mjcf_path} has changed since the daemon read it: restart it")
 
 
 def require_armed(status: Mapping[str, Any]) -> None:
     """Raises WrongRobot where goals would move nobody, with what leads from there to an armed robot."""
-    if status["mode"] == "live" and not (status["armed"] and status["state"] == State.ARMED):
+    if status["mode"] == "live" and not (status["armed"] and status["state"] == RobotState.ARMED):
         said = f"the robot is {status['state']}{latched(status)}, not armed"
-        raise WrongRobot(f"{said}: {WAYS.get(status['state'], ELSE)}")
+        raise RobotMismatch(f"{said}: {WAYS.get(status['state'], ELSE)}")
 
 
 def latched(status: Mapping[str, Any]) -> str:
@@ -65,7 +65,7 @@ def latched(status: Mapping[str, Any]) -> str:
 def require_mode(mode: str) -> None:
     """Raises WrongRobot where a policy would see one robot and move another."""
     if mode not in MODES:
-        raise WrongRobot(
+        raise RobotMismatch(
             f"mode {mode} shows the robot and moves the simulation: a policy would see the one and move the "
             f"other; use {' or '.join(MODES)}"
         )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.learn.live.heard import Heard, heard
+from twind.learn.live.heard import StateMessage, heard
 
 SILENCE = 2.0  # s without a message after which the daemon counts as gone
 TOPICS = ("state", "status")
@@ -14,7 +14,7 @@ ROW = 20  # states from which one knows how they come
 SOON = 2.0  # s within which they do
 
 
-class Senses:
+class StateSubscriber:
     """Listens from `__init__` to `close`. `ended` says why it is over before that.
 
     One reads while the thread writes: each attribute is replaced whole, never changed.
@@ -23,7 +23,7 @@ class Senses:
     def __init__(self, client: Client, joints: Sequence[str], rate_hz: float) -> None:
         """`client` is used by nobody else; `rate_hz`: of the loop. Raises ClientError."""
         client.timeout = SILENCE
-        self.newest: Heard | None = None
+        self.newest: StateMessage | None = None
         self.status: Mapping[str, Any] = client.call("GetStatus")["status"]
         self.ended = ""
         self._client, self._joints, self._closing = client, tuple(joints), False
@@ -37,7 +37,7 @@ class Senses:
         self._closing = True
         self._thread.join(SILENCE + 1.0)
 
-    def after(self, sequence: int, until: float) -> Heard | None:
+    def after(self, sequence: int, until: float) -> StateMessage | None:
         """The newest state, once it is of a tick after that; None: not before `until` (s, monotonic)."""
         with self._news:
             while True:
@@ -48,9 +48,9 @@ class Senses:
                     return None
                 self._news.wait(until - now)
 
-    def next_states(self) -> list[Heard]:
+    def next_states(self) -> list[StateMessage]:
         """The next `ROW` states, one after the other; none of them where they do not come."""
-        until, found = time.monotonic() + SOON, list[Heard]()
+        until, found = time.monotonic() + SOON, list[StateMessage]()
         while len(found) < ROW:
             state = self.after(found[-1].sequence if found else -1, until)
             if state is None:

@@ -10,11 +10,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from twind.learn.layout import Layout
-from twind.learn.shaping import Shaping
+from twind.learn.layout import ObservationLayout
+from twind.learn.shaping import ActionShaping
 from twind.protocol import strict
 from twind.robot.arrays import Floats
-from twind.robot.limits import Limits
+from twind.robot.limits import JointLimits
 from twind.version import __version__
 
 FORMAT = "twind-policy/1"
@@ -34,7 +34,7 @@ class PolicyError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Card:
+class PolicyCard:
     """What a policy was made for. Rows are (n,) in the order of `joints`."""
 
     task: str
@@ -46,7 +46,7 @@ class Card:
     upper: tuple[float, ...]
     velocity: tuple[float, ...]
     acceleration: tuple[float, ...]
-    shaping: Shaping  # its period and its reach, too
+    shaping: ActionShaping  # its period and its reach, too
     command: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # name: least, most in training
     trained_steps: int = 0
     evaluation: Mapping[str, float] = field(default_factory=dict)
@@ -59,12 +59,12 @@ class Card:
         cls,
         task: str,
         robot: str,
-        layout: Layout,
-        limits: Limits,
+        layout: ObservationLayout,
+        limits: JointLimits,
         default: Floats,
-        shaping: Shaping,
+        shaping: ActionShaping,
         **more: Any,
-    ) -> "Card":
+    ) -> "PolicyCard":
         """Of what a policy is trained with; `more`: the fields that remain."""
         rows = (default, limits.lower, limits.upper, limits.velocity, limits.acceleration)
         pose, lower, upper, velocity, acceleration = (tuple(row.tolist()) for row in rows)
@@ -93,13 +93,13 @@ class Card:
         return 1.0 / self.shaping.period
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> JointLimits:
         """What its targets are shaped within; no more is known of hard limits and effort."""
         lower, upper, velocity, acceleration = (
             np.array(row) for row in (self.lower, self.upper, self.velocity, self.acceleration)
         )
         unknown = np.full(len(lower), np.nan)
-        return Limits(lower, upper, lower, upper, velocity, acceleration, unknown)
+        return JointLimits(lower, upper, lower, upper, velocity, acceleration, unknown)
 
     def text(self) -> str:
         """As JSON. Raises PolicyError for a card that could not be read again."""
@@ -108,13 +108,13 @@ class Card:
         return text
 
 
-def entries(layout: Layout) -> Entries:
+def entries(layout: ObservationLayout) -> Entries:
     """As a card has them."""
     places = {part.name: layout.places[part.name] for part in layout.parts}
     return {name: (place.start, place.stop - 1) for name, place in places.items()}
 
 
-def read(text: str | bytes) -> Card:
+def read(text: str | bytes) -> PolicyCard:
     """The card of a JSON text. Raises PolicyError saying what is wrong with it."""
     if len(text) > LARGEST:
         raise PolicyError(f"its card has {len(text)} characters, at most {LARGEST} are read")
@@ -125,18 +125,18 @@ def read(text: str | bytes) -> Card:
     if not isinstance(given, dict) or given.get("format") != FORMAT:
         said = given.get("format") if isinstance(given, dict) else None
         raise PolicyError(f"its format is {str(said)[:40]!r}, this twind reads {FORMAT!r}")
-    unknown = sorted(set(given) - set(Card.__dataclass_fields__))
+    unknown = sorted(set(given) - set(PolicyCard.__dataclass_fields__))
     if unknown:
         raise PolicyError(f"its card has an unknown key {str(unknown[0])[:40]!r}")
     try:
-        card = msgspec.convert(given, Card)
+        card = msgspec.convert(given, PolicyCard)
     except msgspec.ValidationError as error:
         raise PolicyError(f"its card is not as {FORMAT} has it: {error}") from None
     _check(card)
     return card
 
 
-def _check(card: Card) -> None:
+def _check(card: PolicyCard) -> None:
     count = len(card.joints)
     if not 0 < count <= MOST_JOINTS or len(set(card.joints)) != count:
         raise PolicyError(f"its card names {count} joints: 1 to {MOST_JOINTS}, each once, are needed")
@@ -161,7 +161,7 @@ def _check(card: Card) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class PolicyRobot:
     """What a robot is, as far as a policy must fit it. Rows are (n,) in the order of `joints`."""
 
     name: str
@@ -174,14 +174,14 @@ class Body:
     rate_hz: float  # of the loop that drives it
 
     @classmethod
-    def told(cls, robot: Mapping[str, Any], rate_hz: float) -> "Body":
+    def told(cls, robot: Mapping[str, Any], rate_hz: float) -> "PolicyRobot":
         """Of the robot that `GetRobot` answers."""
         joints = robot["joints"]
         names = tuple(joint["name"] for joint in joints)
         return cls(
             name=robot["name"],
             joints=names,
-            layout=entries(Layout(names)),
+            layout=entries(ObservationLayout(names)),
             lower=[joint["lower"] for joint in joints],
             upper=[joint["upper"] for joint in joints],
             velocity=[joint["velocity_limit"] for joint in joints],
@@ -190,7 +190,7 @@ class Body:
         )
 
 
-def require_fit(card: Card, body: Body) -> None:
+def require_fit(card: PolicyCard, body: PolicyRobot) -> None:
     """Raises PolicyError naming all that differs between what a policy was made for and a robot."""
     wrong = differences(card, body)
     if wrong:
@@ -198,7 +198,7 @@ def require_fit(card: Card, body: Body) -> None:
         raise PolicyError(f"made for {card.robot}, it does not fit {body.name}: {shown}")
 
 
-def differences(card: Card, body: Body) -> list[str]:
+def differences(card: PolicyCard, body: PolicyRobot) -> list[str]:
     """Why the policy cannot drive this robot, a sentence each; empty: it fits."""
     if card.joints != body.joints:
         return _joints(card.joints, body.joints)  # without the same joints nothing else can be compared

@@ -10,7 +10,7 @@ import numpy as np
 
 from twind.learn.policy.card import PolicyError
 from twind.learn.policy.graph import INPUT, OUTPUT, Rows
-from twind.learn.policy.model import SHOWN, Model, Node
+from twind.learn.policy.model import SHOWN, OnnxModel, OnnxNode
 
 Step = Callable[[Rows], Rows]  # takes what the last one gave, may write over it
 Part = tuple[str, list[Any]]  # an operation and its constants
@@ -24,7 +24,7 @@ _ATTRIBUTES: dict[str, dict[str, tuple[float, ...]]] = {
 }
 
 
-def chain(model: Model) -> list[Part]:
+def chain(model: OnnxModel) -> list[Part]:
     """Its operations from input to output, with their constants. Raises PolicyError: it is no such chain."""
     parts, at, width, products = list[Part](), INPUT, model.observations, 0
     if width > MOST_WIDTH:
@@ -52,7 +52,7 @@ def chain(model: Model) -> list[Part]:
     return parts
 
 
-def _constants(model: Model, node: Node, at: str, name: str) -> list[Any]:
+def _constants(model: OnnxModel, node: OnnxNode, at: str, name: str) -> list[Any]:
     """What an operation takes beside the value; a weight as (in, out). None: not given."""
     inputs = list(node.inputs)
     if node.type in _EITHER and inputs[1:] == [at]:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from twind.client import ClientError, Refused
-from twind.learn.live.beat import Beat, in_step
-from twind.learn.live.clock import Clock
-from twind.learn.live.reins import Reins
-from twind.learn.live.senses import Senses
-from twind.learn.policy.pilot import End, Hold, Pilot, Setpoint
+from twind.learn.live.beat import RateTimer, in_step
+from twind.learn.live.clock import ControlClock
+from twind.learn.live.reins import SetpointSession
+from twind.learn.live.senses import StateSubscriber
+from twind.learn.policy.pilot import PolicyController, PolicyEnd, PolicyHold, PolicySetpoint
 
 SHOWN = 0.5  # s between two looks at the drive
 SAID = 1.0  # s between two holds that are told
@@ -33,7 +33,7 @@ def _times() -> deque[float]:
 
 
 @dataclass(slots=True)
-class Log:
+class PolicyRunLog:
     """What a drive was like. Times in s."""
 
     began: float = 0.0
@@ -46,7 +46,7 @@ class Log:
     refusals: Counter[tuple[str, str]] = field(default_factory=Counter)  # by code and joint
     holds: deque[str] = field(default_factory=lambda: deque(maxlen=LAST))  # why, of the last ones
 
-    def plain(self, pilot: Pilot, beat: Beat | None, recent: int = KEPT) -> dict[str, Any]:
+    def plain(self, pilot: PolicyController, beat: RateTimer | None, recent: int = KEPT) -> dict[str, Any]:
         """Figures as JSON; of the last `recent` steps where they are times, in ms."""
         seen, past = pilot.figures, self.ended - self.began
         told: dict[str, Any] = {"seconds": round(past, 3), "steps": seen.steps}
@@ -73,17 +73,17 @@ def _spread(name: str, times: list[float]) -> dict[str, float | None]:
     return {f"{name}_{key}_ms": round(float(np.quantile(values, q)), 4) if times else None for key, q in keys}
 
 
-class Drive:
+class PolicyRun:
     """Begun when the robot rests in the policy's default pose, and over with `run`."""
 
     def __init__(
         self,
-        pilot: Pilot,
-        senses: Senses,
-        reins: Reins,
+        pilot: PolicyController,
+        senses: StateSubscriber,
+        reins: SetpointSession,
         period: float,
         loop: float,
-        clock: Clock,
+        clock: ControlClock,
         say: Callable[[str], None],
     ) -> None:
         """`period`: s of control; `loop`: s of the daemon's loop; `say`: is told of holds."""
@@ -91,11 +91,11 @@ class Drive:
         self._pilot, self._senses, self._reins = pilot, senses, reins
         self._period, self._loop = period, loop
         self._mode = senses.status["mode"]
-        self.log, self._told = Log(), -inf
-        self.beat: Beat | None = None
+        self.log, self._told = PolicyRunLog(), -inf
+        self.beat: RateTimer | None = None
 
     def run(
-        self, seconds: float, stop: Callable[[], bool], tell: Callable[["Drive"], None]
+        self, seconds: float, stop: Callable[[], bool], tell: Callable[["PolicyRun"], None]
     ) -> tuple[bool, str]:
         """Until `seconds` have passed or `stop`; whether it ended as asked, and why."""
         self.log.began = self.log.ended = self._clock.now()
@@ -122,7 +122,7 @@ class Drive:
             pass  # why the drive ended is known already
 
     def _beats(
-        self, beat: Beat, seconds: float, stop: Callable[[], bool], tell: Callable[["Drive"], None]
+        self, beat: RateTimer, seconds: float, stop: Callable[[], bool], tell: Callable[["PolicyRun"], None]
     ) -> tuple[bool, str]:
         log, shown = self.log, 0.0
         log.began = beat.deadline
@@ -151,11 +151,11 @@ class Drive:
         """One period; why it is the last one, None: it is not."""
         before = self._pilot.figures.holds
         asked = self._pilot.step(self._senses.newest, deadline)
-        done = self._send(asked) if isinstance(asked, Setpoint) else asked
+        done = self._send(asked) if isinstance(asked, PolicySetpoint) else asked
         self._note(before)
-        if isinstance(done, Hold):
+        if isinstance(done, PolicyHold):
             done = self._keep(done)
-        return done.reason if isinstance(done, End) else None
+        return done.reason if isinstance(done, PolicyEnd) else None
 
     def _note(self, before: int) -> None:
         """A hold that has begun since there were `before`."""
@@ -170,14 +170,14 @@ class Drive:
             self._told = now
             self._say(reason)
 
-    def _keep(self, hold: Hold) -> Hold | End:
+    def _keep(self, hold: PolicyHold) -> PolicyHold | PolicyEnd:
         try:
             self._reins.keep()
         except Refused as refusal:
             return self._refused(refusal)
         return hold
 
-    def _send(self, setpoint: Setpoint) -> Hold | End | None:
+    def _send(self, setpoint: PolicySetpoint) -> PolicyHold | PolicyEnd | None:
         log, seen = self.log, self._pilot.figures
         log.inference.append(seen.inference)
         before = self._clock.now()
@@ -190,11 +190,11 @@ class Drive:
         self._pilot.taken()
         return None
 
-    def _refused(self, refusal: Refused) -> Hold | End:
+    def _refused(self, refusal: Refused) -> PolicyHold | PolicyEnd:
         found = _named(refusal)
         self.log.refusals.update(found)
         if any(code in FINAL for code, _ in found):
-            return End(f"refused: {refusal}")
+            return PolicyEnd(f"refused: {refusal}")
         return self._pilot.hold(f"refused: {found[0][0]} {found[0][1]}".rstrip() if found else "refused")
 
     def _over(self) -> str:

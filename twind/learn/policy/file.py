@@ -13,21 +13,21 @@ import numpy as np
 
 from twind.learn.policy import card as cards
 from twind.learn.policy import chain, graph
-from twind.learn.policy.card import Card, PolicyError
-from twind.learn.policy.graph import INPUT, OUTPUT, Layer, Rows
+from twind.learn.policy.card import PolicyCard, PolicyError
+from twind.learn.policy.graph import INPUT, OUTPUT, NetworkLayer, Rows
 from twind.learn.policy.model import parsed
 
 LARGEST = 8 << 20  # bytes of a file; the network of 24 joints has half a megabyte
 KEY = "twind"  # of the card in `metadata_props`
 Step = Callable[[Rows], Rows]
 
-__all__ = ["Card", "Layer", "Policy", "PolicyError", "load", "save"]
+__all__ = ["NetworkLayer", "Policy", "PolicyCard", "PolicyError", "load", "save"]
 
 
 class Policy:
     """What a file holds, ready to run. Not for several threads at once."""
 
-    def __init__(self, card: Card, make: Callable[[int | None], Step]) -> None:
+    def __init__(self, card: PolicyCard, make: Callable[[int | None], Step]) -> None:
         """`make`: the function for an observation (N,) (None) or for that many of them."""
         self.card, self._make, self._rows = card, make, -1
         self._one, self._many = make(None), make(None)
@@ -49,7 +49,12 @@ class Policy:
 
 
 def save(
-    path: str | os.PathLike[str], layers: Sequence[Layer], mean: Rows, std: Rows, clip: float, card: Card
+    path: str | os.PathLike[str],
+    layers: Sequence[NetworkLayer],
+    mean: Rows,
+    std: Rows,
+    clip: float,
+    card: PolicyCard,
 ) -> None:
     """Write a network and what it was made for, whole or not at all. Raises PolicyError, OSError.
 
@@ -113,7 +118,7 @@ def _loaded(data: bytes) -> Policy:
     return policy
 
 
-def _require_same(counts: tuple[int, int], card: Card) -> None:
+def _require_same(counts: tuple[int, int], card: PolicyCard) -> None:
     for what, has, said in (
         (INPUT, counts[0], card.observations),
         (OUTPUT, counts[1], len(card.joints)),

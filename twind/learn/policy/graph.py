@@ -16,7 +16,7 @@ ACTIVATIONS = {"none": "", "tanh": "Tanh", "relu": "Relu", "elu": "Elu"}
 
 
 @dataclass(frozen=True, slots=True)
-class Layer:
+class NetworkLayer:
     """One layer of a network: weight (out, in), bias (out,), as `torch.nn.Linear` has them."""
 
     weight: Rows
@@ -24,7 +24,7 @@ class Layer:
     activation: str = "none"  # of `ACTIVATIONS`
 
 
-def written(layers: Sequence[Layer], mean: Rows, std: Rows, clip: float) -> Any:
+def written(layers: Sequence[NetworkLayer], mean: Rows, std: Rows, clip: float) -> Any:
     """The graph: clip((observation - mean) / std, ±clip), the layers, clip(±1). Raises PolicyError."""
     from onnx import TensorProto, helper
 
@@ -63,7 +63,7 @@ def _tensor(name: str, array: Any) -> Any:
     return numpy_helper.from_array(np.asarray(array, np.float32), name)
 
 
-def _require_network(layers: Sequence[Layer], mean: Rows, std: Rows, clip: float) -> None:
+def _require_network(layers: Sequence[NetworkLayer], mean: Rows, std: Rows, clip: float) -> None:
     if not layers or mean.shape != std.shape or mean.ndim != 1:
         raise PolicyError(f"{len(layers)} layers, mean {mean.shape}, std {std.shape}: mean and std are (N,)")
     if not ((std > 0.0).all() and np.isfinite(std).all() and np.isfinite(mean).all() and 0.0 < clip < np.inf):

@@ -14,7 +14,17 @@ import numpy as np
 
 from twind.learn.policy.card import PolicyError
 from twind.learn.policy.graph import INPUT, OUTPUT, Rows
-from twind.learn.policy.wire import BYTES, FIXED32, VARINT, Budget, Kind, Value, message, signed, text
+from twind.learn.policy.wire import (
+    BYTES,
+    FIXED32,
+    VARINT,
+    ProtobufFieldBudget,
+    ProtobufSchema,
+    Value,
+    message,
+    signed,
+    text,
+)
 
 MOST_NODES = 64  # operations; a network of 10 layers has 23
 OPSETS = (13, 25)  # oldest, newest: what the operations on the list mean is the same in all of them
@@ -22,43 +32,43 @@ FLOAT, TENSOR_VALUE = 1, "value"
 DIMENSIONS = 2  # of an array, at most
 SHOWN = 40  # letters of somebody else's name
 
-_MODEL = Kind(
+_MODEL = ProtobufSchema(
     "model",
     {1: ("ir", VARINT), 7: ("graph", BYTES), 8: ("opset", BYTES), 14: ("metadata", BYTES)},
     frozenset((2, 3, 4, 5, 6)),  # who wrote it
 )
-_OPSET = Kind("operator set", {1: ("domain", BYTES), 2: ("version", VARINT)})
-_ENTRY = Kind("metadata", {1: ("key", BYTES), 2: ("value", BYTES)})
-_GRAPH = Kind(
+_OPSET = ProtobufSchema("operator set", {1: ("domain", BYTES), 2: ("version", VARINT)})
+_ENTRY = ProtobufSchema("metadata", {1: ("key", BYTES), 2: ("value", BYTES)})
+_GRAPH = ProtobufSchema(
     "graph",
     {1: ("node", BYTES), 5: ("initializer", BYTES), 11: ("input", BYTES), 12: ("output", BYTES)},
     frozenset((2, 10, 13, 16)),  # name, words, shapes that somebody worked out, metadata
 )
-_NODE = Kind(
+_NODE = ProtobufSchema(
     "operation",
     {1: ("input", BYTES), 2: ("output", BYTES), 4: ("type", BYTES), 5: ("attribute", BYTES)}
     | {7: ("domain", BYTES)},
     frozenset((3, 6, 9)),
 )
-_ATTRIBUTE = Kind(
+_ATTRIBUTE = ProtobufSchema(
     "attribute",
     {1: ("name", BYTES), 2: ("float", FIXED32), 3: ("int", VARINT), 5: ("tensor", BYTES)},
     frozenset((13, 20)),  # words, and which of the fields it is
 )
-_TENSOR = Kind(
+_TENSOR = ProtobufSchema(
     "array",
     {1: ("dims", VARINT), 2: ("type", VARINT), 8: ("name", BYTES), 9: ("raw", BYTES)},
     frozenset((12,)),
 )
-_END = Kind("end", {1: ("name", BYTES), 2: ("type", BYTES)}, frozenset((3, 4)))
-_TYPE = Kind("type", {1: ("tensor", BYTES)}, frozenset((6,)))
-_TENSOR_TYPE = Kind("tensor type", {1: ("element", VARINT), 2: ("shape", BYTES)})
-_SHAPE = Kind("shape", {1: ("dim", BYTES)})
-_DIM = Kind("dimension", {1: ("value", VARINT), 2: ("name", BYTES)}, frozenset((3,)))
+_END = ProtobufSchema("end", {1: ("name", BYTES), 2: ("type", BYTES)}, frozenset((3, 4)))
+_TYPE = ProtobufSchema("type", {1: ("tensor", BYTES)}, frozenset((6,)))
+_TENSOR_TYPE = ProtobufSchema("tensor type", {1: ("element", VARINT), 2: ("shape", BYTES)})
+_SHAPE = ProtobufSchema("shape", {1: ("dim", BYTES)})
+_DIM = ProtobufSchema("dimension", {1: ("value", VARINT), 2: ("name", BYTES)}, frozenset((3,)))
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class OnnxNode:
     """One operation."""
 
     type: str
@@ -68,19 +78,19 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class OnnxModel:
     """A file. Its arrays are float32, finite, read-only, of at most two dimensions."""
 
     metadata: tuple[tuple[str, str], ...]
-    nodes: tuple[Node, ...]  # without constants, which are arrays
+    nodes: tuple[OnnxNode, ...]  # without constants, which are arrays
     arrays: Mapping[str, Rows]
     observations: int
     actions: int
 
 
-def parsed(data: bytes) -> Model:
+def parsed(data: bytes) -> OnnxModel:
     """Of a file's bytes. Raises PolicyError saying what in it is not read."""
-    budget = Budget()
+    budget = ProtobufFieldBudget()
     fields = message(memoryview(data), _MODEL, budget)
     if len(fields["graph"]) != 1:
         raise PolicyError(f"is no ONNX file: it has {len(fields['graph'])} graphs, one is needed")
@@ -101,10 +111,10 @@ def parsed(data: bytes) -> Model:
         _end(what, name, graph[what], set(arrays), budget)
         for what, name in (("input", INPUT), ("output", OUTPUT))
     ]
-    return Model(metadata, tuple(nodes), arrays, *counts)
+    return OnnxModel(metadata, tuple(nodes), arrays, *counts)
 
 
-def _all(value: Value, kind: Kind, budget: Budget) -> dict[str, list[Value]]:
+def _all(value: Value, kind: ProtobufSchema, budget: ProtobufFieldBudget) -> dict[str, list[Value]]:
     assert isinstance(value, memoryview)
     return message(value, kind, budget)
 
@@ -126,7 +136,7 @@ def _entry(fields: dict[str, list[Value]]) -> tuple[str, str]:
     return _last(fields["key"]), _last(fields["value"])
 
 
-def _array(value: Value, budget: Budget) -> tuple[str, Rows]:
+def _array(value: Value, budget: ProtobufFieldBudget) -> tuple[str, Rows]:
     fields = _all(value, _TENSOR, budget)
     name, kind = _last(fields["name"]), [signed(each) for each in fields["type"]]
     shape = tuple(signed(each) for each in fields["dims"])
@@ -146,7 +156,7 @@ def _array(value: Value, budget: Budget) -> tuple[str, Rows]:
     return name, array
 
 
-def _node(value: Value, budget: Budget) -> tuple[Node, Rows | None]:
+def _node(value: Value, budget: ProtobufFieldBudget) -> tuple[OnnxNode, Rows | None]:
     fields = _all(value, _NODE, budget)
     kind, domain = _last(fields["type"]), _last(fields["domain"])
     if domain not in ("", "ai.onnx"):
@@ -171,7 +181,7 @@ def _node(value: Value, budget: Budget) -> tuple[Node, Rows | None]:
         else:
             numbers[name] = signed(given[0]) if attribute["int"] else _float(given[0])
     inputs = tuple(map(text, fields["input"]))
-    node = Node(kind, inputs, text(fields["output"][0]), numbers)
+    node = OnnxNode(kind, inputs, text(fields["output"][0]), numbers)
     if kind != "Constant" and not tensors:
         return node, None
     if kind != "Constant" or list(tensors) != [TENSOR_VALUE] or numbers or inputs:
@@ -185,7 +195,7 @@ def _float(value: Value) -> float:
     return number
 
 
-def _end(what: str, name: str, ends: list[Value], given: set[str], budget: Budget) -> int:
+def _end(what: str, name: str, ends: list[Value], given: set[str], budget: ProtobufFieldBudget) -> int:
     """Entries of the observation or of the action."""
     found = [(_last(each["name"]), each["type"]) for each in (_all(end, _END, budget) for end in ends)]
     found = [each for each in found if each[0] not in given]

@@ -12,11 +12,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.learn.layout import Layout
-from twind.learn.live.heard import STALE, Heard
-from twind.learn.observation import Observer, Reading
-from twind.learn.policy.card import Card
-from twind.learn.shaping import Shaper
+from twind.learn.layout import ObservationLayout
+from twind.learn.live.heard import STALE, StateMessage
+from twind.learn.observation import BodyReading, ObservationBuilder
+from twind.learn.policy.card import PolicyCard
+from twind.learn.shaping import ActionShaper
 from twind.robot.arrays import Floats
 
 LATE = 0.5  # of a period after its deadline an action is too late
@@ -27,24 +27,24 @@ APART = 0.5  # of a period that these states are apart, at least
 EXCESS = 1e-5  # above 1, of an action: rounding
 
 
-class Acting(Protocol):
+class ActionSource(Protocol):
     """What chooses actions."""
 
-    card: Card
+    card: PolicyCard
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """(n,) in -1..1 for (N,)."""
 
 
-class Seeing(Protocol):
+class ReadingSource(Protocol):
     """What makes readings of states."""
 
-    def reading(self, heard: Heard) -> Reading:
+    def reading(self, heard: StateMessage) -> BodyReading:
         """Of a fresh state."""
 
 
 @dataclass(frozen=True, slots=True)
-class Setpoint:
+class PolicySetpoint:
     """To be sent now. Arrays (n,)."""
 
     position: Floats  # rad, now
@@ -52,21 +52,21 @@ class Setpoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Hold:
+class PolicyHold:
     """Nothing is to be sent, and why."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class PolicyEnd:
     """The drive is over, and why."""
 
     reason: str
 
 
 @dataclass(slots=True)
-class Figures:
+class PolicyStatistics:
     """What a pilot has seen, for whoever looks on."""
 
     steps: int = 0  # actions that became setpoints, and were taken
@@ -79,14 +79,14 @@ class Figures:
     source: float = nan  # s, monotonic: the tick whose state it acted on
 
 
-class Pilot:
+class PolicyController:
     """One drive of one policy, from rest in its default pose on."""
 
     def __init__(
         self,
-        policy: Acting,
-        seeing: Seeing,
-        fallen: Callable[[Reading], bool],
+        policy: ActionSource,
+        seeing: ReadingSource,
+        fallen: Callable[[BodyReading], bool],
         phases: Floats,
         command: Floats,
         clock: Callable[[], float],
@@ -97,15 +97,15 @@ class Pilot:
         card = policy.card
         self._joints, self._period = card.joints, card.shaping.period
         default = np.array(card.default)
-        self._observer = Observer(Layout(card.joints), default)
-        self.shaper = Shaper(card.limits, default, card.shaping)
+        self._observer = ObservationBuilder(ObservationLayout(card.joints), default)
+        self.shaper = ActionShaper(card.limits, default, card.shaping)
         self._action = np.zeros(len(card.joints), np.float32)
-        self.figures = Figures()
+        self.figures = PolicyStatistics()
         self.holding: str | None = None  # why, while it holds
         self._since = self._looked = inf  # s: when this hold began, and was looked at last
-        self._seen: Heard | None = None  # in this hold: what a later state is compared with
+        self._seen: StateMessage | None = None  # in this hold: what a later state is compared with
 
-    def step(self, heard: Heard | None, deadline: float) -> Setpoint | Hold | End:
+    def step(self, heard: StateMessage | None, deadline: float) -> PolicySetpoint | PolicyHold | PolicyEnd:
         """What is to be done in the period that began at `deadline`, from the newest state."""
         now = self._clock()
         why = "no state has come yet" if heard is None else heard.stale(now, STALE, self._joints)
@@ -115,7 +115,9 @@ class Pilot:
         self._look(reading)
         if self._fallen(reading):
             tilt, height = self.figures.tilt, float(reading.height)
-            return End(f"fallen: the base is {tilt:.0f} degrees from upright, {height:.2f} m above the soles")
+            return PolicyEnd(
+                f"fallen: the base is {tilt:.0f} degrees from upright, {height:.2f} m above the soles"
+            )
         if self.holding is not None:
             still = self._back(heard)
             if still is not None:
@@ -135,7 +137,7 @@ class Pilot:
         elif self.holding is None:
             self.shaper.coast(periods)
 
-    def hold(self, reason: str) -> Hold | End:
+    def hold(self, reason: str) -> PolicyHold | PolicyEnd:
         """Send nothing for now; the end, where that goes on for too long."""
         now = self._clock()
         if self.holding is None:
@@ -146,10 +148,12 @@ class Pilot:
         self._looked = now
         self.holding = reason
         if now - self._since > PATIENCE:
-            return End(f"held for {PATIENCE:g} s: {reason}")
-        return Hold(reason)
+            return PolicyEnd(f"held for {PATIENCE:g} s: {reason}")
+        return PolicyHold(reason)
 
-    def _drive(self, heard: Heard, reading: Reading, deadline: float) -> Setpoint | Hold | End:
+    def _drive(
+        self, heard: StateMessage, reading: BodyReading, deadline: float
+    ) -> PolicySetpoint | PolicyHold | PolicyEnd:
         phase = self._phases[self.figures.steps % len(self._phases)]
         seen = self._observer.observe(reading, self._action, self.shaper.target, self._command, phase)
         finite = np.isfinite(seen)
@@ -170,9 +174,9 @@ class Pilot:
             return self.hold(f"the action came {late:.1f} ms late, bound {LATE * self._period * 1e3:g} ms")
         self._action, self.figures.source = action, heard.time
         target, velocity = self.shaper.step(action)
-        return Setpoint(target - velocity * self._period, velocity.copy())
+        return PolicySetpoint(target - velocity * self._period, velocity.copy())
 
-    def _back(self, heard: Heard) -> Hold | End | None:
+    def _back(self, heard: StateMessage) -> PolicyHold | PolicyEnd | None:
         """None: it rests in reach, and the drive goes on from there."""
         before = self._seen
         if before is not None and not self._later(heard, before):
@@ -183,15 +187,15 @@ class Pilot:
         stray = np.maximum(self.shaper.lower - heard.goal, heard.goal - self.shaper.upper)
         joint = int(np.argmax(stray))
         if not stray[joint] <= STRAY:
-            return End(f"{self._joints[joint]} rests {stray[joint]:.2f} rad out of the policy's reach")
+            return PolicyEnd(f"{self._joints[joint]} rests {stray[joint]:.2f} rad out of the policy's reach")
         self.shaper.reset(heard.goal)
         share = (heard.goal - self.shaper.default) / self.shaper.shaping.reach
         self._action = np.clip(share, -1.0, 1.0).astype(np.float32)
         return None
 
-    def _later(self, heard: Heard, before: Heard) -> bool:
+    def _later(self, heard: StateMessage, before: StateMessage) -> bool:
         return heard.sequence > before.sequence and heard.time - before.time >= APART * self._period
 
-    def _look(self, reading: Reading) -> None:
+    def _look(self, reading: BodyReading) -> None:
         tilt = degrees(acos(float(np.clip(-reading.gravity[2], -1.0, 1.0))))
         self.figures.tilt, self.figures.most_tilt = tilt, max(self.figures.most_tilt, tilt)

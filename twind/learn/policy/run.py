@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import DONE, REFUSED, Rejected, UsageError, complain, harmless, observer, operator, show
-from twind.learn.judge import Judge
-from twind.learn.live.clock import Machine
-from twind.learn.live.estimate import Estimate
-from twind.learn.live.reins import NotThere, Reins
-from twind.learn.live.robot import ANEW, WrongRobot, latched, plant_told, require_armed, require_mode
-from twind.learn.live.senses import Senses
+from twind.learn.judge import RewardFunction
+from twind.learn.live.clock import SystemClock
+from twind.learn.live.estimate import BaseEstimator
+from twind.learn.live.reins import PoseNotReached, SetpointSession
+from twind.learn.live.robot import ANEW, RobotMismatch, latched, plant_told, require_armed, require_mode
+from twind.learn.live.senses import StateSubscriber
 from twind.learn.model import Plant
-from twind.learn.policy.card import Body, Card, PolicyError, require_fit
-from twind.learn.policy.drive import RECENT, Drive
+from twind.learn.policy.card import PolicyCard, PolicyError, PolicyRobot, require_fit
+from twind.learn.policy.drive import RECENT, PolicyRun
 from twind.learn.policy.file import Policy
-from twind.learn.policy.pilot import Pilot
-from twind.learn.tasks import Task, task_of
+from twind.learn.policy.pilot import PolicyController
+from twind.learn.tasks import LearningTask, task_of
 from twind.robot.arrays import Floats
 from twind.twin.binding import BindingError
 
@@ -38,7 +38,7 @@ BUSY = (
 )
 
 
-class _Stopped(Exception):
+class _RunInterrupted(Exception):
     """Told to stop on the way to the default pose."""
 
 
@@ -56,30 +56,30 @@ def run_policy(options: argparse.Namespace, policy: Policy) -> int:
         status, told = client.call("GetStatus")["status"], client.call("GetRobot")
     rate_hz = float(status["loop"]["rate_hz"])
     plant = _fitting(card, told, status, rate_hz)
-    pilot = Pilot(
+    pilot = PolicyController(
         policy,
-        Estimate(plant),
-        Judge(task, plant).fallen,
+        BaseEstimator(plant),
+        RewardFunction(task, plant).fallen,
         task.phases(card.shaping.period),
         _command(options, card, task),
-        Machine().now,
+        SystemClock().now,
     )
     return _drive(options, pilot, card, rate_hz)
 
 
-def _fitting(card: Card, told: Mapping[str, Any], status: Mapping[str, Any], rate_hz: float) -> Plant:
+def _fitting(card: PolicyCard, told: Mapping[str, Any], status: Mapping[str, Any], rate_hz: float) -> Plant:
     """The robot, if this policy can drive it as it is now. Raises Rejected."""
     try:
         require_mode(status["mode"])
         require_armed(status)
-        require_fit(card, Body.told(told["robot"], rate_hz))
+        require_fit(card, PolicyRobot.told(told["robot"], rate_hz))
         plant = plant_told(told, card.shaping.period)
-    except (WrongRobot, PolicyError, BindingError) as error:
+    except (RobotMismatch, PolicyError, BindingError) as error:
         raise Rejected(str(error)) from None
     return plant
 
 
-def _command(options: argparse.Namespace, card: Card, task: Task) -> Floats:
+def _command(options: argparse.Namespace, card: PolicyCard, task: LearningTask) -> Floats:
     """What is asked of it, within what it was trained for. Raises UsageError."""
     spans = [card.command.get(axis, span) for axis, span in zip(AXES, task.command, strict=True)]
     given = options.command or [0.5 * (low + high) for low, high in spans]
@@ -91,18 +91,20 @@ def _command(options: argparse.Namespace, card: Card, task: Task) -> Floats:
     return np.array(given, np.float64)
 
 
-def _drive(options: argparse.Namespace, pilot: Pilot, card: Card, rate_hz: float) -> int:
-    senses = Senses(observer(options), card.joints, rate_hz)
+def _drive(options: argparse.Namespace, pilot: PolicyController, card: PolicyCard, rate_hz: float) -> int:
+    senses = StateSubscriber(observer(options), card.joints, rate_hz)
     try:
-        reins = Reins(operator(options), card.joints, card.shaping.period, take=options.take)
+        reins = SetpointSession(operator(options), card.joints, card.shaping.period, take=options.take)
         try:
-            with told_to_stop() as stop, Progress(options, "policy") as progress:
+            with told_to_stop() as stop, ProgressLine(options, "policy") as progress:
 
                 def say(reason: str) -> None:
                     progress.clear()
                     print(f"twindctl: holds: {harmless(reason)}", file=sys.stderr, flush=True)
 
-                drive = Drive(pilot, senses, reins, card.shaping.period, 1.0 / rate_hz, Machine(), say)
+                drive = PolicyRun(
+                    pilot, senses, reins, card.shaping.period, 1.0 / rate_hz, SystemClock(), say
+                )
                 good, why = _whole(options, drive, reins, pilot, stop, progress)
         finally:
             reins.drop()
@@ -113,29 +115,29 @@ def _drive(options: argparse.Namespace, pilot: Pilot, card: Card, rate_hz: float
 
 def _whole(
     options: argparse.Namespace,
-    drive: Drive,
-    reins: Reins,
-    pilot: Pilot,
+    drive: PolicyRun,
+    reins: SetpointSession,
+    pilot: PolicyController,
     stop: threading.Event,
-    progress: Progress,
+    progress: ProgressLine,
 ) -> tuple[bool, str]:
     """To the default pose, then the drive."""
     progress.tell("to the default pose")
 
     def check(_report: Mapping[str, Any]) -> None:
         if stop.is_set():
-            raise _Stopped
+            raise _RunInterrupted
 
     try:
         reins.go(pilot.shaper.default, check)
-    except _Stopped:
+    except _RunInterrupted:
         return True, "stopped"
-    except NotThere as error:
+    except PoseNotReached as error:
         return False, str(error)
     gc.collect()
     gc.freeze()  # what is here stays: no collection looks at it while it drives
 
-    def tell(drive: Drive) -> None:
+    def tell(drive: PolicyRun) -> None:
         if options.json:
             told = {"phase": "running"} | drive.log.plain(pilot, drive.beat, RECENT)
             print(json.dumps(told), flush=True)
@@ -159,7 +161,12 @@ def _ms(value: float | None) -> str:
 
 
 def _report(
-    options: argparse.Namespace, drive: Drive, pilot: Pilot, good: bool, why: str, status: Mapping[str, Any]
+    options: argparse.Namespace,
+    drive: PolicyRun,
+    pilot: PolicyController,
+    good: bool,
+    why: str,
+    status: Mapping[str, Any],
 ) -> int:
     told: dict[str, Any] = {"phase": "ended", "as_asked": good, "why": why} | drive.log.plain(
         pilot, drive.beat

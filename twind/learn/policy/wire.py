@@ -18,7 +18,7 @@ Value = int | memoryview  # of a field: a number, or its bytes
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class ProtobufSchema:
     """One kind of message: `read` name by number, with its wire type; `passed`: fields that mean nothing."""
 
     name: str
@@ -27,7 +27,7 @@ class Kind:
 
 
 @dataclass(slots=True)
-class Budget:
+class ProtobufFieldBudget:
     """How many fields a file may have yet."""
 
     fields: int = field(default=MOST_FIELDS)
@@ -39,7 +39,7 @@ class Budget:
             raise PolicyError(f"has more than {MOST_FIELDS} fields: no policy of ours")
 
 
-def message(data: memoryview, kind: Kind, budget: Budget) -> dict[str, list[Value]]:
+def message(data: memoryview, kind: ProtobufSchema, budget: ProtobufFieldBudget) -> dict[str, list[Value]]:
     """Its fields by name, in their order; those that are not there are empty. Raises PolicyError."""
     found: dict[str, list[Value]] = {name: [] for name, _ in kind.read.values()}
     at = 0
@@ -103,7 +103,7 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
     raise PolicyError("is no ONNX file, or torn: a number in it has no end")
 
 
-def _packed(data: memoryview, budget: Budget) -> list[Value]:
+def _packed(data: memoryview, budget: ProtobufFieldBudget) -> list[Value]:
     values, at = list[Value](), 0
     while at < len(data):
         budget.spend()

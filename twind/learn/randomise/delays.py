@@ -12,7 +12,7 @@ from twind.robot.arrays import Floats, Ints
 _HEADER = 2  # of a buffer: what its user keeps, and the cursor; then the times, then the samples
 
 
-class Histories:
+class DelayHistories:
     """Where `mjData.history` of a model has the samples of its controls and sensors."""
 
     def __init__(self, model: Any) -> None:

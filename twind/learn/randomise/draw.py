@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twind.learn.randomise.ranges import Ranges, Span
+from twind.learn.randomise.ranges import RandomisationRanges, Span
 from twind.robot.arrays import Floats
 
 
-class Draw(NamedTuple):
+class EpisodeDraw(NamedTuple):
     """What one episode is like; n joints, b links. x: a factor, +: an addition."""
 
     friction: float  # x, sliding friction of every contact
@@ -30,29 +30,29 @@ class Draw(NamedTuple):
     start_velocity: Floats  # + m/s, (2,): of the base, forward and left
 
 
-class Draws:
+class DrawSampler:
     """Draws within ranges, of a robot with `joints` joints and `links` links."""
 
-    def __init__(self, ranges: Ranges, joints: int, links: int) -> None:
+    def __init__(self, ranges: RandomisationRanges, joints: int, links: int) -> None:
         known = {"mass": links, "centre_of_mass": 3, "start_tilt": 2, "start_velocity": 2}
-        sizes = [1 if name in _SINGLE else known.get(name, joints) for name in Draw._fields]
-        spans: list[Span] = [getattr(ranges, name) for name in Draw._fields]
+        sizes = [1 if name in _SINGLE else known.get(name, joints) for name in EpisodeDraw._fields]
+        spans: list[Span] = [getattr(ranges, name) for name in EpisodeDraw._fields]
         ends = np.cumsum(sizes).tolist()
         self._parts: list[slice | int] = [  # a number, or a run of them
             end - 1 if name in _SINGLE else slice(end - size, end)
-            for name, size, end in zip(Draw._fields, sizes, ends, strict=True)
+            for name, size, end in zip(EpisodeDraw._fields, sizes, ends, strict=True)
         ]
         self._low = np.repeat([low for low, _ in spans], sizes)
         self._width = np.repeat([high - low for low, high in spans], sizes)
         self._any = bool(self._width.any())
 
-    def draw(self, rng: np.random.Generator) -> Draw:
+    def draw(self, rng: np.random.Generator) -> EpisodeDraw:
         """The next draw: as many random numbers whatever the ranges are, none where all are points."""
         values = self._low.copy()
         if self._any:
             values += rng.random(values.size) * self._width
         values.setflags(write=False)
-        return Draw._make(values[part] for part in self._parts)
+        return EpisodeDraw._make(values[part] for part in self._parts)
 
 
 _SINGLE = ("friction", "action_delay", "imu_delay")

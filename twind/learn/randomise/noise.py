@@ -5,14 +5,14 @@ from dataclasses import astuple
 
 import numpy as np
 
-from twind.learn.observation import Reading
+from twind.learn.observation import BodyReading
 from twind.learn.randomise.ranges import NoiseRanges
 from twind.robot.arrays import Floats
 
 _SIZES = (3, 3, 3, 1, 3, 6, 6)  # of what follows positions and velocities in a reading
 
 
-class Noise:
+class ReadingNoise:
     """Even noise on the readings (count, 2n + 25) of `count` simulations, or on one (2n + 25)."""
 
     def __init__(self, ranges: NoiseRanges, joints: int, count: int = 1) -> None:
@@ -22,7 +22,7 @@ class Noise:
         self._width, self._most = 2.0 * most, most
         self._even = np.zeros((count, most.size))
 
-    def add(self, reading: Reading, rngs: Sequence[np.random.Generator]) -> None:
+    def add(self, reading: BodyReading, rngs: Sequence[np.random.Generator]) -> None:
         """Lay noise over `reading`, in place; `rngs`: one of each simulation. Gravity keeps length 1."""
         if self.silent:
             return

@@ -10,7 +10,7 @@ from twind.robot.arrays import Bools, Floats
 NEVER = np.iinfo(np.int64).max
 
 
-class Pushes:
+class PushSchedule:
     """The pushes of `count` simulations, counted in control steps of each one's episode."""
 
     def __init__(self, ranges: PushRanges | None, mass: float, period: float, count: int = 1) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.config.located import parse, read_text
-from twind.config.section import Section
+from twind.config.section import ConfigSection
 
 Span = tuple[float, float]  # low, high
 FORMAT = "twind-ranges/1"
@@ -21,7 +21,7 @@ MOST_DELAY = 0.2  # s: ten control steps
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class RangeRule:
     """How a quantity stands in the file: its key, and what both ends must lie within."""
 
     key: str
@@ -54,7 +54,7 @@ class PushRanges:
 
 
 @dataclass(frozen=True, slots=True)
-class Ranges:
+class RandomisationRanges:
     """What is drawn at each reset, [low, high]; as it stands here nothing is changed."""
 
     friction: Span = SAME
@@ -75,46 +75,46 @@ class Ranges:
     noise: NoiseRanges = NoiseRanges()
 
 
-def _factor(key: str) -> Rule:
+def _factor(key: str) -> RangeRule:
     """At most tenfold, so that nothing vanishes or explodes."""
-    return Rule(key, 0.1, 10.0)
+    return RangeRule(key, 0.1, 10.0)
 
 
-RULES: Mapping[str, Rule] = {
+RULES: Mapping[str, RangeRule] = {
     "friction": _factor("friction"),
     "mass": _factor("mass"),
-    "centre_of_mass": Rule("centre_of_mass_m", -1.0, 1.0),
+    "centre_of_mass": RangeRule("centre_of_mass_m", -1.0, 1.0),
     "armature": _factor("armature"),
     "damping": _factor("damping"),
     "frictionloss": _factor("frictionloss"),
     "stiffness": _factor("stiffness"),
     "braking": _factor("braking"),
-    "encoder_zero": Rule("encoder_zero_rad", -0.5, 0.5),
-    "action_delay": Rule("action_delay_s", 0.0, MOST_DELAY),
-    "imu_delay": Rule("imu_delay_s", 0.0, MOST_DELAY),
-    "start_joints": Rule("start_joints_rad", -1.0, 1.0),
-    "start_tilt": Rule("start_tilt_rad", -1.0, 1.0),
-    "start_velocity": Rule("start_velocity_m_s", -5.0, 5.0),
+    "encoder_zero": RangeRule("encoder_zero_rad", -0.5, 0.5),
+    "action_delay": RangeRule("action_delay_s", 0.0, MOST_DELAY),
+    "imu_delay": RangeRule("imu_delay_s", 0.0, MOST_DELAY),
+    "start_joints": RangeRule("start_joints_rad", -1.0, 1.0),
+    "start_tilt": RangeRule("start_tilt_rad", -1.0, 1.0),
+    "start_velocity": RangeRule("start_velocity_m_s", -5.0, 5.0),
 }
-PUSHES: Mapping[str, Rule] = {
-    "every": Rule("every_s", 0.02, 3600.0),
-    "speed": Rule("speed_m_s", 0.0, 10.0),
-    "lasting": Rule("for_s", 0.02, 2.0),
+PUSHES: Mapping[str, RangeRule] = {
+    "every": RangeRule("every_s", 0.02, 3600.0),
+    "speed": RangeRule("speed_m_s", 0.0, 10.0),
+    "lasting": RangeRule("for_s", 0.02, 2.0),
 }
-NOISE: Mapping[str, Rule] = {
-    "position": Rule("position_rad", 0.0, 0.5),
-    "velocity": Rule("velocity_rad_s", 0.0, 10.0),
-    "gyro": Rule("gyro_rad_s", 0.0, 10.0),
-    "acceleration": Rule("acceleration_m_s2", 0.0, 50.0),
-    "gravity": Rule("gravity", 0.0, 0.5),
-    "height": Rule("height_m", 0.0, 0.5),
-    "base_velocity": Rule("base_velocity_m_s", 0.0, 5.0),
-    "soles": Rule("soles_m", 0.0, 0.5),
-    "sole_velocities": Rule("sole_velocities_m_s", 0.0, 10.0),
+NOISE: Mapping[str, RangeRule] = {
+    "position": RangeRule("position_rad", 0.0, 0.5),
+    "velocity": RangeRule("velocity_rad_s", 0.0, 10.0),
+    "gyro": RangeRule("gyro_rad_s", 0.0, 10.0),
+    "acceleration": RangeRule("acceleration_m_s2", 0.0, 50.0),
+    "gravity": RangeRule("gravity", 0.0, 0.5),
+    "height": RangeRule("height_m", 0.0, 0.5),
+    "base_velocity": RangeRule("base_velocity_m_s", 0.0, 5.0),
+    "soles": RangeRule("soles_m", 0.0, 0.5),
+    "sole_velocities": RangeRule("sole_velocities_m_s", 0.0, 10.0),
 }
 
 
-def load_ranges(which: str | Path | None = None) -> Ranges:
+def load_ranges(which: str | Path | None = None) -> RandomisationRanges:
     """A profile of the built-in file by its name, or the profile `default` of a file of one's own.
 
     None: the profile `none`. What has a slash in it, or ends in .yaml, is a path. Raises ConfigError.
@@ -130,9 +130,9 @@ def file_of(which: str | Path | None) -> Path:
     return Path(str(which)) if own else FILE
 
 
-def parse_ranges(text: str, file: str, profile: str) -> Ranges:
+def parse_ranges(text: str, file: str, profile: str) -> RandomisationRanges:
     """The `profile` of a file's text; all its profiles are checked. Raises ConfigError naming `file`."""
-    whole = Section(file, parse(text, file))
+    whole = ConfigSection(file, parse(text, file))
     whole.text("format", choices=(FORMAT,))
     profiles = whole.section("profiles")
     whole.close()
@@ -145,7 +145,7 @@ def parse_ranges(text: str, file: str, profile: str) -> Ranges:
     return found[profile]
 
 
-def _ranges(section: Section) -> Ranges:
+def _ranges(section: ConfigSection) -> RandomisationRanges:
     given: dict[str, Any] = {
         name: _span(section, rule) for name, rule in RULES.items() if section.has(rule.key)
     }
@@ -162,10 +162,10 @@ def _ranges(section: Section) -> Ranges:
     )
     noise.close()
     section.close()
-    return Ranges(**given)
+    return RandomisationRanges(**given)
 
 
-def _span(section: Section, rule: Rule) -> Span:
+def _span(section: ConfigSection, rule: RangeRule) -> Span:
     low, high = section.numbers(rule.key, 2)
     if low > high:
         raise section.refuse(rule.key, f"{low:g} to {high:g} is empty: the lower end comes first")

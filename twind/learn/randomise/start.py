@@ -5,16 +5,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twind.learn.randomise.draw import Draw
-from twind.learn.randomise.physics import Places
+from twind.learn.randomise.draw import EpisodeDraw
+from twind.learn.randomise.physics import ModelAddresses
 from twind.robot.arrays import Floats
 from twind.twin.base_pose import touch_down, touching
 
 
-class Start:
+class EpisodeStart:
     """Begins episodes of one robot near a pose. Needs the model as it was compiled, and leaves it so."""
 
-    def __init__(self, model: Any, at: Places, stance: Floats) -> None:
+    def __init__(self, model: Any, at: ModelAddresses, stance: Floats) -> None:
         """`stance` (nq,): the robot on its feet."""
         self._model, self._at, self._stance = model, at, stance
         self._geoms = touching(model)
@@ -25,7 +25,7 @@ class Start:
         self._lower = np.where(limited, model.jnt_range[at.joints, 0], -np.inf)
         self._upper = np.where(limited, model.jnt_range[at.joints, 1], np.inf)
 
-    def state(self, draw: Draw) -> tuple[Floats, Floats]:
+    def state(self, draw: EpisodeDraw) -> tuple[Floats, Floats]:
         """qpos (nq,) as the encoders say it, and qvel (nv,): joints within their stops, feet on the floor.
 
         Where the floor is depends on shapes alone, so the compiled model tells it, whatever is drawn.

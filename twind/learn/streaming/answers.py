@@ -11,7 +11,7 @@ PATIENT = 900.0  # s: for longer nobody is waited for, whatever Retry-After says
 NOT_THE_MESSAGE = frozenset({401, 402, 403, 404, 405, 407, 408, 409, 421, 423, 425, 426, 429, 451})
 
 
-class Fate(Enum):
+class DeliveryOutcome(Enum):
     """Of a message that was answered."""
 
     DONE = "done"  # it arrived
@@ -19,11 +19,15 @@ class Fate(Enum):
     DEAD = "dead"  # it will never be taken: a dead letter
 
 
-def fate(status: int) -> Fate:
+def fate(status: int) -> DeliveryOutcome:
     """By the status code. A redirection is not followed: whoever moved the endpoint changes the URL."""
     if 200 <= status < 300:
-        return Fate.DONE
-    return Fate.DEAD if 400 <= status < 500 and status not in NOT_THE_MESSAGE else Fate.AGAIN
+        return DeliveryOutcome.DONE
+    return (
+        DeliveryOutcome.DEAD
+        if 400 <= status < 500 and status not in NOT_THE_MESSAGE
+        else DeliveryOutcome.AGAIN
+    )
 
 
 def retry_after(header: str | None, wall: float) -> float:

@@ -8,32 +8,37 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from twind.client.clocks import Clocks
-from twind.learn.streaming.samples import Batch, Message, Robot, Sample
+from twind.client.clocks import ClockPair
+from twind.learn.streaming.samples import PostMessage, SampleBatch, StreamedRobot, StreamSample
 
 ROOM = 64  # closed batches, and pictures: 20 s at 100 Hz
 
 
-class Basket:
+class SampleBatcher:
     """For one thread that takes, and any that put."""
 
     def __init__(
-        self, size: int, age: float, now: Callable[[], float], clocks: Callable[[], Clocks], room: int = ROOM
+        self,
+        size: int,
+        age: float,
+        now: Callable[[], float],
+        clocks: Callable[[], ClockPair],
+        room: int = ROOM,
     ) -> None:
         """A batch is closed at `size` samples, or `age` s after its first."""
         self._size, self._age, self._now, self._clocks, self._room = size, age, now, clocks, room
         self._changed = threading.Condition()
-        self._open: list[Sample] = []
-        self._robot: Robot | None = None
+        self._open: list[StreamSample] = []
+        self._robot: StreamedRobot | None = None
         self._begun = 0.0
-        self._stamp = Clocks(0.0, 0)
+        self._stamp = ClockPair(0.0, 0)
         self._lost = {"daemon": 0, "here": 0}
-        self._closed: deque[Batch | Message] = deque()
+        self._closed: deque[SampleBatch | PostMessage] = deque()
         self.samples = 0  # that came so far
-        self.latest: Sample | None = None
+        self.latest: StreamSample | None = None
         self.dropped = 0  # batches and pictures that found no room
 
-    def put(self, sample: Sample, robot: Robot) -> None:
+    def put(self, sample: StreamSample, robot: StreamedRobot) -> None:
         """A sample of that robot. A batch is of one robot, in one mode, with the same joints."""
         with self._changed:
             self.samples += 1
@@ -49,12 +54,12 @@ class Basket:
             if len(self._open) >= self._size:
                 self._close()
 
-    def add(self, picture: Message) -> None:
+    def add(self, picture: PostMessage) -> None:
         """A message that is whole as it is."""
         with self._changed:
             self._keep(picture)
 
-    def take(self, timeout: float) -> Batch | Message | None:
+    def take(self, timeout: float) -> SampleBatch | PostMessage | None:
         """The oldest that is closed, waiting for one at most `timeout` s."""
         with self._changed:
             if not self._closed:
@@ -63,7 +68,7 @@ class Basket:
                 self._close()
             return self._closed.popleft() if self._closed else None
 
-    def give_back(self, batch: Batch | Message) -> None:
+    def give_back(self, batch: SampleBatch | PostMessage) -> None:
         """It could not be written: it is the oldest again, and the first to go."""
         with self._changed:
             self._closed.appendleft(batch)
@@ -83,12 +88,12 @@ class Basket:
 
     def _close(self) -> None:
         assert self._robot is not None
-        batch = Batch(self._robot, self._stamp, tuple(self._open), dict(self._lost))
+        batch = SampleBatch(self._robot, self._stamp, tuple(self._open), dict(self._lost))
         self._open = []
         self._lost = dict.fromkeys(self._lost, 0)
         self._keep(batch)
 
-    def _keep(self, batch: Batch | Message) -> None:
+    def _keep(self, batch: SampleBatch | PostMessage) -> None:
         self._closed.append(batch)
         self._fit()
         self._changed.notify()
@@ -98,12 +103,12 @@ class Basket:
         while len(self._closed) > self._room:
             gone = self._closed.popleft()
             self.dropped += 1
-            if isinstance(gone, Batch):
+            if isinstance(gone, SampleBatch):
                 self._tell({**gone.lost, "here": gone.lost["here"] + len(gone.samples)})
 
     def _tell(self, lost: Mapping[str, int]) -> None:
         for place, each in enumerate(self._closed):
-            if isinstance(each, Batch):
+            if isinstance(each, SampleBatch):
                 self._closed[place] = replace(each, lost=_sum(each.lost, lost))
                 return
         self._lost = _sum(self._lost, lost)

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from twind.client import ClientError
-from twind.client.clocks import Clocks, clocks
+from twind.client.clocks import ClockPair, clocks
 from twind.ctl.verb import observer
-from twind.learn.picture import NoPicture, Picture
-from twind.learn.streaming.basket import Basket
-from twind.learn.streaming.samples import ROWS, Sample, picture
-from twind.observe.viewing.likeness import Likeness, NoLikeness
+from twind.learn.picture import CameraRenderer, RendererUnavailable
+from twind.learn.streaming.basket import SampleBatcher
+from twind.learn.streaming.samples import ROWS, StreamSample, picture
+from twind.observe.viewing.likeness import NoRobotModel, RobotModel
 
 QUALITY = 80  # of JPEG: 640x480 are 20 kB
 AGAIN = 5.0  # s until a robot that cannot be drawn is asked for anew
@@ -27,24 +27,24 @@ POSITION = ROWS.index("position")
 NAME = "render"
 
 
-class Scene:
+class CameraScene:
     """One robot, drawn. Of one thread: the GL context belongs to it."""
 
     def __init__(self, told: dict[str, Any]) -> None:
         """`told`: the answer of GetRobot. Raises NoLikeness, NoPicture."""
         import mujoco
 
-        self._likeness = Likeness(told)
+        self._likeness = RobotModel(told)
         self._model = self._likeness.model
         self._data = mujoco.MjData(self._model)
         self._steps = (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_camlight)
-        self._picture = Picture(self._model, self._likeness.base)
+        self._picture = CameraRenderer(self._model, self._likeness.base)
 
-    def fits(self, sample: Sample) -> bool:
+    def fits(self, sample: StreamSample) -> bool:
         """The sample is of these joints."""
         return tuple(sample.names) == self._likeness.joints
 
-    def jpeg(self, sample: Sample) -> bytes:
+    def jpeg(self, sample: StreamSample) -> bytes:
         """The robot in that pose; joints that are not known are as at rest."""
         from PIL import Image
 
@@ -62,11 +62,11 @@ class Scene:
         self._picture.close()
 
 
-class Camera:
+class PictureStreamer:
     """Puts a picture of the newest sample into the basket, `rate` times a second at most."""
 
     def __init__(
-        self, options: argparse.Namespace, basket: Basket, rate: float, tell: Callable[[str], None]
+        self, options: argparse.Namespace, basket: SampleBatcher, rate: float, tell: Callable[[str], None]
     ) -> None:
         self._options, self._basket, self._period, self._tell = options, basket, 1.0 / rate, tell
         self._stop = threading.Event()
@@ -83,7 +83,7 @@ class Camera:
         self._thread.join(2.0)
 
     def _run(self) -> None:
-        scene: Scene | None = None
+        scene: CameraScene | None = None
         drawn, wait = -1, 0.0
         while not self._stop.wait(wait):
             begun, sample = time.monotonic(), self._basket.latest
@@ -95,22 +95,22 @@ class Camera:
                     scene = self._scene(scene)
                 self._put(scene.jpeg(sample), sample)
                 drawn, wait = sample.tick, max(0.0, self._period - (time.monotonic() - begun))
-            except (NoLikeness, NoPicture, ClientError, ValueError) as error:
+            except (NoRobotModel, RendererUnavailable, ClientError, ValueError) as error:
                 self._complain(str(error))
                 wait = AGAIN
         if scene is not None:
             scene.close()
 
-    def _scene(self, old: Scene | None) -> Scene:
+    def _scene(self, old: CameraScene | None) -> CameraScene:
         if old is not None:
             old.close()
         with observer(self._options) as client:
-            return Scene(client.call("GetRobot"))
+            return CameraScene(client.call("GetRobot"))
 
-    def _put(self, jpeg: bytes, sample: Sample) -> None:
+    def _put(self, jpeg: bytes, sample: StreamSample) -> None:
         """With the time of the sample, which is that of the pose."""
         now = clocks()
-        self._basket.add(picture(jpeg, NAME, Clocks(sample.time, now.wall(sample.time))))
+        self._basket.add(picture(jpeg, NAME, ClockPair(sample.time, now.wall(sample.time))))
 
     def _complain(self, why: str) -> None:
         if why != self._said:

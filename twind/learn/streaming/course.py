@@ -14,14 +14,14 @@ from typing import Any, Protocol
 
 from twind.client import Client, ClientError
 from twind.client.clocks import clocks
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.table import stream_text
 from twind.ctl.verb import DONE, harmless, observer, show
-from twind.learn.streaming.basket import Basket
-from twind.learn.streaming.endpoint import Endpoint, shown
-from twind.learn.streaming.keeping import Keeping
-from twind.learn.streaming.listening import Listening
-from twind.learn.streaming.sender import Sender
+from twind.learn.streaming.basket import SampleBatcher
+from twind.learn.streaming.endpoint import HttpEndpoint, shown
+from twind.learn.streaming.keeping import SpoolWriter
+from twind.learn.streaming.listening import StreamSubscriber
+from twind.learn.streaming.sender import SpoolSender
 from twind.learn.streaming.spool import Spool
 
 LOOK = 0.5  # s between two looks at the others
@@ -30,7 +30,7 @@ PATIENCE = 2.0  # s that the daemon has to take one
 GRACE = 2.0  # s at the end for what waits: to the disk, and to the endpoint
 
 
-class Source(Protocol):
+class MessageSource(Protocol):
     """Something else that puts messages into the basket: a camera."""
 
     def start(self) -> None:
@@ -40,19 +40,19 @@ class Source(Protocol):
         """End, soon."""
 
 
-class Course:
+class StreamRunner:
     """What runs. `run` returns the exit code."""
 
     def __init__(
-        self, options: argparse.Namespace, spool: Spool, endpoint: Endpoint, stop: threading.Event
+        self, options: argparse.Namespace, spool: Spool, endpoint: HttpEndpoint, stop: threading.Event
     ) -> None:
         self._options, self._spool, self._stop = options, spool, stop
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.tell = self._lines.put
-        self.basket = Basket(options.batch, options.age, time.monotonic, clocks)
-        self._listening = Listening(options, self.basket, time.monotonic, self.tell)
-        self._sender = Sender(spool, endpoint, self.tell)
-        self._keeping = Keeping(
+        self.basket = SampleBatcher(options.batch, options.age, time.monotonic, clocks)
+        self._listening = StreamSubscriber(options, self.basket, time.monotonic, self.tell)
+        self._sender = SpoolSender(spool, endpoint, self.tell)
+        self._keeping = SpoolWriter(
             self.basket,
             spool,
             self._sender.wake,
@@ -64,13 +64,13 @@ class Course:
         self._reporter: Client | None = None
         self._rate = 0.0
 
-    def run(self, sources: Sequence[Source] = ()) -> int:
+    def run(self, sources: Sequence[MessageSource] = ()) -> int:
         """Until told to stop, or --seconds."""
         workers: list[Any] = [self._sender, self._keeping, self._listening, *sources]
         for each in workers:
             each.start()
         try:
-            with Progress(self._options, "stream", seconds=self._options.seconds) as progress:
+            with ProgressLine(self._options, "stream", seconds=self._options.seconds) as progress:
                 self._watch(progress)
         finally:
             for source in (self._listening, *sources):
@@ -87,7 +87,7 @@ class Course:
         show(self._options, told, stream_text(told))
         return DONE
 
-    def _watch(self, progress: Progress) -> None:
+    def _watch(self, progress: ProgressLine) -> None:
         begun = last = time.monotonic()
         count = self.basket.samples
         while not self._stop.wait(LOOK):

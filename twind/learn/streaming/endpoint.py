@@ -15,7 +15,7 @@ TOO_LATE = "no answer in time"
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class HttpReply:
     """What the endpoint said."""
 
     status: int
@@ -23,7 +23,7 @@ class Answer:
     said: str  # `422 Unprocessable Entity: no such robot`
 
 
-class Failed(Exception):
+class HttpError(Exception):
     """No answer, or none that is HTTP."""
 
 
@@ -43,7 +43,7 @@ def shown(url: str) -> str:
     return url.partition("?")[0]
 
 
-class Endpoint:
+class HttpEndpoint:
     """`headers` go with every message; `token` is asked at every connection, for it may change."""
 
     def __init__(
@@ -63,7 +63,7 @@ class Endpoint:
         self._sent_headers: dict[str, str] = {}
         self._aborted = False
 
-    def post(self, body: bytes, headers: Mapping[str, str]) -> Answer:
+    def post(self, body: bytes, headers: Mapping[str, str]) -> HttpReply:
         """Send it, and wait for the answer. Raises Failed.
 
         A connection that was kept may have been closed meanwhile: then once more on a new one. The message
@@ -75,7 +75,7 @@ class Endpoint:
                 return self._tried(body, headers)
         return self._tried(body, headers)
 
-    def _tried(self, body: bytes, headers: Mapping[str, str]) -> Answer:
+    def _tried(self, body: bytes, headers: Mapping[str, str]) -> HttpReply:
         """Raises Failed, but for what a connection that was closed meanwhile says."""
         kept = self._connection.sock is not None
         try:
@@ -84,13 +84,13 @@ class Endpoint:
             self.close()
             if kept and not self._aborted and isinstance(error, ConnectionError):
                 raise
-            raise Failed(TOO_LATE if self._aborted else _why(error)) from None
+            raise HttpError(TOO_LATE if self._aborted else _why(error)) from None
         if self._aborted:  # an answer that is cut off in its head looks like a whole one
             self.close()
-            raise Failed(TOO_LATE)
+            raise HttpError(TOO_LATE)
         return answer
 
-    def _post(self, body: bytes, headers: Mapping[str, str]) -> Answer:
+    def _post(self, body: bytes, headers: Mapping[str, str]) -> HttpReply:
         if self._connection.sock is None:
             self._sent_headers = dict(self._headers)
             if self._token is not None:
@@ -103,7 +103,7 @@ class Endpoint:
             self.close()  # more than we read; or we are nobody there: with the token as it is then
         first = text[:SHOWN].decode(errors="replace").strip().partition("\n")[0]
         said = f"{answer.status} {answer.reason}" + (f": {first}" if first and answer.status >= 300 else "")
-        return Answer(answer.status, answer.getheader("Retry-After"), said)
+        return HttpReply(answer.status, answer.getheader("Retry-After"), said)
 
     def abort(self) -> None:
         """Whoever waits in `post` fails now. From another thread."""

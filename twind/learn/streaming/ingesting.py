@@ -27,7 +27,7 @@ LINES = "messages.ndjson"
 
 
 @dataclass(frozen=True, slots=True)
-class Address:
+class ListenAddress:
     """Where to listen. `local`: this machine alone can reach it."""
 
     host: str
@@ -35,7 +35,7 @@ class Address:
     local: bool
 
 
-def address(text: str) -> Address:
+def address(text: str) -> ListenAddress:
     """Of 127.0.0.1:8000, [::1]:8000 or localhost:8000. Raises ValueError."""
     host, _, port = text.rpartition(":")
     host = "127.0.0.1" if host == "localhost" else host.removeprefix("[").removesuffix("]")
@@ -45,11 +45,11 @@ def address(text: str) -> Address:
         raise ValueError("write it as 127.0.0.1:8000 or [::1]:8000") from None
     if not 0 <= number <= 65535:
         raise ValueError("a port is at most 65535")
-    return Address(str(found), number, found.is_loopback)
+    return ListenAddress(str(found), number, found.is_loopback)
 
 
 @dataclass(slots=True)
-class Faults:
+class IngestFaults:
     """What goes wrong on purpose: shares of the messages, seconds before each answer."""
 
     fail: float = 0.0
@@ -68,7 +68,7 @@ class Faults:
         return rng.choice(("busy", "unavailable", "deaf", "cut", "silent", "rubbish"))
 
 
-class Store:
+class IngestStore:
     """A folder with a line for each message: its key, when it came, its headers, and its body or its file."""
 
     def __init__(self, folder: Path) -> None:
@@ -88,7 +88,7 @@ class Store:
                 self._keys.add(json.loads(line)["key"])
         os.ftruncate(self._file, whole)
 
-    def __enter__(self) -> "Store":
+    def __enter__(self) -> "IngestStore":
         return self
 
     def __exit__(
@@ -138,10 +138,10 @@ class Store:
         return f"{self.messages} messages, {self.samples} samples, {self.duplicates} came again{lost}"
 
 
-class Server:
+class IngestServer:
     """Serves in threads of its own from `start` to `stop`."""
 
-    def __init__(self, where: Address, store: Store, faults: Faults) -> None:
+    def __init__(self, where: ListenAddress, store: IngestStore, faults: IngestFaults) -> None:
         """Raises OSError."""
         places = threading.BoundedSemaphore(MOST)
         attempts: dict[str, int] = {}
@@ -165,7 +165,7 @@ class Server:
             def handle_error(self, request: Any, client_address: Any) -> None:
                 """Who hangs up in the middle is no error of ours."""
 
-        class Handler(_Handler):
+        class Handler(_IngestHandler):
             pass
 
         Handler.store, Handler.faults, Handler.attempts = store, faults, attempts
@@ -184,11 +184,11 @@ class Server:
         self._server.server_close()
 
 
-class _Handler(BaseHTTPRequestHandler):
+class _IngestHandler(BaseHTTPRequestHandler):
     """POST anywhere, with an Idempotency-Key."""
 
-    store: Store
-    faults: Faults
+    store: IngestStore
+    faults: IngestFaults
     attempts: dict[str, int]
     protocol_version, timeout, server_version, sys_version = "HTTP/1.1", PATIENCE, "twind-ingest", ""
 

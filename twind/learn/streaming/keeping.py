@@ -5,21 +5,21 @@ import threading
 import time
 from collections.abc import Callable
 
-from twind.client.once import Once
-from twind.learn.streaming.basket import Basket
-from twind.learn.streaming.samples import Batch, message
+from twind.client.once import TransitionReporter
+from twind.learn.streaming.basket import SampleBatcher
+from twind.learn.streaming.samples import SampleBatch, message
 from twind.learn.streaming.spool import Spool
 
 AGAIN = 0.5  # s between two tries of a disk that takes nothing
 UPKEEP = 10.0  # s between two looks for what has become too old
 
 
-class Keeping:
+class SpoolWriter:
     """`kept` is called after each message that is on the disk; `tell` gets a line when the disk fails."""
 
     def __init__(
         self,
-        basket: Basket,
+        basket: SampleBatcher,
         spool: Spool,
         kept: Callable[[], None],
         tell: Callable[[str], None],
@@ -31,7 +31,7 @@ class Keeping:
         """`patience`: s between two looks at the age of a batch that is not full."""
         self._basket, self._spool, self._kept, self._tell = basket, spool, kept, tell
         self._ndjson, self._zipped, self._patience = ndjson, zipped, patience
-        self._once, self._stopping = Once(), threading.Event()
+        self._once, self._stopping = TransitionReporter(), threading.Event()
         self._counted = 0  # of what the basket dropped, in the spool's tally already
         self._upkeep = 0.0
         self.error = ""
@@ -58,7 +58,7 @@ class Keeping:
             if taken is not None:
                 written = (
                     message(taken, ndjson=self._ndjson, zipped=self._zipped)
-                    if isinstance(taken, Batch)
+                    if isinstance(taken, SampleBatch)
                     else taken
                 )
                 lost = self.lost

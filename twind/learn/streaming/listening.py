@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.client.once import Once
+from twind.client.once import TransitionReporter
 from twind.ctl.verb import observer
-from twind.learn.streaming.basket import Basket
-from twind.learn.streaming.samples import Robot, sample
+from twind.learn.streaming.basket import SampleBatcher
+from twind.learn.streaming.samples import StreamedRobot, sample
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
 # s between two looks, and messages that come meanwhile: to be woken for each would cost three times the CPU.
@@ -18,19 +18,19 @@ NAP, TOGETHER = 0.2, 20.0
 AGAIN = 0.5  # s between two attempts to reach one
 
 
-class Listening:
+class StreamSubscriber:
     """From `start` to the end of the process. `tell` gets a line when the daemon goes and comes."""
 
     def __init__(
         self,
         options: argparse.Namespace,
-        basket: Basket,
+        basket: SampleBatcher,
         now: Callable[[], float],
         tell: Callable[[str], None],
     ) -> None:
         self._options, self._basket, self._now, self._tell = options, basket, now, tell
-        self._once, self._stop = Once(), threading.Event()
-        self._robot: Robot | None = None
+        self._once, self._stop = TransitionReporter(), threading.Event()
+        self._robot: StreamedRobot | None = None
         self.error = ""  # why there is no daemon
         self._thread = threading.Thread(target=self._run, name="listening", daemon=True)
 
@@ -47,7 +47,7 @@ class Listening:
         """`Status` of the daemon, from whoever asked: another mode is said with the samples from now on."""
         robot = self._robot
         if robot is not None and robot.mode != status["mode"]:
-            self._robot = Robot(robot.name, robot.individual, robot.version, status["mode"])
+            self._robot = StreamedRobot(robot.name, robot.individual, robot.version, status["mode"])
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -83,7 +83,7 @@ class Listening:
             self._tell(f"{wrong}; waiting for the daemon" if wrong else "the daemon is there again")
 
 
-def _described(client: Client) -> Robot:
+def _described(client: Client) -> StreamedRobot:
     status = client.call("GetStatus")["status"]
     individual = client.call("GetParameters")["parameters"].get("individual")
-    return Robot(status["robot"], str(individual or ""), status["version"], status["mode"])
+    return StreamedRobot(status["robot"], str(individual or ""), status["version"], status["mode"])

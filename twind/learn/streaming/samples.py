@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from twind.client.clocks import Clocks
+from twind.client.clocks import ClockPair
 from twind.client.errors import ClientError, as_error
 
 FORMAT = "twind-stream/1"
@@ -19,7 +19,7 @@ JSON, NDJSON = "application/json", "application/x-ndjson"
 _encode = msgspec.json.Encoder().encode  # writes NaN as null
 
 
-class _Joint(msgspec.Struct, gc=False):
+class _StreamedJoint(msgspec.Struct, gc=False):
     """What is taken of `Joint`; the rest of it is skipped unread, which costs a seventh of reading it."""
 
     name: str
@@ -30,22 +30,22 @@ class _Joint(msgspec.Struct, gc=False):
     age_ms: float | None
 
 
-class _State(msgspec.Struct):
+class _StreamedState(msgspec.Struct):
     time: float
     sequence: int
-    joints: list[_Joint]
+    joints: list[_StreamedJoint]
     dropped: int = 0
     imu: dict[str, Any] | None = None
 
 
-class _Message(msgspec.Struct):
-    parameters: _State
+class _StreamedMessage(msgspec.Struct):
+    parameters: _StreamedState
 
 
-_message = msgspec.json.Decoder(_Message)
+_message = msgspec.json.Decoder(_StreamedMessage)
 
 
-class Sample(NamedTuple):
+class StreamSample(NamedTuple):
     """One reading. `dropped`: messages that the daemon had to leave out before it."""
 
     time: float  # s, monotonic clock of the robot's machine
@@ -57,7 +57,7 @@ class Sample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class StreamedRobot:
     """Whose samples they are, as the daemon says."""
 
     name: str
@@ -67,17 +67,17 @@ class Robot:
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class SampleBatch:
     """Samples of one robot with the same joints, in order. `lost`: samples before it, by who lost them."""
 
-    robot: Robot
-    clocks: Clocks
-    samples: Sequence[Sample]
+    robot: StreamedRobot
+    clocks: ClockPair
+    samples: Sequence[StreamSample]
     lost: Mapping[str, int]
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class PostMessage:
     """What one POST carries: a body, the headers that say what it is, and how many samples are in it."""
 
     body: bytes
@@ -85,7 +85,7 @@ class Message:
     samples: int = 0
 
 
-def sample(data: bytes) -> Sample:
+def sample(data: bytes) -> StreamSample:
     """One message of topic `state`. Raises ClientError for an error, or what is no such message."""
     try:
         state = _message.decode(data).parameters
@@ -99,7 +99,7 @@ def sample(data: bytes) -> Sample:
         [joint.goal for joint in joints],
         [joint.age_ms for joint in joints],
     ]
-    return Sample(
+    return StreamSample(
         state.time, state.sequence, [joint.name for joint in joints], rows, state.imu, state.dropped
     )
 
@@ -112,7 +112,7 @@ def _complaint(data: bytes) -> ClientError:
         return ClientError(f"what the daemon says cannot be understood: {data[:80]!r}")
 
 
-def message(batch: Batch, *, ndjson: bool = False, zipped: bool = False) -> Message:
+def message(batch: SampleBatch, *, ndjson: bool = False, zipped: bool = False) -> PostMessage:
     """The batch as it is sent: one object, or lines of which the first is its head. Numbers have 6 digits."""
     head = {
         "format": FORMAT,
@@ -132,10 +132,10 @@ def message(batch: Batch, *, ndjson: bool = False, zipped: bool = False) -> Mess
     headers = {"Content-Type": NDJSON if ndjson else JSON}
     if zipped:
         body, headers["Content-Encoding"] = gzip.compress(body, 1, mtime=0), "gzip"
-    return Message(body, headers, len(batch.samples))
+    return PostMessage(body, headers, len(batch.samples))
 
 
-def _rounded(samples: Sequence[Sample]) -> list[dict[str, Any]]:
+def _rounded(samples: Sequence[StreamSample]) -> list[dict[str, Any]]:
     """All numbers of a batch at once: one sample after the other would cost twice as much."""
     rounded = np.array([each.rows for each in samples], dtype=float).round(DIGITS)
     table = (rounded + 0.0).tolist()  # no -0.0
@@ -145,7 +145,7 @@ def _rounded(samples: Sequence[Sample]) -> list[dict[str, Any]]:
     ]
 
 
-def picture(jpeg: bytes, camera: str, clocks: Clocks) -> Message:
+def picture(jpeg: bytes, camera: str, clocks: ClockPair) -> PostMessage:
     """One image. Its headers say when it was taken, and by what."""
     headers = {
         "Content-Type": "image/jpeg",
@@ -153,4 +153,4 @@ def picture(jpeg: bytes, camera: str, clocks: Clocks) -> Message:
         "Twind-Monotonic": f"{clocks.monotonic:.6f}",
         "Twind-Wall-Ns": str(clocks.wall_ns),
     }
-    return Message(jpeg, headers)
+    return PostMessage(jpeg, headers)

@@ -11,22 +11,26 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from twind.client.once import Once
-from twind.learn.streaming.answers import Backoff, Fate, fate, retry_after
-from twind.learn.streaming.endpoint import Answer, Endpoint, Failed
-from twind.learn.streaming.spool import Kept, Spool
+from twind.client.once import TransitionReporter
+from twind.learn.streaming.answers import Backoff, DeliveryOutcome, fate, retry_after
+from twind.learn.streaming.endpoint import HttpEndpoint, HttpError, HttpReply
+from twind.learn.streaming.spool import Spool, SpooledMessage
 
 PERIOD = 1.0 / 30.0  # s between two sends at least
 LONGEST = 30.0  # s of one send, whatever the endpoint does: who gives a byte now and then is hung up on
 IDLE = 0.5  # s between two looks into a spool that is empty
 
 
-class Sender:
+class SpoolSender:
     """`tell` gets a line when something goes wrong, and when it is over."""
 
-    def __init__(self, spool: Spool, endpoint: Endpoint, tell: Callable[[str], None]) -> None:
+    def __init__(self, spool: Spool, endpoint: HttpEndpoint, tell: Callable[[str], None]) -> None:
         self._spool, self._endpoint, self._tell = spool, endpoint, tell
-        self._backoff, self._once, self._dead = Backoff(random.Random()), Once(), Once()
+        self._backoff, self._once, self._dead = (
+            Backoff(random.Random()),
+            TransitionReporter(),
+            TransitionReporter(),
+        )
         self._next, self._deadline = 0.0, float("inf")  # s, monotonic
         self._after = 0  # sequence number of the last that is done with
         self._owed: deque[tuple[int, str | None]] = deque()  # done with, but the disk does not take that
@@ -84,13 +88,13 @@ class Sender:
     def _wait_until(self, due: float) -> None:
         self._stopping.wait(max(0.0, due - time.monotonic()))
 
-    def _send(self, kept: Kept) -> None:
+    def _send(self, kept: SpooledMessage) -> None:
         now = time.monotonic()
         self._next, self._deadline = now + PERIOD, now + LONGEST
         headers = {**kept.message.headers, "Idempotency-Key": f"{self._spool.tally.stream}-{kept.sequence}"}
         try:
             answer = self._endpoint.post(kept.message.body, headers)
-        except Failed as failure:
+        except HttpError as failure:
             if not self._stopping.is_set():
                 self._again(str(failure), 0.0)
         else:
@@ -98,15 +102,15 @@ class Sender:
         finally:
             self._deadline = float("inf")
 
-    def _answered(self, kept: Kept, answer: Answer) -> None:
+    def _answered(self, kept: SpooledMessage, answer: HttpReply) -> None:
         decided = fate(answer.status)
-        if decided is Fate.AGAIN:
+        if decided is DeliveryOutcome.AGAIN:
             self._again(answer.said, retry_after(answer.retry_after, time.time()))
             return
         self._after = kept.sequence
-        self._owed.append((kept.sequence, answer.said if decided is Fate.DEAD else None))
+        self._owed.append((kept.sequence, answer.said if decided is DeliveryOutcome.DEAD else None))
         self._backoff.went_well()
-        if decided is Fate.DEAD:
+        if decided is DeliveryOutcome.DEAD:
             self._tell_dead(kept.sequence, answer.said)
         with contextlib.suppress(sqlite3.Error):  # tried again, and told, before the next one
             self._settle()

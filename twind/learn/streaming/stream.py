@@ -25,8 +25,8 @@ from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import DONE, Rejected, UsageError, harmless
 
 if TYPE_CHECKING:
-    from twind.learn.streaming.course import Course, Source
-    from twind.learn.streaming.endpoint import Endpoint
+    from twind.learn.streaming.course import MessageSource, StreamRunner
+    from twind.learn.streaming.endpoint import HttpEndpoint
     from twind.learn.streaming.spool import Spool
 
 URL = "http://localhost:8000/ingest"
@@ -94,29 +94,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Stream until told to stop; 0. A spool that cannot be had: 1."""
-    from twind.learn.streaming.spool import Bounds, Spool, SpoolHeld
+    from twind.learn.streaming.spool import Spool, SpoolInUse, SpoolLimits
 
     folder = options.spool or usual_folder()
     if options.dead:
         return _list(options, folder)
     _check(options)
     endpoint = _endpoint(options)
-    bounds = Bounds(int(options.spool_mb * MB), options.spool_age * HOUR)
+    bounds = SpoolLimits(int(options.spool_mb * MB), options.spool_age * HOUR)
     try:
         with Spool(folder, bounds, time.monotonic(), time.time()) as spool:
             return _stream(options, spool, endpoint)
-    except SpoolHeld as error:
+    except SpoolInUse as error:
         raise Rejected(str(error)) from None
     except (OSError, sqlite3.Error) as error:
         why = getattr(error, "strerror", None) or error
         raise Rejected(f"{folder}: {why}; name another spool with --spool") from None
 
 
-def _stream(options: argparse.Namespace, spool: Spool, endpoint: Endpoint) -> int:
-    from twind.learn.streaming.course import Course
+def _stream(options: argparse.Namespace, spool: Spool, endpoint: HttpEndpoint) -> int:
+    from twind.learn.streaming.course import StreamRunner
 
     with told_to_stop() as stop:
-        course = Course(options, spool, endpoint, stop)
+        course = StreamRunner(options, spool, endpoint, stop)
         if spool.set_aside:
             course.tell(
                 f"{spool.folder}: a spool that cannot be read ({spool.set_aside}) is kept beside a new one"
@@ -128,12 +128,12 @@ def _stream(options: argparse.Namespace, spool: Spool, endpoint: Endpoint) -> in
         return course.run(_cameras(options, course))
 
 
-def _cameras(options: argparse.Namespace, course: Course) -> list[Source]:
+def _cameras(options: argparse.Namespace, course: StreamRunner) -> list[MessageSource]:
     if options.camera is None:
         return []
-    from twind.learn.streaming.camera import Camera
+    from twind.learn.streaming.camera import PictureStreamer
 
-    return [Camera(options, course.basket, options.camera_rate, course.tell)]
+    return [PictureStreamer(options, course.basket, options.camera_rate, course.tell)]
 
 
 def usual_folder() -> Path:
@@ -160,8 +160,8 @@ def _check(options: argparse.Namespace) -> None:
         raise UsageError(f"--camera render draws with packages that are not installed: {how_to_add('learn')}")
 
 
-def _endpoint(options: argparse.Namespace) -> Endpoint:
-    from twind.learn.streaming.endpoint import Endpoint
+def _endpoint(options: argparse.Namespace) -> HttpEndpoint:
+    from twind.learn.streaming.endpoint import HttpEndpoint
 
     headers = {"User-Agent": "twind-stream"}
     for given in options.header:
@@ -175,7 +175,7 @@ def _endpoint(options: argparse.Namespace) -> Endpoint:
     try:
         if token is not None:
             token()
-        return Endpoint(options.url, headers, token)
+        return HttpEndpoint(options.url, headers, token)
     except ValueError as error:
         raise UsageError(f"--url {options.url}: {error}") from None
     except OSError as error:

@@ -13,30 +13,30 @@ from platform import python_version
 from time import monotonic
 from typing import Any
 
-from twind.ctl.progress import Progress
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import Rejected
 from twind.learn.policy.file import load
 from twind.learn.training import curve
-from twind.learn.training.evaluation import Score, Trials, told_score
+from twind.learn.training.evaluation import EvaluationEnvs, EvaluationScore, told_score
 from twind.learn.training.export import export
-from twind.learn.training.folder import BEST, CANDIDATE, CHECKPOINT, CURVE, LAST, Folder
-from twind.learn.training.learner import THREADS, Learner
-from twind.learn.training.settings import Settings
-from twind.learn.training.told import Told, bar
+from twind.learn.training.folder import BEST, CANDIDATE, CHECKPOINT, CURVE, LAST, TrainingFolder
+from twind.learn.training.learner import THREADS, PpoLearner
+from twind.learn.training.settings import TrainingSettings
+from twind.learn.training.told import TrainingReporter, bar
 
 PACKAGES = ("twind", "torch", "stable-baselines3", "gymnasium", "mujoco-core", "numpy", "onnx")
 
 
 @dataclass(slots=True)
-class Figures:
+class TrainingFigures:
     """What came of a run so far."""
 
-    zero: Score
-    points: list[tuple[int, Score]] = field(default_factory=list)
+    zero: EvaluationScore
+    points: list[tuple[int, EvaluationScore]] = field(default_factory=list)
     seconds: float = 0.0  # of training, evaluations not counted
 
     @property
-    def best(self) -> tuple[int, Score] | None:
+    def best(self) -> tuple[int, EvaluationScore] | None:
         """Steps and score of the best evaluation, the first of equals."""
         return max(self.points, key=lambda point: point[1].returns, default=None)
 
@@ -56,27 +56,31 @@ class Figures:
         }
 
 
-class Course:
+class Trainer:
     """A training in a folder that is ours."""
 
     def __init__(
-        self, settings: Settings, folder: Folder, told: Told, before: Mapping[str, Any] | None
+        self,
+        settings: TrainingSettings,
+        folder: TrainingFolder,
+        told: TrainingReporter,
+        before: Mapping[str, Any] | None,
     ) -> None:
         """`before`: the run's file of a training that goes on. Raises Rejected: its checkpoint is none."""
         self._settings, self._folder, self._told = settings, folder, told
         state = None if before is None else _checkpoint(folder.path / CHECKPOINT)
         try:
-            self._learner = Learner(settings, state)
+            self._learner = PpoLearner(settings, state)
         except ValueError as error:
             where = folder.path if state is None else folder.path / CHECKPOINT
             raise Rejected(f"{where}: {error}") from None
-        self._trials = Trials(settings)
-        self._figures = Figures(self._trials.zero())
+        self._trials = EvaluationEnvs(settings)
+        self._figures = TrainingFigures(self._trials.zero())
         if before is not None:
             self._take_up(before)
         self._rate, self._since, self._at = 0.0, self._figures.seconds, self._learner.steps
 
-    def run(self, stop: threading.Event, progress: Progress) -> bool:
+    def run(self, stop: threading.Event, progress: ProgressLine) -> bool:
         """Train until all steps are done (True) or told to `stop` (False). Raises OSError: a full disk."""
         learner, figures, settings = self._learner, self._figures, self._settings
         began = learner.steps
@@ -116,14 +120,14 @@ class Course:
             raise Rejected(f"{self._folder.path}: its evaluations cannot be read: {error}") from None
         self._figures.points = [point for point in points if point[0] <= steps]
 
-    def _tell(self, progress: Progress, began: int) -> None:
+    def _tell(self, progress: ProgressLine, began: int) -> None:
         steps, recent = self._learner.steps, self._learner.recent()
         past = self._figures.seconds - self._since
         self._rate = (steps - self._at) / past if past > 0.0 else 0.0
         progress.tell(bar(steps, self._rate, recent), (steps - began) / max(1, self._settings.steps - began))
         self._told.progress(steps, self._rate, recent)
 
-    def _evaluate(self, progress: Progress) -> None:
+    def _evaluate(self, progress: ProgressLine) -> None:
         """Judge the policy as a robot would run it: from the file."""
         learner, figures, path = self._learner, self._figures, self._folder.path
         progress.tell(f"evaluating on {self._settings.episodes} episodes")
@@ -159,7 +163,7 @@ class Course:
             made = curve.figure(title, figures.zero, figures.points, best[0] if best else None)
             folder.make(CURVE, lambda beside: curve.save(made, beside))
 
-    def _export(self, point: tuple[int, Score], zero: Score) -> None:
+    def _export(self, point: tuple[int, EvaluationScore], zero: EvaluationScore) -> None:
         """The network as it is now, judged so."""
         score = point[1]
         said = {"return": score.returns, "length": score.length, "falls": score.falls, "speed": score.speed}

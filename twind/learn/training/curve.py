@@ -7,13 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twind.learn.training.evaluation import Score
+from twind.learn.training.evaluation import EvaluationScore
 
 OURS, ZERO = "#0072b2", "#d55e00"
-Point = tuple[int, Score]  # steps, score
+Point = tuple[int, EvaluationScore]  # steps, score
 
 
-def figure(title: str, zero: Score, points: Sequence[Point], best: int | None) -> Figure:
+def figure(title: str, zero: EvaluationScore, points: Sequence[Point], best: int | None) -> Figure:
     """Three panels, one above the other. `best`: the steps whose policy is kept."""
     made = Figure(figsize=(8.0, 8.0), layout="constrained")
     FigureCanvasAgg(made)
@@ -38,7 +38,9 @@ def figure(title: str, zero: Score, points: Sequence[Point], best: int | None) -
     return made
 
 
-def _returns(panel: Axes, zero: Score, steps: Sequence[int], scores: Sequence[Score]) -> None:
+def _returns(
+    panel: Axes, zero: EvaluationScore, steps: Sequence[int], scores: Sequence[EvaluationScore]
+) -> None:
     low, high = ([each.returns + sign * each.deviation for each in scores] for sign in (-1, 1))
     panel.fill_between(steps, low, high, color=OURS, alpha=0.15, linewidth=0, label="± deviation of episodes")
     _lines(panel, "return", zero.returns, steps, [each.returns for each in scores])

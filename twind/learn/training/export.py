@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from twind.learn.batch.core import Core
-from twind.learn.policy.file import Card, Layer, save
-from twind.learn.training.settings import Settings
+from twind.learn.batch.core import BatchCore
+from twind.learn.policy.file import NetworkLayer, PolicyCard, save
+from twind.learn.training.settings import TrainingSettings
 
 
-def layers(policy: Any) -> list[Layer]:
+def layers(policy: Any) -> list[NetworkLayer]:
     """Of an `ActorCriticPolicy` with tanh: observation, normalised, to the mean of the actions."""
     from torch import nn
 
@@ -19,22 +19,24 @@ def layers(policy: Any) -> list[Layer]:
     return [*found, _layer(policy.action_net, "none")]
 
 
-def _layer(linear: Any, after: Any) -> Layer:
+def _layer(linear: Any, after: Any) -> NetworkLayer:
     """A copy: the network goes on learning."""
     weight, bias = (
         each.detach().numpy().astype(np.float32, copy=True) for each in (linear.weight, linear.bias)
     )
-    return Layer(weight, bias, after)
+    return NetworkLayer(weight, bias, after)
 
 
-def export(path: Path, model: Any, settings: Settings, core: Core, figures: Mapping[str, float]) -> None:
+def export(
+    path: Path, model: Any, settings: TrainingSettings, core: BatchCore, figures: Mapping[str, float]
+) -> None:
     """Write the policy file of `model`, an SB3 PPO on a VecNormalize. Raises PolicyError, OSError."""
     normal = model.get_vec_normalize_env()
     mean = normal.obs_rms.mean.astype(np.float32)
     std = np.sqrt(normal.obs_rms.var + normal.epsilon).astype(np.float32)
     plant = core.plant
     names = ("forward", "left", "turn")
-    card = Card.of(
+    card = PolicyCard.of(
         settings.task,
         plant.binding.robot.name,
         plant.layout,

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from twind.ctl.verb import Rejected
-from twind.learn.training.settings import Settings, told_settings
+from twind.learn.training.settings import TrainingSettings, told_settings
 
 FORMAT = "twind-run/1"
 RUN, CHECKPOINT, CURVE = "run.json", "checkpoint.pt", "curve.png"
@@ -24,7 +24,7 @@ _LOCK = ".lock"
 
 
 @dataclass(frozen=True, slots=True)
-class Folder:
+class TrainingFolder:
     """A folder that is ours (`taken`)."""
 
     path: Path
@@ -50,14 +50,14 @@ class Folder:
             os.close(directory)
         return place
 
-    def write_run(self, settings: Settings, more: Mapping[str, Any]) -> None:
+    def write_run(self, settings: TrainingSettings, more: Mapping[str, Any]) -> None:
         """What the run is and what came of it so far. Raises OSError."""
         data = {"format": FORMAT, "settings": settings.told(), **more}
         self.write(RUN, (json.dumps(data, indent=1, ensure_ascii=False) + "\n").encode())
 
 
 @contextmanager
-def taken(path: Path) -> Iterator[Folder]:
+def taken(path: Path) -> Iterator[TrainingFolder]:
     """The folder, made where there was none, for us alone; gone again where nothing came into it.
 
     Raises Rejected: somebody else trains there.
@@ -70,7 +70,7 @@ def taken(path: Path) -> Iterator[Folder]:
         raise Rejected(f"{path}: {error.strerror or error}") from None
     try:
         _lock(lock, path)
-        yield Folder(path)
+        yield TrainingFolder(path)
     finally:
         if made and path.is_dir() and os.listdir(path) == [_LOCK]:
             (path / _LOCK).unlink()
@@ -98,7 +98,7 @@ def require_fresh(path: Path) -> None:
             raise Rejected(f"{path}: there is a {name} already; {remedy}")
 
 
-def read_run(path: Path) -> tuple[Settings, dict[str, Any]]:
+def read_run(path: Path) -> tuple[TrainingSettings, dict[str, Any]]:
     """Settings and figures of the run in a folder. Raises Rejected naming the file and what is wrong."""
     file = path / RUN
     try:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from twind.learn.training.settings import Settings
+from twind.learn.training.settings import TrainingSettings
 
 FORMAT = "twind-checkpoint/1"
 THREADS = 1
@@ -18,7 +18,7 @@ SLOWEST = 0.05  # share of the learning rate that is left at the end
 RECENT = 100  # episodes that the running figures are of
 
 
-def environments(settings: Settings) -> Any:
+def environments(settings: TrainingSettings) -> Any:
     """As the settings say, not normalised yet. Raises what `RobotEnv` does."""
     if settings.kind == "batch":
         from twind.learn.batch.vec_env import BatchVecEnv
@@ -31,7 +31,7 @@ def environments(settings: Settings) -> Any:
     return DummyVecEnv([lambda: _one(settings)] * settings.envs)
 
 
-def _in_a_process(settings: Settings) -> Any:
+def _in_a_process(settings: TrainingSettings) -> Any:
     """Ctrl-C in a terminal reaches every process: it is the learner's alone."""
     import signal
 
@@ -39,7 +39,7 @@ def _in_a_process(settings: Settings) -> Any:
     return _one(settings)
 
 
-def _one(settings: Settings) -> Any:
+def _one(settings: TrainingSettings) -> Any:
     """One environment that ends by itself when its time is up."""
     from gymnasium.wrappers import TimeLimit
 
@@ -49,10 +49,10 @@ def _one(settings: Settings) -> Any:
     return TimeLimit(env, env.task.steps(env.shaping.period))
 
 
-class Learner:
+class PpoLearner:
     """One PPO with its environments, stepped an update at a time. `close` gives them back."""
 
-    def __init__(self, settings: Settings, state: bytes | None = None) -> None:
+    def __init__(self, settings: TrainingSettings, state: bytes | None = None) -> None:
         """`state`: of a checkpoint, to go on from. Raises ValueError: it is none of ours."""
         import torch
         from stable_baselines3 import PPO
@@ -160,10 +160,10 @@ class Learner:
 
     @property
     def _longest(self) -> int:
-        from twind.learn.shaping import Shaping
+        from twind.learn.shaping import ActionShaping
         from twind.learn.tasks import task_of
 
-        return task_of(self.settings.task).steps(Shaping().period)
+        return task_of(self.settings.task).steps(ActionShaping().period)
 
 
 def _seed(seed: int, steps: int) -> int:

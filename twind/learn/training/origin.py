@@ -6,10 +6,10 @@ from dataclasses import replace
 from twind.config.located import read_text
 from twind.config.robot_file import load_robot
 from twind.learn.randomise.ranges import file_of
-from twind.learn.training.settings import Settings
+from twind.learn.training.settings import TrainingSettings
 
 
-def originated(settings: Settings) -> Settings:
+def originated(settings: TrainingSettings) -> TrainingSettings:
     """With the hashes of robot file and MJCF (its meshes aside), and of the file of ranges, as they are now.
 
     Raises ConfigError.
@@ -19,7 +19,7 @@ def originated(settings: Settings) -> Settings:
     return replace(settings, robot_sha256=_hash(robot.text_sha256 + robot.mjcf), profile_sha256=ranges)
 
 
-def changed(settings: Settings) -> list[str]:
+def changed(settings: TrainingSettings) -> list[str]:
     """What is no more as it was when the training began, a sentence each. Raises ConfigError."""
     now, found = originated(settings), []
     if now.robot_sha256 != settings.robot_sha256:

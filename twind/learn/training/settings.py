@@ -8,7 +8,7 @@ KINDS = ("batch", "dummy", "subproc")  # how environments run: one batch, one af
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class TrainingSettings:
     """All that decides how a training goes. Two runs with the same settings differ by nothing else."""
 
     task: str
@@ -56,27 +56,27 @@ class Settings:
 
 
 # What is proven to train, by task: see docs/learn.md for what came of it.
-DEFAULTS: Mapping[str, Settings] = {
-    "Stand": Settings("Stand"),
-    "Humanoid": Settings("Humanoid", steps=2_000_000, evaluate_every=100_000, gamma=0.99),
+DEFAULTS: Mapping[str, TrainingSettings] = {
+    "Stand": TrainingSettings("Stand"),
+    "Humanoid": TrainingSettings("Humanoid", steps=2_000_000, evaluate_every=100_000, gamma=0.99),
 }
 
 
-def chosen(task: str, given: Mapping[str, Any]) -> Settings:
+def chosen(task: str, given: Mapping[str, Any]) -> TrainingSettings:
     """The defaults of `task` with what was `given`. Raises ValueError."""
-    return replace(DEFAULTS.get(task, Settings(task)), **given)
+    return replace(DEFAULTS.get(task, TrainingSettings(task)), **given)
 
 
-def told_settings(data: Mapping[str, Any]) -> Settings:
+def told_settings(data: Mapping[str, Any]) -> TrainingSettings:
     """As a run's file has them. Raises ValueError: no settings of ours."""
-    known = {each.name for each in fields(Settings)}
+    known = {each.name for each in fields(TrainingSettings)}
     if set(data) != known:
         other = ", ".join(sorted(known ^ set(data)))
         raise ValueError(f"its settings are not those of this twind: {other}")
-    return Settings(**{**data, "hidden": tuple(data["hidden"])})
+    return TrainingSettings(**{**data, "hidden": tuple(data["hidden"])})
 
 
-def differences(before: Settings, given: Mapping[str, Any]) -> list[str]:
+def differences(before: TrainingSettings, given: Mapping[str, Any]) -> list[str]:
     """What was asked for otherwise than `before`, a sentence each. More steps are no difference."""
     found = []
     for name, value in given.items():

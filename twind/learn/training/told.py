@@ -6,19 +6,19 @@ from pathlib import Path
 from typing import Any
 
 from twind.ctl.verb import show
-from twind.learn.training.evaluation import Score
-from twind.learn.training.settings import Settings
+from twind.learn.training.evaluation import EvaluationScore
+from twind.learn.training.settings import TrainingSettings
 
 HEAD = f"{'steps':>10} {'steps/s':>8} {'return':>8} {'against zero':>12} {'length':>7} {'fell':>6} {'m/s':>6}"
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class TrainingReporter:
     """Says it, as the options want it."""
 
     options: argparse.Namespace
 
-    def began(self, settings: Settings, path: Path, done: int, zero: Score) -> None:
+    def began(self, settings: TrainingSettings, path: Path, done: int, zero: EvaluationScore) -> None:
         """What is trained, and what there is to beat."""
         random = settings.profile or "none"
         lines = [
@@ -44,7 +44,9 @@ class Told:
         }
         show(self.options, data, "\n".join(lines))
 
-    def evaluated(self, steps: int, rate: float, score: Score, zero: Score, best: bool) -> None:
+    def evaluated(
+        self, steps: int, rate: float, score: EvaluationScore, zero: EvaluationScore, best: bool
+    ) -> None:
         """One evaluation; `rate` in control steps a second since the last one."""
         data = {
             "event": "evaluated",
@@ -62,7 +64,9 @@ class Told:
             known = dict(zip(names, recent, strict=True)) if recent else dict.fromkeys(names)
             show(self.options, {"event": "progress", "steps": steps, "steps_per_s": rate, **known}, "")
 
-    def ended(self, path: Path, steps: int, whole: bool, best: Score | None, zero: Score) -> None:
+    def ended(
+        self, path: Path, steps: int, whole: bool, best: EvaluationScore | None, zero: EvaluationScore
+    ) -> None:
         """What came of it, and how to go on."""
         data: dict[str, Any] = {"event": "ended", "steps": steps, "done": whole, "out": str(path)}
         data |= {"zero": zero.told(), "best": best.told() if best else None}
@@ -83,7 +87,7 @@ def bar(steps: int, rate: float, recent: tuple[float, float, float] | None) -> s
     return f"{line}, return {returns:.0f}, length {length:.0f}, fell {falls:.0%}"
 
 
-def _verdict(best: Score, zero: Score, path: Path) -> list[str]:
+def _verdict(best: EvaluationScore, zero: EvaluationScore, path: Path) -> list[str]:
     said = (
         f"  policy.onnx: return {best.returns:.1f} (zero policy {zero.returns:.1f}),"
         f" fell in {best.falls:.0%} of {best.episodes} episodes (zero policy {zero.falls:.0%})"
@@ -96,7 +100,7 @@ def _verdict(best: Score, zero: Score, path: Path) -> list[str]:
     ]
 
 
-def _row(steps: str, rate: str, score: Score, zero: Score, mark: str) -> str:
+def _row(steps: str, rate: str, score: EvaluationScore, zero: EvaluationScore, mark: str) -> str:
     more = "" if score is zero else f"{score.returns - zero.returns:+.1f}"
     return (
         f"{steps:>10} {rate:>8} {score.returns:>8.1f} {more:>12} {score.length:>7.0f} {score.falls:>6.0%}"

@@ -161,14 +161,14 @@ def _resumed(options: argparse.Namespace, given: dict[str, Any], folder: Any) ->
 
 
 def _trained(options: argparse.Namespace, settings: Any, folder: Any, before: Any) -> int:
-    from twind.ctl.progress import Progress
+    from twind.ctl.progress import ProgressLine
     from twind.ctl.stopping import told_to_stop
-    from twind.learn.training.course import Course
-    from twind.learn.training.told import Told
+    from twind.learn.training.course import Trainer
+    from twind.learn.training.told import TrainingReporter
 
-    with told_to_stop() as stop, Progress(options, "train") as progress:
+    with told_to_stop() as stop, ProgressLine(options, "train") as progress:
         progress.tell("making simulations, judging the zero policy")
-        course = Course(settings, folder, Told(options), before)
+        course = Trainer(settings, folder, TrainingReporter(options), before)
         try:
             course.run(stop, progress)
         except OSError as error:

@@ -17,8 +17,8 @@ from prometheus_client.metrics_core import (
     StateSetMetricFamily,
 )
 
-from twind.observe.measuring.ledger import Buckets, Fields, News
-from twind.robot.modes import Mode, Motion, State
+from twind.observe.measuring.ledger import Buckets, DaemonMetrics, Fields
+from twind.robot.modes import Mode, Motion, RobotState
 
 MS = 1e-3  # s
 Rows = Sequence[tuple[tuple[str, ...], Fields]]  # label values, fields
@@ -76,7 +76,7 @@ STREAMS = (
 )
 
 
-def families(news: News | None) -> Iterator[Metric]:
+def families(news: DaemonMetrics | None) -> Iterator[Metric]:
     """Everything there is to say. None, or a daemon that is not there: `twind_up 0` and nothing else."""
     yield GaugeMetricFamily("twind_up", "1: the daemon is there and talks.", value=float(news is not None))
     if news is None:
@@ -85,7 +85,7 @@ def families(news: News | None) -> Iterator[Metric]:
     yield _plain("news_age_seconds", "seconds", news.age, "Since the daemon's last message.")
     yield InfoMetricFamily("twind", "Which daemon.", {key: str(status[key]) for key in ("version", "robot")})
     yield _states("mode", status["mode"], Mode, "Where commands go.")
-    yield _states("state", status["state"], State, "The robot and its bus.")
+    yield _states("state", status["state"], RobotState, "The robot and its bus.")
     yield _states("motion", status["motion"], Motion, "What the target of commands does.")
     yield from _gauges(STATUS, [((), status)], ())
     yield _plain("lease_held", "", float(status["lease"] is not None), "1: somebody may command.")
@@ -146,7 +146,7 @@ def _faults(faults: Sequence[Fields]) -> Iterator[Metric]:
     yield family
 
 
-def _loop(news: News) -> Iterator[Metric]:
+def _loop(news: DaemonMetrics) -> Iterator[Metric]:
     rows: Rows = [((), news.status["loop"])]
     yield from _gauges(LOOP_GAUGES, rows, ())
     yield from _counters(LOOP_COUNTS, rows, (), news.began)
@@ -165,7 +165,7 @@ def _loop(news: News) -> Iterator[Metric]:
     yield granted
 
 
-def _buses(news: News) -> Iterator[Metric]:
+def _buses(news: DaemonMetrics) -> Iterator[Metric]:
     rows: Rows = [((each["name"],), each) for each in news.status["buses"]]
     yield from _gauges(BUS_GAUGES, rows, ("bus",))
     yield from _counters(BUS_COUNTS, rows, ("bus",), news.began)
@@ -181,7 +181,7 @@ def _joint_faults(joints: Sequence[Fields]) -> Metric:
     return family
 
 
-def _latency(news: News) -> Iterator[Metric]:
+def _latency(news: DaemonMetrics) -> Iterator[Metric]:
     family = HistogramMetricFamily(
         "twind_latency_seconds", "Time taken by each hop, of the whole run.", labels=("hop",), unit="seconds"
     )
@@ -216,7 +216,7 @@ def _histogram(
     family.add_sample(f"{family.name}_created", labels, created)
 
 
-def _counted(news: News) -> Iterator[Metric]:
+def _counted(news: DaemonMetrics) -> Iterator[Metric]:
     """What this process counted, since it began."""
     counted = news.counted
     refusals = CounterMetricFamily(

@@ -20,7 +20,7 @@ Environ = dict[str, str]
 Application = Callable[[Environ, Any], Iterable[bytes]]
 
 
-class Rubbish(Exception):
+class MalformedRequest(Exception):
     """No request that we understand."""
 
     def __init__(self, status: HTTPStatus) -> None:
@@ -28,7 +28,7 @@ class Rubbish(Exception):
         self.status = status
 
 
-class Door:
+class MetricsHttpHandler:
     """What to do with a connection, for `asyncio.start_server` and `start_unix_server` with limit=LONGEST."""
 
     def __init__(self, application: Application) -> None:
@@ -54,7 +54,7 @@ class Door:
             return answered(self._application, environ(await reader.readuntil(b"\r\n\r\n")))
         except asyncio.LimitOverrunError:
             return plain(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
-        except Rubbish as rubbish:
+        except MalformedRequest as rubbish:
             return plain(rubbish.status)
 
 
@@ -63,9 +63,9 @@ def environ(head: bytes) -> Environ:
     line, *fields = head.decode("latin-1").split("\r\n")
     words = line.split(" ")
     if len(words) != 3 or not words[0].isalpha() or not words[1].startswith("/"):
-        raise Rubbish(HTTPStatus.BAD_REQUEST)
+        raise MalformedRequest(HTTPStatus.BAD_REQUEST)
     if not words[2].startswith("HTTP/1."):
-        raise Rubbish(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED)
+        raise MalformedRequest(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED)
     path, _, query = words[1].partition("?")
     found = {"REQUEST_METHOD": words[0].upper(), "PATH_INFO": path, "QUERY_STRING": query}
     for each in fields:
@@ -73,7 +73,7 @@ def environ(head: bytes) -> Environ:
         key = f"HTTP_{name.strip().upper().replace('-', '_')}"
         found[key] = f"{found[key]},{value.strip()}" if key in found else value.strip()
     if re.sub(r":[0-9]*$", "", found.get("HTTP_HOST", NAMES[0])).lower() not in NAMES:
-        raise Rubbish(HTTPStatus.MISDIRECTED_REQUEST)
+        raise MalformedRequest(HTTPStatus.MISDIRECTED_REQUEST)
     return found
 
 
@@ -82,12 +82,12 @@ def answered(application: Application, asked: Environ) -> bytes:
     if asked["PATH_INFO"] == "/":
         return plain(HTTPStatus.OK, "twindctl metrics: see /metrics")
     if asked["PATH_INFO"] != "/metrics":
-        raise Rubbish(HTTPStatus.NOT_FOUND)
+        raise MalformedRequest(HTTPStatus.NOT_FOUND)
     begun: list[tuple[str, list[tuple[str, str]]]] = []
     try:
         body = b"".join(application(asked, lambda status, fields: begun.append((status, fields))))
     except (ValueError, TypeError):  # prometheus_client 0.26 compares a version that is no number
-        raise Rubbish(HTTPStatus.BAD_REQUEST) from None
+        raise MalformedRequest(HTTPStatus.BAD_REQUEST) from None
     return _bytes(*begun[0], body)
 
 

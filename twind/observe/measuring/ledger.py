@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from math import inf, nan
 from typing import Any
 
-from twind.robot.finding import Code
+from twind.robot.finding import ReasonCode
 
 Fields = Mapping[str, Any]  # as the interface spells them
 Buckets = Sequence[Fields]
@@ -20,7 +20,7 @@ SAME_RUN = 1.0  # s by which two reckonings of one beginning may differ: a figur
 
 
 @dataclass(frozen=True, slots=True)
-class Counted:
+class MetricCounters:
     """What this process saw go by. It begins with the process, and outlives the daemon."""
 
     since: float  # s, wall clock
@@ -31,7 +31,7 @@ class Counted:
 
 
 @dataclass(frozen=True, slots=True)
-class News:
+class DaemonMetrics:
     """The last word of a daemon that is there."""
 
     status: Fields  # `Status`
@@ -41,19 +41,19 @@ class News:
     skew_ms: float | None
     began: float  # s, wall clock, when the daemon began to count
     age: float  # s, of the last message
-    counted: Counted
+    counted: MetricCounters
 
 
-class Ledger:
+class MetricsLedger:
     """Takes messages of `Monitor`, gives news while they are fresh. Not for several threads."""
 
     def __init__(self, wall: float) -> None:
         """`wall`: the time of the beginning, s since 1970."""
         self._since = wall
         # From 0 on: to Prometheus a series that begins with 1 has not increased.
-        self._refusals = Counter({str(code): 0 for code in Code})
+        self._refusals = Counter({str(code): 0 for code in ReasonCode})
         self._verdicts = Counter({"accepted": 0, "refused": 0})
-        self._events = Counter({str(code): 0 for code in Code})
+        self._events = Counter({str(code): 0 for code in ReasonCode})
         self._lost = 0
         self._began, self._began_wall = -inf, nan  # of the run that is told of
         self.forget()
@@ -84,15 +84,15 @@ class Ledger:
                 self._take_latencies(message["latency"])
             self._heard = now  # last: a message that nobody understands is no news
 
-    def news(self, now: float) -> News | None:
+    def news(self, now: float) -> DaemonMetrics | None:
         """What is known, or None: the daemon is gone, hangs, or has not said enough yet."""
         age = now - self._heard
         if not age <= STALE or self._status is None or self._joints is None:
             return None
-        counted = Counted(
+        counted = MetricCounters(
             self._since, dict(self._refusals), dict(self._verdicts), dict(self._events), self._lost
         )
-        return News(
+        return DaemonMetrics(
             self._status,
             self._joints,
             self._latencies,

@@ -18,8 +18,8 @@ from prometheus_client.openmetrics.exposition import generate_latest as openmetr
 from twind.client import Client, ClientError
 from twind.ctl.verb import DONE, NO_DAEMON, complain, observer
 from twind.observe.measuring.families import families
-from twind.observe.measuring.http import LONGEST, MOST, Door
-from twind.observe.measuring.ledger import STALE, TOPICS, Fields, Ledger
+from twind.observe.measuring.http import LONGEST, MOST, MetricsHttpHandler
+from twind.observe.measuring.ledger import STALE, TOPICS, Fields, MetricsLedger
 
 AGAIN = 0.5  # s between two attempts to reach the daemon
 ONCE = 2.5  # s that --once waits for all it can be told: a histogram comes once a second
@@ -33,10 +33,10 @@ def serve(options: argparse.Namespace, listener: socket.socket) -> None:
 
 
 async def _serve(options: argparse.Namespace, listener: socket.socket) -> None:
-    loop, ledger, stop = asyncio.get_running_loop(), Ledger(time.time()), asyncio.Event()
+    loop, ledger, stop = asyncio.get_running_loop(), MetricsLedger(time.time()), asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
-    door = Door(make_wsgi_app(registry(ledger)))
+    door = MetricsHttpHandler(make_wsgi_app(registry(ledger)))
     start: Any = asyncio.start_unix_server if listener.family == socket.AF_UNIX else asyncio.start_server
     server = await start(door, sock=listener, limit=LONGEST, backlog=MOST)
     print(f"metrics   {_address(listener)}", flush=True)
@@ -45,7 +45,7 @@ async def _serve(options: argparse.Namespace, listener: socket.socket) -> None:
         await stop.wait()
 
 
-def _teller(loop: asyncio.AbstractEventLoop, ledger: Ledger) -> Tell:
+def _teller(loop: asyncio.AbstractEventLoop, ledger: MetricsLedger) -> Tell:
     """Hands what the following thread hears to the loop's, which alone knows the ledger."""
 
     def tell(message: Fields | None) -> None:
@@ -81,7 +81,7 @@ def _changed(said: str, now: str) -> str:
 
 def once(options: argparse.Namespace) -> int:
     """All that can be had within a moment, printed. The exit code."""
-    ledger, until, ended = Ledger(time.time()), time.monotonic() + ONCE, DONE
+    ledger, until, ended = MetricsLedger(time.time()), time.monotonic() + ONCE, DONE
     try:
         with observer(options) as client:
             client.timeout = STALE
@@ -102,7 +102,7 @@ def once(options: argparse.Namespace) -> int:
     return ended
 
 
-def registry(ledger: Ledger) -> CollectorRegistry:
+def registry(ledger: MetricsLedger) -> CollectorRegistry:
     """One of our own: with the library's the figures of this process would come along."""
 
     class Collector:

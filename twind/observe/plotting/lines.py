@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twind.observe.recording.columns import Floats, Recording
+from twind.observe.recording.columns import Floats, RobotRecording
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#7f3c8d")
 # Okabe and Ito's, which the colour blind tell apart (yellow left out: too light for a line), and one more.
@@ -18,7 +18,7 @@ Window = tuple[float, float]  # s
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class PlotLine:
     """Points (k,), in order of time; a NaN value is a gap."""
 
     time: Floats  # s
@@ -32,7 +32,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class PlotMark:
     """Something that happened. `bad`: an error, or a refusal."""
 
     time: float  # s
@@ -40,7 +40,7 @@ class Mark:
     bad: bool
 
 
-def line(time: Floats, value: Floats, window: Window) -> Line:
+def line(time: Floats, value: Floats, window: Window) -> PlotLine:
     """The known values in the window, and a gap where some are missing; of very many the extremes."""
     known = np.isfinite(value) & (time >= window[0]) & (time <= window[1])
     time, value = time[known], value[known]
@@ -48,10 +48,10 @@ def line(time: Floats, value: Floats, window: Window) -> Line:
         steps = np.diff(time)
         after = np.flatnonzero(steps > GAP * np.median(steps)) + 1
         time, value = np.insert(time, after, time[after - 1]), np.insert(value, after, np.nan)
-    return thinned(Line(time, value))
+    return thinned(PlotLine(time, value))
 
 
-def thinned(whole: Line) -> Line:
+def thinned(whole: PlotLine) -> PlotLine:
     """All of it, or where that is too much the least and the greatest of each stretch, and the gaps."""
     if whole.time.size <= MOST:
         return whole
@@ -62,10 +62,10 @@ def thinned(whole: Line) -> Line:
         if there.size:
             kept.append(there[[whole.value[there].argmin(), whole.value[there].argmax()]])
     places = np.unique(np.concatenate(kept))
-    return Line(whole.time[places], whole.value[places])
+    return PlotLine(whole.time[places], whole.value[places])
 
 
-def worst(recording: Recording, window: Window) -> tuple[str, ...]:
+def worst(recording: RobotRecording, window: Window) -> tuple[str, ...]:
     """The joints that are followed worst, the worst first; without goals those that move most."""
     inside = (recording.time >= window[0]) & (recording.time <= window[1])
     error = (recording.goal - recording.target)[inside]
@@ -90,7 +90,7 @@ def _mean(values: Floats) -> Floats:
 STOPPED = ("fault", "estop", "inhibited")  # states that an operator must acknowledge: they are events too
 
 
-def marks(recording: Recording, window: Window) -> tuple[Mark, ...]:
+def marks(recording: RobotRecording, window: Window) -> tuple[PlotMark, ...]:
     """Events of note, refusals and who recorded's notes, in order of time."""
     found = []
     for event in recording.events:
@@ -100,10 +100,10 @@ def marks(recording: Recording, window: Window) -> tuple[Mark, ...]:
         text = " ".join(filter(None, (note.get("kind"), note.get("task"), note.get("text"), ended)))
         bad = said.get("level") in ("error", "critical") or said.get("code") in STOPPED
         if note or bad or said.get("level") == "warning":
-            found.append(Mark(event.time, text or str(said.get("code")), bad))
+            found.append(PlotMark(event.time, text or str(said.get("code")), bad))
     for verdict in recording.verdicts:
         refusals = verdict.what.get("refusals") or ()
         if refusals:
-            found.append(Mark(verdict.time, f"refused: {refusals[0]['code']}", True))
+            found.append(PlotMark(verdict.time, f"refused: {refusals[0]['code']}", True))
     inside = (each for each in found if window[0] <= each.time <= window[1])
     return tuple(sorted(inside, key=lambda each: each.time))

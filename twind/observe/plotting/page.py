@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 
-from twind.observe.plotting.lines import COLOURS, Line, Mark, line, marks, worst
-from twind.observe.recording.columns import Floats, Recording
+from twind.observe.plotting.lines import COLOURS, PlotLine, PlotMark, line, marks, worst
+from twind.observe.recording.columns import Floats, RobotRecording
 
 PAGE, DOTS = (8.27, 11.69), 130  # A4 upright in inches; dots an inch: 1075 × 1519
 GREY, BAD, NOTABLE, EPISODE = "0.80", "#d55e00", "#0072b2", "#f0e442"
@@ -36,14 +36,14 @@ Window = tuple[float, float]  # s
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class PlotContext:
     """What every panel needs: the file, its joints in colour, and the stretch that is drawn."""
 
-    recording: Recording
+    recording: RobotRecording
     colours: Mapping[str, str]  # joint -> colour
     window: Window
 
-    def columns(self, time: Floats, values: Floats) -> list[tuple[str, Line]]:
+    def columns(self, time: Floats, values: Floats) -> list[tuple[str, PlotLine]]:
         """A line for each joint of (m, n) values, those in colour last: on top."""
         joints = self.recording.joints
         order = sorted(range(len(joints)), key=lambda place: joints[place] in self.colours)
@@ -51,14 +51,14 @@ class Sheet:
         return [(name, each) for name, each in found if each.time.size]
 
 
-def figure(recording: Recording, joints: Sequence[str] | None, window: Window) -> Figure:
+def figure(recording: RobotRecording, joints: Sequence[str] | None, window: Window) -> Figure:
     """The page. `joints`: those in colour, None: the worst followed; `window` in s since the start.
 
     Raises ValueError: no such joint, too many of them, or nothing is known in that stretch.
     """
     chosen = worst(recording, window) if joints is None else _known(recording, joints)
     begin, end = max(window[0], 0.0), min(window[1], _last(recording))
-    sheet = Sheet(recording, dict(zip(chosen, COLOURS, strict=False)), (begin, end))
+    sheet = PlotContext(recording, dict(zip(chosen, COLOURS, strict=False)), (begin, end))
     panels = [(draw, height) for draw, height, known in PANELS if known(sheet)]
     if not panels:
         raise ValueError(
@@ -89,7 +89,7 @@ def save(made: Figure, out: Path) -> None:
         new.unlink(missing_ok=True)
 
 
-def _known(recording: Recording, joints: Sequence[str]) -> tuple[str, ...]:
+def _known(recording: RobotRecording, joints: Sequence[str]) -> tuple[str, ...]:
     for name in joints:
         if name not in recording.joints:
             raise ValueError(f"no joint {name!r}; known: {', '.join(recording.joints)}")
@@ -98,13 +98,13 @@ def _known(recording: Recording, joints: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(joints))
 
 
-def _last(recording: Recording) -> float:
+def _last(recording: RobotRecording) -> float:
     """s, of whatever was told last: a fault often comes after the last reading."""
     times = [each.time for each in (*recording.events, *recording.verdicts)]
     return max([0.0, *map(float, recording.time[-1:]), *times])
 
 
-def _title(recording: Recording) -> str:
+def _title(recording: RobotRecording) -> str:
     """Robot and file; when, how long and by whom; what is wrong with the file."""
     meta = recording.meta
     begun = datetime.fromtimestamp(recording.start_ns / 1e9, UTC)
@@ -123,7 +123,7 @@ def _title(recording: Recording) -> str:
 # --------------------------------------------------------------------------------------------- panels
 
 
-def _tracking(panel: Axes, sheet: Sheet) -> None:
+def _tracking(panel: Axes, sheet: PlotContext) -> None:
     """What was commanded (dashed) and what was measured, of the joints in colour."""
     recording = sheet.recording
     for style, values in ((":", recording.goal), ("-", recording.target)):
@@ -137,34 +137,34 @@ def _tracking(panel: Axes, sheet: Sheet) -> None:
     _legend(panel, handles=handles, ncols=4)
 
 
-def _followed(recording: Recording) -> str:
+def _followed(recording: RobotRecording) -> str:
     """What commands went to, in one word."""
     return "measured" if recording.live.any() else "simulated"
 
 
-def _error(panel: Axes, sheet: Sheet) -> None:
+def _error(panel: Axes, sheet: PlotContext) -> None:
     recording = sheet.recording
     error, word = recording.goal - recording.target, _followed(recording)
     _joints(panel, sheet, recording.time, error, f"commanded less\n{word}  (rad)")
 
 
-def _effort(panel: Axes, sheet: Sheet) -> None:
+def _effort(panel: Axes, sheet: PlotContext) -> None:
     _joints(panel, sheet, sheet.recording.time, sheet.recording.effort, "effort  (N·m)")
 
 
-def _temperature(panel: Axes, sheet: Sheet) -> None:
+def _temperature(panel: Axes, sheet: PlotContext) -> None:
     slow = sheet.recording.slow
     assert slow is not None
     _joints(panel, sheet, slow.time, slow.temperature, "temperature  (°C)")
 
 
-def _voltage(panel: Axes, sheet: Sheet) -> None:
+def _voltage(panel: Axes, sheet: PlotContext) -> None:
     slow = sheet.recording.slow
     assert slow is not None
     _joints(panel, sheet, slow.time, slow.voltage, "supply  (V)")
 
 
-def _joints(panel: Axes, sheet: Sheet, time: Floats, values: Floats, label: str) -> None:
+def _joints(panel: Axes, sheet: PlotContext, time: Floats, values: Floats, label: str) -> None:
     for name, each in sheet.columns(time, values):
         colour = sheet.colours.get(name, GREY)
         width = 1.1 if name in sheet.colours else 0.6
@@ -172,7 +172,7 @@ def _joints(panel: Axes, sheet: Sheet, time: Floats, values: Floats, label: str)
     panel.set_ylabel(label, fontsize=8)
 
 
-def _draw(panel: Axes, each: Line, style: str = "-", **look: Any) -> None:
+def _draw(panel: Axes, each: PlotLine, style: str = "-", **look: Any) -> None:
     """The line, and a dot for each value alone, which is no line."""
     panel.plot(each.time, each.value, style, marker=".", markersize=2.5, markevery=each.alone, **look)
 
@@ -184,7 +184,7 @@ def _legend(panel: Axes, **look: Any) -> None:
         text.set_parse_math(False)
 
 
-def _latency(panel: Axes, sheet: Sheet) -> None:
+def _latency(panel: Axes, sheet: PlotContext) -> None:
     for name, colour in zip(HOPS, COLOURS, strict=False):
         each = _hop(sheet, name)
         if each.time.size:
@@ -195,13 +195,13 @@ def _latency(panel: Axes, sheet: Sheet) -> None:
     _legend(panel, ncols=len(HOPS), borderpad=0.0)
 
 
-def _hop(sheet: Sheet, name: str) -> Line:
+def _hop(sheet: PlotContext, name: str) -> PlotLine:
     hop = sheet.recording.latency.get(name)
     nothing = np.zeros(0)
-    return line(hop.time, hop.columns["now_ms"], sheet.window) if hop else Line(nothing, nothing)
+    return line(hop.time, hop.columns["now_ms"], sheet.window) if hop else PlotLine(nothing, nothing)
 
 
-def _happened(panel: Axes, sheet: Sheet) -> None:
+def _happened(panel: Axes, sheet: PlotContext) -> None:
     """A mark for each thing that happened, with its word while there is room."""
     found = marks(sheet.recording, sheet.window)
     middle = sum(sheet.window) / 2  # words of the right half stand left of their mark: none leaves the page
@@ -224,11 +224,11 @@ def _happened(panel: Axes, sheet: Sheet) -> None:
     panel.set_ylabel(f"what happened{more}", fontsize=8)
 
 
-def _colour(mark: Mark) -> str:
+def _colour(mark: PlotMark) -> str:
     return BAD if mark.bad else NOTABLE
 
 
-def _shade(panel: Axes, sheet: Sheet) -> None:
+def _shade(panel: Axes, sheet: PlotContext) -> None:
     """Episodes as a shade, faults as lines, in every panel."""
     begin, end = sheet.window
     for episode in sheet.recording.episodes:
@@ -240,10 +240,10 @@ def _shade(panel: Axes, sheet: Sheet) -> None:
             panel.axvline(mark.time, color=BAD, linewidth=0.8, linestyle="--")
 
 
-def _has(values: Callable[[Sheet], tuple[Floats, Floats] | None]) -> Callable[[Sheet], bool]:
+def _has(values: Callable[[PlotContext], tuple[Floats, Floats] | None]) -> Callable[[PlotContext], bool]:
     """Whether anything of these values is known in the stretch that is drawn."""
 
-    def known(sheet: Sheet) -> bool:
+    def known(sheet: PlotContext) -> bool:
         told = values(sheet)
         if told is None:
             return False
@@ -254,12 +254,12 @@ def _has(values: Callable[[Sheet], tuple[Floats, Floats] | None]) -> Callable[[S
     return known
 
 
-def _slow(sheet: Sheet, name: str) -> tuple[Floats, Floats] | None:
+def _slow(sheet: PlotContext, name: str) -> tuple[Floats, Floats] | None:
     slow = sheet.recording.slow
     return None if slow is None else (slow.time, getattr(slow, name))
 
 
-PANELS: Sequence[tuple[Callable[[Axes, Sheet], None], float, Callable[[Sheet], bool]]] = (
+PANELS: Sequence[tuple[Callable[[Axes, PlotContext], None], float, Callable[[PlotContext], bool]]] = (
     (_tracking, 2.4, _has(lambda sheet: (sheet.recording.time, sheet.recording.target))),
     (_error, 1.5, _has(lambda sheet: (sheet.recording.time, sheet.recording.goal - sheet.recording.target))),
     (_effort, 1.2, _has(lambda sheet: (sheet.recording.time, sheet.recording.effort))),

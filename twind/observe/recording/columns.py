@@ -25,7 +25,7 @@ class Unreadable(Rejected):
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class RecordedMessage:
     """Something that was said at a moment, as the daemon sent it: an event, a verdict, a status."""
 
     time: float  # s since `Recording.start_ns`
@@ -33,7 +33,7 @@ class Said:
 
 
 @dataclass(frozen=True, slots=True)
-class Episode:
+class RecordedEpisode:
     """A stretch that somebody marked. Times in s since the start; NaN: not in this file."""
 
     task: str
@@ -43,7 +43,7 @@ class Episode:
 
 
 @dataclass(frozen=True, slots=True)
-class Slow:
+class SlowColumns:
     """What is told of each joint a few times a second. `time` (m,); the others (m, n), NaN: unknown."""
 
     time: Floats  # s
@@ -54,7 +54,7 @@ class Slow:
 
 
 @dataclass(frozen=True, slots=True)
-class Hop:
+class LatencyColumns:
     """Latency of one hop. Every column (m,), in ms, NaN: unknown; `violations` a count."""
 
     time: Floats  # s
@@ -63,7 +63,7 @@ class Hop:
 
 
 @dataclass(frozen=True, slots=True)
-class Inertial:
+class ImuColumns:
     """What an IMU told, in the axes of the base; in mode sim the simulation's. Rows as `Recording.time`.
 
     NaN where nothing new was heard.
@@ -75,7 +75,7 @@ class Inertial:
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class RobotRecording:
     """One file. Rows (k, n): k readings, n joints in `joints`' order; NaN where nothing is known.
 
     `time` is in s since `start_ns` and never goes back; every other time here is of the same clock.
@@ -90,15 +90,15 @@ class Recording:
     effort: Floats  # N·m
     goal: Floats  # rad
     simulated: Floats  # rad
-    imu: Inertial | None = None  # None: there is none in it
-    events: tuple[Said, ...] = ()  # Event of the interface
-    verdicts: tuple[Said, ...] = ()  # Verdict
-    trajectories: tuple[Said, ...] = ()  # Trajectory and its id: what passed the gate
-    statuses: tuple[Said, ...] = ()  # Status
-    notes: tuple[Said, ...] = ()  # of who recorded: drops, steps of the clock
-    slow: Slow | None = None
-    latency: Mapping[str, Hop] = field(default_factory=dict)  # by hop
-    episodes: tuple[Episode, ...] = ()
+    imu: ImuColumns | None = None  # None: there is none in it
+    events: tuple[RecordedMessage, ...] = ()  # Event of the interface
+    verdicts: tuple[RecordedMessage, ...] = ()  # Verdict
+    trajectories: tuple[RecordedMessage, ...] = ()  # Trajectory and its id: what passed the gate
+    statuses: tuple[RecordedMessage, ...] = ()  # Status
+    notes: tuple[RecordedMessage, ...] = ()  # of who recorded: drops, steps of the clock
+    slow: SlowColumns | None = None
+    latency: Mapping[str, LatencyColumns] = field(default_factory=dict)  # by hop
+    episodes: tuple[RecordedEpisode, ...] = ()
     meta: Mapping[str, str] = field(default_factory=dict)  # version, robot, individual, mode, clocks …
     robot: Parameters | None = None  # as GetRobot answers
     calibration: Parameters | None = None
@@ -128,7 +128,7 @@ class Recording:
         return np.where(self.live[:, None], self.measured, self.simulated)
 
 
-def open_recording(path: Path | str) -> Recording:
+def open_recording(path: Path | str) -> RobotRecording:
     """The recording at `path`, whatever there is of it (`damage` says what is missing).
 
     Raises Unreadable: no such file, none of these kinds, or nothing of a robot in it.
@@ -150,9 +150,9 @@ def open_recording(path: Path | str) -> Recording:
     raise Unreadable(f"{path}: neither an .mcap nor a .flight file, by its first bytes")
 
 
-def marked(events: Sequence[Said]) -> tuple[Episode, ...]:
+def marked(events: Sequence[RecordedMessage]) -> tuple[RecordedEpisode, ...]:
     """The episodes that events mark, in order; a begin ends whatever is still open."""
-    found: list[Episode] = []
+    found: list[RecordedEpisode] = []
     task, begin, is_open = "", float("nan"), False
     for said in events:
         mark = said.what.get("annotation") or {}
@@ -160,9 +160,9 @@ def marked(events: Sequence[Said]) -> tuple[Episode, ...]:
             continue
         if mark["kind"] == "end" or is_open:
             end = mark if mark["kind"] == "end" else {}
-            found.append(Episode(task or end.get("task") or "", begin, said.time, end.get("success")))
+            found.append(RecordedEpisode(task or end.get("task") or "", begin, said.time, end.get("success")))
         is_open = mark["kind"] == "begin"
         task, begin = (mark.get("task") or "", said.time) if is_open else ("", float("nan"))
     if is_open:
-        found.append(Episode(task, begin, float("nan"), None))
+        found.append(RecordedEpisode(task, begin, float("nan"), None))
     return tuple(found)

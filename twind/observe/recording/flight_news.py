@@ -6,16 +6,16 @@ from typing import Any
 
 import msgspec
 
-from twind.flight import Entry, Flight, Kind
-from twind.front.accepted import Accepted, Judged
-from twind.front.world import World, encode
+from twind.flight import EntryKind, FlightEntry, FlightFile
+from twind.front.accepted import AcceptedTrajectory, PendingVerdict
+from twind.front.world import StateCache, encode
 from twind.link import (
     Event,
-    Moment,
     Outward,
     Overview,
     Submit,
     Tick,
+    VerdictReport,
     decode_command,
     decode_news,
     unpack_path,
@@ -24,13 +24,13 @@ from twind.link import (
 STATUS_PERIOD, HISTOGRAMS = 0.5, 1.0  # s, as the topics have it
 
 
-def news(flight: Flight, *, strict: bool = False) -> Iterator[Outward]:
+def news(flight: FlightFile, *, strict: bool = False) -> Iterator[Outward]:
     """The loop's messages, in their order; what this version does not understand is left out.
 
     `strict`: raises msgspec.DecodeError for that instead.
     """
     for entry in flight.contents.entries:
-        if entry.kind == Kind.NEWS:
+        if entry.kind == EntryKind.NEWS:
             try:
                 yield decode_news(entry.data)
             except msgspec.DecodeError:
@@ -38,33 +38,35 @@ def news(flight: Flight, *, strict: bool = False) -> Iterator[Outward]:
                     raise
 
 
-def wire(flight: Flight) -> Iterator[Entry]:
+def wire(flight: FlightFile) -> Iterator[FlightEntry]:
     """The bytes that went over the buses, and what happened to their ports."""
-    return (each for each in flight.contents.entries if each.kind in (Kind.OUT, Kind.IN, Kind.PORT))
+    return (
+        each for each in flight.contents.entries if each.kind in (EntryKind.OUT, EntryKind.IN, EntryKind.PORT)
+    )
 
 
-def answers(flight: Flight) -> Iterator[dict[str, Any]]:
+def answers(flight: FlightFile) -> Iterator[dict[str, Any]]:
     """Answers of `Monitor` to topics state (every tick), status, latency, events, verdicts and trajectories.
 
     `time` in s, monotonic. State begins with the first overview: before it nobody knows what is slow.
     """
-    told = _Told(World(flight.briefing))
+    told = _MonitorMessages(StateCache(flight.briefing))
     entries = flight.contents.entries
     for place, entry in enumerate(entries):
-        if entry.kind == Kind.COMMAND:
+        if entry.kind == EntryKind.COMMAND:
             told.submitted(entry, entries[place + 1 : place + 2])
-        elif entry.kind == Kind.NEWS:
+        elif entry.kind == EntryKind.NEWS:
             yield from told.news(entry)
 
 
-class _Told:
+class _MonitorMessages:
     """What a front would have told, datagram by datagram."""
 
-    def __init__(self, world: World) -> None:
-        self._world, self._judged = world, Judged()
+    def __init__(self, world: StateCache) -> None:
+        self._world, self._judged = world, PendingVerdict()
         self._status_due = self._histograms_due = float("-inf")
 
-    def news(self, entry: Entry) -> Iterator[dict[str, Any]]:
+    def news(self, entry: FlightEntry) -> Iterator[dict[str, Any]]:
         """Answers to one datagram of the loop."""
         try:
             each = decode_news(entry.data)
@@ -80,7 +82,7 @@ class _Told:
             yield _answer("latency", each.time, 0, b'"latency":' + self._world.latency(whole=whole))
         elif isinstance(each, Event):
             yield _answer("events", each.time, each.sequence, b'"event":' + self._world.event(each))
-        elif isinstance(each, Moment):
+        elif isinstance(each, VerdictReport):
             verdict = b'"verdict":' + self._world.verdict(each)
             yield _answer("verdicts", each.time, each.sequence, verdict) | {"id": each.id}
             followed = self._judged.said(each)
@@ -88,7 +90,7 @@ class _Told:
                 accepted = b'"accepted":' + encode(followed.plain(self._world.names))
                 yield _answer("trajectories", each.time, each.sequence, accepted)
 
-    def submitted(self, entry: Entry, after: Sequence[Entry]) -> None:
+    def submitted(self, entry: FlightEntry, after: Sequence[FlightEntry]) -> None:
         """A command; a trajectory's numbers come `after` it."""
         try:
             command = decode_command(entry.data)
@@ -100,7 +102,7 @@ class _Told:
         names = self._world.names.joints
         tolerances = [{"joint": names[j], "path": way, "goal": goal} for j, way, goal in command.tolerances]
         asked = {"start_in": command.start_in, "goal_time": command.goal_time, "tolerances": tolerances}
-        self._judged.wait(Accepted(command.id, command.holder, path, asked))
+        self._judged.wait(AcceptedTrajectory(command.id, command.holder, path, asked))
 
     def _tick(self, tick: Tick) -> Iterator[dict[str, Any]]:
         world = self._world

@@ -12,16 +12,22 @@ from numpy.typing import NDArray
 
 from twind.observe.recording.columns import (
     Floats,
-    Hop,
-    Inertial,
-    Recording,
-    Said,
-    Slow,
+    ImuColumns,
+    LatencyColumns,
+    RecordedMessage,
+    RobotRecording,
+    SlowColumns,
     Unreadable,
     marked,
 )
 from twind.observe.recording.joint_rows import JointRows
-from twind.observe.recording.mcap_records import Attachment, McapFile, Message, Metadata, NotMcap
+from twind.observe.recording.mcap_records import (
+    McapAttachment,
+    McapMessage,
+    McapMetadata,
+    McapScanner,
+    NotMcap,
+)
 from twind.observe.recording.topics import (
     ABOUT,
     CALIBRATION,
@@ -50,17 +56,17 @@ FOREIGN = (struct.error, ValueError, TypeError, AttributeError, LookupError, Ari
 FIGURES = ("now_ms", "mean_ms", "std_ms", "min_ms", "max_ms", "p50_ms", "p99_ms", "violations")
 
 
-class Kept(NamedTuple):
+class TopicMessage(NamedTuple):
     """A message of one topic."""
 
     time: int  # ns
     data: bytes
 
 
-def read(path: Path) -> Recording:
+def read(path: Path) -> RobotRecording:
     """The recording in an .mcap file. Raises Unreadable."""
-    file = McapFile(path)
-    taken = _Taken(file)
+    file = McapScanner(path)
+    taken = _McapContents(file)
     try:
         for each in file.contents():
             taken.take(each)
@@ -83,7 +89,7 @@ def _broken(error: Exception) -> str:
     return f"what it says on our topics, or in its JointStates, is not as we write it ({kind}: {error})"
 
 
-class _Felt:
+class _ImuRows:
     """Readings of an IMU as numbers: an hour of them fits."""
 
     def __init__(self) -> None:
@@ -96,30 +102,30 @@ class _Felt:
         self.times.append(time)
 
 
-class _Taken:
+class _McapContents:
     """What is of use in a file: JointStates as numbers, what was said as bytes; the rest is passed over."""
 
-    def __init__(self, file: McapFile) -> None:
+    def __init__(self, file: McapScanner) -> None:
         self.file = file
         self.states: dict[str, JointRows] = {}
-        self.said: dict[str, list[Kept]] = {}
-        self.felt = _Felt()
+        self.said: dict[str, list[TopicMessage]] = {}
+        self.felt = _ImuRows()
         self.files: dict[str, bytes] = {}
         self.meta: dict[str, str] = {}
         self.start: int | None = None  # ns, of the first message
 
-    def take(self, each: Message | Attachment | Metadata) -> None:
+    def take(self, each: McapMessage | McapAttachment | McapMetadata) -> None:
         """Raises CdrError, or one of FOREIGN."""
-        if isinstance(each, Message):
+        if isinstance(each, McapMessage):
             topic = self.file.channels[each.channel].topic
             self.start = each.log_time if self.start is None else min(self.start, each.log_time)
             if topic == INERTIAL:
                 self.felt.add(each.log_time, each.data)
             elif topic in SAID:
-                self.said.setdefault(topic, []).append(Kept(each.log_time, each.data))
+                self.said.setdefault(topic, []).append(TopicMessage(each.log_time, each.data))
             elif topic in self.states or self._is_state(each.channel):
                 self.states.setdefault(topic, JointRows()).add(each.log_time, each.data)
-        elif isinstance(each, Attachment):
+        elif isinstance(each, McapAttachment):
             self.files[each.name] = each.data
         elif each.name == ABOUT:
             self.meta |= each.data
@@ -131,7 +137,7 @@ class _Taken:
         return schema is not None and schema.name in names and channel.encoding == "cdr"
 
 
-def _recording(path: Path, taken: _Taken, start: int) -> Recording:
+def _recording(path: Path, taken: _McapContents, start: int) -> RobotRecording:
     chosen = _chosen(list(taken.states))
     rows = {role: taken.states[topic].settled() for role, topic in chosen.items()}
     joints = tuple(dict.fromkeys(name for each in rows.values() for name in each.names))
@@ -143,14 +149,15 @@ def _recording(path: Path, taken: _Taken, start: int) -> Recording:
             rows[role].lay(table, times, joints, place)
         return table
 
-    def said(topic: str) -> tuple[Said, ...]:
+    def said(topic: str) -> tuple[RecordedMessage, ...]:
         return tuple(
-            Said((kept.time - start) / SECOND, _json(kept.data)) for kept in taken.said.get(topic, ())
+            RecordedMessage((kept.time - start) / SECOND, _json(kept.data))
+            for kept in taken.said.get(topic, ())
         )
 
     events, notes = said(EVENTS), said(NOTES)
     mjcf = taken.files.get(MJCF)
-    return Recording(
+    return RobotRecording(
         path=path,
         start_ns=start,
         joints=joints,
@@ -177,7 +184,7 @@ def _recording(path: Path, taken: _Taken, start: int) -> Recording:
     )
 
 
-def _inertial(told: _Felt, times: NDArray[np.int64]) -> Inertial | None:
+def _inertial(told: _ImuRows, times: NDArray[np.int64]) -> ImuColumns | None:
     """Of the rows at `times` (ns); None: no IMU told anything."""
     if not told.times or not times.size:
         return None
@@ -186,7 +193,7 @@ def _inertial(told: _Felt, times: NDArray[np.int64]) -> Inertial | None:
     known = times[rows] == at
     numbers = np.full((times.size, 10), np.nan)
     numbers[rows[known]] = np.array(told.numbers).reshape(-1, 10)[known]
-    return Inertial(numbers[:, :3], numbers[:, 3:6], numbers[:, 6:])
+    return ImuColumns(numbers[:, :3], numbers[:, 3:6], numbers[:, 6:])
 
 
 def _chosen(states: Sequence[str]) -> dict[str, str]:
@@ -199,7 +206,7 @@ def _chosen(states: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _damage(file: McapFile) -> str:
+def _damage(file: McapScanner) -> str:
     parts = [file.cut] if file.cut else []
     if not (file.cut or file.indexed):
         parts.append("it has no index: a full disk may have ended it, and what came then is not in it")
@@ -224,7 +231,7 @@ def _attached(files: Mapping[str, bytes], name: str) -> Mapping[str, Any] | None
     return _json(files[name]) if name in files else None
 
 
-def _trajectories(kept: Sequence[Kept], start: int) -> tuple[Said, ...]:
+def _trajectories(kept: Sequence[TopicMessage], start: int) -> tuple[RecordedMessage, ...]:
     """As `Trajectory` of the interface."""
     found = []
     for each in kept:
@@ -236,7 +243,9 @@ def _trajectories(kept: Sequence[Kept], start: int) -> tuple[Said, ...]:
         head = message["header"]
         said = {"id": head["frame_id"], "joint_names": message["joint_names"], "points": points}
         begins = head["stamp"]["sec"] * 1_000_000_000 + head["stamp"]["nanosec"]
-        found.append(Said((each.time - start) / SECOND, said | {"start_in": (begins - each.time) / SECOND}))
+        found.append(
+            RecordedMessage((each.time - start) / SECOND, said | {"start_in": (begins - each.time) / SECOND})
+        )
     return tuple(found)
 
 
@@ -246,7 +255,7 @@ def _point(point: Mapping[str, Any]) -> dict[str, Any]:
     return columns | {"time_from_start": after["sec"] + after["nanosec"] / SECOND}
 
 
-def slow(said: Sequence[Said], joints: Sequence[str]) -> Slow | None:
+def slow(said: Sequence[RecordedMessage], joints: Sequence[str]) -> SlowColumns | None:
     """The slow columns of messages {"joints": [Joint]}; None: there are none."""
     if not said:
         return None
@@ -256,7 +265,7 @@ def slow(said: Sequence[Said], joints: Sequence[str]) -> Slow | None:
         rows = [[make(table.get(name, {})) for name in joints] for table in tables]
         return np.array(rows, np.float64).reshape(len(rows), len(joints))  # None becomes NaN
 
-    return Slow(
+    return SlowColumns(
         np.array([each.time for each in said]),
         column(lambda joint: joint.get("temperature")),
         column(lambda joint: joint.get("voltage")),
@@ -265,7 +274,7 @@ def slow(said: Sequence[Said], joints: Sequence[str]) -> Slow | None:
     )
 
 
-def hops(said: Sequence[tuple[float, Sequence[Mapping[str, Any]]]]) -> dict[str, Hop]:
+def hops(said: Sequence[tuple[float, Sequence[Mapping[str, Any]]]]) -> dict[str, LatencyColumns]:
     """Columns by hop of moments (s) with what was told of each hop then."""
     found: dict[str, list[tuple[float, Mapping[str, Any]]]] = {}
     for time, latencies in said:
@@ -274,7 +283,7 @@ def hops(said: Sequence[tuple[float, Sequence[Mapping[str, Any]]]]) -> dict[str,
     return {name: _hop(rows) for name, rows in found.items()}
 
 
-def _hop(rows: Sequence[tuple[float, Mapping[str, Any]]]) -> Hop:
+def _hop(rows: Sequence[tuple[float, Mapping[str, Any]]]) -> LatencyColumns:
     columns = {key: np.array([row.get(key) for _, row in rows], np.float64) for key in FIGURES}
     histograms = [row["histogram"] for _, row in rows if row.get("histogram")]
-    return Hop(np.array([time for time, _ in rows]), columns, histograms[-1] if histograms else ())
+    return LatencyColumns(np.array([time for time, _ in rows]), columns, histograms[-1] if histograms else ())

@@ -13,13 +13,13 @@ from math import inf
 from types import SimpleNamespace
 from typing import Any
 
-from twind.observe.replaying.sensors import ToldSensors
-from twind.observe.replaying.servos import Passage, ToldServos, specs, still
-from twind.observe.replaying.story import Story
-from twind.observe.replaying.wire import FAST, Exchange, asks, packets
+from twind.observe.replaying.sensors import ReplaySensors
+from twind.observe.replaying.servos import ReplayPosition, ReplayServos, specs, still
+from twind.observe.replaying.story import BusTimeline
+from twind.observe.replaying.wire import FAST, RecordedExchange, asks, packets
 from twind_drivers.dynamixel.packet import STATUS_OVERHEAD
 from twind_drivers.virtual.bus import VirtualBus
-from twind_drivers.virtual.history import History
+from twind_drivers.virtual.history import ReadingHistory
 from twind_drivers.virtual.wire import BITS
 
 NEAR = 0.6  # of a period of the loop: a question so far from where it was asked is still the same one
@@ -28,15 +28,15 @@ WOKEN = 0.001  # s, half of what a driver waits beyond the time on the wire
 PATIENCE = 1.0  # s after which the replay begins with another question than the one it should begin with
 
 
-class ToldBus:
+class ReplayBus:
     """What a port or the loopback serves (`virtual.served.Served`). Time is an argument, and never back."""
 
     kind = "dynamixel2"
 
     def __init__(
         self,
-        story: Story,
-        passage: Passage,
+        story: BusTimeline,
+        passage: ReplayPosition,
         *,
         baud: int,
         period: float,
@@ -53,19 +53,19 @@ class ToldBus:
         self._near, self._head_start, self._baud = NEAR * period, head_start, baud
         given = specs(story, baud)
 
-        def made(*arguments: Any, **more: Any) -> ToldServos:
-            return ToldServos(*arguments, story=story, passage=passage, armed=armed, **more)
+        def made(*arguments: Any, **more: Any) -> ReplayServos:
+            return ReplayServos(*arguments, story=story, passage=passage, armed=armed, **more)
 
         self._bus = VirtualBus(story.name, given, still(len(given)), baud=baud, now=now(), made=made)
-        self.servos: ToldServos = self._bus.servos  # type: ignore[assignment]
+        self.servos: ReplayServos = self._bus.servos  # type: ignore[assignment]
         self._times: dict[bytes, list[float]] = {}
-        self._recorded: dict[bytes, list[Exchange]] = {}
+        self._recorded: dict[bytes, list[RecordedExchange]] = {}
         self._used: dict[bytes, int] = {}  # of those, how many cannot come any more
         for each in story.told:
             if each.asks and each.time >= passage.begin:
                 self._times.setdefault(each.asks, []).append(each.time)
                 self._recorded.setdefault(each.asks, []).append(each)
-        self._sensors = ToldSensors(story)
+        self._sensors = ReplaySensors(story)
         self._first = self._usual(passage.begin)
         self._under_way: list[tuple[float, int, bytes]] = []  # s, number, bytes
         self._number = count()
@@ -91,7 +91,7 @@ class ToldBus:
         return 0
 
     @property
-    def history(self) -> History | None:
+    def history(self) -> ReadingHistory | None:
         """Nothing is kept."""
         return None
 
@@ -182,7 +182,7 @@ class ToldBus:
             at = now + max(0.0, min(after, latest) - self._head_start)
             heapq.heappush(self._under_way, (at, next(self._number), data))
 
-    def _latest(self, exchange: Exchange) -> float:
+    def _latest(self, exchange: RecordedExchange) -> float:
         """s after the question. What was taken had come in time, however late whoever took it woke up."""
         fast, told = exchange.asks[7] in FAST, exchange.told
         size = len(exchange.asks) + sum(len(each.data) + (4 if fast else STATUS_OVERHEAD) for each in told)
@@ -190,7 +190,7 @@ class ToldBus:
         delay = max(self.servos.registers.delays(range(len(self.ids()))), default=0.0)
         return BITS * size / self._baud + (1 if fast else len(told)) * delay + WOKEN
 
-    def _usual(self, begin: float) -> Exchange | None:
+    def _usual(self, begin: float) -> RecordedExchange | None:
         """The first of the question that is asked most often after the beginning: that of every tick."""
         soon = [each for each in self._story.told if each.asks and begin <= each.time < begin + USUAL]
         often = Counter(each.asks for each in soon).most_common(1)
@@ -204,7 +204,7 @@ class ToldBus:
         if question == self._first.asks or now - self._waiting_since > PATIENCE:
             self._passage.go(now, self._first.time)
 
-    def _find(self, question: bytes, moment: float) -> Exchange | None:
+    def _find(self, question: bytes, moment: float) -> RecordedExchange | None:
         """The nearest of those that were not used yet."""
         times, used = self._times.get(question, []), self._used.get(question, 0)
         at = bisect_left(times, moment, lo=used)

@@ -14,14 +14,14 @@ import msgspec
 from twind import link
 from twind.client import NoDaemon
 from twind.link import unpack_path
-from twind.observe.replaying.score import Asked
+from twind.observe.replaying.score import RecordedCommand
 
 INTERFACE = "io.twind.Control"
 INSIDE = ("kind", "ticket", "client", "uid", "holder", "received", "edited")  # no parameters of a call
 Reply = tuple[dict[str, Any], str | None, bool]  # parameters, error without its prefix, more follow
 
 
-def call(asked: Asked, names: Sequence[str]) -> tuple[str, dict[str, Any], bool]:
+def call(asked: RecordedCommand, names: Sequence[str]) -> tuple[str, dict[str, Any], bool]:
     """Method, parameters and `more` of a recorded command."""
     command = asked.command
     more = bool(getattr(command, "more", False))
@@ -72,7 +72,7 @@ def _trajectory(command: link.Submit, data: bytes, names: Sequence[str]) -> dict
     return {key: value for key, value in made.items() if value not in (None, [])}
 
 
-class Line:
+class ReplayConnection:
     """One connection. Calls leave at once, whatever is under way; answers come in the order of the calls."""
 
     def __init__(self, path: Path) -> None:
@@ -123,7 +123,7 @@ class Line:
         self._socket.close()
 
 
-def wait(lines: Sequence[Line], seconds: float) -> None:
+def wait(lines: Sequence[ReplayConnection], seconds: float) -> None:
     """Until one of them has something to hear, which is heard; so long at most."""
     alive = [line for line in lines if line.open]
     ready, _, _ = select.select(alive, [], [], max(0.0, seconds))

@@ -6,10 +6,10 @@ from typing import Any
 
 from twind import link
 from twind.client import CallError
-from twind.observe.replaying.calls import Line, Reply, call, wait
-from twind.observe.replaying.outcome import Answer, Named, Outcome, Standing, answer
-from twind.observe.replaying.score import SIM, STAY, Asked, Score, Unplayable
-from twind.observe.replaying.servos import Passage
+from twind.observe.replaying.calls import ReplayConnection, Reply, call, wait
+from twind.observe.replaying.outcome import CommandOutcome, Named, ReplayOutcome, StandingFaults, answer
+from twind.observe.replaying.score import SIM, STAY, NotReplayable, RecordedCommand, ReplayScript
+from twind.observe.replaying.servos import ReplayPosition
 from twind_drivers.clock import Clock
 
 READY = 30.0  # s until the daemon has found the recorded robot
@@ -23,19 +23,19 @@ RATE = 10.0  # Hz of the statuses that are looked at
 RENEW = 0.3  # s between two renewals of the lease
 
 
-class Conductor:
+class ReplayClient:
     """The clients of a replay. All times are those of `clock`, which is the daemon's too."""
 
-    def __init__(self, score: Score, sockets: Path, passage: Passage, clock: Clock) -> None:
+    def __init__(self, score: ReplayScript, sockets: Path, passage: ReplayPosition, clock: Clock) -> None:
         """Raises NoDaemon."""
         self._score, self._passage, self._clock = score, passage, clock
         self._sockets = sockets
-        self._lines: dict[int, Line] = {}  # by the number of the recorded client; 0: our own
-        self._watch = Line(sockets / "observe.sock")
+        self._lines: dict[int, ReplayConnection] = {}  # by the number of the recorded client; 0: our own
+        self._watch = ReplayConnection(sockets / "observe.sock")
         self._status: dict[str, Any] = {}
         self._time = 0.0  # s, of that status
         self._missed = 0
-        self._standing, self._last = Standing(), dict[str, Any]()
+        self._standing, self._last = StandingFaults(), dict[str, Any]()
         self._replies: dict[int, list[Reply]] = {}  # by the place of the command
         self._watch.send("Monitor", {"topics": ["status"], "rate": RATE}, self._see, more=True)
 
@@ -74,7 +74,7 @@ class Conductor:
                 renewed = self._clock.now()
                 self._line(score.holder).send("RenewLease", {}, lambda _: None)
             if self._clock.now() > renewed + READY:
-                raise Unplayable("the daemon does not ask what the recording begins with")
+                raise NotReplayable("the daemon does not ask what the recording begins with")
 
     def _arm(self) -> None:
         """Refused while nothing was read yet of heat and supply, or while a busy machine was late."""
@@ -83,7 +83,7 @@ class Conductor:
             try:
                 self._ask("AcquireLease")  # it may have lapsed meanwhile
                 self._ask("Arm")
-            except Unplayable:
+            except NotReplayable:
                 if self._clock.now() > deadline:
                     raise
                 self._pump(0.2)
@@ -124,7 +124,7 @@ class Conductor:
         self._until(lambda: bool(found), ANSWER, f"{method} is not answered")
         said, error, _ = found[-1]
         if error is not None:
-            raise Unplayable(f"{method} is refused before the beginning: {CallError(error, said)}")
+            raise NotReplayable(f"{method} is refused before the beginning: {CallError(error, said)}")
         return said
 
     def _until(self, done: Callable[[], bool], seconds: float, why: str) -> None:
@@ -132,26 +132,26 @@ class Conductor:
         while not done():
             if self._clock.now() > deadline or not self._watch.open:
                 faults = ", ".join(f"{each['code']}" for each in self._status.get("faults", ()))
-                raise Unplayable(
+                raise NotReplayable(
                     f"{why}: the daemon is {self._status.get('state', 'gone')} {faults}".rstrip()
                 )
             self._pump(0.02)
 
     # ------------------------------------------------------------------------------------- the recording
 
-    def play(self) -> Outcome:
+    def play(self) -> ReplayOutcome:
         """All commands at their times."""
         places = {id(each): place for place, each in enumerate(self._score.commands)}
         for asked in sorted(self._score.asked, key=lambda each: each.said):
             self._wait_for(asked.said - EARLY)
-            if isinstance(asked.command, link.Gone):
+            if isinstance(asked.command, link.ConnectionClosed):
                 self._hang_up(asked.command.client)
             else:
                 self._send(asked, places[id(asked)])
         self._wait_for(self._score.end + AFTER)
         return self._outcome()
 
-    def _send(self, asked: Asked, place: int) -> None:
+    def _send(self, asked: RecordedCommand, place: int) -> None:
         method, parameters, more = call(asked, self._score.names)
         taken = self._replies.setdefault(place, [])
         self._line(asked.command.client).send(method, parameters, taken.append, more=more)
@@ -160,13 +160,13 @@ class Conductor:
         while (left := moment + self._passage.shift - self._clock.now()) > 0.0:
             self._pump(left)
 
-    def _outcome(self) -> Outcome:
+    def _outcome(self) -> ReplayOutcome:
         last = self._last or self._status
-        return Outcome(
+        return ReplayOutcome(
             tuple(self._answers()), self._standing.end(), last["state"], last["mode"], bool(last["armed"])
         )
 
-    def _answers(self) -> Iterator[Answer]:
+    def _answers(self) -> Iterator[CommandOutcome]:
         for place, asked in enumerate(self._score.commands):
             replies = self._replies.get(place, [])
             error = replies[-1][1] if replies else None
@@ -174,9 +174,9 @@ class Conductor:
 
     # ------------------------------------------------------------------------------------- connections
 
-    def _line(self, client: int) -> Line:
+    def _line(self, client: int) -> ReplayConnection:
         if client not in self._lines or not self._lines[client].open:
-            self._lines[client] = Line(self._sockets / "control.sock")
+            self._lines[client] = ReplayConnection(self._sockets / "control.sock")
         return self._lines[client]
 
     def _hang_up(self, client: int) -> None:

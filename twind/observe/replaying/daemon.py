@@ -12,9 +12,9 @@ from pathlib import Path
 from twind.client import NoDaemon
 from twind.config.ports import virtual_port
 from twind.observe.replaying import priority
-from twind.observe.replaying.calls import Line
-from twind.observe.replaying.score import Unplayable
-from twind.observe.replaying.stage import Files
+from twind.observe.replaying.calls import ReplayConnection
+from twind.observe.replaying.score import NotReplayable
+from twind.observe.replaying.stage import ReplayFiles
 
 START = 60.0  # s until its sockets are there
 SOON, END = 0.5, 10.0  # s that it may take to end when told, and when killed
@@ -22,11 +22,17 @@ WORDS = 2000  # characters of its own words that are told
 OURS = ("LISTEN_", "NOTIFY_", "WATCHDOG_", "STATE_DIRECTORY", "XDG_")  # of the environment: not for it
 
 
-class Daemon:
+class ReplayDaemon:
     """Context manager: it listens in `sockets` inside, and is gone outside."""
 
     def __init__(
-        self, files: Files, mode: str, ports: Mapping[str, Path], sockets: Path, *, realtime: bool = False
+        self,
+        files: ReplayFiles,
+        mode: str,
+        ports: Mapping[str, Path],
+        sockets: Path,
+        *,
+        realtime: bool = False,
     ) -> None:
         """Every bus of the robot has its port here, so that none of the robot file's is ever opened.
 
@@ -48,7 +54,7 @@ class Daemon:
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=mine, start_new_session=True
             )
 
-    def __enter__(self) -> "Daemon":
+    def __enter__(self) -> "ReplayDaemon":
         try:
             self._await()
         except BaseException:
@@ -68,12 +74,12 @@ class Daemon:
         deadline = time.monotonic() + START
         while not self._listens():
             if self._process.poll() is not None or time.monotonic() > deadline:
-                raise Unplayable(f"the daemon did not start: {self.words}")
+                raise NotReplayable(f"the daemon did not start: {self.words}")
             time.sleep(0.02)
 
     def _listens(self) -> bool:
         try:
-            Line(self.sockets / "observe.sock").close()
+            ReplayConnection(self.sockets / "observe.sock").close()
         except NoDaemon:
             return False
         return True

@@ -14,7 +14,7 @@ Named = tuple[str, str | None]  # code, joint
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class CommandOutcome:
     """What came of one command."""
 
     method: str
@@ -33,10 +33,10 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class ReplayOutcome:
     """What is compared."""
 
-    answers: tuple[Answer, ...]
+    answers: tuple[CommandOutcome, ...]
     faults: Mapping[Named, float]  # that stayed until they were acknowledged, or to the end -> s since begin
     state: str  # at the end
     mode: str
@@ -65,11 +65,11 @@ class Outcome:
         }
 
 
-def outcome_of(plain: Mapping[str, Any]) -> Outcome:
+def outcome_of(plain: Mapping[str, Any]) -> ReplayOutcome:
     """The inverse of `Outcome.plain`. Raises KeyError."""
-    return Outcome(
+    return ReplayOutcome(
         tuple(
-            Answer(
+            CommandOutcome(
                 each["method"],
                 each["error"],
                 tuple((found["code"], found["joint"]) for found in each["findings"]),
@@ -85,18 +85,18 @@ def outcome_of(plain: Mapping[str, Any]) -> Outcome:
     )
 
 
-def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None = None) -> Answer:
+def answer(method: str, replies: Sequence[Mapping[str, Any]], error: str | None = None) -> CommandOutcome:
     """Of the parameters of all replies to one call, joints named; `error`: with which the last one came."""
     if not replies:
-        return Answer(method, answered=False)
+        return CommandOutcome(method, answered=False)
     last, phases = replies[-1], [each["phase"] for each in replies if each.get("phase")]
     found = [*(last.get("findings") or ()), *((last.get("verdict") or {}).get("refusals") or ())]
     named = tuple((str(each["code"]), each["joint"]) for each in found)
-    return Answer(method, error, named, phases[-1] if phases else None)
+    return CommandOutcome(method, error, named, phases[-1] if phases else None)
 
 
 @dataclass
-class Standing:
+class StandingFaults:
     """The faults that stay: of those that are told while a state is latched, what is there at its end."""
 
     _since: dict[Named, float] = field(default_factory=dict)  # of all that are told now
@@ -124,7 +124,7 @@ class Standing:
         self._last = {}
 
 
-def differences(recorded: Outcome, replayed: Outcome, tolerance: float) -> Iterator[str]:
+def differences(recorded: ReplayOutcome, replayed: ReplayOutcome, tolerance: float) -> Iterator[str]:
     """What came out differently, in words; times may differ by `tolerance` (s)."""
     if len(recorded.answers) != len(replayed.answers):
         yield f"recorded {len(recorded.answers)} commands, replayed {len(replayed.answers)}"
@@ -147,7 +147,7 @@ def differences(recorded: Outcome, replayed: Outcome, tolerance: float) -> Itera
             yield f"{what} at the end: recorded {then}, replayed {now}"
 
 
-def uncompared(recorded: Outcome, replayed: Outcome) -> Iterator[str]:
+def uncompared(recorded: ReplayOutcome, replayed: ReplayOutcome) -> Iterator[str]:
     """What the recording does not tell to its end, and what came of it now, in words."""
     pairs = zip(recorded.answers, replayed.answers, strict=False)
     for number, (then, now) in enumerate(pairs, 1):
@@ -157,12 +157,12 @@ def uncompared(recorded: Outcome, replayed: Outcome) -> Iterator[str]:
             yield f"command {number}: recorded until {then.phase}; replayed {now.words()}"
 
 
-def _open(then: Answer) -> bool:
+def _open(then: CommandOutcome) -> bool:
     """It went on after the recording."""
     return then.error is None and then.phase is not None and then.phase not in ENDED
 
 
-def _same(then: Answer, now: Answer) -> bool:
+def _same(then: CommandOutcome, now: CommandOutcome) -> bool:
     """What the recording does not tell to its end is compared as far as it goes."""
     if not then.answered:
         return True

@@ -6,16 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from threading import Thread
 
-from twind.observe.replaying.bus import ToldBus
+from twind.observe.replaying.bus import ReplayBus
 from twind.observe.replaying.priority import PORTS, first
-from twind.virtual.pty_port import PtyPort
-from twind.virtual.serve import Server, ServoClock
+from twind.virtual.pty_port import VirtualPtyPort
+from twind.virtual.serve import ServoClock, VirtualBusServer
 from twind_drivers.clock import Clock
 
 SWITCH = 0.0005  # s between two threads of Python: else an answer waits 5 ms for whoever computes
 
 
-class OneClock(ServoClock):
+class ReplayClock(ServoClock):
     """The clock of whoever commands as well: no time is left out."""
 
     def __init__(self, clock: Clock) -> None:
@@ -32,11 +32,11 @@ class OneClock(ServoClock):
         return self._real.now()
 
 
-class Ports:
+class ReplayPorts:
     """Context manager: the links are there inside, and gone outside."""
 
     def __init__(
-        self, buses: Sequence[ToldBus], links: Mapping[str, Path], clock: Clock, *, realtime: bool = False
+        self, buses: Sequence[ReplayBus], links: Mapping[str, Path], clock: Clock, *, realtime: bool = False
     ) -> None:
         """`links`, by bus name, keep their names when a port comes back as another one.
 
@@ -44,15 +44,17 @@ class Ports:
 
         Raises OSError: no pseudo-terminal to be had.
         """
-        self._ports = {bus.name: PtyPort(bus.name, links[bus.name]) for bus in buses}
+        self._ports = {bus.name: VirtualPtyPort(bus.name, links[bus.name]) for bus in buses}
         for bus in buses:
             bus.on_plug = self._plugging(self._ports[bus.name])
-        self._server = Server({bus.name: bus for bus in buses}, self._ports, OneClock(clock), lambda *_: None)
+        self._server = VirtualBusServer(
+            {bus.name: bus for bus in buses}, self._ports, ReplayClock(clock), lambda *_: None
+        )
         self._realtime = realtime
         self._failure: Exception | None = None
         self._thread = Thread(target=self._run, name="ports", daemon=True)
 
-    def __enter__(self) -> "Ports":
+    def __enter__(self) -> "ReplayPorts":
         self._before = sys.getswitchinterval()
         sys.setswitchinterval(SWITCH)
         gc.freeze()  # a whole recording: to look through it takes longer than an answer may
@@ -78,7 +80,7 @@ class Ports:
             self._failure = error
 
     @staticmethod
-    def _plugging(port: PtyPort) -> Callable[[bool], None]:
+    def _plugging(port: VirtualPtyPort) -> Callable[[bool], None]:
         return lambda there: port.plug() if there else port.unplug()
 
     def check(self) -> None:

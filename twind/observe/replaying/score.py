@@ -10,11 +10,21 @@ import msgspec
 import numpy as np
 
 from twind import link
-from twind.flight import Flight, Kind
-from twind.front.naming import Names
-from twind.link import Adopt, Gone, Outward, Overview, Reply, Submit, Tick, decode_command, decode_news
+from twind.flight import EntryKind, FlightFile
+from twind.front.naming import JointNames
+from twind.link import (
+    ApplyChanges,
+    ConnectionClosed,
+    Outward,
+    Overview,
+    Reply,
+    Submit,
+    Tick,
+    decode_command,
+    decode_news,
+)
 from twind.observe.recording.flight_news import news
-from twind.observe.replaying.outcome import Answer, Outcome, Standing, answer
+from twind.observe.replaying.outcome import CommandOutcome, ReplayOutcome, StandingFaults, answer
 from twind.robot.arrays import Floats
 
 LOOKING = 5.0  # s, at most, that a front looks ahead before it passes a trajectory on
@@ -27,16 +37,16 @@ VIEW = "`twindctl replay --view FILE` shows it all the same"
 Heard = Mapping[int, bool]  # ticket of a call that was answered -> that was all of it
 
 
-class Unplayable(Exception):
+class NotReplayable(Exception):
     """A recording that cannot be played into a daemon; says why, and what can be done."""
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class RecordedCommand:
     """One command, or the end of a client."""
 
     time: float  # s, of the recording
-    command: link.Command | Gone
+    command: link.Command | ConnectionClosed
     data: bytes  # arrays of a trajectory
 
     @property
@@ -54,7 +64,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Score:
+class ReplayScript:
     """From `begin` (s, of the recording) to `end`."""
 
     names: tuple[str, ...]
@@ -64,14 +74,14 @@ class Score:
     armed: bool
     holder: int  # the client that had the lease at the beginning, 0: none
     goal: Floats  # rad (n,), what joints were told at the beginning, NaN: nothing
-    asked: tuple[Asked, ...]
-    recorded: Outcome
+    asked: tuple[RecordedCommand, ...]
+    recorded: ReplayOutcome
     left_out: tuple[str, ...]  # what is not asked again, in words
     whole: bool  # nothing of that would have changed anything: checks alone
     heard: Mapping[int, Heard]  # client -> what of its calls was answered when it hung up
 
     @property
-    def commands(self) -> tuple[Asked, ...]:
+    def commands(self) -> tuple[RecordedCommand, ...]:
         """Those that are answered."""
         return tuple(each for each in self.asked if isinstance(each.command, link.Command))
 
@@ -81,13 +91,13 @@ class Score:
         return any(ticket not in heard or heard[ticket] < whole for ticket, whole in then.items())
 
 
-def score(flight: Flight, last: float = inf) -> Score:
+def score(flight: FlightFile, last: float = inf) -> ReplayScript:
     """Of the `last` seconds of a recording. Raises Unplayable."""
-    names = Names([joint.name for joint in flight.briefing.joints])
+    names = JointNames([joint.name for joint in flight.briefing.joints])
     heard = _news(flight)
     if not heard:
-        raise Unplayable("the recording holds no states: nothing was recorded yet")
-    wire = (each.time for each in flight.contents.entries if each.kind in (Kind.OUT, Kind.IN))
+        raise NotReplayable("the recording holds no states: nothing was recorded yet")
+    wire = (each.time for each in flight.contents.entries if each.kind in (EntryKind.OUT, EntryKind.IN))
     end = flight.contents.entries[-1].time
     tick, overview = _beginning(heard, max(end - last, next(wire, -inf)))
     begin = tick.time
@@ -101,7 +111,7 @@ def score(flight: Flight, last: float = inf) -> Score:
         if each.client in known and each.ticket not in known[each.client]
     }
     told = [each for each in heard if not (isinstance(each, Reply) and each.ticket in late)]
-    return Score(
+    return ReplayScript(
         names=names.joints,
         begin=begin,
         end=end,
@@ -117,10 +127,12 @@ def score(flight: Flight, last: float = inf) -> Score:
     )
 
 
-def outcome(names: Names, begin: float, commands: Sequence[link.Command], news: Sequence[Outward]) -> Outcome:
+def outcome(
+    names: JointNames, begin: float, commands: Sequence[link.Command], news: Sequence[Outward]
+) -> ReplayOutcome:
     """What these messages of a loop say of its commands. `begin`: s, from which faults are counted."""
     replies: dict[int, list[Reply]] = {}
-    standing, tick, overview = Standing(), None, None
+    standing, tick, overview = StandingFaults(), None, None
     for each in news:
         if isinstance(each, Reply):
             replies.setdefault(each.ticket, []).append(each)
@@ -134,19 +146,19 @@ def outcome(names: Names, begin: float, commands: Sequence[link.Command], news: 
             overview = None
     answers = tuple(_answer(names, each, replies.get(each.ticket, [])) for each in commands)
     state, mode, armed = ("", "", False) if tick is None else (tick.state, tick.mode, tick.armed)
-    return Outcome(answers, standing.end(), state, mode, armed)
+    return ReplayOutcome(answers, standing.end(), state, mode, armed)
 
 
-def _answer(names: Names, command: link.Command, replies: list[Reply]) -> Answer:
+def _answer(names: JointNames, command: link.Command, replies: list[Reply]) -> CommandOutcome:
     plain = [names.reply(msgspec.to_builtins(reply.parameters)) for reply in replies]
-    method = Asked(0.0, command, b"").method
+    method = RecordedCommand(0.0, command, b"").method
     return answer(method, plain, replies[-1].error if replies else None)
 
 
 # ------------------------------------------------------------------------------------------ reading
 
 
-def _news(flight: Flight) -> list[Outward]:
+def _news(flight: FlightFile) -> list[Outward]:
     try:
         return list(news(flight, strict=True))
     except msgspec.DecodeError as error:
@@ -177,23 +189,23 @@ def _beginning(news: Sequence[Outward], first: float) -> tuple[Tick, Overview]:
         if fit and (not each.armed or (all(each.heard) and not overview.faults)):
             return each, overview
         why = f"at rest its robot is {each.state}" + (", with faults" if overview.faults else "")
-    raise Unplayable(f"there is no moment to begin at: {why}; {VIEW}")
+    raise NotReplayable(f"there is no moment to begin at: {why}; {VIEW}")
 
 
-def _asked(flight: Flight, begin: float) -> tuple[list[Asked], list[str], bool]:
-    found: list[Asked] = []
+def _asked(flight: FlightFile, begin: float) -> tuple[list[RecordedCommand], list[str], bool]:
+    found: list[RecordedCommand] = []
     left_out: list[str] = []
     for entry in flight.contents.entries:
         if entry.time < begin:
             continue
-        if entry.kind == Kind.COMMAND:
+        if entry.kind == EntryKind.COMMAND:
             command = _decoded(flight, entry.data)
-            if isinstance(command, Adopt):
+            if isinstance(command, ApplyChanges):
                 left_out.append("a reload: the daemon has the values of the file from its beginning")
-            elif isinstance(command, link.Command | Gone):
-                found.append(Asked(entry.time, command, b""))
-        elif entry.kind == Kind.ARRAYS and found and isinstance(found[-1].command, Submit):
-            found[-1] = Asked(found[-1].time, found[-1].command, entry.data)
+            elif isinstance(command, link.Command | ConnectionClosed):
+                found.append(RecordedCommand(entry.time, command, b""))
+        elif entry.kind == EntryKind.ARRAYS and found and isinstance(found[-1].command, Submit):
+            found[-1] = RecordedCommand(found[-1].time, found[-1].command, entry.data)
     pointed = [each for each in found if not isinstance(each.command, Submit) or each.data]
     pointless = Counter(each.method for each in found if isinstance(each.command, Submit) and not each.data)
     whole = not left_out and pointless.keys() <= {"Check"}
@@ -206,32 +218,32 @@ def _calls(commands: Sequence[link.Command]) -> list[link.Command]:
     return [each for each in commands if each.ticket]
 
 
-def _heard(flight: Flight, commands: Sequence[link.Command]) -> dict[int, Heard]:
+def _heard(flight: FlightFile, commands: Sequence[link.Command]) -> dict[int, Heard]:
     """What each client that hung up had heard by then: link messages are recorded in their order."""
     clients = {each.ticket: each.client for each in _calls(commands)}
     answered: dict[int, bool] = {}
     found: dict[int, Heard] = {}
     for entry in flight.contents.entries:
-        if entry.kind == Kind.NEWS:
+        if entry.kind == EntryKind.NEWS:
             said = decode_news(entry.data)
             if isinstance(said, Reply) and said.ticket in clients:
                 answered[said.ticket] = not said.continues
-        elif entry.kind == Kind.COMMAND:
+        elif entry.kind == EntryKind.COMMAND:
             gone = decode_command(entry.data)
-            if isinstance(gone, Gone):
+            if isinstance(gone, ConnectionClosed):
                 found[gone.client] = {
                     ticket: whole for ticket, whole in answered.items() if clients[ticket] == gone.client
                 }
     return found
 
 
-def _decoded(flight: Flight, data: bytes) -> Any:
+def _decoded(flight: FlightFile, data: bytes) -> Any:
     try:
         return decode_command(data)
     except msgspec.DecodeError as error:
         raise _foreign(flight, "commands", error) from None
 
 
-def _foreign(flight: Flight, what: str, error: Exception) -> Unplayable:
+def _foreign(flight: FlightFile, what: str, error: Exception) -> NotReplayable:
     version = flight.briefing.version
-    return Unplayable(f"this version does not read the {what} of twind {version} ({error}): use that one")
+    return NotReplayable(f"this version does not read the {what} of twind {version} ({error}): use that one")

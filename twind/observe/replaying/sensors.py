@@ -2,19 +2,19 @@
 
 from bisect import bisect_right
 
-from twind.observe.replaying.story import Story
-from twind.observe.replaying.wire import Told
+from twind.observe.replaying.story import BusTimeline
+from twind.observe.replaying.wire import DeviceReply
 from twind_drivers.dynamixel.packet import Instruction, status
 
 AGO = 0.1  # s, since it was read last: for so long it tells the same, then it is silent as it was
 
 
-class ToldSensors:
+class ReplaySensors:
     """Devices that never said a model number, and told blocks of registers. Times of the recording, s."""
 
-    def __init__(self, story: Story) -> None:
+    def __init__(self, story: BusTimeline) -> None:
         self._times: dict[int, list[float]] = {}
-        self._told: dict[int, list[Told]] = {}
+        self._told: dict[int, list[DeviceReply]] = {}
         for exchange in story.told:
             for each in exchange.told:
                 if each.id not in story.models and each.data:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twind.observe.replaying import story as told
-from twind.observe.replaying.story import Story, Turn, Unknown
-from twind_drivers.virtual.muscles import FirstOrder, Muscles
-from twind_drivers.virtual.servos import BAUDS, TRIPPED, Servos, ServoSpec
+from twind.observe.replaying.story import BusTimeline, DeviceEvent, IncompleteRecording
+from twind_drivers.virtual.muscles import FirstOrderPhysics, ServoPhysics
+from twind_drivers.virtual.servos import BAUDS, TRIPPED, ServoSpec, VirtualServos
 
 Bools = NDArray[np.bool_]
 CLOCK = 32768  # ms: the realtime tick (120) counts up to this
@@ -21,7 +21,7 @@ SOON = 2.0  # s after the beginning by which everything was read once
 AHEAD = 0.002  # s: what was read so little later was true already
 
 
-class Passage:
+class ReplayPosition:
     """Where in the recording the replay is: at its beginning until it is let go, from then on as time goes.
 
     Shared by all buses, and by whoever commands. Only the clocks of the servos run before the beginning.
@@ -56,7 +56,7 @@ class Passage:
         return now - self.shift if self.running else self.begin - (min(self._first, now) + self._lead - now)
 
 
-class ToldServos(Servos):
+class ReplayServos(VirtualServos):
     """Servos without muscles, heat and watchdogs of their own: what happens to them happened once."""
 
     _own: Bools | None = None  # (m, size) bytes that no host writes; None: not built yet
@@ -64,12 +64,12 @@ class ToldServos(Servos):
     def __init__(
         self,
         specs: Sequence[ServoSpec],
-        muscles: Muscles,
+        muscles: ServoPhysics,
         *,
         now: float = 0.0,
         keep_goal: bool = True,
-        story: Story,
-        passage: Passage,
+        story: BusTimeline,
+        passage: ReplayPosition,
         armed: bool,
     ) -> None:
         """`armed`: in the recording the robot has torque at the beginning, and is given it anew."""
@@ -146,7 +146,7 @@ class ToldServos(Servos):
                 if not isfinite(self._ticks[row]):
                     self._keep_clock(row, turn)
 
-    def _begin_with(self, turn: Turn) -> None:
+    def _begin_with(self, turn: DeviceEvent) -> None:
         """Before the beginning a recording is believed in everything, whoever wrote it."""
         row = self._rows[turn.id]
         if turn.what in (told.SILENT, told.HEARD):
@@ -155,7 +155,7 @@ class ToldServos(Servos):
             self._put(row, turn.address, turn.data)
             self._keep_clock(row, turn)
 
-    def _happen(self, turn: Turn) -> None:
+    def _happen(self, turn: DeviceEvent) -> None:
         row = self._rows[turn.id]
         match turn.what:
             case told.SILENT | told.HEARD:
@@ -173,7 +173,7 @@ class ToldServos(Servos):
     def _put(self, row: int, address: int, data: bytes) -> None:
         self.memory.raw[row, address : address + len(data)] = np.frombuffer(data, np.uint8)
 
-    def _read(self, row: int, turn: Turn) -> None:
+    def _read(self, row: int, turn: DeviceEvent) -> None:
         """What no host writes is as it was read."""
         span, fault = slice(turn.address, turn.address + len(turn.data)), self["hardware_error_status"][row]
         own = self._owned(row, span)
@@ -182,7 +182,7 @@ class ToldServos(Servos):
         if self["hardware_error_status"][row] != fault:
             self.changed()
 
-    def _keep_clock(self, row: int, turn: Turn) -> None:
+    def _keep_clock(self, row: int, turn: DeviceEvent) -> None:
         at = self._clock_at[row] - turn.address
         if self._clock_at[row] >= 0 and 0 <= at <= len(turn.data) - 2:
             self._ticks[row] = turn.time - int.from_bytes(turn.data[at : at + 2], "little") * 1e-3
@@ -200,13 +200,13 @@ class ToldServos(Servos):
         return self._own[row, span]
 
 
-def specs(story: Story, baud: int) -> list[ServoSpec]:
+def specs(story: BusTimeline, baud: int) -> list[ServoSpec]:
     """The servos that the recording knows, by id; `baud` where their own register was not read.
 
     Raises Unknown: a model that no table has, or nobody at all.
     """
     if not story.tables:
-        raise Unknown(f"bus {story.name}: nobody there ever said what it is")
+        raise IncompleteRecording(f"bus {story.name}: nobody there ever said what it is")
     settings = {"baud_rate": BAUDS.index(baud)} if baud in BAUDS else {}
     return [
         ServoSpec(id, made.model, settings, firmware=story.models[id][1])
@@ -214,6 +214,6 @@ def specs(story: Story, baud: int) -> list[ServoSpec]:
     ]
 
 
-def still(count: int) -> Muscles:
+def still(count: int) -> ServoPhysics:
     """Muscles of so many servos that nobody looks at."""
-    return FirstOrder(np.zeros(count))
+    return FirstOrderPhysics(np.zeros(count))

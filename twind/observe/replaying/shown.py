@@ -5,13 +5,13 @@ from heapq import merge
 from itertools import count
 from typing import Any
 
-from twind.observe.recording.columns import Recording
+from twind.observe.recording.columns import RobotRecording
 from twind_drivers.clock import Clock
 
 FRAME = 0.02  # s between two states that are shown, at the pace of the viewer
 
 
-def messages(recording: Recording, clock: Clock, speed: float) -> Iterator[dict[str, Any]]:
+def messages(recording: RobotRecording, clock: Clock, speed: float) -> Iterator[dict[str, Any]]:
     """All messages in time order; one is given when its time has come. `speed`: 1 is as it was."""
     begun = clock.now()
     first: float | None = None
@@ -22,7 +22,7 @@ def messages(recording: Recording, clock: Clock, speed: float) -> Iterator[dict[
 
 
 def _columns(
-    recording: Recording, frame: float
+    recording: RobotRecording, frame: float
 ) -> Iterator[Iterator[tuple[float, int, str, dict[str, Any]]]]:
     number = count()
     yield ((each.time, next(number), "status", {"status": each.what}) for each in recording.statuses)
@@ -31,7 +31,7 @@ def _columns(
     yield ((time, next(number), "state", {"joints": rows}) for time, rows in _states(recording, frame))
 
 
-def _states(recording: Recording, frame: float) -> Iterator[tuple[float, list[dict[str, Any]]]]:
+def _states(recording: RobotRecording, frame: float) -> Iterator[tuple[float, list[dict[str, Any]]]]:
     due = float("-inf")
     columns = {
         "position": recording.measured,

@@ -14,14 +14,14 @@ from twind.config.calibration_file import FORMAT as CALIBRATION
 from twind.config.located import ConfigError
 from twind.config.robot_file import load_robot
 from twind.config.robot_spec import RobotFile
-from twind.observe.replaying.score import VIEW, Unplayable
+from twind.observe.replaying.score import VIEW, NotReplayable
 
 SETTINGS = ("rate_hz", "log_level")  # of the daemon's parameters, those that a replay takes over
 THRESHOLDS = ("latency_warn_ms", "latency_block_ms")
 
 
 @dataclass(frozen=True, slots=True)
-class Files:
+class ReplayFiles:
     """What a daemon is started with."""
 
     robot: Path
@@ -31,7 +31,7 @@ class Files:
     state: Path
 
 
-def lay_out(briefing: Briefing, folder: Path, robot: Path | None = None) -> Files:
+def lay_out(briefing: Briefing, folder: Path, robot: Path | None = None) -> ReplayFiles:
     """The files of a recording in `folder`. `robot`: a file to use instead of the recorded one.
 
     Raises Unplayable: they are not in it, cannot be laid out, or have other buses than were recorded.
@@ -39,17 +39,19 @@ def lay_out(briefing: Briefing, folder: Path, robot: Path | None = None) -> File
     try:
         return _laid_out(briefing, folder, robot)
     except (OSError, ValueError) as error:  # names that are too long, hold a NUL, or are file and folder
-        raise Unplayable(f"its files cannot be laid out: {error}") from None
+        raise NotReplayable(f"its files cannot be laid out: {error}") from None
 
 
-def _laid_out(briefing: Briefing, folder: Path, robot: Path | None) -> Files:
+def _laid_out(briefing: Briefing, folder: Path, robot: Path | None) -> ReplayFiles:
     placed = _placed(briefing.texts, folder / "files")
     for path, text in placed.values():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     own, _ = placed.get(_absolute(str(briefing.description.get("path", ""))), (Path(), ""))
     if not own.name and robot is None:
-        raise Unplayable(f"the recording does not hold its robot file: name it with --robot FILE; or {VIEW}")
+        raise NotReplayable(
+            f"the recording does not hold its robot file: name it with --robot FILE; or {VIEW}"
+        )
     calibrations = [path for path, text in placed.values() if f"format: {json.dumps(CALIBRATION)}" in text]
     described = _described(robot or own)
     _require_buses(described, briefing)
@@ -57,7 +59,9 @@ def _laid_out(briefing: Briefing, folder: Path, robot: Path | None) -> Files:
     state.mkdir()
     config.write_text(_settings(briefing, state))
     names = tuple(bus.name for bus in described.buses)
-    return Files(described.path.absolute(), names, calibrations[0] if calibrations else None, config, state)
+    return ReplayFiles(
+        described.path.absolute(), names, calibrations[0] if calibrations else None, config, state
+    )
 
 
 def _described(robot: Path) -> RobotFile:
@@ -65,7 +69,7 @@ def _described(robot: Path) -> RobotFile:
     try:
         return load_robot(str(robot))
     except ConfigError as error:
-        raise Unplayable(
+        raise NotReplayable(
             f"its robot file is refused ({error}); another one: --robot FILE; or {VIEW}"
         ) from None
 
@@ -78,7 +82,7 @@ def _require_buses(robot: RobotFile, briefing: Briefing) -> None:
     wanted = [f"{bus.get('name')} ({bus.get('kind')})" for bus in briefing.description.get("buses", ())]
     there = [f"{bus.name} ({bus.kind})" for bus in robot.buses]
     if wanted != there:
-        raise Unplayable(
+        raise NotReplayable(
             f"{robot.path.name} has the buses {', '.join(there)}; recorded were "
             f"{', '.join(wanted) or 'none'}: name the file that was used then by --robot FILE; or {VIEW}"
         )

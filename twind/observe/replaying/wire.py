@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from twind.flight import Entry, Kind
+from twind.flight import EntryKind, FlightEntry
 from twind_drivers.dynamixel.packet import (
     BROADCAST,
     HEADER,
@@ -17,7 +17,7 @@ from twind_drivers.dynamixel.packet import (
     Instruction,
     Packet,
 )
-from twind_drivers.dynamixel.replies import Expected, FastReply, PlainReply
+from twind_drivers.dynamixel.replies import FastSyncReadReply, PendingReply, StatusReply
 
 FAST = frozenset({Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ})
 QUESTIONS = frozenset(
@@ -29,7 +29,7 @@ THROWN = 0.0002  # s before the next request: what was found waiting then had co
 PAUSE = 0.004  # s without a byte, after which even what completes an answer was too late for it
 
 
-class Told(NamedTuple):
+class DeviceReply(NamedTuple):
     """What one device said."""
 
     id: int
@@ -38,7 +38,7 @@ class Told(NamedTuple):
     data: bytes
 
 
-class Span(NamedTuple):
+class RegisterAccess(NamedTuple):
     """A read or a write of one device."""
 
     id: int
@@ -47,19 +47,19 @@ class Span(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Exchange:
+class RecordedExchange:
     """What left in one write, and all bytes that came until the next."""
 
     time: float  # s, when it left
     asks: bytes  # the packet that asks; empty: none did
-    writes: tuple[Span, ...]
+    writes: tuple[RegisterAccess, ...]
     answers: tuple[tuple[float, bytes], ...]  # s after `time`
     whole: bool  # all that was asked for is among them
-    told: tuple[Told, ...]
+    told: tuple[DeviceReply, ...]
     missed: tuple[int, ...]  # ids that were asked and had no sound answer; behind a hole nobody knows
 
 
-class Question:
+class RecordedRequest:
     """One packet that asks, and the parser of its answers; kept, as the same is asked again and again."""
 
     def __init__(self, packet: Packet) -> None:
@@ -71,9 +71,9 @@ class Question:
         if len(sizes) != 1 or len(set(ids)) != len(ids):
             raise ValueError(f"instruction {packet.instruction} of {len(ids)} devices: no one answer fits it")
         size = sizes.pop()
-        self.reply: Expected = FastReply(ids, size) if self.fast else PlainReply(ids, size)
+        self.reply: PendingReply = FastSyncReadReply(ids, size) if self.fast else StatusReply(ids, size)
 
-    def hear(self, chunks: Sequence[bytes]) -> tuple[tuple[Told, ...], tuple[int, ...], int]:
+    def hear(self, chunks: Sequence[bytes]) -> tuple[tuple[DeviceReply, ...], tuple[int, ...], int]:
         """Who said what, who is missed, and after how many chunks all was said (all of them: never)."""
         reply, done = self.reply, len(chunks)
         reply.start()
@@ -89,15 +89,15 @@ class Question:
         missed = tuple(span.id for span in self.spans if span.id not in heard)
         return told, missed[:1] if self.fast else missed, done
 
-    def _told(self, row: int) -> Iterator[Told]:
+    def _told(self, row: int) -> Iterator[DeviceReply]:
         span, error, data = self.spans[row], int(self.reply.error[row]), self.reply.data[row].tobytes()
         if not self.reply.heard[row]:
-            yield Told(span.id, error, -1, b"")
+            yield DeviceReply(span.id, error, -1, b"")
         elif self.ping:
-            yield Told(span.id, error, 0, data[:2])
-            yield Told(span.id, error, FIRMWARE, data[2:])
+            yield DeviceReply(span.id, error, 0, data[:2])
+            yield DeviceReply(span.id, error, FIRMWARE, data[2:])
         else:
-            yield Told(span.id, error, span.address, data)
+            yield DeviceReply(span.id, error, span.address, data)
 
     def _take(self, chunk: bytes) -> bool:
         while chunk:
@@ -109,16 +109,16 @@ class Question:
         return False
 
 
-def exchanges(entries: Iterable[Entry]) -> list[Exchange]:
+def exchanges(entries: Iterable[FlightEntry]) -> list[RecordedExchange]:
     """Of the OUT and IN entries of one bus, in time order. What came before the first write is left out."""
-    questions: dict[bytes, Question | None] = {}
-    found: list[Exchange] = []
-    out: Entry | None = None
+    questions: dict[bytes, RecordedRequest | None] = {}
+    found: list[RecordedExchange] = []
+    out: FlightEntry | None = None
     chunks: list[tuple[float, bytes]] = []
     for entry in entries:
-        if entry.kind == Kind.IN and out is not None:
+        if entry.kind == EntryKind.IN and out is not None:
             chunks.append((entry.time - out.time, entry.data))
-        elif entry.kind == Kind.OUT:
+        elif entry.kind == EntryKind.OUT:
             if out is not None:
                 found.append(_exchange(out, chunks, questions, entry.time - out.time))
             out, chunks = entry, []
@@ -142,19 +142,19 @@ def asks(packet: bytes) -> bool:
 
 
 def _exchange(
-    out: Entry,
+    out: FlightEntry,
     chunks: list[tuple[float, bytes]],
-    questions: dict[bytes, Question | None],
+    questions: dict[bytes, RecordedRequest | None],
     until: float | None,
-) -> Exchange:
+) -> RecordedExchange:
     """`until`: s after it the next one left."""
-    asking, writes = b"", list[Span]()
+    asking, writes = b"", list[RegisterAccess]()
     for packet in packets(out.data):
         if asks(packet):
             asking = packet
         else:
             writes += _written(packet)
-    bare = Exchange(out.time, asking, tuple(writes), tuple(chunks), False, (), ())
+    bare = RecordedExchange(out.time, asking, tuple(writes), tuple(chunks), False, (), ())
     if not asking:
         return bare
     if asking not in questions:
@@ -169,10 +169,10 @@ def _exchange(
     return replace(bare, told=told, missed=missed, answers=answers, whole=not missed)
 
 
-def _question(packet: bytes) -> Question | None:
+def _question(packet: bytes) -> RecordedRequest | None:
     for found in Framer(status=False).feed(packet):
         try:
-            return Question(found)
+            return RecordedRequest(found)
         except ValueError:
             return None
     return None
@@ -189,30 +189,30 @@ def _earlier(
         before = at
 
 
-def _asked(packet: Packet) -> Iterator[Span]:
+def _asked(packet: Packet) -> Iterator[RegisterAccess]:
     params = packet.params
     match packet.instruction:
         case Instruction.PING if packet.id != BROADCAST:
-            yield Span(packet.id, 0, bytes(PINGED))
+            yield RegisterAccess(packet.id, 0, bytes(PINGED))
         case Instruction.READ:
-            yield Span(packet.id, _word(params, 0), bytes(_word(params, 2)))
+            yield RegisterAccess(packet.id, _word(params, 0), bytes(_word(params, 2)))
         case Instruction.SYNC_READ | Instruction.FAST_SYNC_READ:
             for id in params[4:]:
-                yield Span(id, _word(params, 0), bytes(_word(params, 2)))
+                yield RegisterAccess(id, _word(params, 0), bytes(_word(params, 2)))
         case Instruction.BULK_READ | Instruction.FAST_BULK_READ:
             for at in range(0, len(params) - 4, 5):
-                yield Span(params[at], _word(params, at + 1), bytes(_word(params, at + 3)))
+                yield RegisterAccess(params[at], _word(params, at + 1), bytes(_word(params, at + 3)))
 
 
-def _written(packet: bytes) -> Iterator[Span]:
+def _written(packet: bytes) -> Iterator[RegisterAccess]:
     for found in Framer(status=False).feed(packet):
         params = found.params
         if found.instruction == Instruction.WRITE:
-            yield Span(found.id, _word(params, 0), params[2:])
+            yield RegisterAccess(found.id, _word(params, 0), params[2:])
         elif found.instruction == Instruction.SYNC_WRITE:
             size = _word(params, 2)
             for at in range(4, len(params) - size, size + 1):
-                yield Span(params[at], _word(params, 0), params[at + 1 : at + 1 + size])
+                yield RegisterAccess(params[at], _word(params, 0), params[at + 1 : at + 1 + size])
 
 
 def _word(params: bytes, at: int) -> int:

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from twind.observe.viewing.stops import Asked, Outcome
+from twind.observe.viewing.stops import StopAction, StopOutcome
 
 STAYS, LASTS = 60.0, 6.0  # s that a notification of a failure is seen, and of what was done
 Press = Callable[[Any], Coroutine[Any, Any, None]]
 
 
-def stop_window(gui: Any, estop: Asked, stop: Asked, whom: str = "") -> None:
+def stop_window(gui: Any, estop: StopAction, stop: StopAction, whom: str = "") -> None:
     """A window of its own above everything: it scrolls away with nothing and cannot be closed."""
     panel = gui.add_panel(order=-1.0)
     with panel.add_tab("stop"):
@@ -17,7 +17,7 @@ def stop_window(gui: Any, estop: Asked, stop: Asked, whom: str = "") -> None:
     panel.float(x=12, y=-12, width=230)  # from the lower left: notifications come down from above
 
 
-def stop_buttons(gui: Any, estop: Asked, stop: Asked, whom: str = "", of: str = "") -> None:
+def stop_buttons(gui: Any, estop: StopAction, stop: StopAction, whom: str = "", of: str = "") -> None:
     """Both, in what is being filled. `whom` stands on them; `of`: before what is told of a press."""
     what = f" {whom}" if whom else ""
     first = gui.add_button(f"E-STOP{what}", color="red", hint="lower the robot, torque off, latched")
@@ -28,17 +28,17 @@ def stop_buttons(gui: Any, estop: Asked, stop: Asked, whom: str = "", of: str = 
     second.on_click(_pressed(stop, of))
 
 
-def _pressed(errand: Asked, of: str) -> Press:
+def _pressed(errand: StopAction, of: str) -> Press:
     async def press(event: Any) -> None:  # in the server's loop: behind no drawing, and in no queue of ours
         errand.ask(teller(event.client, of))
 
     return press
 
 
-def teller(client: Any, of: str = "") -> Callable[[Outcome], None]:
+def teller(client: Any, of: str = "") -> Callable[[StopOutcome], None]:
     """Tells one tab what came of what it asked."""
 
-    def tell(outcome: Outcome) -> None:
+    def tell(outcome: StopOutcome) -> None:
         if client is not None:
             client.add_notification(
                 f"{of}: {outcome.title}" if of else outcome.title,

@@ -28,12 +28,12 @@ POLICY = (
 )
 
 
-class DoorError(Exception):
+class ViewerServerError(Exception):
     """The server cannot be started, or could not be guarded."""
 
 
 @dataclass(frozen=True)
-class Door:
+class ViewerAccess:
     """Who comes in. `secret`: the first part of every path."""
 
     secret: str = field(default_factory=lambda: secrets.token_urlsafe(24))
@@ -88,7 +88,7 @@ def _closed(response: Any, host: str) -> Any:
 
 
 @dataclass(frozen=True)
-class Site:
+class ViewerSite:
     """A viser server behind its door."""
 
     server: Any  # viser.ViserServer
@@ -96,30 +96,30 @@ class Site:
 
 
 @contextlib.contextmanager
-def opened(port: int | None, title: str) -> Iterator[Site]:
+def opened(port: int | None, title: str) -> Iterator[ViewerSite]:
     """A server until the end of the block; without `port` the first that is free. Raises DoorError."""
     import viser
     from viser import _messages
 
-    door = Door()
+    door = ViewerAccess()
     os.environ.pop("_VISER_PORT_OVERRIDE", None)  # would win over the port
     with contextlib.redirect_stdout(io.StringIO()), _guarded(door) as guarded:  # it prints an address without
         server = viser.ViserServer(host=HOST, port=PORT if port is None else port, label=title, verbose=False)
     try:
         if not guarded or server.get_host() != HOST:
-            raise DoorError(f"viser {viser.__version__} cannot be guarded: install one from 1.1 on")
+            raise ViewerServerError(f"viser {viser.__version__} cannot be guarded: install one from 1.1 on")
         if port and server.get_port() != port:
-            raise DoorError(f"--port {port} is taken: leave --port out, and a free one is found")
+            raise ViewerServerError(f"--port {port} is taken: leave --port out, and a free one is found")
         for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
             server._websock_server.unregister_handler(message)  # one message would publish it on the internet
-        yield Site(server, f"http://{HOST}:{server.get_port()}/{door.secret}/")
+        yield ViewerSite(server, f"http://{HOST}:{server.get_port()}/{door.secret}/")
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
 
 
 @contextlib.contextmanager
-def _guarded(door: Door) -> Iterator[list[bool]]:
+def _guarded(door: ViewerAccess) -> Iterator[list[bool]]:
     """While viser starts, what it serves goes through the door; one entry for each time it did."""
     from websockets.asyncio import server as websockets
 

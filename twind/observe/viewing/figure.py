@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from twind.observe.viewing.likeness import Places
+from twind.observe.viewing.likeness import BodyPoses
 
 STILL_M, STILL_RAD = 1e-5, 1e-4  # a body that moved less is not sent again
 INFLATED = 0.002  # m: how far a shell stands off the body that it marks
@@ -34,7 +34,7 @@ def _alpha(model: Any, geom: int) -> float:
     return float(model.mat_rgba[material, 3] if material >= 0 else model.geom_rgba[geom, 3])
 
 
-class Figure:
+class RobotFigure:
     """One robot in one pose. Bodies are numbered as in the model."""
 
     def __init__(
@@ -55,7 +55,7 @@ class Figure:
         self._frames: dict[int, Any] = {}
         self._shown: dict[int, bool] = {}
         self._meshes: dict[int, Any] = {}
-        self._last: Places | None = None
+        self._last: BodyPoses | None = None
         for body in range(int(alone), model.nbody):
             geoms = shown_geoms(model, body)
             still = shell is not None and not alone and is_fixed_body(model, body)
@@ -69,7 +69,7 @@ class Figure:
             else:
                 self._meshes[body] = _shell(scene, f"{name}/shell", model, geoms, shell)
 
-    def place(self, places: Places) -> None:
+    def place(self, places: BodyPoses) -> None:
         """Bodies that are shown and have moved go there."""
         last = self._last
         moved = None if last is None else places.differ(last, STILL_M, STILL_RAD)
@@ -77,15 +77,15 @@ class Figure:
             if self._shown[body] and (moved is None or moved[body]):
                 self._put(body, frame, places)
         if last is None:
-            self._last = Places(places.position.copy(), places.rotation.copy())
+            self._last = BodyPoses(places.position.copy(), places.rotation.copy())
 
-    def _put(self, body: int, frame: Any, places: Places) -> None:
+    def _put(self, body: int, frame: Any, places: BodyPoses) -> None:
         frame.position, frame.wxyz = places.position[body], places.rotation[body]
         if self._last is not None:
             self._last.position[body] = places.position[body]
             self._last.rotation[body] = places.rotation[body]
 
-    def show(self, bodies: Any, places: Places) -> None:
+    def show(self, bodies: Any, places: BodyPoses) -> None:
         """Exactly these (nbody,) bool are seen; who appears stands where it is."""
         for body, frame in self._frames.items():
             wanted = bool(bodies[body])
@@ -95,7 +95,7 @@ class Figure:
                     self._put(body, frame, places)
                 frame.visible = wanted
 
-    def mark(self, colours: Mapping[int, Colour], places: Places) -> None:
+    def mark(self, colours: Mapping[int, Colour], places: BodyPoses) -> None:
         """Exactly these bodies of a shell are seen, each in its colour, where they are."""
         for body, colour in colours.items():
             mesh = self._meshes.get(body)

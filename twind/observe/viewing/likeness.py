@@ -18,18 +18,18 @@ import numpy as np
 from twind.config.robot_spec import GateSettings
 from twind.robot.arrays import Floats, Ints
 from twind.twin.binding import BindingError
-from twind.twin.collision import Bodies
+from twind.twin.collision import CollisionModel
 
 REACH = 0.1  # m: distances beyond are not shown
 STAND_IN = 0.03  # m, radius of what is drawn for a mesh that cannot be read
 
 
-class NoLikeness(Exception):
+class NoRobotModel(Exception):
     """What was said of the robot gives no model."""
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class ClearanceRules:
     """Of the robot file, for the distances."""
 
     path: Path
@@ -38,16 +38,16 @@ class Rules:
 
 
 @dataclass(frozen=True, slots=True)
-class Bound:
+class ViewerBinding:
     """The model, and where its joints are in it."""
 
-    robot: Rules
+    robot: ClearanceRules
     model: Any  # mujoco.MjModel
     qpos: Ints
 
 
 @dataclass(frozen=True, slots=True)
-class Near:
+class NearestBodies:
     """The two bodies that are nearest to each other. Points (3,) m in the world."""
 
     names: str
@@ -65,20 +65,20 @@ class Near:
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class BodyPoses:
     """Where bodies are: position (nbody, 3) m, quaternion (nbody, 4) w x y z."""
 
     position: Floats
     rotation: Floats
 
-    def differ(self, other: "Places", metres: float, radians: float) -> Any:
+    def differ(self, other: "BodyPoses", metres: float, radians: float) -> Any:
         """(nbody,) bool: further apart than that."""
         away = np.linalg.norm(self.position - other.position, axis=1) > metres
         turn = np.abs(np.einsum("bi,bi->b", self.rotation, other.rotation))
         return away | (turn < np.cos(0.5 * radians))
 
 
-class Likeness:
+class RobotModel:
     """One robot. Arrays are (n,) in joint order, rad."""
 
     def __init__(self, told: Mapping[str, Any]) -> None:
@@ -94,13 +94,15 @@ class Likeness:
             numbers = [self.model.joint(joint["model_joint"]).id for joint in robot["joints"]]
             gate = msgspec.convert(robot["gate"], GateSettings)
         except (KeyError, msgspec.ValidationError) as error:
-            raise NoLikeness(f"{self.name}: {error}") from None
+            raise NoRobotModel(f"{self.name}: {error}") from None
         self.qpos = self.model.jnt_qposadr[numbers].astype(np.int64)
         self.bodies_of = self.model.jnt_bodyid[numbers].astype(np.int64)  # that each joint moves
         self.rest = np.array([float(robot["poses"]["rest"][name]) for name in self.joints])
-        rules = Rules(Path(robot["path"]), self.base, gate)
+        rules = ClearanceRules(Path(robot["path"]), self.base, gate)
         try:
-            self._distances: Bodies | None = Bodies(Bound(rules, self.model, self.qpos), REACH)
+            self._distances: CollisionModel | None = CollisionModel(
+                ViewerBinding(rules, self.model, self.qpos), REACH
+            )
         except BindingError:  # the daemon has said why; there is no distance to show
             self._distances = None
         self._data = mujoco.MjData(self.model)
@@ -110,13 +112,13 @@ class Likeness:
         """Nothing would be drawn otherwise."""
         return bool(self.told["mjcf"] == told["mjcf"] and self.told["robot"] == told["robot"])
 
-    def places(self, position: Floats) -> Places:
+    def places(self, position: Floats) -> BodyPoses:
         """Of all bodies in a pose; what is not known (NaN) is as at rest."""
         self._data.qpos[self.qpos] = np.where(np.isfinite(position), position, self.rest)
         self._kinematics(self.model, self._data)
-        return Places(self._data.xpos.copy(), self._data.xquat.copy())
+        return BodyPoses(self._data.xpos.copy(), self._data.xquat.copy())
 
-    def nearest(self, position: Floats) -> tuple[Near | None, Floats]:
+    def nearest(self, position: Floats) -> tuple[NearestBodies | None, Floats]:
         """The nearest two of the bodies that are judged (None: all further than `REACH`), and points (k, 3)
         where bodies touch."""
         import mujoco
@@ -134,7 +136,9 @@ class Likeness:
         line = np.zeros(6)
         mujoco.mj_geomDistance(bodies.model, bodies.data, *pair.geoms, bodies.reach, line)
         ends = line[:3].copy(), line[3:].copy()
-        return Near(pair.name, float(found[place]), pair.block, pair.block + bodies.band, ends), touching
+        return NearestBodies(
+            pair.name, float(found[place]), pair.block, pair.block + bodies.band, ends
+        ), touching
 
 
 def _compiled(mjcf: str, folder: str) -> tuple[Any, bool]:
@@ -158,4 +162,4 @@ def _compiled(mjcf: str, folder: str) -> tuple[Any, bool]:
                 spec.delete(each)
         return spec.compile(), True
     except ValueError as error:
-        raise NoLikeness(f"the model cannot be compiled: {' '.join(str(error).split())}") from None
+        raise NoRobotModel(f"the model cannot be compiled: {' '.join(str(error).split())}") from None

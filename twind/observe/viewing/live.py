@@ -9,8 +9,8 @@ from contextlib import closing
 from typing import Any
 
 from twind.client import CallError, ClientError
-from twind.observe.viewing.news import Described, Lost, News
-from twind.observe.viewing.ways import Ways, observer
+from twind.observe.viewing.news import DaemonLost, News, RobotAnnounced
+from twind.observe.viewing.ways import RobotConnections, observer
 
 RATE = 30.0  # Hz of states: pictures a second
 SILENT = 5.0  # s without a word after which a daemon counts as gone
@@ -20,32 +20,32 @@ CHANGED = "RELOADED"  # the event after which the robot may be described otherwi
 
 
 def messages(
-    ways: Ways, ended: threading.Event, *, topics: Sequence[str] = TOPICS, rate: float = RATE
+    ways: RobotConnections, ended: threading.Event, *, topics: Sequence[str] = TOPICS, rate: float = RATE
 ) -> Iterator[News]:
     """Without end, until `ended`. The first of a daemon says which robot it has; `topics` have `events`."""
     while not ended.is_set():
         try:
             with closing(observer(ways, SILENT)) as client:
-                yield Described(client.call("GetRobot"))
+                yield RobotAnnounced(client.call("GetRobot"))
                 yield from _of_one_daemon(
                     ways, client.stream("Monitor", topics=list(topics), rate=rate), ended
                 )
         except CallError as error:  # it answers, and will answer no better at once
-            yield Lost(f"the daemon is not there, tried again: {error}")
+            yield DaemonLost(f"the daemon is not there, tried again: {error}")
             ended.wait(4.0 * AGAIN)
         except ClientError as error:
-            yield Lost(f"the daemon is not there, tried again: {error}")
+            yield DaemonLost(f"the daemon is not there, tried again: {error}")
             ended.wait(AGAIN)
         except Exception as error:  # noqa: BLE001  a thread that ends here leaves a picture that looks live
-            yield Lost(f"what the daemon says cannot be understood: {type(error).__name__}: {error}")
+            yield DaemonLost(f"what the daemon says cannot be understood: {type(error).__name__}: {error}")
             ended.wait(4.0 * AGAIN)
 
 
-def _of_one_daemon(ways: Ways, stream: Iterator[Any], ended: threading.Event) -> Iterator[News]:
+def _of_one_daemon(ways: RobotConnections, stream: Iterator[Any], ended: threading.Event) -> Iterator[News]:
     for message in stream:
         if ended.is_set():
             return
         yield message
         if message["topic"] == "events" and message["event"]["code"] == CHANGED:
             with closing(observer(ways, SILENT)) as other:
-                yield Described(other.call("GetRobot"))
+                yield RobotAnnounced(other.call("GetRobot"))

@@ -25,24 +25,24 @@ Message = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Described:
+class RobotAnnounced:
     """From here on it is this robot: the answer of `GetRobot`."""
 
     told: Message
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class DaemonLost:
     """The daemon is gone, or cannot be reached; the next message says that it is back."""
 
     why: str
 
 
-News = Described | Lost | Message
+News = RobotAnnounced | DaemonLost | Message
 
 
 @dataclass(frozen=True, slots=True)
-class Joints:
+class JointsMessage:
     """One message of the topic `state`. Arrays are (n,); NaN: not known."""
 
     time: float  # s, monotonic
@@ -60,7 +60,7 @@ class Joints:
         return np.abs(self.goal - self.followed)
 
 
-def joints_of(message: Message, mode: str) -> Joints:
+def joints_of(message: Message, mode: str) -> JointsMessage:
     """Of a message with the topic `state`, of a daemon in this mode (empty: not known yet)."""
     rows: Sequence[Message] = message["joints"]
 
@@ -70,7 +70,7 @@ def joints_of(message: Message, mode: str) -> Joints:
     def column(key: str) -> Floats:
         return numbers(row.get(key) for row in rows)
 
-    return Joints(
+    return JointsMessage(
         time=float(message["time"]),
         measured=column("position"),
         goal=column("goal"),
@@ -83,12 +83,12 @@ def joints_of(message: Message, mode: str) -> Joints:
 
 
 @dataclass(frozen=True, slots=True)
-class Now:
+class ViewerSnapshot:
     """What is known at one moment."""
 
     told: Message | None  # the robot
     lost: str | None  # why nothing comes
-    joints: Joints | None
+    joints: JointsMessage | None
     status: Message | None
     latency: Sequence[Message]
     refusals: tuple[Message, ...]  # verdicts with refusals, the newest first
@@ -113,7 +113,7 @@ def _mode(status: Message | None) -> str:
     return "" if status is None else str(status["mode"])
 
 
-class Known:
+class ViewerState:
     """The latest of everything, and the last seconds of what is plotted."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -124,22 +124,22 @@ class Known:
         self._forget()
 
     def _forget(self) -> None:
-        self._joints: Joints | None = None
+        self._joints: JointsMessage | None = None
         self._heard = 0.0  # s, when they came
         self._status: Message | None = None
         self._latency: Sequence[Message] = ()
         self._refusals: deque[Message] = deque(maxlen=TOLD)
         self._events: deque[Message] = deque(maxlen=TOLD)
-        self._path: deque[Joints] = deque(maxlen=KEPT)
+        self._path: deque[JointsMessage] = deque(maxlen=KEPT)
         self._hops: deque[tuple[float, Mapping[str, float]]] = deque(maxlen=KEPT)
 
     def take(self, news: News) -> None:
         """The next piece."""
         with self._lock:
-            if isinstance(news, Described):
+            if isinstance(news, RobotAnnounced):
                 self._forget()
                 self._told, self._lost = news.told, None
-            elif isinstance(news, Lost):
+            elif isinstance(news, DaemonLost):
                 self._lost = news.why
             else:
                 self._lost = None
@@ -165,10 +165,10 @@ class Known:
             case "events" if news["event"]["level"] in ("warning", "error"):
                 self._events.appendleft(news)
 
-    def now(self) -> Now:
+    def now(self) -> ViewerSnapshot:
         """A copy that stays as it is."""
         with self._lock:
-            return Now(
+            return ViewerSnapshot(
                 self._told,
                 self._lost,
                 self._joints,
@@ -179,7 +179,7 @@ class Known:
                 None if self._joints is None else self._clock() - self._heard,
             )
 
-    def path(self) -> list[Joints]:
+    def path(self) -> list[JointsMessage]:
         """The last seconds of the joints, the oldest first."""
         with self._lock:
             return list(self._path)
@@ -190,6 +190,6 @@ class Known:
             return list(self._hops)
 
 
-def _behind(path: "deque[Joints]") -> bool:
+def _behind(path: "deque[JointsMessage]") -> bool:
     """Time went back: a recording began anew."""
     return path[0].time > path[-1].time

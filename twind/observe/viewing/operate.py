@@ -17,17 +17,17 @@ from typing import Any
 from twind.client import Client, ClientError
 from twind.ctl.motions import load_motion, motion_names
 from twind.ctl.verb import Rejected, UsageError
-from twind.observe.viewing.stops import Outcome, Tell
+from twind.observe.viewing.stops import StopOutcome, Tell
 
 RENEWED = 0.3  # s between two renewals; a lease lasts 1 s
 ASKED, ANSWER = 0.5, 4.0  # s between two questions whether a page is there, and until it must have said so
 PACE = 2.0  # s per rad on the way to the rest pose
 SHORTEST = 2.0  # s, of that way
 
-Work = Callable[[Client], Outcome]
+Work = Callable[[Client], StopOutcome]
 
 
-class Operator(threading.Thread):
+class OperatorThread(threading.Thread):
     """At most one tab commands. Tabs are the numbers that viser gives them."""
 
     def __init__(self, place: str | None, changed: Callable[[int | None], None]) -> None:
@@ -45,22 +45,22 @@ class Operator(threading.Thread):
         """The lease for this tab. Refused while another tab has it."""
         self._gone.discard(tab)
         if self._tab not in (None, tab):
-            tell(Outcome(False, "no lease", "another tab of this viewer holds the lease"))
+            tell(StopOutcome(False, "no lease", "another tab of this viewer holds the lease"))
             return
 
-        def work(client: Client) -> Outcome:
+        def work(client: Client) -> StopOutcome:
             client.call("AcquireLease")
             self._now(tab)
-            return Outcome(True, "lease taken", "this tab commands, until it gives it back or is closed")
+            return StopOutcome(True, "lease taken", "this tab commands, until it gives it back or is closed")
 
         self._ask(tab, work, tell)
 
     def give(self, tab: int, tell: Tell) -> None:
         """Back to whoever wants it."""
 
-        def work(client: Client) -> Outcome:
+        def work(client: Client) -> StopOutcome:
             self._release()
-            return Outcome(True, "lease given back", "a motion that ran holds")
+            return StopOutcome(True, "lease given back", "a motion that ran holds")
 
         self._with_lease(tab, work, tell)
 
@@ -68,7 +68,7 @@ class Operator(threading.Thread):
         """Something that needs the lease. Refused at once while another call is under way: nothing waits
         here to be done later."""
 
-        def and_held(client: Client) -> Outcome:
+        def and_held(client: Client) -> StopOutcome:
             outcome = work(client)
             try:
                 client.call("AcquireLease")  # it may have taken longer than a lease lasts
@@ -90,13 +90,13 @@ class Operator(threading.Thread):
 
     def _with_lease(self, tab: int, work: Work, tell: Tell) -> None:
         if self._tab != tab:
-            tell(Outcome(False, "not done", "this tab does not hold the lease"))
+            tell(StopOutcome(False, "not done", "this tab does not hold the lease"))
         else:
             self._ask(tab, work, tell)
 
     def _ask(self, tab: int, work: Work, tell: Tell) -> None:
         if not self._busy.acquire(blocking=False):
-            tell(Outcome(False, "not done", "what was asked before is still being done"))
+            tell(StopOutcome(False, "not done", "what was asked before is still being done"))
             return
         self._asked.put((tab, work, tell))
 
@@ -126,14 +126,14 @@ class Operator(threading.Thread):
             tell(outcome)
         self._hold()
 
-    def _done(self, work: Work) -> Outcome:
+    def _done(self, work: Work) -> StopOutcome:
         try:
             return work(self._client)
         except (ClientError, UsageError, Rejected) as error:
-            return Outcome(False, "refused", str(error))
+            return StopOutcome(False, "refused", str(error))
         except Exception as error:  # noqa: BLE001  an answer that is none: nobody knows what was done
             traceback.print_exc()
-            return Outcome(False, "NOT confirmed", f"{type(error).__name__}: {error}")
+            return StopOutcome(False, "NOT confirmed", f"{type(error).__name__}: {error}")
 
     def _hold(self) -> None:
         """The lease, for as long as its tab is there."""
@@ -158,7 +158,7 @@ class Operator(threading.Thread):
             self._changed(tab)
 
 
-def look_after(operator: Operator, tab: int, ask: Callable[[], object]) -> None:
+def look_after(operator: OperatorThread, tab: int, ask: Callable[[], object]) -> None:
     """While a tab holds the lease its page must answer: a connection whose other end is gone looks whole.
 
     `ask` raises TimeoutError where no answer came within `ANSWER`.
@@ -181,16 +181,16 @@ def look_after(operator: Operator, tab: int, ask: Callable[[], object]) -> None:
 # ---------------------------------------------------------------------------------------- what may be asked
 
 
-def arm(client: Client) -> Outcome:
+def arm(client: Client) -> StopOutcome:
     """Torque on, where the joints are."""
     answer = client.call("Arm")
     warned = "; ".join(str(each["message"]) for each in answer.get("warnings") or ())
-    return Outcome(True, "armed", f"{len(answer['joints'])} joints hold where they are" + warned)
+    return StopOutcome(True, "armed", f"{len(answer['joints'])} joints hold where they are" + warned)
 
 
-def disarm(client: Client) -> Outcome:
+def disarm(client: Client) -> StopOutcome:
     """To the rest pose, torque off."""
-    return Outcome(True, "disarmed", f"state {client.call('Disarm')['state']}")
+    return StopOutcome(True, "disarmed", f"state {client.call('Disarm')['state']}")
 
 
 def motions(robot: Mapping[str, Any]) -> tuple[str, ...]:
@@ -202,9 +202,9 @@ def motions(robot: Mapping[str, Any]) -> tuple[str, ...]:
 def play(robot: Mapping[str, Any], name: str) -> Work:
     """One of them, from where it begins."""
 
-    def work(client: Client) -> Outcome:
+    def work(client: Client) -> StopOutcome:
         client.call("SubmitTrajectory", trajectory=load_motion(name, Path(robot["motions"])))
-        return Outcome(True, "accepted", f"motion {name} runs")
+        return StopOutcome(True, "accepted", f"motion {name} runs")
 
     return work
 
@@ -212,7 +212,7 @@ def play(robot: Mapping[str, Any], name: str) -> Work:
 def to_rest(robot: Mapping[str, Any]) -> Work:
     """All joints to the rest pose, slowly."""
 
-    def work(client: Client) -> Outcome:
+    def work(client: Client) -> StopOutcome:
         now = client.call("GetStatus", joints=True)["joints"]
         rest = robot["poses"]["rest"]
         told = {each["name"]: each["position"] if each["goal"] is None else each["goal"] for each in now}
@@ -221,6 +221,6 @@ def to_rest(robot: Mapping[str, Any]) -> Work:
         point = {"positions": list(rest.values()), "time_from_start": seconds}
         path = {"joint_names": list(rest), "points": [point], "policy": "retime"}
         client.call("SubmitTrajectory", trajectory=path)
-        return Outcome(True, "accepted", f"to the rest pose in {seconds:.1f} s")
+        return StopOutcome(True, "accepted", f"to the rest pose in {seconds:.1f} s")
 
     return work

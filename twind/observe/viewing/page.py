@@ -7,17 +7,17 @@ from typing import Any
 
 from twind.observe.viewing import operate
 from twind.observe.viewing.buttons import Press, stop_window, teller
-from twind.observe.viewing.news import Known, Message
-from twind.observe.viewing.operate import Operator, Work
-from twind.observe.viewing.plots import Plots
+from twind.observe.viewing.news import Message, ViewerState
+from twind.observe.viewing.operate import OperatorThread, Work
+from twind.observe.viewing.plots import LivePlots
 from twind.observe.viewing.scene import AUTO, GHOSTS
-from twind.observe.viewing.stops import Outcome, Stops
+from twind.observe.viewing.stops import StopOutcome, StopThreads
 
 
-class Page:
+class RobotPage:
     """The parts that do not change with the robot, and the words and plots that do."""
 
-    def __init__(self, server: Any, known: Known, stops: Stops | None) -> None:
+    def __init__(self, server: Any, known: ViewerState, stops: StopThreads | None) -> None:
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         if stops is not None:
@@ -28,7 +28,7 @@ class Page:
         gui.main_panel.dock_right()
         panel = gui.add_panel()
         with panel.add_tab("last 10 s"):
-            self.plots = Plots(gui, known)
+            self.plots = LivePlots(gui, known)
         panel.dock_left()
         panel.set_width(300)
 
@@ -43,7 +43,7 @@ class Page:
             self._said = self._words.content = words
 
 
-class Controls:
+class OperatorControls:
     """What moves the robot; dead until this tab took the lease, by a button and a question."""
 
     def __init__(self, server: Any, place: str | None) -> None:
@@ -57,7 +57,7 @@ class Controls:
             self._motion = gui.add_dropdown("motion", options=("none",), initial_value="none")
             self._play = gui.add_button("Play", disabled=True)
             self._rest = gui.add_button("Rest pose", disabled=True)
-        self._operator = Operator(place, self._changed)
+        self._operator = OperatorThread(place, self._changed)
         self._take.on_click(self._ask_first)
         self._give.on_click(self._press(lambda tab, tell: self._operator.give(tab, tell)))
         self._arm.on_click(self._press_for(lambda: operate.arm))
@@ -99,7 +99,7 @@ class Controls:
         yes.on_click(take)
         no.on_click(leave)
 
-    def _press(self, do: Callable[[int, Callable[[Outcome], None]], None]) -> Press:
+    def _press(self, do: Callable[[int, Callable[[StopOutcome], None]], None]) -> Press:
         async def press(event: Any) -> None:
             if event.client is not None:
                 do(event.client.client_id, teller(event.client))
@@ -107,7 +107,7 @@ class Controls:
         return press
 
     def _press_for(self, what: Callable[[], Work | None]) -> Press:
-        def do(tab: int, tell: Callable[[Outcome], None]) -> None:
+        def do(tab: int, tell: Callable[[StopOutcome], None]) -> None:
             work = what()
             if work is not None:
                 self._operator.call(tab, work, tell)

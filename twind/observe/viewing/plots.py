@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twind.observe.viewing.news import WINDOW, Known
+from twind.observe.viewing.news import WINDOW, ViewerState
 from twind.robot.arrays import Floats
 
 POINTS = 300  # of a line where there are more: those of note alone
@@ -19,7 +19,7 @@ HEIGHT = 150  # px
 Line = tuple[Floats, ...]
 
 
-def tracking(known: Known) -> Line:
+def tracking(known: ViewerState) -> Line:
     """Time (k,) s before now; error of the worst joint and root of the mean square, mrad."""
     path = known.path()
     if not path:
@@ -38,7 +38,7 @@ def tracking(known: Known) -> Line:
     )
 
 
-def worst(known: Known) -> int | None:
+def worst(known: ViewerState) -> int | None:
     """The joint that was furthest off in that time; None: nobody was off by more than noise."""
     path = known.path()
     if not path:
@@ -47,7 +47,7 @@ def worst(known: Known) -> int | None:
     return int(np.argmax(most)) if most.max() > NOISE else None
 
 
-def joint(known: Known, place: int) -> Line:
+def joint(known: ViewerState, place: int) -> Line:
     """Time (k,) s before now; goal, measured and simulated of one joint, rad."""
     path = known.path()
     if not path:
@@ -72,7 +72,7 @@ def _of_note(time: Floats, *lines: Floats) -> Line:
     return (time[places], *(line[places] for line in lines))
 
 
-def latency(known: Known) -> Line:
+def latency(known: ViewerState) -> Line:
     """Time (k,) s before now; ms of `HOPS`, NaN where the daemon does not tell."""
     hops = known.hops()
     if not hops:
@@ -85,10 +85,10 @@ def _nothing(count: int) -> Line:
     return tuple(np.array([np.nan if n else 0.0]) for n in range(count))
 
 
-class Plots:
+class LivePlots:
     """The three of them in the panel that is being filled."""
 
-    def __init__(self, gui: Any, known: Known) -> None:
+    def __init__(self, gui: Any, known: ViewerState) -> None:
         self._gui, self._known = gui, known
         self._names: tuple[str, ...] = ()
         self._shown = 0  # the joint that is plotted

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from twind.observe.viewing.figure import Colour, Figure
-from twind.observe.viewing.likeness import Likeness, Near, Places
-from twind.observe.viewing.news import Now
+from twind.observe.viewing.figure import Colour, RobotFigure
+from twind.observe.viewing.likeness import BodyPoses, NearestBodies, RobotModel
+from twind.observe.viewing.news import ViewerSnapshot
 from twind.robot.arrays import Floats
 
 AWAY_M, AWAY_RAD = 0.003, 0.02  # a ghost's body nearer than this is not drawn
@@ -39,7 +39,7 @@ def ghosts(choice: str, mode: str) -> tuple[bool, bool]:
     return choice in ("goal", BOTH), choice in ("simulation", BOTH)
 
 
-def marked(now: Now, likeness: Likeness) -> dict[int, Colour]:
+def marked(now: ViewerSnapshot, likeness: RobotModel) -> dict[int, Colour]:
     """Bodies whose joints want a look, and why; joints were heard of."""
     assert now.joints is not None
     faulty = np.array([bool(each) for each in now.joints.faults])
@@ -47,26 +47,26 @@ def marked(now: Now, likeness: Likeness) -> dict[int, Colour]:
     return {int(body): colour for each, colour in which for body in likeness.bodies_of[each]}
 
 
-class Scene:
+class RobotScene:
     """One robot below a root of its own: `/robots/NAME`."""
 
-    def __init__(self, scene: Any, likeness: Likeness, root: str) -> None:
+    def __init__(self, scene: Any, likeness: RobotModel, root: str) -> None:
         self._scene, self.likeness, self._root = scene, likeness, root
         model = likeness.model
         self._all = scene.add_frame(root, show_axes=False)
-        self._solid = Figure(scene, f"{root}/solid", model)
-        self._goal = Figure(scene, f"{root}/goal", model, (GOAL, 0.35))
-        self._simulated = Figure(scene, f"{root}/simulated", model, (SIMULATED, 0.35))
-        self._marks = Figure(scene, f"{root}/marks", model, (UNHEARD, 0.45))
+        self._solid = RobotFigure(scene, f"{root}/solid", model)
+        self._goal = RobotFigure(scene, f"{root}/goal", model, (GOAL, 0.35))
+        self._simulated = RobotFigure(scene, f"{root}/simulated", model, (SIMULATED, 0.35))
+        self._marks = RobotFigure(scene, f"{root}/marks", model, (UNHEARD, 0.45))
         self._line: Any = None
         self._touching: Any = None
         self._drawn: tuple[object, ...] = ()
         self._pose = likeness.rest.copy()
-        self.near: Near | None = None
+        self.near: NearestBodies | None = None
         self.contacts = 0
         self._solid.place(likeness.places(self._pose))
 
-    def draw(self, now: Now, choice: str) -> None:
+    def draw(self, now: ViewerSnapshot, choice: str) -> None:
         """As it is now. What did not change is not sent."""
         joints = now.joints
         if joints is None or len(joints.measured) != len(self._pose):
@@ -81,7 +81,7 @@ class Scene:
         self._marks.mark(marked(now, self.likeness), solid)
         self._distances()
 
-    def _ghost(self, figure: Figure, position: Floats, solid: Places, *, wanted: bool) -> None:
+    def _ghost(self, figure: RobotFigure, position: Floats, solid: BodyPoses, *, wanted: bool) -> None:
         """A joint without a goal is where the robot is."""
         there = self.likeness.places(np.where(np.isfinite(position), position, self._pose))
         away = there.differ(solid, AWAY_M, AWAY_RAD)
@@ -101,7 +101,7 @@ class Scene:
         self._show_line(near)
         self._show_touching(touching.astype(np.float32))
 
-    def _show_line(self, near: Near | None) -> None:
+    def _show_line(self, near: NearestBodies | None) -> None:
         if near is None:
             if self._line is not None:
                 self._line.visible = False
@@ -138,7 +138,7 @@ class Scene:
         self._all.remove()
 
 
-def camera(likeness: Likeness) -> tuple[Floats, Floats]:
+def camera(likeness: RobotModel) -> tuple[Floats, Floats]:
     """Where to look from, and at: from the front, a little to its left, all of it in sight."""
     low, high = extent(likeness)
     middle = 0.5 * (low + high)
@@ -146,7 +146,7 @@ def camera(likeness: Likeness) -> tuple[Floats, Floats]:
     return middle + size * np.array([1.45, 0.6, 0.3]), middle
 
 
-def extent(likeness: Likeness) -> tuple[Floats, Floats]:
+def extent(likeness: RobotModel) -> tuple[Floats, Floats]:
     """The least and the greatest place (3,) m of the robot's bodies at rest, in its own world."""
     places = likeness.places(likeness.rest)
     own = likeness.model.body_rootid == likeness.model.body_rootid[likeness.model.body(likeness.base).id]

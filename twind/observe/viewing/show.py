@@ -10,12 +10,12 @@ from contextlib import closing, contextmanager
 from twind.client import Client
 from twind.ctl.stopping import told_to_stop
 from twind.ctl.verb import DONE, Rejected
-from twind.observe.viewing.door import DoorError, Site, opened
+from twind.observe.viewing.door import ViewerServerError, ViewerSite, opened
 from twind.observe.viewing.live import messages
-from twind.observe.viewing.news import Described, Known, Message, News
-from twind.observe.viewing.page import Controls, Page
-from twind.observe.viewing.stops import BOUND, Stops
-from twind.observe.viewing.viewer import Viewer, in_browser, run
+from twind.observe.viewing.news import Message, News, RobotAnnounced, ViewerState
+from twind.observe.viewing.page import OperatorControls, RobotPage
+from twind.observe.viewing.stops import BOUND, StopThreads
+from twind.observe.viewing.viewer import RobotViewer, in_browser, run
 from twind.observe.viewing.ways import local, observer
 
 Drawing = Callable[[threading.Event], None]  # draws until it is set
@@ -37,12 +37,12 @@ def show(
     """
 
     def news() -> Iterator[News]:
-        yield Described(robot)
+        yield RobotAnnounced(robot)
         yield from messages
 
-    def begun(site: Site) -> Drawing:
-        known = Known()
-        viewer = Viewer(site, known, Page(site.server, known, None))
+    def begun(site: ViewerSite) -> Drawing:
+        known = ViewerState()
+        viewer = RobotViewer(site, known, RobotPage(site.server, known, None))
         return lambda ended: run(viewer, known, news(), ended)
 
     return served(begun, title=title, port=port, open_page=open_page, as_json=as_json)
@@ -71,17 +71,17 @@ def watch(
         with closing(Client(place)) as operator:
             operator.connect()  # whoever may not is told now, not at the first press
 
-    def begun(site: Site) -> Drawing:
-        known = Known()
-        page = Page(site.server, known, Stops(ways))
-        viewer = Viewer(site, known, page, Controls(site.server, place) if operate else None)
+    def begun(site: ViewerSite) -> Drawing:
+        known = ViewerState()
+        page = RobotPage(site.server, known, StopThreads(ways))
+        viewer = RobotViewer(site, known, page, OperatorControls(site.server, place) if operate else None)
         return lambda ended: run(viewer, known, messages(ways, ended), ended)
 
     return served(begun, title="twind", port=port, open_page=open_page, as_json=as_json)
 
 
 def served(
-    begun: Callable[[Site], Drawing], *, title: str, port: int | None, open_page: bool, as_json: bool
+    begun: Callable[[ViewerSite], Drawing], *, title: str, port: int | None, open_page: bool, as_json: bool
 ) -> int:
     """A page, its address printed, drawn until Ctrl-C or SIGTERM. Raises Rejected where no server can be
     started."""
@@ -99,15 +99,15 @@ def served(
 
 
 @contextmanager
-def _site(port: int | None, title: str) -> Iterator[Site]:
+def _site(port: int | None, title: str) -> Iterator[ViewerSite]:
     try:
         with opened(port, title) as site:
             yield site
-    except DoorError as error:
+    except ViewerServerError as error:
         raise Rejected(str(error)) from None
 
 
-def _say(site: Site, *, as_json: bool) -> None:
+def _say(site: ViewerSite, *, as_json: bool) -> None:
     print(json.dumps({"url": site.url}) if as_json else f"view      {site.url}", flush=True)
     if not as_json and sys.stdout.isatty():
         print("          for you alone: whoever has this address can stop the robot; Ctrl-C ends the viewer")

@@ -13,16 +13,16 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from twind.client import ClientError
-from twind.observe.viewing.ways import Way, Ways
+from twind.observe.viewing.ways import RobotConnections, Way
 
 BOUND = 5.0  # s until a call counts as not answered
 HARDWARE = "if the robot still moves, use its own switch"
 
-Tell = Callable[["Outcome"], None]
+Tell = Callable[["StopOutcome"], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class StopOutcome:
     """What the daemon answered to one press."""
 
     done: bool
@@ -30,17 +30,17 @@ class Outcome:
     text: str
 
 
-class Asked(Protocol):
+class StopAction(Protocol):
     """What a button is for."""
 
     def ask(self, tell: Tell) -> None:
         """Returns at once; `tell` has the outcome later, in another thread; of several, each."""
 
 
-class Errand(threading.Thread):
+class StopThread(threading.Thread):
     """Does one thing again and again, whenever asked; never two at once."""
 
-    def __init__(self, name: str, do: Callable[[], Outcome]) -> None:
+    def __init__(self, name: str, do: Callable[[], StopOutcome]) -> None:
         super().__init__(name=name, daemon=True)
         self._do = do
         self._asked: queue.SimpleQueue[Tell] = queue.SimpleQueue()
@@ -66,25 +66,25 @@ class Errand(threading.Thread):
                 except Exception:  # noqa: BLE001  a tab that cannot be told takes the button from nobody
                     traceback.print_exc()
 
-    def _outcome(self) -> Outcome:
+    def _outcome(self) -> StopOutcome:
         """Whatever happens: a thread that ended would leave a button that does nothing."""
         try:
             return self._do()
         except Exception as error:  # noqa: BLE001
             traceback.print_exc()
             why = f"{type(error).__name__}: {error}"
-            return Outcome(False, f"{self.name} NOT confirmed", f"{why}; {HARDWARE}")
+            return StopOutcome(False, f"{self.name} NOT confirmed", f"{why}; {HARDWARE}")
 
 
-class Stops:
+class StopThreads:
     """The two errands of one robot. `by`: what the daemon is told of who asked."""
 
-    def __init__(self, ways: Ways, bound: float = BOUND, by: str = "twindctl view") -> None:
+    def __init__(self, ways: RobotConnections, bound: float = BOUND, by: str = "twindctl view") -> None:
         self._ways, self._bound, self._by = ways, bound, by
-        self.estop = Errand("e-stop", self._estop)
-        self.stop = Errand("stop", self._stop)
+        self.estop = StopThread("e-stop", self._estop)
+        self.stop = StopThread("stop", self._stop)
 
-    def _estop(self) -> Outcome:
+    def _estop(self) -> StopOutcome:
         """By whichever way lets us in and answers: all take it."""
         failures: list[str] = []
         for way in self._ways.reading:
@@ -93,19 +93,19 @@ class Stops:
             except Exception as error:  # noqa: BLE001  whatever is wrong with one, the other is tried
                 said = str(error) if isinstance(error, ClientError) else f"{type(error).__name__}: {error}"
                 failures.append(said)
-        return Outcome(False, "e-stop NOT confirmed", f"{'; '.join(failures)}; {HARDWARE}")
+        return StopOutcome(False, "e-stop NOT confirmed", f"{'; '.join(failures)}; {HARDWARE}")
 
-    def _estop_by(self, way: Way) -> Outcome:
+    def _estop_by(self, way: Way) -> StopOutcome:
         with closing(way(self._bound)) as client:
             answer = client.call("EStop", level="settle", reason=self._by)
         off = {True: "torque is off", False: "torque is on", None: "torque unknown"}
-        return Outcome(True, "e-stop", f"state {answer['state']}, {off[answer.get('torque_off')]}")
+        return StopOutcome(True, "e-stop", f"state {answer['state']}, {off[answer.get('torque_off')]}")
 
-    def _stop(self) -> Outcome:
+    def _stop(self) -> StopOutcome:
         """Cancel: for operators."""
         try:
             with closing(self._ways.commanding(self._bound)) as client:
                 answer = client.call("Cancel")
         except ClientError as error:
-            return Outcome(False, "NOT stopped", f"{error}; the e-stop needs no operator")
-        return Outcome(True, "stopping", f"the motion comes to a hold; state {answer['state']}")
+            return StopOutcome(False, "NOT stopped", f"{error}; the e-stop needs no operator")
+        return StopOutcome(True, "stopping", f"the motion comes to a hold; state {answer['state']}")

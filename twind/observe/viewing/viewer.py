@@ -8,22 +8,24 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from twind.observe.viewing import words
-from twind.observe.viewing.door import Site
-from twind.observe.viewing.likeness import Likeness, NoLikeness
-from twind.observe.viewing.news import Known, Lost, Message, News, Now
-from twind.observe.viewing.page import Controls, Page
-from twind.observe.viewing.scene import Scene, camera
+from twind.observe.viewing.door import ViewerSite
+from twind.observe.viewing.likeness import NoRobotModel, RobotModel
+from twind.observe.viewing.news import DaemonLost, Message, News, ViewerSnapshot, ViewerState
+from twind.observe.viewing.page import OperatorControls, RobotPage
+from twind.observe.viewing.scene import RobotScene, camera
 
 PERIOD = 1.0 / 30.0  # s between pictures
 PLOTS, WORDS = 3, 6  # pictures between two drawings of plots (10 Hz) and of words (5 Hz)
 
 
-class Viewer:
+class RobotViewer:
     """One robot behind one site."""
 
-    def __init__(self, site: Site, known: Known, page: Page, controls: Controls | None = None) -> None:
+    def __init__(
+        self, site: ViewerSite, known: ViewerState, page: RobotPage, controls: OperatorControls | None = None
+    ) -> None:
         self._server, self._known, self._page, self._controls = site.server, known, page, controls
-        self._scene: Scene | None = None
+        self._scene: RobotScene | None = None
         self._told: Message | None = None
         self._problem = ""
         self._broken = ""  # why nothing more of this robot is drawn
@@ -67,17 +69,17 @@ class Viewer:
             self._scene.remove()
         self._scene, self._problem, self._broken = None, "", ""
         try:
-            likeness = Likeness(told)
-        except NoLikeness as error:
+            likeness = RobotModel(told)
+        except NoRobotModel as error:
             self._problem = str(error)
             return
-        self._scene = Scene(self._server.scene, likeness, "/robots/0")
+        self._scene = RobotScene(self._server.scene, likeness, "/robots/0")
         self._page.plots.of(likeness.joints)
         if self._controls is not None:
             self._controls.of(told["robot"])
         self._look(likeness)
 
-    def _look(self, likeness: Likeness) -> None:
+    def _look(self, likeness: RobotModel) -> None:
         """From where all of it is seen."""
         where, what = camera(likeness)
         camera_of_all = self._server.initial_camera
@@ -85,7 +87,7 @@ class Viewer:
         for client in self._server.get_clients().values():
             client.camera.position, client.camera.look_at = tuple(where), tuple(what)
 
-    def _words(self, now: Now) -> str:
+    def _words(self, now: ViewerSnapshot) -> str:
         scene = self._scene
         if scene is None:
             what = "picture" if self._broken else "model"
@@ -95,7 +97,7 @@ class Viewer:
         return words.page(now, scene.likeness, scene.near, scene.contacts)
 
 
-def run(viewer: Viewer, known: Known, news: Iterable[News], ended: threading.Event) -> None:
+def run(viewer: RobotViewer, known: ViewerState, news: Iterable[News], ended: threading.Event) -> None:
     """Until `ended`. When the messages end the last picture stays."""
     taker = threading.Thread(target=take, args=(known, news), name="news", daemon=True)
     taker.start()
@@ -106,7 +108,7 @@ def run(viewer: Viewer, known: Known, news: Iterable[News], ended: threading.Eve
             viewer.failed(error)
 
 
-def take(known: Known, news: Iterable[News]) -> None:
+def take(known: ViewerState, news: Iterable[News]) -> None:
     """All the news. What cannot be understood is said: a picture that stands still must not look live."""
     why, traced = "the messages have ended", False
     try:
@@ -114,14 +116,14 @@ def take(known: Known, news: Iterable[News]) -> None:
             try:
                 known.take(each)
             except Exception as error:  # noqa: BLE001  the next message may be one
-                known.take(Lost(f"a message cannot be understood: {type(error).__name__}: {error}"))
+                known.take(DaemonLost(f"a message cannot be understood: {type(error).__name__}: {error}"))
                 if not traced:
                     traceback.print_exc()
                 traced = True
     except Exception as error:  # noqa: BLE001
         traceback.print_exc()
         why = f"the messages have ended: {type(error).__name__}: {error}"
-    known.take(Lost(why))
+    known.take(DaemonLost(why))
 
 
 def in_browser(url: str, folder: str) -> None:

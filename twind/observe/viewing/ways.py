@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from twind.client import Client, ClientError, NoDaemon
 
 
-class Connection(Protocol):
+class ClientConnection(Protocol):
     """What is asked of a `Client`. Raises ClientError."""
 
     def call(self, method: str, **parameters: Any) -> Any:
@@ -22,11 +22,11 @@ class Connection(Protocol):
         """Hang up."""
 
 
-Way = Callable[[float], Connection]  # that waits so long for an answer, s; raises ClientError
+Way = Callable[[float], ClientConnection]  # that waits so long for an answer, s; raises ClientError
 
 
 @dataclass(frozen=True, slots=True)
-class Ways:
+class RobotConnections:
     """To one robot. Several threads go them at once, each on connections of its own.
 
     `reading`: each also takes an e-stop; where one fails the next is tried. `commanding`: also takes
@@ -37,13 +37,13 @@ class Ways:
     commanding: Way
 
 
-def local(place: str | None) -> Ways:
+def local(place: str | None) -> RobotConnections:
     """To the daemon whose sockets are in the folder `place`; None: where they usually are."""
     observing, commanding = (partial(_connected, place, name) for name in ("observe", "control"))
-    return Ways((observing, commanding), commanding)
+    return RobotConnections((observing, commanding), commanding)
 
 
-def observer(ways: Ways, patience: float) -> Connection:
+def observer(ways: RobotConnections, patience: float) -> ClientConnection:
     """A connection that reads, by the first way that leads there. Raises the ClientError of the last."""
     failure: ClientError = NoDaemon("no way leads to it")
     for way in ways.reading:
@@ -54,7 +54,7 @@ def observer(ways: Ways, patience: float) -> Connection:
     raise failure
 
 
-def _connected(place: str | None, name: str, patience: float) -> Connection:
+def _connected(place: str | None, name: str, patience: float) -> ClientConnection:
     client = Client(place, name=name, timeout=patience)
     client.connect()
     return client

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from twind.observe.viewing.likeness import Likeness, Near
-from twind.observe.viewing.news import Message, Now
+from twind.observe.viewing.likeness import NearestBodies, RobotModel
+from twind.observe.viewing.news import Message, ViewerSnapshot
 
 RED, AMBER, GREEN, GREY = "#c81e1e", "#b86e00", "#1a7f37", "#6b7280"
 OLD = 1.0  # s without news of joints after which the picture is called old
@@ -23,7 +23,7 @@ BASES = {
 }
 
 
-def page(now: Now, likeness: Likeness | None, near: Near | None, contacts: int) -> str:
+def page(now: ViewerSnapshot, likeness: RobotModel | None, near: NearestBodies | None, contacts: int) -> str:
     """All of it, the most urgent first."""
     rows = [*connection(now), *heard(now), *_state(now)]
     if likeness is not None:
@@ -42,14 +42,14 @@ def row(name: str, text: str, colour: str = "") -> str:
     return f'<div><span style="color:{GREY}">{escape(name)}</span> <span{style}>{escape(text)}</span></div>'
 
 
-def connection(now: Now) -> list[str]:
+def connection(now: ViewerSnapshot) -> list[str]:
     """Why nothing comes."""
     if now.lost is not None:
         return [row("now", now.lost, RED)]
     return [row("now", "nothing was heard yet", AMBER)] if now.status is None else []
 
 
-def heard(now: Now) -> list[str]:
+def heard(now: ViewerSnapshot) -> list[str]:
     """How old the picture is, while it is drawn: one that stands still looks like a robot that does."""
     if now.age is None:
         return []
@@ -58,7 +58,7 @@ def heard(now: Now) -> list[str]:
     return [row("heard", f"{now.age:.0f} s ago: the picture is old", RED)]
 
 
-def _state(now: Now) -> list[str]:
+def _state(now: ViewerSnapshot) -> list[str]:
     status = now.status
     if status is None:
         return []
@@ -81,7 +81,7 @@ def _state(now: Now) -> list[str]:
     return rows
 
 
-def joints(now: Now, names: Sequence[str]) -> list[str]:
+def joints(now: ViewerSnapshot, names: Sequence[str]) -> list[str]:
     """Of those with these names who is marked, by why."""
     told = now.joints
     if told is None:
@@ -103,7 +103,7 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:NAMED]) + rest
 
 
-def _distance(near: Near | None, contacts: int) -> list[str]:
+def _distance(near: NearestBodies | None, contacts: int) -> list[str]:
     touch = [row("contacts", f"{contacts} points")] if contacts else []
     if near is None:
         return [row("nearest", "no two bodies that are judged are nearer than 100 mm"), *touch]
@@ -113,14 +113,14 @@ def _distance(near: Near | None, contacts: int) -> list[str]:
     return [row("nearest", said + bounds, colour), *touch]
 
 
-def _base(likeness: Likeness) -> list[str]:
+def _base(likeness: RobotModel) -> list[str]:
     rows = [row("base", f"{likeness.base}, {BASES.get(likeness.support, likeness.support)}")]
     if likeness.meshes_missing:
         rows.append(row("model", "mesh files cannot be read here: balls stand for them", AMBER))
     return rows
 
 
-def _refusals(now: Now) -> list[str]:
+def _refusals(now: ViewerSnapshot) -> list[str]:
     return [
         row("refused", _ago(now, verdict["time"]) + "; ".join(_found(verdict["verdict"]["refusals"])), AMBER)
         for verdict in now.refusals
@@ -132,7 +132,7 @@ def _found(findings: Sequence[Message]) -> list[str]:
     return [*said, *([f"{len(findings) - 2} more"] if len(findings) > 2 else [])]
 
 
-def events(now: Now) -> list[str]:
+def events(now: ViewerSnapshot) -> list[str]:
     """The newest first."""
     colours = {"error": RED, "warning": AMBER}
     return [
@@ -145,7 +145,7 @@ def events(now: Now) -> list[str]:
     ]
 
 
-def _ago(now: Now, time: float) -> str:
+def _ago(now: ViewerSnapshot, time: float) -> str:
     if now.joints is None:
         return ""
     return f"{max(0.0, now.joints.time - time):.0f} s ago: "

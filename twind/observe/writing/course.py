@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from twind.client import ClientError
-from twind.client.clocks import STEP, Clocks, clocks
-from twind.ctl.progress import Progress
+from twind.client.clocks import STEP, ClockPair, clocks
+from twind.ctl.progress import ProgressLine
 from twind.ctl.verb import DONE, REFUSED, Rejected, complain, operator, show
-from twind.observe.writing.daemon import Listening
+from twind.observe.writing.daemon import RecordSubscriber
 from twind.observe.writing.lines import note
-from twind.observe.writing.writer import RecordWriter, Tally
+from twind.observe.writing.writer import RecordCounts, RecordWriter
 
 AGAIN = 0.5  # s between two attempts to reach a daemon that is gone
 TOLD = 1.0  # s between two lines for people, and two looks at the clock
@@ -23,24 +23,24 @@ MARKED = 1.0  # s in which a mark that the daemon took comes back as an event
 
 
 @dataclass(slots=True)
-class Course:
+class Recorder:
     """What runs: `run` returns the exit code."""
 
     options: argparse.Namespace
     writer: RecordWriter
     stop: threading.Event
     begun: float = 0.0  # s, monotonic, of the first connection
-    ours: Clocks | None = None  # of the file
+    ours: ClockPair | None = None  # of the file
     failed: bool = False  # an error of ours was told
     named: int = 0  # files that were told of
     parted: int = 0  # ns that the wall clock is off from them, as last noted
 
     def run(self) -> int:
         """Record. Raises ClientError where there is no daemon to begin with."""
-        first = Listening(self.options, self.writer)
-        listening: Listening | None = first
+        first = RecordSubscriber(self.options, self.writer)
+        listening: RecordSubscriber | None = first
         self.begun = time.monotonic()
-        with Progress(self.options, "record", seconds=self.options.seconds) as progress:
+        with ProgressLine(self.options, "record", seconds=self.options.seconds) as progress:
             self._mark(first, "begin")
             while listening is not None:
                 self._follow(listening, progress)
@@ -61,7 +61,7 @@ class Course:
         past = limit is not None and time.monotonic() - self.begun >= limit
         return self.stop.is_set() or bool(self.writer.stopped) or past
 
-    def _follow(self, listening: Listening, progress: Progress) -> None:
+    def _follow(self, listening: RecordSubscriber, progress: ProgressLine) -> None:
         """Until it is over, or the daemon is gone."""
         last, count = time.monotonic(), listening.answers
         if self.options.per_episode:  # no file before somebody begins one
@@ -75,14 +75,14 @@ class Course:
                 progress.tell(line(self.writer.tally, rate))
                 self._look_at_clock(listening)
 
-    def _name_files(self, progress: Progress, robot: str) -> None:
+    def _name_files(self, progress: ProgressLine, robot: str) -> None:
         """Each file by its name, once, as soon as it is there."""
         files = self.writer.tally.files
         for path in files[self.named :]:
             self._say(progress, f"recording {robot} into {path}")
         self.named = len(files)
 
-    def _look_at_clock(self, listening: Listening) -> None:
+    def _look_at_clock(self, listening: RecordSubscriber) -> None:
         """Note that the wall clock was set. Times in the file go on as they were."""
         now, begun = clocks(), listening.session.clocks
         ours = self.writer.clocks or begun
@@ -94,11 +94,11 @@ class Course:
             said = {"wall_ns": now.wall_ns, "expected_ns": ours.wall(now.monotonic)}
             self.writer.put(note(begun, now.monotonic, "clock_step", monotonic=now.monotonic, **said))
 
-    def _reach(self) -> Listening | None:
+    def _reach(self) -> RecordSubscriber | None:
         """The next daemon; None: it is over before there is one."""
         while not (self.stop.wait(AGAIN) or self._over()):
             with contextlib.suppress(ClientError):
-                return Listening(self.options, self.writer)
+                return RecordSubscriber(self.options, self.writer)
         return None
 
     def _explain(self, failure: Exception | None) -> None:
@@ -107,7 +107,7 @@ class Course:
             self.failed = True
             traceback.print_exception(failure)
 
-    def _mark(self, listening: Listening, kind: str) -> None:
+    def _mark(self, listening: RecordSubscriber, kind: str) -> None:
         """The episode of --task; by the daemon, so that everybody knows, or where we may not, in the file."""
         if self.options.task is None:
             return
@@ -125,7 +125,7 @@ class Course:
 
     # ------------------------------------------------------------------------------------------ told
 
-    def _say(self, progress: Progress, text: str) -> None:
+    def _say(self, progress: ProgressLine, text: str) -> None:
         progress.clear()
         if not self.options.json:
             print(text, file=sys.stderr, flush=True)
@@ -153,7 +153,7 @@ class Course:
         return REFUSED if self.writer.stopped else DONE
 
 
-def line(tally: Tally, rate: float) -> str:
+def line(tally: RecordCounts, rate: float) -> str:
     """One line for people while it runs."""
     parts = [f"{rate:.0f} messages/s", megabytes(tally.bytes)]
     lost = tally.dropped + tally.missed
@@ -165,7 +165,7 @@ def line(tally: Tally, rate: float) -> str:
     return "  ".join(parts)
 
 
-def summary(tally: Tally, seconds: float) -> str:
+def summary(tally: RecordCounts, seconds: float) -> str:
     """What was recorded, for people."""
     if not tally.files:
         return "nothing was recorded"

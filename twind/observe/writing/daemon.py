@@ -7,18 +7,18 @@ from dataclasses import replace
 from typing import Any
 
 from twind.client import Client, ClientError
-from twind.client.clocks import Clocks, clocks
+from twind.client.clocks import ClockPair, clocks
 from twind.ctl.verb import observer
 from twind.observe.writing.head import attachments
-from twind.observe.writing.lines import Scribe
-from twind.observe.writing.writer import RecordWriter, Session
+from twind.observe.writing.lines import RecordEncoder
+from twind.observe.writing.writer import RecordSession, RecordWriter
 
 SILENCE = 5.0  # s without a message after which the daemon counts as gone
 CHANGED = "RELOADED"  # the event after which the robot may be described otherwise
 OTHERS = ("status", "latency", "events", "verdicts", "trajectories")  # each at its own rate
 
 
-class Listening:
+class RecordSubscriber:
     """A daemon that is listened to, from `__init__` to `close`. `ended` says why it is over before that.
 
     `failure`: what ended it, where that is an error of ours or of what the daemon says.
@@ -33,7 +33,7 @@ class Listening:
         state, others = (self._client(options) for _ in range(2))
         try:
             self.session, joints = self._ask(state, clocks())
-            self.scribe = Scribe(joints, self.session.clocks, self.session.about["mode"])
+            self.scribe = RecordEncoder(joints, self.session.clocks, self.session.about["mode"])
             streams = [
                 (state, state.stream("Monitor", topics=["state"], rate=float(self.session.about["rate_hz"]))),
                 (others, others.stream("Monitor", topics=list(OTHERS))),
@@ -56,7 +56,7 @@ class Listening:
         for thread in self._threads:
             thread.join(1.0)
 
-    def _ask(self, client: Client, clocks: Clocks) -> tuple[Session, list[str]]:
+    def _ask(self, client: Client, clocks: ClockPair) -> tuple[RecordSession, list[str]]:
         """Which robot it is, and the names of its joints."""
         status = client.call("GetStatus", joints=True)
         robot = client.call("GetRobot")
@@ -65,7 +65,7 @@ class Listening:
         about = _about(known, individual)
         files = attachments(robot["robot"], robot.get("calibration"), robot.get("mjcf"))
         names = [joint["name"] for joint in status["joints"]]
-        return Session(known["robot"], clocks, about, files), names
+        return RecordSession(known["robot"], clocks, about, files), names
 
     def _ask_again(self) -> None:
         """A file is of one robot file: the next begins, with what is in force now. Raises ClientError."""

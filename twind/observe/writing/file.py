@@ -20,7 +20,7 @@ CHUNK = 64 << 10  # bytes: a larger one takes longer to write, and more is lost 
 PROFILE = "ros2"
 
 
-class Disk:
+class BufferedFile:
     """Bytes to a file that must not be there yet. They wait until `flush`: few writes cost less.
 
     Locked while it is open, so that nobody takes it for an old one.
@@ -92,7 +92,7 @@ class RecordFile:
         `ros`: JSON goes into std_msgs/String, since `ros2 bag` reads no file of two encodings.
         """
         self.path, self.began, self.messages = path, time_ns, 0
-        self._disk = Disk(path) if disk is None else disk
+        self._disk = BufferedFile(path) if disk is None else disk
         self._writer = Writer(self._disk, chunk_size=CHUNK, compression=CompressionType.ZSTD)
         self._ros = ros
         self._channels: dict[str, int] = {}

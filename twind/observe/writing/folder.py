@@ -14,7 +14,7 @@ _OURS = re.compile(r"twind-[0-9]{8}T[0-9]{6}Z-[\w-]{1,60}(?<!-recovered)(\.[0-9]
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class DiskQuota:
     """What recordings may take of a disk, bytes and s."""
 
     keep: int  # all of them in this folder

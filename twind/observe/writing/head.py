@@ -4,11 +4,11 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from twind.client.clocks import Clocks
+from twind.client.clocks import ClockPair
 from twind.observe.recording.topics import CALIBRATION, MJCF, ROBOT
 
 
-def clock_words(clocks: Clocks) -> dict[str, str]:
+def clock_words(clocks: ClockPair) -> dict[str, str]:
     """Of the metadata: both clocks at one moment, and how log times are made of them."""
     return {
         "monotonic": repr(clocks.monotonic),

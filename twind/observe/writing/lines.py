@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from twind.client.clocks import SECOND, Clocks
+from twind.client.clocks import SECOND, ClockPair
 from twind.observe.recording.topics import (
     COMMANDS,
     EVENTS,
@@ -37,7 +37,7 @@ _STAMP = Struct("<iI")
 _json = msgspec.json.Encoder()
 
 
-class Line(NamedTuple):
+class RecordLine(NamedTuple):
     """One message of a recording. `mark`: the annotation of an event that is one."""
 
     topic: str
@@ -46,7 +46,7 @@ class Line(NamedTuple):
     mark: Mapping[str, Any] | None = None
 
 
-def shifted(line: Line, by: int) -> Line:
+def shifted(line: RecordLine, by: int) -> RecordLine:
     """The same message of a wall clock that was set by so many ns: log time and stamp."""
     data = line.data
     if line.topic in STAMPED:
@@ -57,18 +57,18 @@ def shifted(line: Line, by: int) -> Line:
     return line._replace(time_ns=line.time_ns + by, data=data)
 
 
-def note(clocks: Clocks, time: float, kind: str, /, **said: Any) -> Line:
+def note(clocks: ClockPair, time: float, kind: str, /, **said: Any) -> RecordLine:
     """A message of whoever records, at `time` (s, monotonic)."""
-    return Line(NOTES, clocks.wall(time), _json.encode({"kind": kind, **said}))
+    return RecordLine(NOTES, clocks.wall(time), _json.encode({"kind": kind, **said}))
 
 
-class Scribe:
+class RecordEncoder:
     """Writes one robot's answers down. `mode`: where commands go, as last heard.
 
     `state` answers may come from another thread than all others.
     """
 
-    def __init__(self, joints: Sequence[str], clocks: Clocks, mode: str = "live") -> None:
+    def __init__(self, joints: Sequence[str], clocks: ClockPair, mode: str = "live") -> None:
         self.joints, self.clocks, self.mode = tuple(joints), clocks, mode
         self._measured = JointStateBuffer(joints, velocity=True, effort=True)
         self._only = JointStateBuffer(joints, velocity=False, effort=False)
@@ -76,25 +76,25 @@ class Scribe:
         self._inertial = ImuBuffer()
         self._felt = float("-inf")  # ms, when the last that was written was heard
 
-    def take(self, answer: Answer) -> Iterator[Line]:
+    def take(self, answer: Answer) -> Iterator[RecordLine]:
         """What one answer says; nothing where it is of no topic that is recorded."""
         topic, time = answer["topic"], self.clocks.wall(answer["time"])
         if topic == "state":
             yield from self._state(answer, time)
         elif topic == "status":
             self.mode = answer["status"]["mode"]
-            yield Line(STATUS, time, _json.encode(answer["status"]))
+            yield RecordLine(STATUS, time, _json.encode(answer["status"]))
         elif topic == "latency":
-            yield Line(LATENCY, time, _json.encode({"hops": answer["latency"]}))
+            yield RecordLine(LATENCY, time, _json.encode({"hops": answer["latency"]}))
         elif topic == "events":
             event = answer["event"]
-            yield Line(EVENTS, time, _json.encode(event), event.get("annotation"))
+            yield RecordLine(EVENTS, time, _json.encode(event), event.get("annotation"))
         elif topic == "verdicts":
-            yield Line(VERDICTS, time, _json.encode({"id": answer.get("id"), **answer["verdict"]}))
+            yield RecordLine(VERDICTS, time, _json.encode({"id": answer.get("id"), **answer["verdict"]}))
         elif topic == "trajectories":
-            yield Line(TRAJECTORY, time, accepted_bytes(answer["accepted"], time))
+            yield RecordLine(TRAJECTORY, time, accepted_bytes(answer["accepted"], time))
 
-    def _state(self, answer: Answer, time: int) -> Iterator[Line]:
+    def _state(self, answer: Answer, time: int) -> Iterator[RecordLine]:
         """Rows of which nothing is known are left out, of an IMU all that is not new.
 
         In sim there is no robot that was measured.
@@ -104,18 +104,18 @@ class Scribe:
         if self.mode != "sim" and _known(position):
             velocity = _numbers([joint["velocity"] for joint in joints])
             effort = _numbers([joint["effort"] for joint in joints])
-            yield Line(MEASURED, time, self._measured.fill(time, _numbers(position), velocity, effort))
+            yield RecordLine(MEASURED, time, self._measured.fill(time, _numbers(position), velocity, effort))
         for topic, field in ((COMMANDS, "goal"), (SIMULATED, "simulated")):
             row = [joint[field] for joint in joints]
             if _known(row):
-                yield Line(topic, time, self._only.fill(time, _numbers(row)))
+                yield RecordLine(topic, time, self._only.fill(time, _numbers(row)))
         imu = answer.get("imu")
         if imu is not None and (heard := answer["time"] * 1e3 - imu["age_ms"]) >= self._felt + NEWER:
             self._felt = heard
-            yield Line(INERTIAL, time, self._inertial.fill(time, *(imu[key] for key in FELT)))
+            yield RecordLine(INERTIAL, time, self._inertial.fill(time, *(imu[key] for key in FELT)))
         if answer["time"] >= self._slow_due:
             self._slow_due = answer["time"] + SLOW
-            yield Line(JOINTS, time, _json.encode({"joints": joints}))
+            yield RecordLine(JOINTS, time, _json.encode({"joints": joints}))
 
 
 def _known(row: Sequence[float | None]) -> bool:

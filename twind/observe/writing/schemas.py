@@ -21,8 +21,17 @@ from twind.observe.recording.topics import (
     VERDICTS,
     WIRE,
 )
-from twind.protocol import CONTROL, Interface, load
-from twind.protocol.idl import Choice, List, Maybe, Named, Plain, Struct, Table, Type
+from twind.protocol import CONTROL, IdlInterface, load
+from twind.protocol.idl import (
+    EnumType,
+    IdlType,
+    ListType,
+    MapType,
+    NamedType,
+    OptionalType,
+    ScalarType,
+    StructType,
+)
 from twind.ros import IMU, JOINT_STATE, JOINT_TRAJECTORY
 
 # topic -> type of its CDR messages
@@ -54,39 +63,39 @@ def json_schemas() -> dict[str, str]:
     """The schema of every topic of JSON messages, as text."""
     interface = load(CONTROL)
     types = interface.types
-    hops, joints = List(types["Latency"]), List(types["Joint"])
+    hops, joints = ListType(types["Latency"]), ListType(types["Joint"])
     verdict = _members(interface, "Verdict")
     found = {
         STATUS: _schema(types["Status"]),
         EVENTS: _schema(types["Event"]),
-        VERDICTS: _schema(Struct({"id": Plain("string"), **verdict})),
-        LATENCY: _schema(Struct({"hops": hops})),
-        JOINTS: _schema(Struct({"joints": joints})),
+        VERDICTS: _schema(StructType({"id": ScalarType("string"), **verdict})),
+        LATENCY: _schema(StructType({"hops": hops})),
+        JOINTS: _schema(StructType({"joints": joints})),
         NOTES: {"type": "object", "properties": _NOTE | {"annotation": _schema(types["Annotation"])}},
         WIRE: {"type": "object", "properties": _WIRE},
     }
     return {topic: json.dumps(schema) for topic, schema in found.items()}
 
 
-def _members(interface: Interface, name: str) -> dict[str, Type]:
+def _members(interface: IdlInterface, name: str) -> dict[str, IdlType]:
     kind = interface.types[name]
-    assert isinstance(kind, Struct)
+    assert isinstance(kind, StructType)
     return dict(kind.fields)
 
 
-def _schema(kind: Type) -> dict[str, Any]:
-    if isinstance(kind, Named):
+def _schema(kind: IdlType) -> dict[str, Any]:
+    if isinstance(kind, NamedType):
         return _schema(kind.types[kind.name])
-    if isinstance(kind, Maybe):
+    if isinstance(kind, OptionalType):
         return _schema(kind.of)  # readers draw by `type`, and a list of two types they do not know
-    if isinstance(kind, List):
+    if isinstance(kind, ListType):
         return {"type": "array", "items": _schema(kind.of)}
-    if isinstance(kind, Table):
+    if isinstance(kind, MapType):
         return {"type": "object", "additionalProperties": _schema(kind.of)}
-    if isinstance(kind, Struct):
+    if isinstance(kind, StructType):
         members = {name: _schema(member) for name, member in kind.fields.items()}
         return {"type": "object", "properties": members}
-    if isinstance(kind, Choice):
+    if isinstance(kind, EnumType):
         return {"type": "string", "enum": list(kind.words)}
-    assert isinstance(kind, Plain)
+    assert isinstance(kind, ScalarType)
     return {"type": _WORDS[kind.name]}

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from twind.client.clocks import Clocks
+from twind.client.clocks import ClockPair
 from twind.observe.recording.topics import (
     COMMANDS,
     END,
@@ -24,9 +24,9 @@ from twind.observe.recording.topics import (
     STATUS,
 )
 from twind.observe.writing.file import RecordFile
-from twind.observe.writing.folder import Bounds, free, fresh, make_room
+from twind.observe.writing.folder import DiskQuota, free, fresh, make_room
 from twind.observe.writing.head import clock_words
-from twind.observe.writing.lines import Line, note, shifted
+from twind.observe.writing.lines import RecordLine, note, shifted
 
 ROOM = 16 << 20  # bytes that may wait: a minute of a robot of 24 joints at 100 Hz
 PERIODIC = frozenset({MEASURED, SIMULATED, COMMANDS, INERTIAL, JOINTS, LATENCY, STATUS})
@@ -38,18 +38,18 @@ OpenFile: TypeAlias = Callable[[Path, Mapping[str, str], Attachments, int], Reco
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class RecordSession:
     """One connection to one daemon: what stands at the head of its files, the words of `clocks` besides."""
 
     robot: str
-    clocks: Clocks
+    clocks: ClockPair
     about: Mapping[str, str]
     attachments: Attachments
     why: str = "a new connection"  # the file before it ends
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class OpenEpisode:
     """An episode that is open. `begin` in ns since 1970."""
 
     task: str
@@ -57,7 +57,7 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
+class RecordCounts:
     """What was written so far."""
 
     path: Path | None = None  # the file that is open
@@ -67,7 +67,7 @@ class Tally:
     dropped: int = 0  # here: the queue was full
     missed: int = 0  # by the daemon: this reader was too slow for it
     removed: int = 0  # old recordings
-    episode: Mark | None = None
+    episode: OpenEpisode | None = None
     episodes: int = 0
 
 
@@ -77,11 +77,11 @@ class RecordWriter:
     def __init__(
         self,
         place: Path,
-        bounds: Bounds,
+        bounds: DiskQuota,
         now: Callable[[], float],
         *,
         per_episode: bool = False,
-        clocks: Callable[[], Clocks] | None = None,
+        clocks: Callable[[], ClockPair] | None = None,
         open_file: OpenFile = RecordFile,
     ) -> None:
         """`place`: a folder, or an .mcap file. `now`: monotonic, s.
@@ -93,15 +93,15 @@ class RecordWriter:
         self.folder, self._single = place.parent if single else place, place if single else None
         self._bounds, self._now, self._per_episode, self._open_file = bounds, now, per_episode, open_file
         self.stopped = ""
-        self.tally = Tally()
+        self.tally = RecordCounts()
         self._lock = threading.Lock()
-        self._queue: deque[Line | Session | None] = deque()
+        self._queue: deque[RecordLine | RecordSession | None] = deque()
         self._waiting = self._dropped = self._missed = self._noted = 0
         self._before = (0, 0)  # dropped and missed when the last file ended
         self._closing = False
-        self._session: Session | None = None
+        self._session: RecordSession | None = None
         self._read_clocks = clocks
-        self.clocks: Clocks | None = None  # of the file that is open, or was last
+        self.clocks: ClockPair | None = None  # of the file that is open, or was last
         self._shift = 0  # ns from the session's clocks to those of the file
         self._file: RecordFile | None = None
         self._file_began = self._flushed = now()
@@ -113,7 +113,7 @@ class RecordWriter:
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
 
-    def put(self, line: Line) -> bool:
+    def put(self, line: RecordLine) -> bool:
         """Hand over one message; False: there was no room. What is rare has twice the room."""
         room = ROOM if line.topic in PERIODIC else 2 * ROOM
         with self._lock:
@@ -129,7 +129,7 @@ class RecordWriter:
         with self._lock:
             self._missed += count
 
-    def begin(self, session: Session) -> None:
+    def begin(self, session: RecordSession) -> None:
         """What comes from now on is of another connection: a new file."""
         self._tell(session)
 
@@ -169,7 +169,7 @@ class RecordWriter:
         self.tally = replace(self.tally, messages=self.tally.messages - lost)
         self._file = None
 
-    def _tell(self, item: Session | None) -> None:
+    def _tell(self, item: RecordSession | None) -> None:
         with self._lock:
             self._queue.append(item)
         self._wake.set()
@@ -195,8 +195,8 @@ class RecordWriter:
                 if not self._queue:
                     break
                 item = self._queue.popleft()
-                self._waiting -= len(item.data) if isinstance(item, Line) else 0
-            if isinstance(item, Line):
+                self._waiting -= len(item.data) if isinstance(item, RecordLine) else 0
+            if isinstance(item, RecordLine):
                 self._take(item)
             else:
                 self._finish("the daemon is gone" if item is None else item.why)
@@ -211,7 +211,7 @@ class RecordWriter:
         with self._lock:
             self.tally = replace(self.tally, dropped=self._dropped, missed=self._missed)
 
-    def _take(self, line: Line) -> None:
+    def _take(self, line: RecordLine) -> None:
         kind = line.mark.get("kind") if line.mark is not None else None
         if self._session is not None and not self.stopped:
             # an episode that is open goes on in the next file, where its own ended before it
@@ -224,14 +224,14 @@ class RecordWriter:
         if kind == "end":
             self.tally = replace(self.tally, episode=None)
 
-    def _write(self, file: RecordFile, line: Line) -> None:
+    def _write(self, file: RecordFile, line: RecordLine) -> None:
         line = shifted(line, self._shift) if self._shift else line
         file.write(line.topic, line.time_ns, line.data)
         self.tally = replace(self.tally, messages=self.tally.messages + 1)
         if line.mark is not None and line.mark.get("kind") in ("begin", "end"):
             self._marked(line.mark, line.time_ns, file)
 
-    def _start(self, session: Session, line: Line) -> None:
+    def _start(self, session: RecordSession, line: RecordLine) -> None:
         clocks = session.clocks if self._read_clocks is None else self._read_clocks()
         self._shift = session.clocks.step(clocks)
         self.clocks = clocks if self._shift else session.clocks
@@ -247,7 +247,7 @@ class RecordWriter:
         self._file_began = self._flushed = self._now()
         self.tally = replace(self.tally, path=path, files=(*self.tally.files, path), bytes=self._file.size)
 
-    def _task(self, line: Line) -> str:
+    def _task(self, line: RecordLine) -> str:
         """Of the episode that a file is of, at its first message."""
         if line.mark is not None and line.mark.get("kind") == "begin":
             return str(line.mark.get("task") or "")
@@ -257,9 +257,9 @@ class RecordWriter:
         if self.tally.episode is not None:
             self._write_episode(file, str(time_ns), mark if mark["kind"] == "end" else {})
         elif mark["kind"] == "end":  # it began before this recording
-            self.tally = replace(self.tally, episode=Mark(str(mark.get("task") or ""), 0))
+            self.tally = replace(self.tally, episode=OpenEpisode(str(mark.get("task") or ""), 0))
             self._write_episode(file, str(time_ns), mark)
-        begun = Mark(str(mark.get("task") or ""), time_ns) if mark["kind"] == "begin" else None
+        begun = OpenEpisode(str(mark.get("task") or ""), time_ns) if mark["kind"] == "begin" else None
         self.tally = replace(self.tally, episode=begun)
         if begun is None and self._per_episode:
             self._finish("the episode ended")

@@ -3,23 +3,23 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from twind_drivers.virtual.can.controller import Controller
-from twind_drivers.virtual.can.message import Message
+from twind_drivers.virtual.can.controller import VirtualCanController
+from twind_drivers.virtual.can.message import CanMessage
 
-FOREIGN = Message(0x6F3, bytes([0xF0, 0x0D, 0, 0, 0, 0, 0, 0]))  # of nobody on this bus
+FOREIGN = CanMessage(0x6F3, bytes([0xF0, 0x0D, 0, 0, 0, 0, 0, 0]))  # of nobody on this bus
 
 
-class Struck(NamedTuple):
+class FaultedFrame(NamedTuple):
     """What is left of one frame: those that are sent in its place, s later."""
 
     late: float
-    sent: Sequence[Message]
+    sent: Sequence[CanMessage]
 
 
-class AnswerFaults:
+class FrameFaults:
     """Faults of the next frames that nodes send. A count is of frames to come, of one id or (None) of any."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: VirtualCanController) -> None:
         self._orders: dict[tuple[str, int | None], int] = {}
         self._late: dict[int | None, float] = {}
         self.active = False
@@ -58,18 +58,18 @@ class AnswerFaults:
         self._late.clear()
         self.active = False
 
-    def strike(self, id: int, message: Message) -> Struck:
+    def strike(self, id: int, message: CanMessage) -> FaultedFrame:
         """What becomes of this frame of the node `id`."""
         late = self._late.get(id, 0.0) or self._late.get(None, 0.0)
         if self._spent("drop", id):
-            return Struck(late, ())
+            return FaultedFrame(late, ())
         sent = [message]
         if self._spent("duplicate", id):
             sent.append(message)
         if self._spent("foreign", id):
             sent.insert(0, FOREIGN)
         self._look()
-        return Struck(late, sent)
+        return FaultedFrame(late, sent)
 
     def _order(self, name: str, count: int, id: int | None) -> None:
         if count < 0:

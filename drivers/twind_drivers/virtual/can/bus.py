@@ -5,10 +5,10 @@ Whoever serves bytes (a pseudo-terminal, `virtual.loopback`) uses it as the bus 
 
 from math import ceil, inf, isfinite
 
-from twind_drivers.virtual.can.line import CanLine
+from twind_drivers.virtual.can.line import VirtualCanSegment
 
 
-class VirtualCanBus(CanLine):
+class VirtualCanBus(VirtualCanSegment):
     """A `CanLine` that speaks slcan text too. Its channel is closed until it is opened."""
 
     kind = "can"

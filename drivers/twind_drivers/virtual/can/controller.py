@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import inf
 
 from twind_drivers.can.frame import ERROR
-from twind_drivers.virtual.can.message import Message
+from twind_drivers.virtual.can.message import CanMessage
 from twind_drivers.virtual.can.wire import HOST, CanWire
 
 CONTROLLER, PROTOCOL, OFF, BUS_ERROR, RESTARTED = 0x04, 0x08, 0x40, 0x80, 0x100  # classes of error
@@ -28,7 +28,7 @@ class CanAdapter:
     batch: float = 0.0  # s: text comes to the host at whole multiples, 1 ms over full-speed USB; 0: at once
 
 
-class Controller:
+class VirtualCanController:
     """Times are s. Down until somebody connects; then it acknowledges whatever it hears."""
 
     def __init__(
@@ -37,7 +37,7 @@ class Controller:
         """`may_send`: is anybody there to acknowledge?"""
         self.wire, self.adapter, self.may_send = wire, adapter, may_send
         self.news, self.broken = True, 0  # what the bus must look at: anything; error frames to spend time on
-        self.inbox: deque[Message] = deque()  # has arrived, error frames among it
+        self.inbox: deque[CanMessage] = deque()  # has arrived, error frames among it
         self.since = -inf  # s, when the first of those came; -inf: at some time before
         self.refused = 0  # frames that it did not take
         self.rate = bitrate  # that the host has set
@@ -81,7 +81,7 @@ class Controller:
         """Frames that wait."""
         return self.wire.count(HOST)
 
-    def take(self, message: Message, now: float) -> bool:
+    def take(self, message: CanMessage, now: float) -> bool:
         """A frame of the host. False: down, or no room; then it is lost."""
         if not self.up or self.listens_only or self.backlog() >= self.adapter.queue:
             self.refused += 1
@@ -94,7 +94,7 @@ class Controller:
         there = self.plugged and self.up and not self.off and not self.cut
         return there and self.rate == self.wire.bitrate
 
-    def hear(self, message: Message, now: float) -> None:
+    def hear(self, message: CanMessage, now: float) -> None:
         """A frame of somebody has passed the wire."""
         if self.sound():
             self.since = self.since if self.inbox else now
@@ -124,4 +124,4 @@ class Controller:
     def _tell(self, kind: int, detail: int = 0) -> None:
         if self.up and self.plugged:
             self.since = -inf
-            self.inbox.append(Message(ERROR | kind, bytes([0, detail, 0, 0, 0, 0, 0, 0])))
+            self.inbox.append(CanMessage(ERROR | kind, bytes([0, detail, 0, 0, 0, 0, 0, 0])))

@@ -8,19 +8,19 @@ from collections.abc import Sequence
 from math import inf
 
 from twind_drivers.virtual.can.fields import mit_command, mit_state
-from twind_drivers.virtual.can.message import Message
-from twind_drivers.virtual.can.motors import Motors
-from twind_drivers.virtual.can.node import HEAT, LOW, Node
+from twind_drivers.virtual.can.message import CanMessage
+from twind_drivers.virtual.can.motors import CanMotors
+from twind_drivers.virtual.can.node import HEAT, LOW, VirtualCanNode
 from twind_drivers.virtual.can.spec import NodeSpec
 
 OVER_TEMPERATURE, OVER_VOLTAGE, UNDER_VOLTAGE = 1, 3, 4
 ENTER, EXIT, ORIGIN = 0xFC, 0xFD, 0xFE
 
 
-class CubeMars(Node):
+class VirtualCubeMars(VirtualCanNode):
     """`settings`: `timeout` s of its watchdog, which only the vendor's own tool can set or read."""
 
-    def __init__(self, spec: NodeSpec, row: int, motors: Motors, now: float) -> None:
+    def __init__(self, spec: NodeSpec, row: int, motors: CanMotors, now: float) -> None:
         super().__init__(spec, row, motors, now)
         self.watch.timeout = spec.settings.get("timeout", 0.0) or inf
         self.boot(now)
@@ -29,11 +29,11 @@ class CubeMars(Node):
         """Error byte."""
         return OVER_TEMPERATURE if what == HEAT else UNDER_VOLTAGE if what == LOW else OVER_VOLTAGE
 
-    def damage(self, bits: int) -> Sequence[Message]:
+    def damage(self, bits: int) -> Sequence[CanMessage]:
         """One error code: the first one stays."""
         return super().damage(0 if self.fault else bits)
 
-    def obey(self, message: Message, now: float) -> Sequence[Message]:
+    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """Commands and the three special frames; entering motor mode forgets an error (assumed)."""
         if message.id != self.id or len(message.data) != 8:
             return ()
@@ -44,7 +44,7 @@ class CubeMars(Node):
             self.shaft.follow(*mit_command(message.data, self.spans))
         state = mit_state(*self.shaft.told(), self.spans)
         warm = round(self.celsius) & 0xFF
-        return [Message(self.id, bytes([self.id & 0xFF]) + state + bytes([warm, self.fault & 0xFF]))]
+        return [CanMessage(self.id, bytes([self.id & 0xFF]) + state + bytes([warm, self.fault & 0xFF]))]
 
     def _special(self, order: int) -> None:
         if order == ENTER:

@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from math import inf
 
 from twind_drivers.virtual.can.fields import mit_command, mit_state
-from twind_drivers.virtual.can.message import Message
-from twind_drivers.virtual.can.motors import Motors
-from twind_drivers.virtual.can.node import COMMON, HEAT, LOW, Node
+from twind_drivers.virtual.can.message import CanMessage
+from twind_drivers.virtual.can.motors import CanMotors
+from twind_drivers.virtual.can.node import COMMON, HEAT, LOW, VirtualCanNode
 from twind_drivers.virtual.can.spec import NodeSpec
 
 REGISTERS_ID = 0x7FF
@@ -52,10 +52,10 @@ FACTORY: Mapping[str, tuple[int, float]] = {
 }
 
 
-class Damiao(Node):
+class VirtualDamiao(VirtualCanNode):
     """Disabled until it is enabled; answers every frame to it."""
 
-    def __init__(self, spec: NodeSpec, row: int, motors: Motors, now: float) -> None:
+    def __init__(self, spec: NodeSpec, row: int, motors: CanMotors, now: float) -> None:
         """Raises ValueError for a setting that is no register."""
         super().__init__(spec, row, motors, now)
         self.flash: dict[int, float] = dict(FACTORY.values())
@@ -92,11 +92,11 @@ class Damiao(Node):
         """Status nibble."""
         return ROTOR_HOT if what == HEAT else UNDER_VOLTAGE if what == LOW else OVER_VOLTAGE
 
-    def damage(self, bits: int) -> Sequence[Message]:
+    def damage(self, bits: int) -> Sequence[CanMessage]:
         """One status nibble, 8 to F: the first fault stays until it is cleared."""
         return super().damage(0 if self.fault else bits)
 
-    def expire(self, now: float) -> Sequence[Message]:
+    def expire(self, now: float) -> Sequence[CanMessage]:
         """Communication lost: torque off (assumed), until the fault is cleared."""
         super().expire(now)
         return self.damage(LOST)
@@ -107,7 +107,7 @@ class Damiao(Node):
             self.flash[register] = self.registers[register] = value
         self._look()
 
-    def obey(self, message: Message, now: float) -> Sequence[Message]:
+    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """MIT frames, special frames, registers."""
         id, data = message
         if id == REGISTERS_ID:
@@ -124,7 +124,7 @@ class Damiao(Node):
             self.shaft.follow(*mit_command(data, self.spans))
         return [self.feedback()]
 
-    def feedback(self) -> Message:
+    def feedback(self) -> CanMessage:
         """Status and id in the first byte, place, speed, torque, two temperatures."""
         status = self.fault or int(self.shaft.on)
         place, speed, torque = self.shaft.told()
@@ -142,10 +142,10 @@ class Damiao(Node):
         else:
             self.clear()
 
-    def _say(self, data: bytes) -> Message:
-        return Message(int(self.registers[MASTER]), data)
+    def _say(self, data: bytes) -> CanMessage:
+        return CanMessage(int(self.registers[MASTER]), data)
 
-    def _register(self, data: bytes) -> Sequence[Message]:
+    def _register(self, data: bytes) -> Sequence[CanMessage]:
         order, register = data[2], data[3]
         if order == REFRESH:
             return [self.feedback()]

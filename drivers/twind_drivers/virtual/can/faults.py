@@ -1,17 +1,19 @@
 """Faults on order of one virtual CAN bus, by name; `docs/virtual.md` lists them."""
 
-from twind_drivers.virtual.can.answers import AnswerFaults
-from twind_drivers.virtual.can.controller import Controller
+from twind_drivers.virtual.can.answers import FrameFaults
+from twind_drivers.virtual.can.controller import VirtualCanController
 from twind_drivers.virtual.can.node_faults import NodeFaults
-from twind_drivers.virtual.can.nodes import Nodes
+from twind_drivers.virtual.can.nodes import VirtualCanNodes
 from twind_drivers.virtual.can.text import SlcanText
 
 
-class CanFaults(AnswerFaults, NodeFaults):
+class CanFaults(FrameFaults, NodeFaults):
     """What goes wrong on one bus: of answers, of nodes, of the line and the adapter."""
 
-    def __init__(self, bus: str, nodes: Nodes, controller: Controller, text: SlcanText) -> None:
-        AnswerFaults.__init__(self, controller)
+    def __init__(
+        self, bus: str, nodes: VirtualCanNodes, controller: VirtualCanController, text: SlcanText
+    ) -> None:
+        FrameFaults.__init__(self, controller)
         NodeFaults.__init__(self, bus, nodes, controller)
         self._controller, self._text = controller, text
         self.plugged = True
@@ -81,7 +83,7 @@ class CanFaults(AnswerFaults, NodeFaults):
 
     def clear(self) -> None:
         """Answers, line and connectors are sound; faults of nodes, supply, heat, power and plug stay."""
-        AnswerFaults.clear(self)
+        FrameFaults.clear(self)
         NodeFaults.clear(self)
         self._text.spoil(0, "")
         self._controller.heal()

@@ -8,21 +8,21 @@ import numpy as np
 
 from twind_drivers.can.frame import Frames
 from twind_drivers.can.units import COUNT
-from twind_drivers.virtual.can.controller import BROKEN, CanAdapter, Controller
+from twind_drivers.virtual.can.controller import BROKEN, CanAdapter, VirtualCanController
 from twind_drivers.virtual.can.faults import CanFaults
-from twind_drivers.virtual.can.message import Message, as_frames, messages
-from twind_drivers.virtual.can.muscles import CanMuscles
-from twind_drivers.virtual.can.nodes import Nodes
+from twind_drivers.virtual.can.message import CanMessage, as_frames, messages
+from twind_drivers.virtual.can.muscles import CanMotorPhysics
+from twind_drivers.virtual.can.nodes import VirtualCanNodes
 from twind_drivers.virtual.can.spec import NodeSpec
 from twind_drivers.virtual.can.text import SlcanText
 from twind_drivers.virtual.can.wire import HOST, CanWire
-from twind_drivers.virtual.history import History
+from twind_drivers.virtual.history import ReadingHistory
 
 IDLE = 0.01  # s after which the muscles move though nobody asks
 STRANGER = -2  # sender: another master on the wire
 
 
-class CanLine:
+class VirtualCanSegment:
     """m nodes on one wire, and a controller that gives frames. Time (s) is an argument and never goes back.
 
     A frame takes the time of its own bits, stuff bits counted; nodes answer as soon as it is over.
@@ -32,7 +32,7 @@ class CanLine:
         self,
         name: str,
         nodes: Sequence[NodeSpec],
-        muscles: CanMuscles,
+        muscles: CanMotorPhysics,
         *,
         bitrate: int = 1_000_000,
         wire_timing: bool = True,
@@ -45,10 +45,10 @@ class CanLine:
             raise ValueError(f"bus {name}: {bitrate} bit/s is not a rate")
         self.name, self._now = name, now
         self.wire = CanWire(bitrate, self._may_send, timing=wire_timing)
-        self.controller = Controller(
+        self.controller = VirtualCanController(
             self.wire, adapter or CanAdapter(), bitrate, lambda: self._may_send(HOST)
         )
-        self.nodes = Nodes(nodes, muscles, now, self._said)
+        self.nodes = VirtualCanNodes(nodes, muscles, now, self._said)
         self.text = SlcanText(self.controller, seed)
         self.faults = CanFaults(name, self.nodes, self.controller, self.text)
         self.faults.now = now
@@ -62,7 +62,7 @@ class CanLine:
         return self.faults.plugged
 
     @property
-    def history(self) -> History | None:
+    def history(self) -> ReadingHistory | None:
         """What `record` keeps: places in counts, in the order of `ids`."""
         return self.faults.history
 
@@ -111,7 +111,7 @@ class CanLine:
 
     # ------------------------------------------------------------------------------------- what happens
 
-    def _arrived(self, now: float) -> list[Message]:
+    def _arrived(self, now: float) -> list[CanMessage]:
         self._run(now)
         inbox = self.controller.inbox
         heard = list(inbox)
@@ -187,7 +187,7 @@ class CanLine:
         if sent.sender != HOST or self.controller.echo:
             self.controller.hear(sent.message, self._now)
 
-    def _said(self, row: int, message: Message, now: float) -> None:
+    def _said(self, row: int, message: CanMessage, now: float) -> None:
         """A node wants to send."""
         if not self.faults.active:
             self.wire.put(row, message, now)

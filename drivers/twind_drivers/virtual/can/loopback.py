@@ -4,12 +4,12 @@ Made with an adapter that `keeps`, it is a kernel's socket: frames that wait sur
 go out when somebody acknowledges again.
 """
 
-from twind_drivers.bus import PortError, PortFull
-from twind_drivers.can.channel import Condition, Line
+from twind_drivers.bus import OutputQueueFull, PortError
+from twind_drivers.can.channel import CanChannelStatus, CanErrorState
 from twind_drivers.can.frame import ERROR, NOTHING, Frames
 from twind_drivers.clock import Clock
 from twind_drivers.virtual.can.controller import CONTROLLER, OFF, PASSIVE, RESTARTED
-from twind_drivers.virtual.can.line import CanLine
+from twind_drivers.virtual.can.line import VirtualCanSegment
 
 DEAD = 1.0  # s without a frame taken
 LEFT = 0.1  # s after which frames that wait are old ones
@@ -18,9 +18,9 @@ LEFT = 0.1  # s after which frames that wait are old ones
 class CanLoopback:
     """A `Channel` without descriptor: `arrival` tells the clock when a frame may come."""
 
-    def __init__(self, line: CanLine, clock: Clock) -> None:
+    def __init__(self, line: VirtualCanSegment, clock: Clock) -> None:
         self.name, self.warning = f"virtual:{line.name}", ""
-        self.condition = Condition()
+        self.condition = CanChannelStatus()
         self._line, self._clock, self._open = line, clock, True
         self._stuck_since: float | None = None  # s
         self._deaf = False  # off for frames that nobody took, until somebody is heard
@@ -36,7 +36,7 @@ class CanLoopback:
 
         Of the line itself: it is text alone that an adapter hands over in batches.
         """
-        return CanLine.due(self._line) if self._open and self._line.plugged else self._clock.now()
+        return VirtualCanSegment.due(self._line) if self._open and self._line.plugged else self._clock.now()
 
     def send(self, frames: Frames, now: float) -> None:
         """See `Channel.send`."""
@@ -58,7 +58,7 @@ class CanLoopback:
             self._error(int(frame["id"]), int(frame["data"][1]))
         good: Frames = heard[~wrong]
         if good.size and self._deaf:
-            self._deaf, self.condition.line = False, Line.ACTIVE
+            self._deaf, self.condition.line = False, CanErrorState.ACTIVE
         return good
 
     def drive(self, owner: object) -> None:
@@ -84,20 +84,20 @@ class CanLoopback:
         since = self._stuck_since = now if self._stuck_since is None else self._stuck_since
         self.condition.refused += count
         if now - since >= LEFT:
-            self._deaf, self.condition.line = True, Line.OFF
+            self._deaf, self.condition.line = True, CanErrorState.OFF
         self._empty()
         if now - since >= DEAD:
             raise PortError(self.name, f"has taken nothing for {now - since:.1f} s", lost=True)
-        raise PortFull(self.name, waiting, count)
+        raise OutputQueueFull(self.name, waiting, count)
 
     def _error(self, id: int, detail: int) -> None:
         self.condition.errors += 1
         if id & OFF:
-            self.condition.line = Line.OFF
+            self.condition.line = CanErrorState.OFF
         elif id & RESTARTED:
-            self.condition.line = Line.ACTIVE
+            self.condition.line = CanErrorState.ACTIVE
         elif id & CONTROLLER:
-            self.condition.line = Line.PASSIVE if detail & PASSIVE else Line.ACTIVE
+            self.condition.line = CanErrorState.PASSIVE if detail & PASSIVE else CanErrorState.ACTIVE
 
     def _check(self) -> None:
         if not self._open:

@@ -24,19 +24,19 @@ SHORTEST = 47  # bits of the shortest frame: no data, no stuffing
 RUNS = re.compile(r"0{5}(?:1{4}0{4})*(?:1{4})?|1{5}(?:0{4}1{4})*(?:0{4})?")
 
 
-class Message(NamedTuple):
+class CanMessage(NamedTuple):
     """`id` with the flags of `twind_drivers.can.frame`; at most 8 bytes."""
 
     id: int
     data: bytes = b""
 
 
-def messages(frames: Frames) -> list[Message]:
+def messages(frames: Frames) -> list[CanMessage]:
     """Each frame of (k,), in order."""
-    return [Message(int(frame["id"]), payload(frame)) for frame in frames]
+    return [CanMessage(int(frame["id"]), payload(frame)) for frame in frames]
 
 
-def as_frames(messages: Iterable[Message]) -> Frames:
+def as_frames(messages: Iterable[CanMessage]) -> Frames:
     """(k,) frames, in order."""
     listed = list(messages)
     made = np.zeros(len(listed), FRAME)
@@ -55,7 +55,7 @@ def rank(id: int) -> int:
     return (id & STANDARD_MASK) << 21 | remote << 20
 
 
-def bits(message: Message) -> int:
+def bits(message: CanMessage) -> int:
     """Bits on the wire, stuff bits of exactly this frame and the pause behind it included.
 
     8 bytes: 111 to 135 with an 11-bit id, 131 to 160 with 29 bits.

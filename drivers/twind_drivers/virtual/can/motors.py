@@ -6,15 +6,15 @@ commanded acts at most that much early.
 
 import numpy as np
 
-from twind_drivers.virtual.can.muscles import Bools, CanMuscles, Floats
+from twind_drivers.virtual.can.muscles import Bools, CanMotorPhysics, Floats
 
 REFRESH = 0.001  # s
 
 
-class Motors:
+class CanMotors:
     """m motors, in rows. Lists are (m,), as of the last `settle` or `advance`."""
 
-    def __init__(self, muscles: CanMuscles, limits: list[float], now: float) -> None:
+    def __init__(self, muscles: CanMotorPhysics, limits: list[float], now: float) -> None:
         """`limits`: N·m, the most that each can pull."""
         count = len(limits)
         self.muscles, self.limits = muscles, np.array(limits)

@@ -16,7 +16,7 @@ FRICTION = 0.2  # N·m·s/rad, viscous
 STEP = 0.002  # s, the longest step of the solution that is exact as long as nothing saturates
 
 
-class CanMuscles(Protocol):
+class CanMotorPhysics(Protocol):
     """The motors of the nodes of one bus. Arrays are (m,), in the order of the nodes.
 
     The three readings stay true until the next `advance`; nobody but the muscles writes them.
@@ -57,7 +57,7 @@ class CanMuscles(Protocol):
         """Let the time pass until `now` (s). A time already passed does nothing."""
 
 
-class FirstOrderCan:
+class FirstOrderCanPhysics:
     """Free shafts with inertia and viscous friction, and nothing that loads them.
 
     Implicit Euler in steps of at most 2 ms: stable for any gains, at rest where the command says.

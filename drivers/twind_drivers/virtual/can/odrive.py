@@ -12,9 +12,9 @@ from math import inf
 from typing import NamedTuple
 
 from twind_drivers.can.frame import EXTENDED, REMOTE
-from twind_drivers.virtual.can.message import Message
-from twind_drivers.virtual.can.motors import Motors
-from twind_drivers.virtual.can.node import COMMON, HEAT, LOW, Node
+from twind_drivers.virtual.can.message import CanMessage
+from twind_drivers.virtual.can.motors import CanMotors
+from twind_drivers.virtual.can.node import COMMON, HEAT, LOW, VirtualCanNode
 from twind_drivers.virtual.can.shaft import TURN
 from twind_drivers.virtual.can.spec import NodeSpec
 
@@ -30,7 +30,7 @@ BY_TORQUE, BY_VELOCITY, BY_POSITION = 1, 2, 3  # control modes
 MOTOR_FAILED = 0x40  # axis error of a 3.x
 
 
-class Codes(NamedTuple):
+class ODriveErrorCodes(NamedTuple):
     """Axis errors: low supply, high supply, heat, watchdog, emergency stop, a state that it cannot take."""
 
     low: int
@@ -41,8 +41,8 @@ class Codes(NamedTuple):
     state: int
 
 
-OLD = Codes(0x2, 0x4, 0x40000, 0x800, 0x4000, 0x1)  # 3.x
-LATER = Codes(0x200, 0x100, 0x2000, 1 << 24, 1 << 25, 0)  # S1, Pro (recalled, unverified)
+OLD = ODriveErrorCodes(0x2, 0x4, 0x40000, 0x800, 0x4000, 0x1)  # 3.x
+LATER = ODriveErrorCodes(0x200, 0x100, 0x2000, 1 << 24, 1 << 25, 0)  # S1, Pro (recalled, unverified)
 CPR = 8192
 LIMITED = 0.002  # s between two looks at an axis whose speed is limited
 FACTORY = {
@@ -57,10 +57,10 @@ FACTORY = {
 }
 
 
-class ODrive(Node):
+class VirtualODrive(VirtualCanNode):
     """One axis; `settings` are its configuration, which only USB can write, but for limits and gains."""
 
-    def __init__(self, spec: NodeSpec, row: int, motors: Motors, now: float) -> None:
+    def __init__(self, spec: NodeSpec, row: int, motors: CanMotors, now: float) -> None:
         """Raises ValueError for a setting that it has not."""
         super().__init__(spec, row, motors, now)
         strange = sorted(set(spec.settings) - set(FACTORY) - set(COMMON))
@@ -96,7 +96,7 @@ class ODrive(Node):
         """ms; nobody can read it over this bus."""
         return round(self.held["watchdog_timeout"] * 1e3)
 
-    def expire(self, now: float) -> Sequence[Message]:
+    def expire(self, now: float) -> Sequence[CanMessage]:
         """An axis error, and idle."""
         super().expire(now)
         return self.damage(self.codes.watchdog)
@@ -105,9 +105,9 @@ class ODrive(Node):
         """Heartbeat, estimates, or a look at the speed limit."""
         return min(self._heart_at, self._tell_at, self._look_at)
 
-    def beat(self, now: float) -> Sequence[Message]:
+    def beat(self, now: float) -> Sequence[CanMessage]:
         """See `next_beat`."""
-        said: list[Message | None] = []
+        said: list[CanMessage | None] = []
         if self._look_at <= now:
             self._pull(now)
         if self._heart_at <= now:
@@ -118,7 +118,7 @@ class ODrive(Node):
             said.append(self._answer(ESTIMATES))
         return [each for each in said if each is not None]
 
-    def obey(self, message: Message, now: float) -> Sequence[Message]:
+    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """Orders with data; a remote frame or an empty one asks."""
         id, data = message
         if id & EXTENDED or (id & 0x7FF) >> 5 != self.id:
@@ -134,17 +134,17 @@ class ODrive(Node):
 
     # ------------------------------------------------------------------------------------- what it says
 
-    def _say(self, command: int, data: bytes) -> Message:
-        return Message(self.id << 5 | command, data)
+    def _say(self, command: int, data: bytes) -> CanMessage:
+        return CanMessage(self.id << 5 | command, data)
 
-    def _heartbeat(self) -> Message:
+    def _heartbeat(self) -> CanMessage:
         state = CLOSED_LOOP if self.shaft.on else IDLE
         if self.later:  # byte 5: result of the last procedure, 6: is the trajectory done
             return self._say(HEARTBEAT, struct.pack("<IBBBB", self.fault, state, 0, 1, 0))
         failed = 1 if self.fault & MOTOR_FAILED else 0
         return self._say(HEARTBEAT, struct.pack("<IBBBB", self.fault, state, failed, 0, 0x80))
 
-    def _answer(self, command: int) -> Message | None:
+    def _answer(self, command: int) -> CanMessage | None:
         place, speed, torque = self.shaft.told()
         amps = torque / self.held["torque_constant"]
         turns = place / TURN

@@ -7,14 +7,14 @@ Whoever drives it calls `step` often enough; it has no thread and never blocks.
 import can
 
 from twind_drivers.can.frame import ERROR, EXTENDED, EXTENDED_MASK, REMOTE
-from twind_drivers.virtual.can.line import CanLine
-from twind_drivers.virtual.can.message import Message, as_frames, messages
+from twind_drivers.virtual.can.line import VirtualCanSegment
+from twind_drivers.virtual.can.message import CanMessage, as_frames, messages
 
 
-class Pump:
+class PythonCanBridge:
     """Moves what the host has sent to the nodes, and what they have said to the host."""
 
-    def __init__(self, line: CanLine, bus: can.BusABC) -> None:
+    def __init__(self, line: VirtualCanSegment, bus: can.BusABC) -> None:
         """`bus`: an end of its own on the host's channel."""
         self._line, self._bus = line, bus
         line.controller.connect(True)
@@ -33,13 +33,13 @@ class Pump:
         return self._line.due()
 
 
-def _taken(given: can.Message) -> Message:
+def _taken(given: can.Message) -> CanMessage:
     flags = (EXTENDED if given.is_extended_id else 0) | (REMOTE if given.is_remote_frame else 0)
     data = bytes(given.dlc) if given.is_remote_frame else bytes(given.data)
-    return Message(given.arbitration_id | flags, data)
+    return CanMessage(given.arbitration_id | flags, data)
 
 
-def _given(message: Message) -> can.Message:
+def _given(message: CanMessage) -> can.Message:
     id, data = message
     remote = bool(id & REMOTE)
     return can.Message(

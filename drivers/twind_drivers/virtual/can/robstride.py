@@ -11,9 +11,9 @@ from math import inf, isfinite
 
 from twind_drivers.can.frame import EXTENDED, EXTENDED_MASK, REMOTE
 from twind_drivers.virtual.can.fields import fraction, pack, unpack
-from twind_drivers.virtual.can.message import Message
-from twind_drivers.virtual.can.motors import Motors
-from twind_drivers.virtual.can.node import COMMON, HEAT, LOW, Node
+from twind_drivers.virtual.can.message import CanMessage
+from twind_drivers.virtual.can.motors import CanMotors
+from twind_drivers.virtual.can.node import COMMON, HEAT, LOW, VirtualCanNode
 from twind_drivers.virtual.can.spec import NodeSpec
 
 HOST = 0xFD
@@ -51,10 +51,10 @@ PARAMETERS: Mapping[str, tuple[int, str, float, bool]] = {
 FORMS = {index: (form, writable) for index, form, _, writable in PARAMETERS.values()}
 
 
-class RobStride(Node):
+class VirtualRobStride(VirtualCanNode):
     """Disabled until it is enabled; answers every frame to it to the host that asked last."""
 
-    def __init__(self, spec: NodeSpec, row: int, motors: Motors, now: float) -> None:
+    def __init__(self, spec: NodeSpec, row: int, motors: CanMotors, now: float) -> None:
         """Raises ValueError for a setting that is no parameter."""
         super().__init__(spec, row, motors, now)
         self._host = spec.feedback_id or HOST
@@ -88,7 +88,7 @@ class RobStride(Node):
         """Fault bits; the six have none for too high a supply, so that of the driver."""
         return OVER_TEMPERATURE if what == HEAT else UNDER_VOLTAGE if what == LOW else DRIVER
 
-    def damage(self, bits: int) -> Sequence[Message]:
+    def damage(self, bits: int) -> Sequence[CanMessage]:
         """Bits of the feedback's id; a new one is told by a frame of its own."""
         news = bits & ~self.fault
         super().damage(bits)
@@ -98,12 +98,12 @@ class RobStride(Node):
         """An active report."""
         return self._report_at
 
-    def beat(self, now: float) -> Sequence[Message]:
+    def beat(self, now: float) -> Sequence[CanMessage]:
         """See `next_beat`."""
         self._report_at = now + EVERY
         return [self.feedback()]
 
-    def obey(self, message: Message, now: float) -> Sequence[Message]:
+    def obey(self, message: CanMessage, now: float) -> Sequence[CanMessage]:
         """Everything of the private protocol but set id, baud rate and protocol switch."""
         id, data = message
         if not id & EXTENDED or id & REMOTE or id & 0xFF != self.id:
@@ -119,7 +119,7 @@ class RobStride(Node):
         self._host = upper & 0xFF
         return self._order(kind, data, now)
 
-    def feedback(self) -> Message:
+    def feedback(self) -> CanMessage:
         """Mode and faults in the id; place, speed, torque, temperature."""
         place, speed, torque = self.shaft.told()
         values = [
@@ -140,9 +140,9 @@ class RobStride(Node):
             unpack(torque, spans[2], 16),
         )
 
-    def _order(self, kind: int, data: bytes, now: float) -> Sequence[Message]:
+    def _order(self, kind: int, data: bytes, now: float) -> Sequence[CanMessage]:
         if kind == GET_ID:
-            return [Message(EXTENDED | self.id << 8 | 0xFE, self.spec.number.to_bytes(8, "little"))]
+            return [CanMessage(EXTENDED | self.id << 8 | 0xFE, self.spec.number.to_bytes(8, "little"))]
         if kind == READ:
             return [self._read(data)]
         if kind == ENABLE:
@@ -164,10 +164,10 @@ class RobStride(Node):
             return ()
         return [self.feedback()]
 
-    def _say(self, kind: int, data: bytes, marks: int = 0) -> Message:
-        return Message(EXTENDED | kind << 24 | marks << 16 | self.id << 8 | self._host, data)
+    def _say(self, kind: int, data: bytes, marks: int = 0) -> CanMessage:
+        return CanMessage(EXTENDED | kind << 24 | marks << 16 | self.id << 8 | self._host, data)
 
-    def _read(self, data: bytes) -> Message:
+    def _read(self, data: bytes) -> CanMessage:
         index = int.from_bytes(data[:2], "little")
         if index not in FORMS:
             return self._say(READ, data[:2] + bytes(6), 1)

@@ -3,15 +3,15 @@
 import math
 from math import inf
 
-from twind_drivers.virtual.can.motors import Motors
+from twind_drivers.virtual.can.motors import CanMotors
 
 TURN = 2.0 * math.pi
 
 
-class Shaft:
+class NodeShaft:
     """The place that a node tells is that of the bare encoder less its `zero`, rad."""
 
-    def __init__(self, row: int, motors: Motors) -> None:
+    def __init__(self, row: int, motors: CanMotors) -> None:
         self.row, self.motors = row, motors
         self.zero = 0.0  # rad of the encoder where it says 0
         self.kept_zero = 0.0  # what of that it still knows without power
@@ -56,7 +56,7 @@ class Shaft:
             self.motors.command(self.row, place + self.zero, speed, kp, kd, torque)
 
 
-class Watch:
+class NodeWatchdog:
     """The watchdog of one node, by its own clock. Times are s."""
 
     def __init__(self, now: float) -> None:

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from twind_drivers.can.frame import BYTES, ERROR, EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
-from twind_drivers.virtual.can.controller import Controller
-from twind_drivers.virtual.can.message import Message
+from twind_drivers.virtual.can.controller import VirtualCanController
+from twind_drivers.virtual.can.message import CanMessage
 
 YES, NO = b"\r", b"\a"
 LONGEST = 64  # characters of a line that the adapter keeps; a longer one is answered NO
@@ -23,7 +23,7 @@ KINDS = ("truncated", "shifted", "joined", "letter", "high", "long", "short")
 class SlcanText:
     """One adapter's text. Random, but the same for one seed."""
 
-    def __init__(self, controller: Controller, seed: int) -> None:
+    def __init__(self, controller: VirtualCanController, seed: int) -> None:
         self._controller = controller
         self._line = bytearray()
         self._deaf = False  # the rest of a line that was too long
@@ -60,7 +60,7 @@ class SlcanText:
             self._deaf = True
         return said
 
-    def print(self, heard: Sequence[Message]) -> bytes:
+    def print(self, heard: Sequence[CanMessage]) -> bytes:
         """Frames for the host; error frames have no text."""
         lines = [self._text(each) for each in heard if not each.id & ERROR]
         if self._spoilt:
@@ -105,7 +105,7 @@ class SlcanText:
 
     # ------------------------------------------------------------------------------------- to the host
 
-    def _text(self, message: Message) -> bytes:
+    def _text(self, message: CanMessage) -> bytes:
         id, data = message
         letter = ("R" if id & REMOTE else "T") if id & EXTENDED else ("r" if id & REMOTE else "t")
         shown = f"{id & EXTENDED_MASK:08X}" if id & EXTENDED else f"{id & STANDARD_MASK:03X}"
@@ -133,7 +133,7 @@ class SlcanText:
         return body[:-2] + b"\r"
 
 
-def parsed(line: bytes) -> Message | None:
+def parsed(line: bytes) -> CanMessage | None:
     """The frame of one line without its CR; None: it is none."""
     extended, remote = line[:1] in b"TR", line[:1] in b"rR"
     digits = 8 if extended else 3
@@ -147,4 +147,4 @@ def parsed(line: bytes) -> Message | None:
     if len(rest) != (0 if remote else 2 * size):
         return None
     flags = (EXTENDED if extended else 0) | (REMOTE if remote else 0)
-    return Message(id | flags, bytes(size) if remote else bytes.fromhex(rest.decode()))
+    return CanMessage(id | flags, bytes(size) if remote else bytes.fromhex(rest.decode()))

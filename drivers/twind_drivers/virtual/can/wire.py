@@ -10,27 +10,27 @@ from collections.abc import Callable
 from math import inf
 from typing import NamedTuple
 
-from twind_drivers.virtual.can.message import SHORTEST, Message, bits, rank
+from twind_drivers.virtual.can.message import SHORTEST, CanMessage, bits, rank
 
 HOST = -1
 REMEMBERED = 4096  # frames whose bits are counted already
 MAILBOX = 8  # frames that a node keeps while it cannot send; later ones are lost (assumed)
 
 
-class Waiting(NamedTuple):
+class QueuedFrame(NamedTuple):
     """A frame that its sender wants to send from `ready` (s) on."""
 
     ready: float
     rank: int
-    message: Message
+    message: CanMessage
 
 
-class Sending(NamedTuple):
+class FrameInFlight(NamedTuple):
     """What is on the wire next, and when it is over, s."""
 
     end: float
     sender: int
-    message: Message
+    message: CanMessage
 
 
 class CanWire:
@@ -43,17 +43,17 @@ class CanWire:
         self.bitrate, self.timing = bitrate, timing
         self._heard = heard
         self._free = -inf  # s, when the wire is idle
-        self._queues: dict[int, deque[Waiting]] = {}
-        self._next: Sending | None = None
+        self._queues: dict[int, deque[QueuedFrame]] = {}
+        self._next: FrameInFlight | None = None
         self._known = True  # is `_next` up to date?
-        self._spans: dict[Message, float] = {}
+        self._spans: dict[CanMessage, float] = {}
 
-    def put(self, sender: int, message: Message, ready: float) -> bool:
+    def put(self, sender: int, message: CanMessage, ready: float) -> bool:
         """Queue a frame. False: a node's mailbox is full, and the frame lost."""
         queue = self._queues.setdefault(sender, deque())
         if sender != HOST and len(queue) >= MAILBOX:
             return False
-        queue.append(Waiting(ready, rank(message.id), message))
+        queue.append(QueuedFrame(ready, rank(message.id), message))
         self._known = False
         return True
 
@@ -76,13 +76,13 @@ class CanWire:
         self.changed(now)
         self._free += spent if self.timing else 0.0
 
-    def next(self) -> Sending | None:
+    def next(self) -> FrameInFlight | None:
         """What is sent next; None: nobody may send anything."""
         if not self._known:
             self._known, self._next = True, self._pick()
         return self._next
 
-    def take(self) -> Sending | None:
+    def take(self) -> FrameInFlight | None:
         """That frame has passed the wire."""
         sent = self.next()
         if sent is not None:
@@ -97,7 +97,7 @@ class CanWire:
         """s that any answer takes at least."""
         return SHORTEST / self.bitrate if self.timing else 0.0
 
-    def _pick(self) -> Sending | None:
+    def _pick(self) -> FrameInFlight | None:
         heads = [
             (queue[0], sender) for sender, queue in self._queues.items() if queue and self._heard(sender)
         ]
@@ -110,9 +110,9 @@ class CanWire:
             start = max(self._free, min([head.ready for head, _ in heads]))
             able = [(head.rank, sender, head) for head, sender in heads if head.ready <= start]
             _, sender, first = min(able)
-        return Sending(start + self._span(first.message), sender, first.message)
+        return FrameInFlight(start + self._span(first.message), sender, first.message)
 
-    def _span(self, message: Message) -> float:
+    def _span(self, message: CanMessage) -> float:
         """s on the wire; a robot that holds says the same again and again."""
         if not self.timing:
             return 0.0

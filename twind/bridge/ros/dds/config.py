@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Sequence
 
-from twind.bridge.ros.discovery import Discovery, Range
+from twind.bridge.ros.discovery import DiscoveryRange, DiscoverySettings
 from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import TransportError
 
@@ -25,21 +25,21 @@ _LOOPBACK = f'<NetworkInterface address="{HERE}" multicast="false"/>'
 _FIRST_PORT, _PORTS, _FIRST, _EACH, _LAST_PORT = 7400, 250, 10, 2, 65535
 
 
-def configuration(discovery: Discovery, own: str = "") -> str | None:
+def configuration(discovery: DiscoverySettings, own: str = "") -> str | None:
     """What a domain is made with; None: the library's own way. `own`: what CYCLONEDDS_URI says.
 
     A user's own configuration is obeyed where others are looked for beyond this machine, not within it: it
     names the interface of a network, and who asked for this machine alone must not end there.
     Raises TransportError: a peer that has no address.
     """
-    if discovery.range is Range.SYSTEM_DEFAULT:
+    if discovery.range is DiscoveryRange.SYSTEM_DEFAULT:
         return own or None
     general, looking = "", ""
-    if discovery.range is not Range.SUBNET:
+    if discovery.range is not DiscoveryRange.SUBNET:
         general += "<AllowMulticast>false</AllowMulticast>"
     if discovery.local:
         general += f"<Interfaces>{_LOOPBACK}</Interfaces>"
-    if discovery.range is Range.OFF:
+    if discovery.range is DiscoveryRange.OFF:
         looking = "<ParticipantIndex>none</ParticipantIndex>"  # no port that others know
     else:
         last = participants(discovery.domain) - 1
@@ -61,8 +61,8 @@ def participants(domain: int) -> int:
     return (end - first) // _EACH
 
 
-def _peers(discovery: Discovery) -> str:
-    here = () if discovery.range is Range.SUBNET else (HERE,)
+def _peers(discovery: DiscoverySettings) -> str:
+    here = () if discovery.range is DiscoveryRange.SUBNET else (HERE,)
     peers = "".join(f'<Peer address="{each}"/>' for each in (*here, *_addresses(discovery.peers)))
     return f"<Peers>{peers}</Peers>" if peers else ""
 

@@ -11,9 +11,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from twind.bridge.ros.dds.library import TIMEOUT, Descriptor, Piece, checked
+from twind.bridge.ros.dds.library import TIMEOUT, IoVector, TopicDescriptor, checked
 from twind.bridge.ros.dds.names import dds_name, user_data
-from twind.bridge.ros.endpoints import Topic
+from twind.bridge.ros.endpoints import RosTopic
 from twind.bridge.ros.transport import TransportError
 from twind.ros import dds_type
 
@@ -24,10 +24,10 @@ _RELIABLE, _TRANSIENT_LOCAL, _KEEP_LAST, _XCDR1 = 1, 1, 0, 0
 _UNLIMITED = -1
 
 
-class Writer:
+class DdsWriter:
     """The writer of one topic. Any thread may write."""
 
-    def __init__(self, library: ct.CDLL, participant: int, topic: Topic) -> None:
+    def __init__(self, library: ct.CDLL, participant: int, topic: RosTopic) -> None:
         """Raises TransportError."""
         self._library = library
         self.topic = topic
@@ -52,7 +52,7 @@ class Writer:
         with self._lock:
             if self._type is None:
                 raise TransportError(f"dds: {self.topic.name}: the graph was left")
-            piece = Piece(data, len(data))
+            piece = IoVector(data, len(data))
             sample = library.ddsi_serdata_from_ser_iov(self._type, _DATA, 1, ct.byref(piece), len(data))
             if not sample:
                 raise TransportError(f"dds: {self.topic.name}: {len(data)} bytes are no CDR")
@@ -76,7 +76,7 @@ def guid(library: ct.CDLL, entity: int) -> bytes:
 
 
 @contextmanager
-def quality(library: ct.CDLL, topic: Topic) -> Iterator[ct.c_void_p]:
+def quality(library: ct.CDLL, topic: RosTopic) -> Iterator[ct.c_void_p]:
     """The QoS of the writer of a topic."""
     qos = library.dds_create_qos()
     told = user_data(topic)
@@ -95,7 +95,7 @@ def quality(library: ct.CDLL, topic: Topic) -> Iterator[ct.c_void_p]:
         library.dds_delete_qos(qos)
 
 
-def _descriptor(topic: Topic) -> Descriptor:
+def _descriptor(topic: RosTopic) -> TopicDescriptor:
     ops = (ct.c_uint32 * len(_OPAQUE))(*_OPAQUE)
     name = dds_type(topic.kind).encode()
-    return Descriptor(size=1, align=1, type_name=name, ops_count=len(ops), ops=ops, meta=b"")
+    return TopicDescriptor(size=1, align=1, type_name=name, ops_count=len(ops), ops=ops, meta=b"")

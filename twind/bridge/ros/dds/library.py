@@ -23,11 +23,11 @@ KNOWN = "11.0.1"  # the version whose layouts these are; they were compared with
 TIMEOUT = -10  # DDS_RETCODE_TIMEOUT
 
 
-class _Bytes(ct.Structure):  # struct dds_type_meta_ser
+class _ByteSequence(ct.Structure):  # struct dds_type_meta_ser
     _fields_ = (("data", ct.c_char_p), ("size", ct.c_uint32))
 
 
-class Descriptor(ct.Structure):
+class TopicDescriptor(ct.Structure):
     """What a type is: dds_topic_descriptor_t."""
 
     _fields_ = (
@@ -37,14 +37,14 @@ class Descriptor(ct.Structure):
         ("ops_count", ct.c_uint32),
         ("ops", ct.POINTER(ct.c_uint32)),
         ("meta", ct.c_char_p),
-        ("type_information", _Bytes),
-        ("type_mapping", _Bytes),
+        ("type_information", _ByteSequence),
+        ("type_mapping", _ByteSequence),
         ("representations", ct.c_uint32),
         ("member_ids", ct.c_uint32),
     )
 
 
-class Piece(ct.Structure):
+class IoVector(ct.Structure):
     """Some bytes: struct iovec."""
 
     _fields_ = (("base", ct.c_char_p), ("length", ct.c_size_t))
@@ -55,7 +55,7 @@ _ENTITY, _POINTER, _TEXT = ct.c_int32, ct.c_void_p, ct.c_char_p
 _FUNCTIONS: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_create_domain": (_ENTITY, (ct.c_uint32, _TEXT)),
     "dds_create_participant": (_ENTITY, (ct.c_uint32, _POINTER, _POINTER)),
-    "dds_create_topic": (_ENTITY, (_ENTITY, ct.POINTER(Descriptor), _TEXT, _POINTER, _POINTER)),
+    "dds_create_topic": (_ENTITY, (_ENTITY, ct.POINTER(TopicDescriptor), _TEXT, _POINTER, _POINTER)),
     "dds_create_writer": (_ENTITY, (_ENTITY, _ENTITY, _POINTER, _POINTER)),
     "dds_delete": (ct.c_int32, (_ENTITY,)),
     "dds_get_guid": (ct.c_int32, (_ENTITY, _POINTER)),
@@ -73,7 +73,7 @@ _FUNCTIONS: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "dds_writecdr": (ct.c_int32, (_ENTITY, _POINTER)),
     "ddsi_serdata_from_ser_iov": (
         _POINTER,
-        (_POINTER, ct.c_int, ct.c_size_t, ct.POINTER(Piece), ct.c_size_t),
+        (_POINTER, ct.c_int, ct.c_size_t, ct.POINTER(IoVector), ct.c_size_t),
     ),
 }
 

@@ -7,20 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from twind.bridge.ros.endpoints import NODE, Topic
+from twind.bridge.ros.endpoints import NODE, RosTopic
 from twind.ros import PARTICIPANT_ENTITIES, encode, participant_entities, type_hash
 
 ENCLAVE = b"enclave=/;"  # USER_DATA of a participant: without it no node of it is listed
-GRAPH = Topic("ros_discovery_info", PARTICIPANT_ENTITIES, out=True, depth=1, latched=True)
+GRAPH = RosTopic("ros_discovery_info", PARTICIPANT_ENTITIES, out=True, depth=1, latched=True)
 GID, GID_HUMBLE = 16, 24  # bytes
 
 
-def dds_name(topic: Topic) -> str:
+def dds_name(topic: RosTopic) -> str:
     """`/joint_states` is `rt/joint_states`; the graph's own topic has no mark."""
     return topic.name if topic is GRAPH else f"rt{topic.name}"
 
 
-def user_data(topic: Topic) -> bytes:
+def user_data(topic: RosTopic) -> bytes:
     """USER_DATA of an endpoint: the hash of its type. Humble ignores it."""
     return f"typehash={type_hash(topic.kind)};".encode()
 

@@ -13,16 +13,16 @@ import threading
 from collections.abc import Callable, Sequence
 
 from twind.bridge.ros.dds.config import configuration, participants
-from twind.bridge.ros.dds.ends import Writer, guid
+from twind.bridge.ros.dds.ends import DdsWriter, guid
 from twind.bridge.ros.dds.library import checked, load
 from twind.bridge.ros.dds.loopback import keep_here, sockets
 from twind.bridge.ros.dds.names import ENCLAVE, GID, GID_HUMBLE, GRAPH, graph_message
-from twind.bridge.ros.discovery import Discovery
-from twind.bridge.ros.endpoints import Service, Topic
+from twind.bridge.ros.discovery import DiscoverySettings
+from twind.bridge.ros.endpoints import RosService, RosTopic
 from twind.bridge.ros.transport import Asked, Heard, TransportError
 
 
-class Dds:
+class DdsTransport:
     """A `Transport` by Cyclone DDS. One per process and domain."""
 
     refuses = (
@@ -30,17 +30,19 @@ class Dds:
         "--backend rclpy and --backend zenoh take them"
     )
 
-    def __init__(self, discovery: Discovery, tell: Callable[[str], None]) -> None:
+    def __init__(self, discovery: DiscoverySettings, tell: Callable[[str], None]) -> None:
         """`tell`: receives a line for standard error, from any thread."""
         self._discovery = discovery
         self._tell = tell
         self._library: ct.CDLL | None = None
         self._domain = 0
-        self._writers: dict[str, Writer] = {}
+        self._writers: dict[str, DdsWriter] = {}
         self._counting = threading.Lock()
         self.dropped = 0  # messages that found no room within `ends.BLOCKING`
 
-    def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
+    def open(
+        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+    ) -> None:
         """Join the graph and write the outbound topics. Nothing else is created. Raises TransportError."""
         self.close()
         self._library = load()
@@ -50,7 +52,7 @@ class Dds:
             self.close()
             raise
 
-    def publish(self, topic: Topic, data: bytes) -> None:
+    def publish(self, topic: RosTopic, data: bytes) -> None:
         """Send CDR bytes, header included; dropped and counted after 5 ms. Raises TransportError."""
         writer = self._writers.get(topic.name)
         if writer is None:
@@ -70,10 +72,10 @@ class Dds:
         if domain and self._library is not None:
             self._library.dds_delete(domain)
 
-    def _join(self, library: ct.CDLL, topics: Sequence[Topic]) -> None:
+    def _join(self, library: ct.CDLL, topics: Sequence[RosTopic]) -> None:
         participant = self._participant(library)
-        writers = [Writer(library, participant, topic) for topic in topics]
-        graph = Writer(library, participant, GRAPH)
+        writers = [DdsWriter(library, participant, topic) for topic in topics]
+        graph = DdsWriter(library, participant, GRAPH)
         self._writers = {writer.topic.name: writer for writer in (*writers, graph)}
         # Gids of all endpoints but the graph's own, as in rmw_dds_common: that one belongs to no node.
         gids = [each.guid() for each in writers]

@@ -21,7 +21,7 @@ class AttachmentError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Attachment:
+class ZenohAttachment:
     """`number` counts a sender's messages, `time_ns` is when it sent (since 1970), `gid` its 16 bytes."""
 
     number: int
@@ -36,15 +36,15 @@ class Attachment:
         return _PLAIN.pack(self.number, self.time_ns, _WIDTH, self.gid)
 
 
-def attachment(data: bytes) -> Attachment:
+def attachment(data: bytes) -> ZenohAttachment:
     """What they say, in either form. Raises AttachmentError."""
     if len(data) == _PLAIN.size and data[_PLAIN.size - _WIDTH - 1] == _WIDTH:
         number, time_ns, _, gid = _PLAIN.unpack(data)
-        return Attachment(number, time_ns, gid)
+        return ZenohAttachment(number, time_ns, gid)
     if len(data) == _LABELLED.size:
         one, number, two, time_ns, three, width, gid = _LABELLED.unpack(data)
         if (one, two, three, width) == (_NUMBER, _TIME, _GID, _WIDTH):
-            return Attachment(number, time_ns, gid, labelled=True)
+            return ZenohAttachment(number, time_ns, gid, labelled=True)
     raise AttachmentError(
         f"{len(data)} bytes are no attachment: {_PLAIN.size} or {_LABELLED.size} with a gid of {_WIDTH}"
     )

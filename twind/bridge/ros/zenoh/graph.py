@@ -8,18 +8,18 @@ from pathlib import Path
 
 import zenoh
 
-from twind.bridge.ros.discovery import Discovery
-from twind.bridge.ros.endpoints import Service, Topic
+from twind.bridge.ros.discovery import DiscoverySettings
+from twind.bridge.ros.endpoints import RosService, RosTopic
 from twind.bridge.ros.transport import Asked, Heard, TransportError
 from twind.bridge.ros.zenoh.config import session_config
-from twind.bridge.ros.zenoh.names import Names
-from twind.bridge.ros.zenoh.node import Node
+from twind.bridge.ros.zenoh.names import ZenohNames
+from twind.bridge.ros.zenoh.node import ZenohNode
 
 # How far a graph of DDS reaches; rmw_zenoh does not look at them either.
 _REACH = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
 
 
-class Zenoh:
+class ZenohTransport:
     """A Transport. `connect`: the router, several by commas; `config`: a Zenoh configuration file.
 
     `tell` is given a line when a router is found or lost, from any thread. `labelled`: attachments in the
@@ -31,7 +31,7 @@ class Zenoh:
 
     def __init__(
         self,
-        discovery: Discovery,
+        discovery: DiscoverySettings,
         tell: Callable[[str], None],
         connect: str | None = None,
         config: Path | str | None = None,
@@ -40,12 +40,14 @@ class Zenoh:
     ) -> None:
         self._discovery, self._tell, self._labelled = discovery, tell, labelled
         self._connect, self._config = connect, config
-        self._node: Node | None = None
+        self._node: ZenohNode | None = None
         unheeded = [name for name in _REACH if os.environ.get(name)]
         if unheeded:
             tell(f"zenoh: {', '.join(unheeded)}: not heeded here; who reaches the router is in the graph")
 
-    def open(self, topics: Sequence[Topic], services: Sequence[Service], heard: Heard, asked: Asked) -> None:
+    def open(
+        self, topics: Sequence[RosTopic], services: Sequence[RosService], heard: Heard, asked: Asked
+    ) -> None:
         """Join the graph. A router that is not there is looked for from then on. Raises TransportError."""
         config = session_config(os.environ, self._connect, self._config)
         try:
@@ -54,8 +56,8 @@ class Zenoh:
             raise TransportError(f"zenoh: {error}; --zenoh-connect or --zenoh-config say where to") from None
         try:
             self._watch(session)
-            names = Names(self._discovery.domain, str(session.zid()), hashed=not self._discovery.humble)
-            self._node = Node(session, names, self._tell, labelled=self._labelled)
+            names = ZenohNames(self._discovery.domain, str(session.zid()), hashed=not self._discovery.humble)
+            self._node = ZenohNode(session, names, self._tell, labelled=self._labelled)
             self._node.offer(topics, heard)
             self._node.serve(services, asked)
         except zenoh.ZError as error:
@@ -63,7 +65,7 @@ class Zenoh:
             session.close()
             raise TransportError(f"zenoh: {error}") from None
 
-    def publish(self, topic: Topic, data: bytes) -> None:
+    def publish(self, topic: RosTopic, data: bytes) -> None:
         """Send CDR bytes, header included, within milliseconds. Raises TransportError."""
         node = self._node
         if node is None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import xxhash
 
-from twind.bridge.ros.endpoints import NODE, Service, Topic
+from twind.bridge.ros.endpoints import NODE, RosService, RosTopic
 from twind.ros import dds_type, type_hash
 
 NO_HASH = "TypeHashNotSupported"  # in place of a hash among nodes of Humble, whose messages have none
@@ -21,14 +21,14 @@ _SERVICE_DEPTH = 10  # rmw_qos_profile_services_default
 
 
 @dataclass(frozen=True, slots=True)
-class Names:
+class ZenohNames:
     """The names of one session's node. `zid`: of the session; `hashed`: types have hashes, as since Iron."""
 
     domain: int
     zid: str
     hashed: bool = True
 
-    def key(self, endpoint: Topic | Service) -> str:
+    def key(self, endpoint: RosTopic | RosService) -> str:
         """Where messages of a topic go, or requests of a service."""
         return f"{self.domain}/{endpoint.name.strip('/')}/{self._type(endpoint.kind)}"
 
@@ -36,9 +36,9 @@ class Names:
         """The token of the node."""
         return f"{self._session()}/{_NODE_ID}/NN/{_ROOT}/{_ROOT}/{NODE}"
 
-    def token(self, number: int, endpoint: Topic | Service) -> str:
+    def token(self, number: int, endpoint: RosTopic | RosService) -> str:
         """The token of an endpoint; `number` is its own among those of the session, not the node's."""
-        if isinstance(endpoint, Topic):
+        if isinstance(endpoint, RosTopic):
             kind, depth = "MP" if endpoint.out else "MS", endpoint.depth
             durability = 1 if endpoint.latched else 2
         else:

@@ -11,49 +11,51 @@ from contextlib import suppress
 import zenoh
 import zenoh.ext
 
-from twind.bridge.ros.endpoints import Service, Topic
+from twind.bridge.ros.endpoints import RosService, RosTopic
 from twind.bridge.ros.goal import LONGEST
 from twind.bridge.ros.transport import Asked, Heard
-from twind.bridge.ros.zenoh.attachment import Attachment
-from twind.bridge.ros.zenoh.names import Names, gid
-from twind.bridge.ros.zenoh.service import Served
+from twind.bridge.ros.zenoh.attachment import ZenohAttachment
+from twind.bridge.ros.zenoh.names import ZenohNames, gid
+from twind.bridge.ros.zenoh.service import ZenohServiceServer
 
 HEARTBEAT_S = 0.5  # as rmw_zenoh: how soon a reader learns that it missed the last of a latched topic
 _END_S = 0.5  # for what is being answered or handed over when the graph is left
 
 
-class Node:
+class ZenohNode:
     """Its endpoints live as long as it is open. Raises zenoh.ZError where the session cannot."""
 
     def __init__(
-        self, session: zenoh.Session, names: Names, tell: Callable[[str], None], *, labelled: bool
+        self, session: zenoh.Session, names: ZenohNames, tell: Callable[[str], None], *, labelled: bool
     ) -> None:
         """`tell`: a line where what was heard or asked for fails."""
         self._session, self._names, self._labelled, self._tell = session, names, labelled, tell
         self._numbers = itertools.count(1)
         self._tokens = [session.liveliness().declare_token(names.node_token())]
-        self._writers: dict[Topic, Writer] = {}
-        self._served: list[Served] = []
+        self._writers: dict[RosTopic, ZenohWriter] = {}
+        self._served: list[ZenohServiceServer] = []
         self._hearing: list[threading.Thread] = []
 
-    def offer(self, topics: Sequence[Topic], heard: Heard) -> None:
+    def offer(self, topics: Sequence[RosTopic], heard: Heard) -> None:
         """Publish those that go out and hear the others."""
         for topic in topics:
             token = self._token(topic)
             if topic.out:
                 channel = _channel(self._session, self._names.key(topic), topic)
-                self._writers[topic] = Writer(channel, gid(token), labelled=self._labelled)
+                self._writers[topic] = ZenohWriter(channel, gid(token), labelled=self._labelled)
             else:
                 self._hear(topic, heard)
             self._tokens.append(self._session.liveliness().declare_token(token))
 
-    def serve(self, services: Sequence[Service], asked: Asked) -> None:
+    def serve(self, services: Sequence[RosService], asked: Asked) -> None:
         """Answer requests."""
         for service in services:
-            self._served.append(Served(self._session, service, self._names.key(service), asked, self._tell))
+            self._served.append(
+                ZenohServiceServer(self._session, service, self._names.key(service), asked, self._tell)
+            )
             self._tokens.append(self._session.liveliness().declare_token(self._token(service)))
 
-    def put(self, topic: Topic, data: bytes) -> None:
+    def put(self, topic: RosTopic, data: bytes) -> None:
         """Send one message, CDR with its header."""
         self._writers[topic].put(data)
 
@@ -66,10 +68,10 @@ class Node:
         for thread in self._hearing:
             thread.join(_END_S)
 
-    def _token(self, endpoint: Topic | Service) -> str:
+    def _token(self, endpoint: RosTopic | RosService) -> str:
         return self._names.token(next(self._numbers), endpoint)
 
-    def _hear(self, topic: Topic, heard: Heard) -> None:
+    def _hear(self, topic: RosTopic, heard: Heard) -> None:
         """KEEP_LAST `depth`: of what comes faster than it is taken the oldest goes."""
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(topic.depth)
         samples = self._session.declare_subscriber(self._names.key(topic), ring)
@@ -86,7 +88,7 @@ class Node:
         self._hearing.append(thread)
 
 
-class Writer:
+class ZenohWriter:
     """One publisher. Several threads may send: messages go out in the order of their numbers."""
 
     def __init__(
@@ -99,7 +101,7 @@ class Writer:
     def put(self, data: bytes) -> None:
         """Send; what the way to a reader has no room for within a millisecond is dropped there."""
         with self._lock:
-            beside = Attachment(next(self._numbers), time.time_ns(), self._gid, self._labelled)
+            beside = ZenohAttachment(next(self._numbers), time.time_ns(), self._gid, self._labelled)
             self._put(data, attachment=beside.pack())
 
 
@@ -108,7 +110,9 @@ def _bytes(payload: zenoh.ZBytes) -> bytes:
     return payload.to_bytes() if len(payload) <= LONGEST else bytes(LONGEST + 1)
 
 
-def _channel(session: zenoh.Session, key: str, topic: Topic) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
+def _channel(
+    session: zenoh.Session, key: str, topic: RosTopic
+) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
     """Reliable on the way, dropped where there is no room: a reader that hangs holds up nobody."""
     drop, reliable = zenoh.CongestionControl.DROP, zenoh.Reliability.RELIABLE
     if not topic.latched:

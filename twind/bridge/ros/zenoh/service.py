@@ -12,9 +12,9 @@ from contextlib import suppress
 
 import zenoh
 
-from twind.bridge.ros.endpoints import TO_E_STOP, TO_STOP, Service
+from twind.bridge.ros.endpoints import TO_E_STOP, TO_STOP, RosService
 from twind.bridge.ros.transport import Asked
-from twind.bridge.ros.zenoh.attachment import Attachment, AttachmentError, attachment
+from twind.bridge.ros.zenoh.attachment import AttachmentError, ZenohAttachment, attachment
 from twind.ros import CdrError, decode, encode
 
 _WAITING = 10  # requests; of more the oldest goes unanswered, as in rmw_zenoh
@@ -22,11 +22,11 @@ _STOPS = (TO_STOP, TO_E_STOP)
 _AT_ONCE = 4  # stops that are answered beside each other: a second does not wait for a first that hangs
 
 
-class Served:
+class ZenohServiceServer:
     """Answers until it is closed. `key`: where its requests come. `tell`: a line where an answer fails."""
 
     def __init__(
-        self, session: zenoh.Session, service: Service, key: str, asked: Asked, tell: Callable[[str], None]
+        self, session: zenoh.Session, service: RosService, key: str, asked: Asked, tell: Callable[[str], None]
     ) -> None:
         self._service, self._key, self._asked, self._tell = service, key, asked, tell
         self._stops = service in _STOPS
@@ -65,7 +65,7 @@ class Served:
         if told is None:
             query.reply(self._key, response)
             return
-        reply = Attachment(told.number, time.time_ns(), told.gid, told.labelled)
+        reply = ZenohAttachment(told.number, time.time_ns(), told.gid, told.labelled)
         query.reply(self._key, response, attachment=reply.pack())
 
     def _response(self, query: zenoh.Query) -> bytes:
@@ -90,7 +90,7 @@ class Served:
         return words
 
 
-def _beside(query: zenoh.Query) -> tuple[Attachment | None, str]:
+def _beside(query: zenoh.Query) -> tuple[ZenohAttachment | None, str]:
     """The attachment; None, and what is wrong with it."""
     try:
         return attachment(b"" if query.attachment is None else query.attachment.to_bytes()), ""

@@ -8,10 +8,10 @@ from typing import Any
 
 from twind.client import ClientError
 from twind.observe.viewing.live import messages
-from twind.observe.viewing.news import Known, News
-from twind.observe.viewing.stops import Stops
+from twind.observe.viewing.news import News, ViewerState
+from twind.observe.viewing.stops import StopThreads
 from twind.observe.viewing.viewer import take
-from twind.observe.viewing.ways import Ways
+from twind.observe.viewing.ways import RobotConnections
 
 RATE = 10.0  # Hz of states: pictures a second, for each robot
 TOPICS = ("state", "status", "events")
@@ -21,34 +21,36 @@ LOOKED = 1.0  # s between two looks who is there
 PARTING = 1.0  # s that threads may take to end
 
 Whose = tuple[str, str]  # a robot's name, and where it is: together nobody else's
-Found = Callable[[], Mapping[Whose, Ways]]  # who is there; may take seconds, may raise ClientError
+Found = Callable[
+    [], Mapping[Whose, RobotConnections]
+]  # who is there; may take seconds, may raise ClientError
 
 
-class Member:
+class RegisteredRobot:
     """One robot, for as long as the page is there, whether or not anything comes from it."""
 
-    def __init__(self, name: str, ways: Ways, ended: threading.Event) -> None:
-        self.name, self.known, self.stops = name, Known(), Stops(ways, by=BY)
+    def __init__(self, name: str, ways: RobotConnections, ended: threading.Event) -> None:
+        self.name, self.known, self.stops = name, ViewerState(), StopThreads(ways, by=BY)
         self.listening = _started(f"news of {name}", take, self.known, _news(ways, ended))
 
 
-def _news(ways: Ways, ended: threading.Event) -> Iterable[News]:
+def _news(ways: RobotConnections, ended: threading.Event) -> Iterable[News]:
     return messages(ways, ended, topics=TOPICS, rate=RATE)
 
 
-class Company:
+class RobotRegistry:
     """All who were ever found, in that order. Each keeps the ways and the name that it was given first: who
     comes later and is called the same has where it is behind its name."""
 
     def __init__(self, found: Found) -> None:
         self._found, self._ended = found, threading.Event()
         self._names: dict[Whose, str] = {}
-        self._members: tuple[Member, ...] = ()
+        self._members: tuple[RegisteredRobot, ...] = ()
         self.problem = ""  # why nobody else can be found
         self._looking = _started("who is there", self._look)
 
     @property
-    def members(self) -> tuple[Member, ...]:
+    def members(self) -> tuple[RegisteredRobot, ...]:
         """Of this moment; more come, none goes."""
         return self._members
 
@@ -75,7 +77,7 @@ class Company:
                 self.problem = problem
             self._ended.wait(LOOKED)
 
-    def _take(self, found: Mapping[Whose, Ways]) -> str:
+    def _take(self, found: Mapping[Whose, RobotConnections]) -> str:
         """Who is new. Why some are left out: each has a thread, and the page a folder for it."""
         for whose, ways in found.items():
             if whose not in self._names:
@@ -83,7 +85,7 @@ class Company:
                     return f"there are more than {MOST}: the others are not on this page"
                 name, where = whose
                 self._names[whose] = f"{name} ({where})" if name in self._names.values() else name
-                self._members = (*self._members, Member(self._names[whose], ways, self._ended))
+                self._members = (*self._members, RegisteredRobot(self._names[whose], ways, self._ended))
         return ""
 
 

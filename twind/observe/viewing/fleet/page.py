@@ -3,27 +3,27 @@
 from typing import Any
 
 from twind.observe.viewing.buttons import stop_buttons, stop_window
-from twind.observe.viewing.fleet.chorus import Chorus
-from twind.observe.viewing.fleet.company import Company, Member
+from twind.observe.viewing.fleet.chorus import Broadcast
+from twind.observe.viewing.fleet.company import RegisteredRobot, RobotRegistry
 
 ALL = "all robots"  # no name of a robot: they have no spaces
 
 
-class Page:
+class FleetPage:
     """What changes is HTML, sent where it differs. The last of `said` is the sum of all."""
 
-    def __init__(self, server: Any, company: Company) -> None:
+    def __init__(self, server: Any, company: RobotRegistry) -> None:
         self._gui = server.gui
         self._gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
-        estop = Chorus("e-stop", lambda: {each.name: each.stops.estop for each in company.members})
-        stop = Chorus("stop", lambda: {each.name: each.stops.stop for each in company.members})
+        estop = Broadcast("e-stop", lambda: {each.name: each.stops.estop for each in company.members})
+        stop = Broadcast("stop", lambda: {each.name: each.stops.stop for each in company.members})
         stop_window(self._gui, estop, stop, ALL)
         self._sum = self._gui.add_html("")
         self._words: dict[str, Any] = {}
         self._said: dict[str | None, str] = {}
         self._gui.main_panel.dock_right()
 
-    def add(self, member: Member) -> None:
+    def add(self, member: RegisteredRobot) -> None:
         """A folder more."""
         with self._gui.add_folder(member.name):
             self._words[member.name] = self._gui.add_html("")

@@ -6,13 +6,13 @@ import traceback
 from collections import defaultdict
 from typing import Any
 
-from twind.client.once import Once
+from twind.client.once import TransitionReporter
 from twind.observe.viewing import words
-from twind.observe.viewing.door import Site
-from twind.observe.viewing.fleet.company import Company, Found, Member
-from twind.observe.viewing.fleet.page import Page
-from twind.observe.viewing.fleet.stand import APART, Stand, camera, spots
-from twind.observe.viewing.fleet.standing import Standing, described, summary
+from twind.observe.viewing.door import ViewerSite
+from twind.observe.viewing.fleet.company import Found, RegisteredRobot, RobotRegistry
+from twind.observe.viewing.fleet.page import FleetPage
+from twind.observe.viewing.fleet.stand import APART, RobotPlate, camera, spots
+from twind.observe.viewing.fleet.standing import RobotHealth, described, summary
 from twind.observe.viewing.show import Drawing, served
 
 PERIOD = 0.1  # s between pictures
@@ -26,21 +26,23 @@ def watch(found: Found, *, port: int | None = None, open_page: bool = False, as_
     e-stop. Raises Rejected where no server can be started.
     """
 
-    def begun(site: Site) -> Drawing:
-        return Fleet(site.server, found).run
+    def begun(site: ViewerSite) -> Drawing:
+        return FleetViewer(site.server, found).run
 
     return served(begun, title="twind", port=port, open_page=open_page, as_json=as_json)
 
 
-class Fleet:
+class FleetViewer:
     """One page of a server, and the robots on it."""
 
     def __init__(self, server: Any, found: Found) -> None:
-        self._server, self._company = server, Company(found)
-        self._page = Page(server, self._company)
-        self._stands: dict[str, Stand] = {}
-        self._hows: dict[str, Standing] = {}
-        self._traced: dict[str, Once] = defaultdict(Once)  # by name; "": what is nobody's
+        self._server, self._company = server, RobotRegistry(found)
+        self._page = FleetPage(server, self._company)
+        self._stands: dict[str, RobotPlate] = {}
+        self._hows: dict[str, RobotHealth] = {}
+        self._traced: dict[str, TransitionReporter] = defaultdict(
+            TransitionReporter
+        )  # by name; "": what is nobody's
         self._laid: tuple[int, float] = (0, 0.0)  # how many stand how far apart
         self._turn = 0
         server.scene.add_grid(
@@ -69,10 +71,10 @@ class Fleet:
                 self._page.say(self._problem() + summary(hows))
         self._server.flush()
 
-    def _one(self, member: Member) -> Standing:
+    def _one(self, member: RegisteredRobot) -> RobotHealth:
         """Whatever is wrong with one is not the others' trouble."""
         if member.name not in self._stands:
-            self._stands[member.name] = Stand(self._server.scene, len(self._stands), member.name)
+            self._stands[member.name] = RobotPlate(self._server.scene, len(self._stands), member.name)
             self._page.add(member)
         stand, now = self._stands[member.name], member.known.now()
         if self._turn % WORDS == 1 or member.name not in self._hows:

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from twind.observe.viewing.figure import Colour, Figure
-from twind.observe.viewing.fleet.standing import GREY, Standing
-from twind.observe.viewing.likeness import Likeness, NoLikeness
-from twind.observe.viewing.news import Message, Now
+from twind.observe.viewing.figure import Colour, RobotFigure
+from twind.observe.viewing.fleet.standing import GREY, RobotHealth
+from twind.observe.viewing.likeness import NoRobotModel, RobotModel
+from twind.observe.viewing.news import Message, ViewerSnapshot
 from twind.observe.viewing.scene import extent, marked
 from twind.robot.arrays import Floats
 
@@ -43,7 +43,7 @@ def camera(spots: Floats, size: float) -> tuple[Floats, Floats]:
     return middle + wide * np.array([0.62, 0.05, 0.24]), middle
 
 
-class Stand:
+class RobotPlate:
     """One robot's place. Until its model is known there are plate and name."""
 
     def __init__(self, scene: Any, number: int, name: str) -> None:
@@ -54,7 +54,7 @@ class Stand:
         )
         self._label = scene.add_label(f"{self._at}/name", name, anchor="bottom-center")
         self._label.position = (0.0, 0.0, (1.0 + ABOVE) * USUAL)
-        self._robot: _Robot | None = None
+        self._robot: _PlacedFigure | None = None
         self._told: Message | None = None
         self.size = USUAL  # m
         self.problem = ""  # why the robot is not drawn
@@ -63,7 +63,7 @@ class Stand:
         """Stand there, (2,) m."""
         self._root.position = (float(spot[0]), float(spot[1]), 0.0)
 
-    def draw(self, now: Now, how: Standing) -> None:
+    def draw(self, now: ViewerSnapshot, how: RobotHealth) -> None:
         """As it is now."""
         if now.told is not None and now.told is not self._told:
             self._describe(now.told)
@@ -92,28 +92,28 @@ class Stand:
             return
         self._clear("")
         try:
-            likeness = Likeness(told)
-        except NoLikeness as error:
+            likeness = RobotModel(told)
+        except NoRobotModel as error:
             self.problem = str(error)
             return
         low, high = extent(likeness)
         self.size = max(0.3, float(np.linalg.norm(high - low)))
-        self._robot = _Robot(self._scene, f"{self._at}/robot", likeness)
+        self._robot = _PlacedFigure(self._scene, f"{self._at}/robot", likeness)
         self._plate.radius = PLATE * self.size
         self._label.position = (0.0, 0.0, self._robot.lifted(high[2]) + ABOVE * self.size)
 
 
-class _Robot:
+class _PlacedFigure:
     """The figure over the middle of the plate; one whose model hangs below its floor is lifted onto it."""
 
-    def __init__(self, scene: Any, root: str, likeness: Likeness) -> None:
+    def __init__(self, scene: Any, root: str, likeness: RobotModel) -> None:
         self.likeness = likeness
         low, high = extent(likeness)
         x, y = (-0.5 * (low + high))[:2]
         self._lift = max(0.0, -float(low[2]))
         self._root = scene.add_frame(root, show_axes=False, position=(x, y, self._lift))
-        self._solid = Figure(scene, f"{root}/solid", likeness.model, alone=True)
-        self._marks = Figure(scene, f"{root}/marks", likeness.model, (FADED, 0.45), alone=True)
+        self._solid = RobotFigure(scene, f"{root}/solid", likeness.model, alone=True)
+        self._marks = RobotFigure(scene, f"{root}/marks", likeness.model, (FADED, 0.45), alone=True)
         self._pose = likeness.rest.copy()
         self._solid.place(likeness.places(self._pose))
 
@@ -121,7 +121,7 @@ class _Robot:
         """m above the page's floor, of a height in the model."""
         return height + self._lift
 
-    def draw(self, now: Now, *, faded: bool) -> None:
+    def draw(self, now: ViewerSnapshot, *, faded: bool) -> None:
         joints = now.joints
         told = joints is not None and len(joints.measured) == len(self._pose)
         if joints is not None and told:

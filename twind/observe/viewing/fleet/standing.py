@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from twind.observe.viewing import words
-from twind.observe.viewing.news import Message, Now
+from twind.observe.viewing.news import Message, ViewerSnapshot
 
 
-class Kind(StrEnum):
+class HealthLevel(StrEnum):
     """The most urgent first."""
 
     STOPPED = "e-stop"
@@ -23,24 +23,24 @@ class Kind(StrEnum):
 
 
 COLOURS = {
-    Kind.STOPPED: words.RED,
-    Kind.FAULT: words.RED,
-    Kind.LOST: words.GREY,
-    Kind.ODD: words.GREY,
-    Kind.OLD: words.GREY,
-    Kind.WARNED: words.AMBER,
-    Kind.MOVING: "#2563eb",
-    Kind.WELL: words.GREEN,
+    HealthLevel.STOPPED: words.RED,
+    HealthLevel.FAULT: words.RED,
+    HealthLevel.LOST: words.GREY,
+    HealthLevel.ODD: words.GREY,
+    HealthLevel.OLD: words.GREY,
+    HealthLevel.WARNED: words.AMBER,
+    HealthLevel.MOVING: "#2563eb",
+    HealthLevel.WELL: words.GREEN,
 }
 PUNCTUAL = 0.99  # of the ticks: a loop with fewer on time is told
-GREY = (Kind.LOST, Kind.ODD, Kind.OLD)  # what is drawn of it says nothing of now
+GREY = (HealthLevel.LOST, HealthLevel.ODD, HealthLevel.OLD)  # what is drawn of it says nothing of now
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class RobotHealth:
     """Of one robot."""
 
-    kind: Kind
+    kind: HealthLevel
     said: str
 
     @property
@@ -49,32 +49,36 @@ class Standing:
         return COLOURS[self.kind]
 
 
-def standing(now: Now) -> Standing:
+def standing(now: ViewerSnapshot) -> RobotHealth:
     """Of a robot that is known so far."""
     status = now.status
     if now.lost is not None:
-        return Standing(Kind.LOST, "lost" if status is not None else "not reached")
+        return RobotHealth(HealthLevel.LOST, "lost" if status is not None else "not reached")
     if status is None or now.age is None:
-        return Standing(Kind.LOST, "nothing was heard yet")
+        return RobotHealth(HealthLevel.LOST, "nothing was heard yet")
     if now.age >= words.OLD:
-        return Standing(Kind.OLD, f"not heard for {now.age:.0f} s")
+        return RobotHealth(HealthLevel.OLD, f"not heard for {now.age:.0f} s")
     said = _said(status)
     if status["state"] == "estop":
-        return Standing(Kind.STOPPED, said)
+        return RobotHealth(HealthLevel.STOPPED, said)
     if status["state"] in ("fault", "inhibited") or status["faults"]:
-        return Standing(Kind.FAULT, said)
+        return RobotHealth(HealthLevel.FAULT, said)
     if not _whole(now, status):
-        return Standing(Kind.WARNED, said)
-    return Standing(Kind.MOVING if status["motion"] in ("active", "streaming") else Kind.WELL, said)
+        return RobotHealth(HealthLevel.WARNED, said)
+    return RobotHealth(
+        HealthLevel.MOVING if status["motion"] in ("active", "streaming") else HealthLevel.WELL, said
+    )
 
 
-def described(now: Now, problem: str) -> tuple[Standing, str]:
+def described(now: ViewerSnapshot, problem: str) -> tuple[RobotHealth, str]:
     """How it is, and `page`, whatever it says: a robot of another version is not the others' trouble."""
     try:
         how = standing(now)
         return how, page(now, how, problem)
     except Exception as error:  # noqa: BLE001
-        how = Standing(Kind.ODD, f"what it says cannot be understood: {type(error).__name__}: {error}")
+        how = RobotHealth(
+            HealthLevel.ODD, f"what it says cannot be understood: {type(error).__name__}: {error}"
+        )
         return how, words.block([words.row("state", how.said, how.colour)])
 
 
@@ -85,7 +89,7 @@ def _said(status: Message) -> str:
     return ", ".join([mode, *states, str(status["motion"])])
 
 
-def _whole(now: Now, status: Message) -> bool:
+def _whole(now: ViewerSnapshot, status: Message) -> bool:
     """Every joint is heard, with a new number, and tells no fault."""
     told = now.joints
     assert told is not None
@@ -94,18 +98,18 @@ def _whole(now: Now, status: Message) -> bool:
     return bool(told.heard.all()) and not now.stale.any() and not any(told.faults)
 
 
-def summary(standings: Iterable[Standing]) -> str:
+def summary(standings: Iterable[RobotHealth]) -> str:
     """How many there are of each kind, as HTML."""
     found = Counter(each.kind for each in standings)
     told = [
         f'<span style="color:{COLOURS[kind]};font-weight:600">{found[kind]} {kind}</span>'
-        for kind in Kind
+        for kind in HealthLevel
         if found[kind]
     ]
     return words.block([", ".join(told) or words.row("robots", "none was found yet", words.AMBER)])
 
 
-def page(now: Now, how: Standing, problem: str) -> str:
+def page(now: ViewerSnapshot, how: RobotHealth, problem: str) -> str:
     """One robot in words, as HTML. `problem`: why it is not drawn."""
     rows = [words.row("state", how.said, how.colour)]
     if now.lost is not None:
